@@ -1,0 +1,97 @@
+"""Argument checks: each returns the value in the form the package works with, or raises.
+
+They run before anything changes, so that a refused call leaves no trace.
+"""
+
+import numbers
+
+import numpy as np
+
+from .errors import InvalidType, InvalidValue
+
+
+def number(argument: str, value, *, above=None, at_least=None, at_most=None) -> float:
+    """A finite real number within the bounds given, as a float."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (numbers.Real, np.number)):
+        raise InvalidType(argument, value, "a real number")
+    result = float(value)
+    allowed = _range_text("a finite number", above, at_least, at_most)
+    inside = (
+        np.isfinite(result)
+        and (above is None or result > above)
+        and (at_least is None or result >= at_least)
+        and (at_most is None or result <= at_most)
+    )
+    if not inside:
+        raise InvalidValue(argument, value, allowed)
+    return result
+
+
+def integer(argument: str, value, *, at_least=None, at_most=None) -> int:
+    """An integer within the bounds given (bool is refused, numpy integers are accepted)."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise InvalidType(argument, value, "an integer")
+    allowed = _range_text("an integer", None, at_least, at_most)
+    below = at_least is not None and value < at_least
+    beyond = at_most is not None and value > at_most
+    if below or beyond:
+        raise InvalidValue(argument, value, allowed)
+    return int(value)
+
+
+def vector(argument: str, value, size: int = 3) -> np.ndarray:
+    """A finite vector of `size` numbers, as a new float array (size,)."""
+    return array(argument, value, (size,))
+
+
+def array(argument: str, value, shape: tuple) -> np.ndarray:
+    """A finite float array of the shape given; None in `shape` stands for any length >= 1."""
+    try:
+        result = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidType(argument, value, f"numbers of shape {_shape_text(shape)}") from None
+    fits = result.ndim == len(shape) and all(
+        have >= 1 if want is None else have == want
+        for have, want in zip(result.shape, shape, strict=True)
+    )
+    if not fits:
+        raise InvalidValue(argument, value, f"of shape {_shape_text(shape)}")
+    if not np.isfinite(result).all():
+        raise InvalidValue(argument, value, "finite everywhere")
+    return result
+
+
+def choice(argument: str, value, allowed: tuple):
+    """One of the values in `allowed`."""
+    if not isinstance(value, type(allowed[0])) or value not in allowed:
+        raise InvalidValue(argument, value, "one of " + ", ".join(map(repr, allowed)))
+    return value
+
+
+def flag(argument: str, value) -> bool:
+    """True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InvalidType(argument, value, "True or False")
+    return bool(value)
+
+
+def text(argument: str, value) -> str:
+    """A non-empty string."""
+    if not isinstance(value, str):
+        raise InvalidType(argument, value, "a string")
+    if not value:
+        raise InvalidValue(argument, value, "a non-empty string")
+    return value
+
+
+def _range_text(what, above, at_least, at_most) -> str:
+    bounds = [
+        f"{sign} {bound:g}"
+        for sign, bound in ((">", above), (">=", at_least), ("<=", at_most))
+        if bound is not None
+    ]
+    return what + (" " + " and ".join(bounds) if bounds else "")
+
+
+def _shape_text(shape: tuple) -> str:
+    return "(" + ", ".join("m" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"

@@ -1,0 +1,66 @@
+"""The package's exceptions: one hierarchy, and one form of message.
+
+Every message names the argument, the value that was given and what is allowed, so that the
+reader can mend the call without opening the source.
+"""
+
+
+class TendonError(Exception):
+    """Base of everything this package raises on purpose."""
+
+
+class _BadArgument(TendonError):
+    def __init__(self, argument: str, value: object, allowed: str):
+        self.argument = argument
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"{argument} = {_short(value)}: must be {allowed}")
+
+
+class InvalidValue(_BadArgument, ValueError):
+    """An argument of the right type whose value is out of range, non-finite or of a wrong shape."""
+
+
+class InvalidType(_BadArgument, TypeError):
+    """An argument of a wrong type."""
+
+
+class UnknownId(_BadArgument, KeyError):
+    """A body, link, tendon or handle that does not exist (any more)."""
+
+    __str__ = Exception.__str__  # KeyError would print the repr of the message
+
+
+class UrdfError(TendonError, ValueError):
+    """A <tunnel> or <tendon> element of a URDF that cannot be used."""
+
+    def __init__(self, path: str, element: str, attribute: str, value: object, allowed: str):
+        self.path, self.element, self.attribute = path, element, attribute
+        self.value, self.allowed = value, allowed
+        super().__init__(f"{path}: {element}: {attribute} = {_short(value)}: must be {allowed}")
+
+
+class MissingExtra(TendonError, ImportError):
+    """An optional package is needed for what was asked, and is not installed."""
+
+    def __init__(self, package: str, extra: str, purpose: str):
+        super().__init__(
+            f"{purpose} needs {package}, which is not installed: "
+            f"pip install 'bullet_tendon[{extra}]' or pip install {package}"
+        )
+
+
+class StepFailed(TendonError, RuntimeError):
+    """A step that could not be solved; the tendons are as they were before it."""
+
+    def __init__(self, tendon: str, particle: int, residual: float, tolerance: float):
+        self.tendon, self.particle, self.residual = tendon, particle, residual
+        super().__init__(
+            f"step not solved: residual = {residual:.3g} at particle {particle} of tendon "
+            f"{tendon!r}: must be <= {tolerance:.3g} (shorten the time step or lower the load)"
+        )
+
+
+def _short(value: object, limit: int = 120) -> str:
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 4] + " ..."
