@@ -1,0 +1,51 @@
+"""bullet_tendon: tendons for pybullet.
+
+An implicit, nonlinear mass-spring tendon (Li, Xiong, Tan and Guo 2009) as a plug-in beside
+pybullet: bones and tunnels are pybullet bodies, distances come from FCL, and the tendons' reactions
+act on the bodies as wrenches. SI units, quaternions (x, y, z, w), world frame unless a name says
+otherwise.
+"""
+
+from pkgutil import extend_path
+
+# The folders `urdf` and `scenarios` and the compiled core are parts of this package that stand
+# elsewhere in a checkout; an installed copy on the path completes one that was not built in place.
+__path__ = extend_path(__path__, __name__)
+
+from .errors import (  # noqa: E402
+    InvalidType,
+    InvalidValue,
+    MissingExtra,
+    StepFailed,
+    TendonError,
+    UnknownId,
+    UrdfError,
+)
+from .material import Material  # noqa: E402
+from .options import SolverOptions  # noqa: E402
+from .resources import data_path  # noqa: E402
+from .skin import Skin  # noqa: E402
+from .tendon import Attachment, Grip, Tendon  # noqa: E402
+from .tunnels import Tunnel  # noqa: E402
+from .world import TendonWorld  # noqa: E402
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Attachment",
+    "Grip",
+    "InvalidType",
+    "InvalidValue",
+    "Material",
+    "MissingExtra",
+    "Skin",
+    "SolverOptions",
+    "StepFailed",
+    "Tendon",
+    "TendonError",
+    "TendonWorld",
+    "Tunnel",
+    "UnknownId",
+    "UrdfError",
+    "data_path",
+]

@@ -1,0 +1,156 @@
+"""Bodies: the only file that talks to pybullet about motion. Poses and velocities in, wrenches out.
+
+pybullet gives base poses at the centre of mass; the frames of URDFs, which tunnels and attachments
+use, differ from them by the inertial offset.
+"""
+
+import numpy as np
+import pybullet as p
+
+from .errors import UnknownId
+
+_WIDTH = 58  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36
+
+
+def client_of(physicsClientId) -> int:
+    """The number of a client: an int, or a pybullet_utils BulletClient."""
+    number = getattr(physicsClientId, "_client", physicsClientId)
+    if not isinstance(number, int) or isinstance(number, bool) or number < 0 or not p.isConnected(number):
+        raise UnknownId("physicsClientId", physicsClientId, "a connected pybullet client")
+    return number
+
+
+class Bodies:
+    """The links that tendons can touch, in slots numbered as the core numbers them."""
+
+    def __init__(self, client: int):
+        self.client = client
+        self.links: list[tuple[int, int]] = []
+        self._slots: dict[tuple[int, int], int] = {}
+        self._table = np.zeros((0, _WIDTH))
+
+    def require(self, body: int, link: int, argument: str = "bodyUniqueId") -> None:
+        """Raise UnknownId unless the body exists and has that link (-1: its base)."""
+        known = [p.getBodyUniqueId(i, self.client) for i in range(p.getNumBodies(self.client))]
+        if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
+            raise UnknownId(argument, body, f"the id of a body of this client: {known}")
+        count = p.getNumJoints(int(body), self.client)
+        if not isinstance(link, (int, np.integer)) or isinstance(link, bool) or not -1 <= link < count:
+            raise UnknownId("linkIndex", link, f"an integer from -1 to {count - 1} for body {body}")
+
+    def slot(self, body: int, link: int) -> int:
+        """The slot of a link, made where there is none."""
+        key = (int(body), int(link))
+        if key not in self._slots:
+            self._slots[key] = len(self.links)
+            self.links.append(key)
+            self._table = np.vstack([self._table, np.zeros((1, _WIDTH))])
+        return self._slots[key]
+
+    def find_slot(self, body: int, link: int) -> int | None:
+        return self._slots.get((body, link))
+
+    def table(self, dt: float, gravity: np.ndarray) -> np.ndarray:
+        """(links, 58) what the core needs to know of every link (layout: _WIDTH)."""
+        for row, (body, link) in zip(self._table, self.links, strict=True):
+            self._read(row, body, link, dt, gravity)
+        return self._table
+
+    def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
+        """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
+        row = np.zeros(_WIDTH)
+        self._read(row, int(body), int(link), 0.0, np.zeros(3))
+        return row[:3].copy(), row[3:12].reshape(3, 3).copy()
+
+    def apply(self, wrenches: np.ndarray) -> None:
+        """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
+        for row, wrench, (body, link) in zip(self._table, wrenches, self.links, strict=True):
+            if wrench.any() and p.getDynamicsInfo(body, link, self.client)[0] > 0:
+                centre = row[12:15]
+                p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
+                p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)
+
+    def _read(self, row, body, link, dt, gravity) -> None:
+        info = p.getDynamicsInfo(body, link, self.client)
+        if link < 0:
+            self._read_base(row, body, info)
+        else:
+            self._read_link(row, body, link)
+        row[21] = 0.0
+        if info[0] > 0:
+            self._respond(row, body, link, info, dt, gravity)
+
+    def _read_base(self, row, body, info) -> None:
+        centre, turn = p.getBasePositionAndOrientation(body, self.client)
+        # URDF frame = inertial frame x inverse of the local inertial pose.
+        back = p.invertTransform(info[3], info[4])
+        origin, axes = p.multiplyTransforms(centre, turn, *back)
+        velocity = p.getBaseVelocity(body, self.client)
+        _write(row, origin, axes, centre, *velocity)
+
+    def _read_link(self, row, body, link) -> None:
+        state = p.getLinkState(body, link, 1, 1, self.client)
+        _write(row, state[4], state[5], state[0], state[6], state[7])
+
+    def _respond(self, row, body, link, info, dt, gravity) -> None:
+        joints = _movable_joints(body, self.client)
+        row[21] = 1.0
+        if not joints:
+            turn = self._inertial_turn(body, link)
+            row[22:58] = _free_response(info, turn).ravel()
+            row[15:18] += dt * gravity
+            return
+        response = _joint_response(body, link, joints, self.client)
+        if response is None:
+            # A link of a floating or spherically jointed body yields at most as it would alone:
+            # the stable side.
+            response = _free_response(info, self._inertial_turn(body, link))
+        row[21] = float(response.any())
+        row[22:58] = response.ravel()
+
+    def _inertial_turn(self, body, link):
+        if link < 0:
+            return p.getBasePositionAndOrientation(body, self.client)[1]
+        return p.getLinkState(body, link, physicsClientId=self.client)[1]
+
+
+def _write(row, origin, axes, centre, velocity, spin) -> None:
+    row[0:3], row[3:12], row[12:15] = origin, p.getMatrixFromQuaternion(axes), centre
+    row[15:18], row[18:21] = velocity, spin
+
+
+def _free_response(info, inertial_turn) -> np.ndarray:
+    """(6, 6) inverse inertia of a free rigid body about its centre of mass, world axes."""
+    axes = np.array(p.getMatrixFromQuaternion(inertial_turn)).reshape(3, 3)
+    response = np.zeros((6, 6))
+    response[:3, :3] = np.eye(3) / info[0]
+    inertia = np.array(info[2])
+    inverse = np.divide(1.0, inertia, out=np.zeros(3), where=inertia > 0)
+    response[3:, 3:] = (axes * inverse) @ axes.T
+    return response
+
+
+def _movable_joints(body, client) -> list[int]:
+    """Indices of the joints that have a degree of freedom."""
+    kinds = ((j, p.getJointInfo(body, j, client)[2]) for j in range(p.getNumJoints(body, client)))
+    return [j for j, kind in kinds if kind != p.JOINT_FIXED]
+
+
+def _joint_response(body, link, joints, client) -> np.ndarray | None:
+    """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
+
+    None where pybullet's Jacobian does not cover the body: a floating base, or spherical joints.
+    """
+    simple = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
+    if any(p.getJointInfo(body, j, client)[2] not in simple for j in joints):
+        return None
+    angles = [s[0] for s in p.getJointStates(body, joints, client)]
+    mass = np.array(p.calculateMassMatrix(body, angles, physicsClientId=client))
+    if len(mass) != len(joints):
+        return None
+    if link < 0:
+        return np.zeros((6, 6))
+    zero = [0.0] * len(angles)
+    linear, angular = p.calculateJacobian(body, link, [0.0, 0.0, 0.0], angles, zero, zero, client)
+    jacobian = np.vstack([linear, angular])
+    return jacobian @ np.linalg.solve(mass, jacobian.T)

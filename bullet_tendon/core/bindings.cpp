@@ -1,0 +1,216 @@
+// The Python face of the core (module bullet_tendon._core): arrays in, arrays out, no logic.
+// Python validates before it calls; nothing here is public.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "world.h"
+
+namespace py = pybind11;
+using namespace bt;
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Ints = py::array_t<int, py::array::c_style | py::array::forcecast>;
+
+namespace {
+
+Vec3 vec(const Array& a) { return {a.data()[0], a.data()[1], a.data()[2]}; }
+Vec3 vec(const double* p) { return {p[0], p[1], p[2]}; }
+py::tuple tuple(Vec3 v) { return py::make_tuple(v.x, v.y, v.z); }
+
+Array rows_of(const std::vector<Vec3>& v) {
+  Array out({static_cast<py::ssize_t>(v.size()), static_cast<py::ssize_t>(3)});
+  double* p = out.mutable_data();
+  for (const Vec3& x : v) *p++ = x.x, *p++ = x.y, *p++ = x.z;
+  return out;
+}
+
+Array rows_of(const Field& f) {
+  std::vector<Vec3> v(f.size());
+  for (int i = 0; i < f.size(); ++i) v[i] = f.at(i);
+  return rows_of(v);
+}
+
+Array copy_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
+
+void fill(Field& f, const Array& a) {
+  for (int i = 0; i < f.size(); ++i) f.set(i, vec(a.data() + 3 * i));
+}
+
+std::vector<double> list_of(const Array& a) { return {a.data(), a.data() + a.size()}; }
+
+Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
+
+int add_chain(World& w, const Array& points, double radius, double friction, double stiffness, double exponent,
+              double toe_strain, bool tension_only, double damping, double damping_exponent, bool whole_velocity,
+              double shear_stiffness, double linear_density) {
+  Material m;
+  m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
+  m.stiffness = stiffness, m.damping = damping, m.shear_stiffness = shear_stiffness;
+  m.linear_density = linear_density;
+  std::vector<Vec3> p(points.shape(0));
+  for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
+  return w.add_chain(std::make_unique<Chain>(p, radius, friction, m));
+}
+
+Hold& hold_of(World& w, int chain, int id) {
+  for (Hold& h : w.chains[chain]->holds)
+    if (h.id == id) return h;
+  throw py::key_error("no such hold");
+}
+
+void remove_hold(World& w, int chain, int id) {
+  auto& holds = w.chains[chain]->holds;
+  holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }), holds.end());
+}
+
+void set_grip(World& w, int chain, int id, const Array& target, double stiffness, double viscosity) {
+  Hold& h = hold_of(w, chain, id);
+  h.target = vec(target);
+  h.rigid = stiffness <= 0;
+  h.stiffness = identity(stiffness), h.viscosity = viscosity;
+}
+
+// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, yields 1, response 36.
+void set_links(World& w, const Array& table) {
+  constexpr int kWidth = 58;
+  w.links.resize(table.shape(0));
+  for (size_t i = 0; i < w.links.size(); ++i) {
+    const double* p = table.data() + kWidth * i;
+    Link& l = w.links[i];
+    l.pose = {rotation(p + 3), vec(p)};
+    l.centre = vec(p + 12), l.velocity = vec(p + 15), l.spin = vec(p + 18), l.yields = p[21] != 0;
+    for (int r = 0; r < 6; ++r)
+      for (int c = 0; c < 6; ++c) l.response[r][c] = p[22 + 6 * r + c];
+  }
+}
+
+int add_shape(World& w, int link, const Array& position, const Array& rot, const Array& lo, const Array& hi,
+              bool half_space, const Array& normal, double offset, double friction) {
+  Shape s;
+  s.link = link, s.local = {rotation(rot.data()), vec(position)}, s.lo = vec(lo), s.hi = vec(hi);
+  s.half_space = half_space, s.plane_normal = vec(normal), s.plane_offset = offset, s.friction = friction;
+  return w.add_shape(s);
+}
+
+py::tuple near_queries(World& w) {
+  const std::vector<Query>& queries = w.near();
+  std::vector<Vec3> a, b;
+  std::vector<int> shape;
+  for (const Query& q : queries) a.push_back(q.a), b.push_back(q.b), shape.push_back(q.shape);
+  return py::make_tuple(Ints(static_cast<py::ssize_t>(shape.size()), shape.data()), rows_of(a), rows_of(b));
+}
+
+Array wrenches(const World& w) {
+  Array out({static_cast<py::ssize_t>(w.links.size()), static_cast<py::ssize_t>(6)});
+  double* p = out.mutable_data();
+  for (const Link& l : w.links) {
+    *p++ = l.force.x, *p++ = l.force.y, *p++ = l.force.z;
+    *p++ = l.torque.x, *p++ = l.torque.y, *p++ = l.torque.z;
+  }
+  return out;
+}
+
+py::dict report(const World& w) {
+  const Report& r = w.report();
+  py::dict d;
+  d["iterations"] = r.iterations, d["residual"] = r.residual, d["converged"] = r.converged;
+  d["worst_chain"] = r.worst_chain, d["worst_particle"] = r.worst_particle;
+  d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
+  d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused, d["pairs_queried"] = r.near.queried;
+  d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
+  d["rows"] = r.rows, d["groups"] = r.groups;
+  return d;
+}
+
+py::list contacts(const World& w) {
+  py::list out;
+  for (const ContactRecord& c : w.contacts())
+    out.append(py::make_tuple(c.chain, c.segment, c.other_chain, c.link, static_cast<int>(c.kind), tuple(c.position),
+                              tuple(c.normal), c.distance, c.normal_force, c.friction_force));
+  return out;
+}
+
+void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact, double tolerance,
+                 int max_iterations, double linear_tolerance, double contact_stiffness, double contact_threshold,
+                 double reuse_tolerance) {
+  w.options = {static_cast<Integrator>(integrator),
+               static_cast<Iteration>(iteration),
+               static_cast<LinearSolver>(linear_solver),
+               static_cast<BoneContact>(bone_contact),
+               tolerance,
+               max_iterations,
+               linear_tolerance,
+               contact_stiffness,
+               contact_threshold,
+               reuse_tolerance};
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
+  using release = py::call_guard<py::gil_scoped_release>;
+  py::class_<World>(m, "World")
+      .def(py::init<>())
+      .def("set_options", &set_options)
+      .def("add_chain", &add_chain)
+      .def("remove_chain", &World::remove_chain)
+      .def("positions", [](World& w, int c) { return rows_of(w.chains[c]->x); })
+      .def("velocities", [](World& w, int c) { return rows_of(w.chains[c]->v); })
+      .def("set_state",
+           [](World& w, int c, const Array& x, const Array& v) {
+             fill(w.chains[c]->x, x), fill(w.chains[c]->v, v);
+             w.chains[c]->reset_history();
+           })
+      .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
+      .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
+      .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })
+      .def("set_stiffness_scale",
+           [](World& w, int c, const Array& scale) { w.chains[c]->set_stiffness_scale(list_of(scale)); })
+      .def("tension",
+           [](World& w, int c) {
+             std::vector<double> t;
+             w.chains[c]->tension(t);
+             return copy_of(t);
+           })
+      .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
+      .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
+      .def("set_force", [](World& w, int c, int i, const Array& f) { w.chains[c]->force.set(i, vec(f)); })
+      .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })
+      .def("add_grip",
+           [](World& w, int c, int id, int particle) {
+             Hold h;
+             h.id = id, h.particle = particle;
+             w.chains[c]->holds.push_back(h);
+           })
+      .def("set_grip", &set_grip)
+      .def("add_attachment",
+           [](World& w, int c, int id, int particle, int link, const Array& local) {
+             Hold h;
+             h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
+             w.chains[c]->holds.push_back(h);
+           })
+      .def("remove_hold", &remove_hold)
+      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).force); })
+      .def("set_links", &set_links)
+      .def("add_shape", &add_shape)
+      .def("set_shape_friction", [](World& w, int s, double mu) { w.shapes[s].friction = mu; })
+      .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
+      .def("add_tunnel",
+           [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer, double mu) {
+             return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu});
+           })
+      .def("remove_tunnel", &World::remove_tunnel)
+      .def("forget_contacts", &World::forget_contacts)
+      .def("begin", [](World& w, double dt, const Array& gravity) { w.begin(dt, vec(gravity)); })
+      .def("near", &near_queries)
+      .def("answers",
+           [](World& w, const Array& d, const Array& points, const Array& u) {
+             w.answers(d.data(), points.data(), u.data());
+           })
+      .def("solve", &World::solve, release())
+      .def("finish", &World::finish, release())
+      .def("wrenches", &wrenches)
+      .def("report", &report)
+      .def("contacts", &contacts);
+}

@@ -1,0 +1,93 @@
+#include "chain.h"
+
+namespace bt {
+
+Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
+    : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
+  for (Field* f : {&x, &v, &force, &x_before, &v_before, &next, &step, &residual, &anchor_x, &anchor_v, &goal,
+                   &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image})
+    f->resize(n_);
+  for (int i = 0; i < n_; ++i) x.set(i, points[i]);
+  mass.assign(n_, 0.0);
+  scale.assign(n_ - 1, 1.0);
+  tunnel_of.assign(n_, -1);
+  structure.resize(1, n_);
+  bool sheared = material.shear_stiffness > 0 && n_ > 2;
+  shear.resize(2, sheared ? n_ : 0);
+  matrix.resize(n_, sheared ? 2 : 1);
+  factor.resize(n_, sheared ? 2 : 1);
+  inverse_blocks.resize(6, n_);
+  std::vector<double> lengths(n_ - 1);
+  for (int k = 0; k + 1 < n_; ++k) lengths[k] = norm(points[k + 1] - points[k]);
+  set_rest(lengths);
+  reset_history();
+}
+
+void Chain::set_rest(const std::vector<double>& lengths) {
+  rest = lengths;
+  std::fill(mass.begin(), mass.end(), 0.0);
+  for (int k = 0; k + 1 < n_; ++k) {
+    double half = 0.5 * material.linear_density * rest[k];
+    mass[k] += half, mass[k + 1] += half;
+  }
+  share_out();
+}
+
+void Chain::set_stiffness_scale(const std::vector<double>& s) {
+  scale = s;
+  share_out();
+}
+
+// A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
+// where they exist; the structure spring gets what the shear springs leave of the stiffness, so
+// that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
+void Chain::share_out() {
+  auto shear_at = [&](int k) {
+    return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness * std::min(scale[k], scale[k + 1]);
+  };
+  double share = material.damping / material.stiffness;
+  for (int k = 0; k + 1 < n_; ++k) {
+    structure.rest[k] = rest[k];
+    structure.stiffness[k] = material.stiffness * scale[k] - shear_at(k - 1) - shear_at(k);
+    structure.damping[k] = share * structure.stiffness[k];
+  }
+  for (int k = 0; k < shear.count; ++k) {
+    shear.rest[k] = rest[k] + rest[k + 1];
+    shear.stiffness[k] = shear_at(k);
+    shear.damping[k] = share * shear.stiffness[k];
+  }
+}
+
+void Chain::reset_history() {
+  dt_before = 0;
+  for (SpringSet* s : {&structure, &shear}) {
+    if (s->count == 0) continue;
+    evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
+    s->start = s->before = s->history = s->length;
+  }
+}
+
+void Chain::tension(std::vector<double>& out) {
+  out.assign(n_ - 1, 0.0);
+  for (SpringSet* s : {&structure, &shear}) {
+    if (s->count == 0) continue;
+    std::vector<double> carried = s->carried;
+    evaluate_at(*s, material.law, x, v, 1.0, 1.0);
+    s->carried = carried;
+    for (int k = 0; k < s->count; ++k)
+      for (int j = k; j < k + s->reach; ++j) out[j] += s->force[k];
+  }
+}
+
+double Chain::energy() {
+  double sum = 0;
+  for (SpringSet* s : {&structure, &shear}) {
+    if (s->count == 0) continue;
+    measure(*s, x);
+    sum += stored_energy(*s, material.law);
+  }
+  for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));
+  return sum;
+}
+
+}  // namespace bt

@@ -1,0 +1,80 @@
+// One tendon in the core: particles, springs, holds and history.
+#pragma once
+#include <vector>
+
+#include "band.h"
+#include "springs.h"
+
+namespace bt {
+
+struct Material {
+  Law law;
+  double stiffness = 0;          // K of the cross-section [N]
+  double damping = 0;            // C of the cross-section [N s^q]
+  double shear_stiffness = 0;    // K of each shear spring [N], part of `stiffness`
+  double linear_density = 0;     // [kg/m]
+};
+
+// A particle tied to a point of the world (a grip) or of a link (an attachment): rigidly, or by a
+// 3x3 stiffness.
+struct Hold {
+  int id = 0;
+  int particle = 0;
+  int link = -1;        // of an attachment
+  Vec3 local;           // its point in the link's frame [m]
+  bool rigid = true;
+  Sym3 stiffness;       // [N/m]; unused where rigid
+  Vec3 target;          // where the point will be at the end of the step [m]
+  double viscosity = 0; // of a soft hold [N s/m]
+  Vec3 force;           // of the tendon on the holder, last step [N]
+};
+
+class Chain {
+ public:
+  // points (n); rest lengths are the distances between them.
+  Chain(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
+
+  int n() const { return n_; }
+  // Rest lengths of the segments [m]; masses and spring constants follow.
+  void set_rest(const std::vector<double>& rest);
+  // Shares of the cross-section's stiffness by segment, 1 where uniform.
+  void set_stiffness_scale(const std::vector<double>& scale);
+  // Lengths and multipliers at x, after positions were set from outside.
+  void reset_history();
+  // Force carried by every cross-section: the sum over the springs that cross segment k [N].
+  void tension(std::vector<double>& out);
+  double energy();  // elastic and kinetic [J]
+
+  double radius, friction;
+  Material material;
+  Field x, v;            // state
+  Field force;           // constant external force [N]
+  std::vector<double> mass;
+  std::vector<double> rest;  // of the segments
+  std::vector<double> scale;
+  SpringSet structure, shear;
+  std::vector<Hold> holds;
+  std::vector<int> tunnel_of;  // tunnel slot a particle is in, or -1
+
+  // History of the integrator.
+  Field x_before, v_before;  // one step back (bdf2, starting guess)
+  double dt_before = 0;      // 0: no history
+  double b = 0;              // step weight of this step (stepping.h)
+
+  // Work space of a step.
+  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image;
+  Band matrix;
+  BandFactor factor;
+  Planes inverse_blocks;
+  double residual_norm = 0;  // largest residual force [N]
+  double rounding = 0;       // largest stiffness at hand [N/m]
+  int worst_particle = 0;
+  int iterations = 0;
+  bool converged = true;
+
+ private:
+  void share_out();
+  int n_;
+};
+
+}  // namespace bt

@@ -1,0 +1,44 @@
+// Every number that is a choice, with its unit, its reason, and what goes wrong when it is changed.
+#pragma once
+
+namespace bt {
+
+// A direction cannot be taken from a spring shorter than this share of its rest length [-].
+// Larger: a collapsed tendon loses forces. Smaller: the direction is rounding noise.
+constexpr double kDegenerateLength = 1e-9;
+
+// Contact stiffness in units of the stiffness a particle already has in the matrix [-]. The contact
+// force itself comes from carried multipliers, so this sets how fast depth vanishes (1/ratio a
+// step), not how deep a resting contact is. Larger: worse conditioned. Smaller: deeper impacts.
+constexpr double kContactRatio = 10.0;
+
+// Strain at which the material's tangent is taken for the contact stiffness of a slack tendon [-].
+// A power law has no stiffness at rest, and a contact must be stiff before the load comes.
+constexpr double kReferenceStrain = 0.01;
+
+// Least strain of a linearisation, as a share of the present strain [-], while that is below the
+// reference strain: a spring whose multiplier is 0 but which is stretched must get stiff again.
+constexpr double kLinearisationShare = 0.1;
+
+// Newton iterations that take whole steps with carried multipliers before the safeguard (a line
+// search along exact directions) takes over [-]. Mixed iterations may raise the energy on their
+// way, so an earlier safeguard makes violent swings slow, a later one only delays the rare failure.
+constexpr int kMixedIterations = 14;
+
+// Friction limits follow the normal force for this many iterations, then stay [-], so that the
+// last iterations minimise a fixed potential and converge.
+constexpr int kFrictionIterations = 4;
+
+// Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
+constexpr double kRounding = 8.0;
+
+// A tunnel's bore is taken to reach this many radii beyond its mouths when bone surface is looked
+// for [-]: a mouth drilled at up to 63 degrees from the surface's normal leaves no lid.
+constexpr double kBoreReach = 2.0;
+
+// Two segments of one tendon can touch when the arc between them exceeds this many radii [-]: a
+// tendon bent as tightly as a tube can (centreline radius = tendon radius) touches itself after
+// half a turn. Smaller: neighbours push each other apart in every bend.
+constexpr double kSelfContactArc = 3.14159265358979;
+
+}  // namespace bt

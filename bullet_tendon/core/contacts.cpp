@@ -1,0 +1,169 @@
+// Rows of bones, planes and tendon pairs, and what contacts remember between steps.
+#include <algorithm>
+
+#include "constants.h"
+#include "world.h"
+
+namespace bt {
+
+namespace {
+
+// Slope of a spring of segment k at the reference strain [N/m].
+double reference_slope(const Chain& c, int k) {
+  double force, slope;
+  elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
+  return c.material.stiffness * c.scale[k] * slope / c.rest[k];
+}
+
+// What the matrix holds for a particle, with the material at least at the reference strain [N/m].
+double particle_stiffness(const Chain& c, int i) {
+  double sum = c.mass[i] / (c.b * c.b);
+  for (int k : {i - 1, i}) {
+    if (k < 0 || k >= c.n() - 1) continue;
+    sum += std::max(c.structure.slope[k], reference_slope(c, k)) + c.structure.carried[k] / c.rest[k];
+  }
+  return sum;
+}
+
+Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
+
+}  // namespace
+
+void World::collect_rows() {
+  rows_.clear();
+  for (size_t c = 0; c < slots_.size(); ++c) {
+    if (!slots_[c]) continue;
+    for (size_t t = 0; t < tunnels.size(); ++t)
+      if (tunnel_alive[t]) bore_rows(static_cast<int>(c), static_cast<int>(t)), mouth_rows(static_cast<int>(c), static_cast<int>(t));
+    for (size_t s = 0; s < shapes.size(); ++s)
+      if (shape_alive[s] && shapes[s].half_space) half_space_rows(static_cast<int>(c), static_cast<int>(s));
+  }
+  bone_rows();
+  tendon_rows();
+}
+
+// A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
+Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec3 normal, uint64_t key,
+                     double friction) {
+  const Link& link = links[link_slot];
+  const Chain& c = *slots_[spot.chain];
+  const double dt = context_.dt;
+  Row row;
+  row.key = key, row.kind = kind, row.a = spot, row.link = link_slot;
+  row.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
+  row.offset = dot(row.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
+  row.beyond = options.contact_threshold;
+  row.friction = friction * c.friction;
+  row.reference = spot.of(c.x) + link.drift(point, dt);
+  finish_row(row, spot.chain, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
+  return row;
+}
+
+// Stiffness, softened by how far the link yields within the step, and memory.
+void World::finish_row(Row& row, int chain_slot, int particle) {
+  row.stiffness = options.contact_stiffness > 0 ? options.contact_stiffness
+                                                : kContactRatio * particle_stiffness(*slots_[chain_slot], particle);
+  if (row.link >= 0 && links[row.link].yields) {
+    const Link& link = links[row.link];
+    Vec3 at = row.a.of(slots_[chain_slot]->x);
+    double w = dot(row.normal, link.mobility(at) * row.normal) * std::max(1, link.touches);
+    row.stiffness /= 1 + row.stiffness * w * context_.dt * context_.dt;
+  }
+  recall(row);
+}
+
+void World::recall(Row& row) {
+  auto found = std::lower_bound(memory_.begin(), memory_.end(), row.key,
+                                [](const ContactMemory& m, uint64_t key) { return m.key < key; });
+  if (found == memory_.end() || found->key != row.key) return;
+  const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
+  row.stuck = without(turn * found->stuck, row.normal);
+  // A spring as published has no memory; neither has a body that yields, whose own motion answers.
+  bool carries = options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
+  row.carried = carries ? found->carried : 0;
+}
+
+void World::remember() {
+  memory_.clear();
+  for (const Row& row : rows_) {
+    if (row.normal_force <= 0) continue;
+    const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
+    memory_.push_back({row.key, row.normal_force, transposed_times(turn, row.displacement),
+                       transposed_times(turn, row.normal)});
+  }
+  std::sort(memory_.begin(), memory_.end(),
+            [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
+}
+
+void World::bone_rows() {
+  for (size_t c = 0; c < slots_.size(); ++c) {
+    if (!slots_[c]) continue;
+    const int n = slots_[c]->n(), chain = static_cast<int>(c);
+    for (size_t s = 0; s < shapes.size(); ++s) {
+      if (!shape_alive[s] || shapes[s].half_space) continue;
+      const Shape& shape = shapes[s];
+      const Pose pose = in_world(shape, links[shape.link]);
+      std::vector<Entry>& entries = caches_[c][s].entries;
+      for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
+        const Entry& e = entries[f];
+        if (!e.wanted) continue;
+        const bool segment = f >= n;
+        if (segment && (e.u <= 1e-6 || e.u >= 1 - 1e-6)) continue;  // its particle has a row
+        const int first = segment ? f - n : std::min(f, n - 2);
+        Spot spot{chain, first, segment ? 1 - e.u : f == first ? 1.0 : 0.0, segment ? e.u : f == first ? 0.0 : 1.0};
+        Vec3 point = to_world(pose, e.point), normal = pose.rotation * e.normal;
+        uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
+        Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
+        row.direct = !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields;
+        rows_.push_back(row);
+      }
+    }
+  }
+}
+
+void World::half_space_rows(int chain, int s) {
+  const Chain& c = *slots_[chain];
+  const Shape& shape = shapes[s];
+  const Link& link = links[shape.link];
+  const Pose pose = in_world(shape, link);
+  const Vec3 normal = pose.rotation * shape.plane_normal;
+  const double offset = shape.plane_offset + dot(normal, pose.origin);
+  for (int i = 0; i < c.n(); ++i) {
+    Vec3 x = c.x.at(i);
+    double height = dot(normal, x) - offset;
+    if (height > reach_of(c, i, link, context_.dt, options.contact_threshold)) continue;
+    const int first = std::min(i, c.n() - 2);
+    Spot spot{chain, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
+    Row row = plane_row(ContactKind::bone, spot, shape.link, x - height * normal, normal,
+                        contact_key(ContactKind::bone, chain, i, s, 0), shape.friction);
+    row.direct = options.bone_contact == BoneContact::constraint && !link.yields;
+    rows_.push_back(row);
+  }
+}
+
+// Algorithm 1, steps 3 and 4.
+void World::tendon_rows() {
+  trees_.resize(slots_.size());
+  for (size_t c = 0; c < slots_.size(); ++c)
+    if (slots_[c]) trees_[c].refit(*slots_[c], context_.dt, options.contact_threshold);
+  pairs_.clear();
+  report_.pairs = find_pairs(slots_, trees_, pairs_);
+  for (const SegmentPair& p : pairs_) {
+    const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];
+    Row row;
+    row.kind = ContactKind::tendon;
+    row.key = contact_key(row.kind, p.chain_a, p.segment_a, p.chain_b, p.segment_b);
+    row.a = {p.chain_a, p.segment_a, 1 - p.u, p.u};
+    row.b = {p.chain_b, p.segment_b, 1 - p.w, p.w};
+    Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
+    row.normal = p.distance > 1e-9 * a.radius ? (1 / p.distance) * p.apart : any_perpendicular(unit_or(along, {1, 0, 0}));
+    row.offset = a.radius + b.radius + options.contact_threshold;
+    row.beyond = options.contact_threshold;
+    row.friction = a.friction * b.friction;
+    row.reference = p.apart;
+    finish_row(row, p.chain_a, p.segment_a);
+    rows_.push_back(row);
+  }
+}
+
+}  // namespace bt

@@ -1,0 +1,47 @@
+// Per-particle vectors kept component by component (x plane, y plane, z plane), so that loops over
+// particles or springs run in vector units.
+#pragma once
+#include <vector>
+
+#include "vec.h"
+
+namespace bt {
+
+// `planes` rows of n doubles, each row padded to whole vector registers.
+class Planes {
+ public:
+  Planes() = default;
+  Planes(int planes, int n) { resize(planes, n); }
+  void resize(int planes, int n) {
+    n_ = n;
+    stride_ = (n + 15) / 8 * 8;
+    data_.assign(static_cast<size_t>(planes) * stride_, 0.0);
+  }
+  void zero() { std::fill(data_.begin(), data_.end(), 0.0); }
+  int size() const { return n_; }
+  double* operator[](int plane) { return data_.data() + static_cast<size_t>(plane) * stride_; }
+  const double* operator[](int plane) const { return data_.data() + static_cast<size_t>(plane) * stride_; }
+
+ private:
+  int n_ = 0, stride_ = 0;
+  std::vector<double> data_;
+};
+
+class Field : public Planes {
+ public:
+  Field() = default;
+  explicit Field(int n) : Planes(3, n) {}
+  void resize(int n) { Planes::resize(3, n); }
+  Vec3 at(int i) const { return {(*this)[0][i], (*this)[1][i], (*this)[2][i]}; }
+  void set(int i, Vec3 v) { (*this)[0][i] = v.x, (*this)[1][i] = v.y, (*this)[2][i] = v.z; }
+  void add(int i, Vec3 v) { (*this)[0][i] += v.x, (*this)[1][i] += v.y, (*this)[2][i] += v.z; }
+};
+
+inline double inner(const Field& a, const Field& b) {
+  double sum = 0;
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < a.size(); ++i) sum += a[c][i] * b[c][i];
+  return sum;
+}
+
+}  // namespace bt

@@ -1,0 +1,106 @@
+// The axial law of a spring, per strain (paper, equations 3 and 4; note on powers of compression).
+//
+//   s = (length - l) / l                    strain [-], l the rest length
+//   f(s) = K sgn(s) |s|^p                   elastic force [N], for |s| <= e_t
+//   f(s) = K sgn(s) (e_t^p + p e_t^(p-1) (|s| - e_t))   beyond the toe strain e_t, along the tangent
+//   f(s) = 0 for s < 0                      where tension_only
+//   d(r) = C sgn(r) |r|^q                   damping force [N], r = ds/dt [1/s]
+//
+// Exponent 2 with toe strain e_t is the ligament law of Blankevoort 1991 with k = 2 e_t K.
+#pragma once
+#include <cmath>
+#include <limits>
+
+namespace bt {
+
+struct Law {
+  double exponent = 1;          // p >= 1
+  double toe_strain = std::numeric_limits<double>::infinity();  // e_t > 0
+  bool tension_only = false;
+  double damping_exponent = 1;  // q >= 1
+  bool whole_velocity = false;  // damping by the whole relative velocity, as printed in equation 4
+};
+
+// |s|^p and its derivative p |s|^(p-1), for s >= 0. P is twice the exponent where that is a
+// small whole number, so that the common exponents need no pow; P = 0 stands for any exponent.
+template <int P>
+inline void power(double s, double p, double& value, double& slope) {
+  if constexpr (P == 2) {
+    value = s, slope = 1;
+  } else if constexpr (P == 3) {
+    double root = std::sqrt(s);
+    value = s * root, slope = 1.5 * root;
+  } else if constexpr (P == 4) {
+    value = s * s, slope = 2 * s;
+  } else if constexpr (P == 6) {
+    value = s * s * s, slope = 3 * s * s;
+  } else {
+    value = std::pow(s, p), slope = s > 0 ? p * value / s : 0.0;
+  }
+}
+
+inline int power_class(double p) {
+  return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0;
+}
+
+// Elastic force per unit K and its slope with respect to strain.
+template <int P>
+inline void elastic(const Law& law, double s, double& force, double& slope) {
+  double a = std::fabs(s), inside = a < law.toe_strain ? a : law.toe_strain;
+  power<P>(inside, law.exponent, force, slope);
+  force += slope * (a - inside);  // 0 within the toe
+  double on = law.tension_only && s < 0 ? 0.0 : 1.0;
+  force *= s < 0 ? -on : on;
+  slope *= on;
+}
+
+inline void elastic_any(const Law& law, double s, double& force, double& slope) {
+  switch (power_class(law.exponent)) {
+    case 2: return elastic<2>(law, s, force, slope);
+    case 3: return elastic<3>(law, s, force, slope);
+    case 4: return elastic<4>(law, s, force, slope);
+    case 6: return elastic<6>(law, s, force, slope);
+    default: return elastic<0>(law, s, force, slope);
+  }
+}
+
+// Strain at which the elastic force per unit K is t > 0, within a tolerance that only costs
+// iterations: the inverse of `elastic` in tension.
+template <int P>
+inline double strain_of(const Law& law, double t) {
+  double s;
+  if constexpr (P == 2) s = t;
+  else if constexpr (P == 3) s = std::cbrt(t * t);
+  else if constexpr (P == 4) s = std::sqrt(t);
+  else if constexpr (P == 6) s = std::cbrt(t);
+  else s = std::pow(t, 1 / law.exponent);
+  if (s <= law.toe_strain) return s;
+  double value, slope;
+  power<P>(law.toe_strain, law.exponent, value, slope);
+  return law.toe_strain + (t - value) / slope;
+}
+
+inline bool is_linear(const Law& law) { return law.exponent == 1 && !law.tension_only; }
+
+// Elastic energy per unit K and rest length: the integral of the force over the strain.
+inline double elastic_energy(const Law& law, double s) {
+  if (law.tension_only && s < 0) return 0;
+  double a = std::fabs(s), p = law.exponent, inside = a < law.toe_strain ? a : law.toe_strain;
+  double value, slope;
+  power<0>(inside, p, value, slope);
+  double beyond = a - inside;
+  return inside * value / (p + 1) + value * beyond + 0.5 * slope * beyond * beyond;
+}
+
+// Damping force per unit C and its slope with respect to the rate.
+inline void damping(const Law& law, double rate, double& force, double& slope) {
+  if (law.damping_exponent == 1) {
+    force = rate, slope = 1;
+    return;
+  }
+  double value;
+  power<0>(std::fabs(rate), law.damping_exponent, value, slope);
+  force = rate < 0 ? -value : value;
+}
+
+}  // namespace bt

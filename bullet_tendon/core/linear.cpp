@@ -1,0 +1,118 @@
+// Solution of A step = -residual for a group of tendons.
+//
+// A tendon on its own is a band matrix: direct solution. Contacts between tendons couple distant
+// blocks: conjugate gradients, preconditioned by the banded factors (which hold those contacts'
+// diagonal blocks), or by the inverse diagonal blocks where the paper's solver is asked for.
+#include "stepping.h"
+
+namespace bt {
+
+namespace {
+
+// y += (the blocks of coupling rows beside the band) p, for p in directions and y in images.
+void add_coupling(Group& group) {
+  for (const Row* row : group.rows) {
+    if (row->b.chain < 0 || row->normal_force <= 0) continue;
+    Chain &ca = group.at(row->a), &cb = group.at(row->b);
+    Vec3 pull_a = row->block * row->b.of(cb.cg_direction), pull_b = row->block * row->a.of(ca.cg_direction);
+    ca.cg_image.add(row->a.first, -row->a.w0 * pull_a);
+    ca.cg_image.add(row->a.first + 1, -row->a.w1 * pull_a);
+    cb.cg_image.add(row->b.first, -row->b.w0 * pull_b);
+    cb.cg_image.add(row->b.first + 1, -row->b.w1 * pull_b);
+  }
+}
+
+}  // namespace
+
+void multiply(Group& group) {
+  for (Chain* c : group.chains) c->matrix.multiply(c->cg_direction, c->cg_image);
+  if (!group.coupled) return;
+  add_coupling(group);
+  project_holds(group, &Chain::cg_image);
+}
+
+namespace {
+
+using Which = Field Chain::*;
+
+double inner_product(const Group& group, Which a, Which b) {
+  double sum = 0;
+  for (const Chain* c : group.chains) sum += inner(c->*a, c->*b);
+  return sum;
+}
+
+// y = alpha x + beta y for every chain.
+void combine(Group& group, double alpha, Which x, double beta, Which y) {
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k) {
+      const double* from = (c->*x)[k];
+      double* to = (c->*y)[k];
+      for (int i = 0; i < c->n(); ++i) to[i] = alpha * from[i] + beta * to[i];
+    }
+}
+
+void prepare_blocks(Chain& c) {
+  for (int i = 0; i < c.n(); ++i) {
+    Sym3 b = inverse(c.matrix.block(i));
+    const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
+    for (int k = 0; k < 6; ++k) c.inverse_blocks[k][i] = v[k];
+  }
+}
+
+void precondition(Group& group, LinearSolver solver) {
+  for (Chain* c : group.chains) {
+    if (solver == LinearSolver::banded) {
+      c->factor.solve(c->cg_remainder, c->cg_preconditioned);
+      continue;
+    }
+    const Planes& q = c->inverse_blocks;
+    for (int i = 0; i < c->n(); ++i)
+      c->cg_preconditioned.set(i, Sym3{q[0][i], q[1][i], q[2][i], q[3][i], q[4][i], q[5][i]} * c->cg_remainder.at(i));
+  }
+}
+
+// Preconditioned conjugate gradients from zero, to the linear tolerance in the preconditioned norm.
+void conjugate_gradients(Group& group, const Options& o) {
+  constexpr Which X = &Chain::step, R = &Chain::cg_remainder, Z = &Chain::cg_preconditioned;
+  constexpr Which P = &Chain::cg_direction, Y = &Chain::cg_image;
+  combine(group, 0, &Chain::residual, 0, X);
+  combine(group, -1, &Chain::residual, 0, R);
+  precondition(group, o.linear_solver);
+  combine(group, 1, Z, 0, P);
+  double rz = inner_product(group, R, Z);
+  const double enough = o.linear_tolerance * o.linear_tolerance * rz;
+  int unknowns = 0;
+  for (const Chain* c : group.chains) unknowns += 3 * c->n();
+  for (int k = 0; k < 2 * unknowns && rz > enough; ++k) {
+    multiply(group);
+    double py = inner_product(group, P, Y);
+    if (!(py > 0)) break;
+    double alpha = rz / py;
+    combine(group, alpha, P, 1, X);
+    combine(group, -alpha, Y, 1, R);
+    precondition(group, o.linear_solver);
+    double rz_next = inner_product(group, R, Z);
+    combine(group, 1, Z, rz_next / rz, P);
+    rz = rz_next;
+  }
+}
+
+void solve_banded(Chain& c) {
+  c.factor.solve(c.residual, c.step);
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < c.n(); ++i) c.step[k][i] = -c.step[k][i];
+}
+
+}  // namespace
+
+void solve_linear(Group& group, const StepContext& context) {
+  const Options& o = context.options;
+  for (Chain* c : group.chains)
+    o.linear_solver == LinearSolver::banded ? static_cast<void>(c->factor.factorise(c->matrix)) : prepare_blocks(*c);
+  if (o.linear_solver == LinearSolver::banded && !group.coupled)
+    for (Chain* c : group.chains) solve_banded(*c);
+  else
+    conjugate_gradients(group, o);
+}
+
+}  // namespace bt

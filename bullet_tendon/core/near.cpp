@@ -1,0 +1,123 @@
+#include "near.h"
+
+#include "constants.h"
+
+namespace bt {
+
+Pose in_world(const Shape& shape, const Link& link) {
+  const Rot3 &a = link.pose.rotation, &b = shape.local.rotation;
+  auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
+  return {{row(a.r0), row(a.r1), row(a.r2)}, to_world(link.pose, shape.local.origin)};
+}
+
+double reach_of(const Chain& chain, int i, const Link& link, double dt, double threshold) {
+  // Half as much again as the motion foreseen, and a little for what nobody foresees.
+  Vec3 moves = dt * chain.v.at(i) - link.drift(chain.x.at(i), dt);
+  return chain.radius * 1.02 + threshold + 1.5 * norm(moves);
+}
+
+namespace {
+
+bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
+  return lo.x > s.hi.x + reach || lo.y > s.hi.y + reach || lo.z > s.hi.z + reach || hi.x < s.lo.x - reach ||
+         hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
+}
+
+Vec3 lowest(Vec3 a, Vec3 b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
+Vec3 highest(Vec3 a, Vec3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
+
+bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
+  for (const Bore& b : bores)
+    if (b.contains(p, kBoreReach * b.radius)) return true;
+  return false;
+}
+
+// Decides for one feature between skipping, reusing and querying.
+void consider(Entry& e, Vec3 a, Vec3 b, double reach, const NearContext& context, Query query,
+              std::vector<Query>& queries, NearCounts& counts) {
+  ++counts.considered;
+  if (e.known && !e.inside) {
+    double moved = std::max(norm(a - e.a), norm(b - e.b));
+    if (e.distance - moved > reach) {
+      ++counts.skipped;
+      return;
+    }
+    if (moved * moved <= 2 * e.distance * context.reuse_tolerance) {
+      ++counts.reused;
+      e.wanted = !e.hole;
+      return;
+    }
+  }
+  ++counts.queried;
+  queries.push_back(query);
+}
+
+}  // namespace
+
+void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
+         const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
+  const int n = chain.n();
+  if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) {
+    cache.entries.assign(2 * n - 1, Entry{});
+    cache.local.assign(n, Vec3{});
+  }
+  const Pose pose = in_world(shape, link);
+  Vec3 lo{1e300, 1e300, 1e300}, hi = -lo;
+  double reach = 0;
+  for (int i = 0; i < n; ++i) {
+    cache.local[i] = to_local(pose, chain.x.at(i));
+    lo = lowest(lo, cache.local[i]), hi = highest(hi, cache.local[i]);
+    reach = std::max(reach, reach_of(chain, i, link, context.dt, context.threshold));
+  }
+  for (Entry& e : cache.entries) e.wanted = false;
+  if (outside(lo, hi, shape, reach)) {
+    counts.culled += 2 * n - 1;
+    return;
+  }
+  auto particle_reach = [&](int i) { return reach_of(chain, i, link, context.dt, context.threshold); };
+  auto drilled = [&](int i) { return in_any_bore(chain.x.at(i), *context.bores); };
+  double before = 0;
+  bool bored_before = false;
+  for (int i = 0; i < n; ++i) {
+    const Vec3 here = cache.local[i];
+    const double now = particle_reach(i);
+    const bool bored = !context.bores->empty() && drilled(i);
+    if (outside(here, here, shape, now) || bored)
+      ++counts.culled;
+    else
+      consider(cache.entries[i], here, here, now, context, {chain_slot, shape_slot, i, here, here}, queries, counts);
+    if (i > 0) {
+      const Vec3 last = cache.local[i - 1];
+      const double most = std::max(now, before);
+      if (outside(lowest(last, here), highest(last, here), shape, most) || bored || bored_before)
+        ++counts.culled;
+      else
+        consider(cache.entries[n + i - 1], last, here, most, context,
+                 {chain_slot, shape_slot, n + i - 1, last, here}, queries, counts);
+    }
+    before = now, bored_before = bored;
+  }
+}
+
+void answer(const Query& q, double distance, Vec3 point, double u, const Pose& shape_pose,
+            const std::vector<Bore>& bores, Entry& e) {
+  Vec3 nearest = (1 - u) * q.a + u * q.b, apart = nearest - point;
+  double length = norm(apart);
+  // A distance below zero is believed where its point is that far away: the way out of a
+  // primitive. A mesh gives no such point: the last good plane stays.
+  bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
+  if (!believed) {
+    e.inside = true;
+    e.wanted = e.known && !e.hole;
+    return;
+  }
+  e.known = true, e.inside = distance < 0, e.distance = distance;
+  e.u = u, e.a = q.a, e.b = q.b, e.point = point;
+  double sign = distance < 0 ? -1 : 1;
+  if (length > 0) e.normal = (sign / length) * apart;
+  Vec3 surface = to_world(shape_pose, point);
+  e.hole = in_any_bore(surface, bores);
+  e.wanted = !e.hole;
+}
+
+}  // namespace bt

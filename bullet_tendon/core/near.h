@@ -1,0 +1,73 @@
+// Which particles and segments of a tendon need a distance to a bone, and what was last answered.
+//
+// A feature is a particle or the inside of a segment. Its entry keeps the plane of the last query
+// (point and normal on the shape, in the shape's frame) and where the feature was then. With m the
+// motion since, relative to the shape:
+//   skipped  while d - m > reach, because the feature cannot have come within reach,
+//   reused   while the plane's error is under the reuse tolerance,
+//   queried  otherwise.
+// Distance to a convex body along a displacement m from distance d is at least the plane's value,
+// and at most m^2/(2 d) more; hence reuse up to m = sqrt(2 d tolerance).
+#pragma once
+#include <vector>
+
+#include "chain.h"
+#include "link.h"
+#include "tunnel.h"
+
+namespace bt {
+
+struct Shape {
+  int link = 0;
+  Pose local;         // of the shape's frame in the link's frame
+  Vec3 lo, hi;        // box around it in its own frame
+  bool half_space = false;
+  Vec3 plane_normal;  // of a half-space: n.x = offset is the surface
+  double plane_offset = 0;
+  double friction = 0;
+};
+
+Pose in_world(const Shape& shape, const Link& link);
+
+struct Entry {
+  bool known = false;   // a plane was answered once
+  bool inside = false;  // the last answer found the centreline inside the shape
+  bool hole = false;    // the nearest surface lies in a bore: it has been drilled away
+  bool wanted = false;  // a row is to be made in this step
+  double distance = 0;  // of the last query [m]
+  double u = 0;         // nearest point of a segment
+  Vec3 point, normal;   // shape frame
+  Vec3 a, b;            // the feature's ends at the last query, shape frame
+};
+
+struct Query {
+  int chain, shape, feature;  // feature: particle i, or n + k for segment k
+  Vec3 a, b;                  // shape frame
+};
+
+struct NearCounts {
+  long considered = 0, culled = 0, skipped = 0, reused = 0, queried = 0;
+};
+
+struct NearCache {
+  std::vector<Entry> entries;  // n particles, then n - 1 segments
+  std::vector<Vec3> local;     // particles in the shape's frame
+};
+
+struct NearContext {
+  double dt = 0, threshold = 0, reuse_tolerance = 0;
+  const std::vector<Bore>* bores = nullptr;  // those of the shape's link
+};
+
+// Appends the queries needed for one chain and one shape, and marks the entries that are to make rows.
+void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
+         const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts);
+
+// Takes the answer to a query: distance, nearest surface point (shape frame) and parameter.
+void answer(const Query& query, double distance, Vec3 point, double u, const Pose& shape_pose,
+            const std::vector<Bore>& bores, Entry& entry);
+
+// How far a feature's end can come towards a body within the step [m].
+double reach_of(const Chain& chain, int particle, const Link& link, double dt, double threshold);
+
+}  // namespace bt

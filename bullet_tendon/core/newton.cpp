@@ -1,0 +1,202 @@
+// The converged implicit step: Newton's method with carried multipliers, and its safeguard.
+#include <limits>
+
+#include "constants.h"
+#include "stepping.h"
+
+namespace bt {
+
+namespace {
+
+// Inertia, springs and soft holds of one chain at chain.next. Returns the largest force at hand.
+double assemble_chain(Chain& c, bool matrix, bool exact) {
+  const double inverse = 1 / (c.b * c.b);
+  double largest = 0;
+  const double* mass = c.mass.data();
+  for (int k = 0; k < 3; ++k) {
+    const double *x = c.next[k], *y = c.goal[k];
+    double* r = c.residual[k];
+    for (int i = 0; i < c.n(); ++i) {
+      r[i] = mass[i] * inverse * (x[i] - y[i]);
+      largest = std::max(largest, std::fabs(r[i]));
+    }
+  }
+  if (matrix) {
+    c.matrix.zero();
+    for (int plane : {0, 3, 5})
+      for (int i = 0; i < c.n(); ++i) c.matrix.diagonal[plane][i] = mass[i] * inverse;
+  }
+  double stiffest = 0;
+  for (SpringSet* s : {&c.structure, &c.shear}) {
+    if (s->count == 0) continue;
+    SpringScale scale = evaluate(*s, c.material.law, c.next, c.anchor_x, c.b, exact);
+    largest = std::max(largest, scale.force);
+    stiffest = std::max(stiffest, scale.stiffness);
+    scatter(*s, c.residual, matrix ? &c.matrix : nullptr);
+  }
+  add_soft_holds(c, c.next, matrix);
+  for (const Hold& h : c.holds) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
+  c.rounding = stiffest;
+  return largest;
+}
+
+struct Assembly {
+  double scale = 0;     // largest force at hand [N]
+  double residual = 0;  // largest residual force [N]
+  bool rounded = true;  // every residual is at its rounding level
+};
+
+// A row that constrains its particle directly: it starts to hold when the particle is inside, and
+// lets go when it would have to pull (r is the force that the body supplies).
+bool update_direct(Group& group, Row& row) {
+  Chain& c = group.at(row.a);
+  int i = row.a.w0 != 0 ? row.a.first : row.a.first + 1;
+  row.gap = dot(row.normal, c.next.at(i)) - row.offset;
+  if (row.held) {
+    double push = dot(c.residual.at(i), row.normal);
+    if (push < -1e-12) row.held = false, row.limit += 1;
+    row.normal_force = std::max(0.0, push);
+    row.total_force = row.normal_force * row.normal;
+    return !row.held;
+  }
+  row.normal_force = 0, row.total_force = {};
+  if (row.gap >= 0 || row.limit >= 4) return false;  // four changes of mind: leave it free
+  row.held = true;
+  c.next.add(i, (-row.gap) * row.normal);
+  return true;
+}
+
+Assembly assemble(Group& group, bool matrix, bool exact, bool follow_limits) {
+  Assembly a;
+  for (Chain* c : group.chains) a.scale = std::max(a.scale, assemble_chain(*c, matrix, exact));
+  for (Row* row : group.rows) {
+    if (row->direct) continue;
+    row->evaluate(relative_position(group, *row, &Chain::next), follow_limits);
+    if (row->normal_force <= 0) continue;
+    a.scale = std::max(a.scale, max_abs(row->total_force));
+    add_row(group, *row, matrix);
+    Chain& c = group.at(row->a);
+    c.rounding = std::max(c.rounding, row->stiffness);
+    if (row->b.chain >= 0) group.at(row->b).rounding = std::max(group.at(row->b).rounding, row->stiffness);
+  }
+  for (Chain* c : group.chains) read_holds(*c, c->next);
+  return a;
+}
+
+// Residual norms, once what holds supply has been taken out.
+void measure_residual(Group& group, Assembly& a) {
+  project_holds(group, &Chain::residual);
+  for (Chain* c : group.chains) {
+    double coordinate = 0;
+    c->residual_norm = 0;
+    for (int i = 0; i < c->n(); ++i) {
+      double r = max_abs(c->residual.at(i));
+      coordinate = std::max(coordinate, max_abs(c->next.at(i)));
+      if (r > c->residual_norm || !(r == r)) c->residual_norm = r, c->worst_particle = i;
+    }
+    a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
+                                                                                           : a.residual;
+    constexpr double eps = std::numeric_limits<double>::epsilon();
+    if (!(c->residual_norm <= kRounding * eps * c->rounding * coordinate)) a.rounded = false;
+  }
+}
+
+// From the true residual to that of the linearisation, for the linear solution.
+void linearise(Group& group) {
+  bool changed = false;
+  for (Chain* c : group.chains)
+    for (SpringSet* s : {&c->structure, &c->shear}) {
+      if (s->count == 0 || is_linear(c->material.law)) continue;
+      scatter_linearisation(*s, c->material.law, c->residual);
+      changed = true;
+    }
+  if (changed) project_holds(group, &Chain::residual);
+}
+
+void advance(Group& group, double alpha) {
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k) {
+      double* x = c->next[k];
+      const double* d = c->step[k];
+      for (int i = 0; i < c->n(); ++i) x[i] += alpha * d[i];
+    }
+}
+
+double slope_along(Group& group) {
+  double sum = 0;
+  for (Chain* c : group.chains) sum += inner(c->residual, c->step);
+  return sum;
+}
+
+// The safeguard: along a direction of descent, a length at which the slope of the step's potential
+// has at least halved (regula falsi on the slope; no potential needed, so no cancellation).
+void line_search(Group& group, bool follow_limits) {
+  const double start = slope_along(group);
+  double at = 0, lo = 0, hi = 0, alpha = 1, slope_lo = start, slope_hi = 0;
+  for (int trial = 0; trial < 24; ++trial) {
+    advance(group, alpha - at);
+    at = alpha;
+    Assembly a = assemble(group, false, true, follow_limits);
+    measure_residual(group, a);
+    double slope = slope_along(group);
+    bool finite = std::isfinite(slope);
+    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
+    if (finite && slope < 0) {
+      lo = alpha, slope_lo = slope;
+    } else {
+      hi = alpha, slope_hi = finite ? slope : 1e3 * std::fabs(start);
+    }
+    double guess = hi > lo ? lo - slope_lo * (hi - lo) / (slope_hi - slope_lo) : 2 * alpha;
+    double width = hi - lo;
+    alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
+  }
+}
+
+// The guess was useless: begin at the state that is known to be finite.
+void restart_from_now(Group& group) {
+  for (Chain* c : group.chains) {
+    c->next = c->x;
+    for (const Hold& h : c->holds)
+      if (h.rigid) c->next.set(h.particle, h.target);
+  }
+}
+
+}  // namespace
+
+void newton(Group& group, const StepContext& context) {
+  const Options& o = context.options;
+  bool safe = false;
+  for (Row* row : group.rows) row->held = false, row->limit = 0;
+  for (int iteration = 0;; ++iteration) {
+    const bool follow = iteration < kFrictionIterations;
+    Assembly a = assemble(group, true, safe, follow);
+    bool changed = false;
+    for (Row* row : group.rows)
+      if (row->direct) changed |= update_direct(group, *row);
+    measure_residual(group, a);
+    group.iterations = iteration;
+    group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
+    group.converged = !changed && (a.residual <= o.tolerance * a.scale || a.rounded);
+    if ((group.converged && (!follow || iteration > 0 || group.rows.empty())) || iteration >= o.max_iterations) break;
+    if (!safe && (iteration >= kMixedIterations || !std::isfinite(a.residual))) {
+      safe = true;
+      if (!std::isfinite(a.residual)) restart_from_now(group);
+      continue;
+    }
+    hold_in_matrix(group);
+    if (!safe) linearise(group);
+    solve_linear(group, context);
+    if (safe) {
+      line_search(group, false);
+    } else {
+      for (Chain* c : group.chains)
+        for (SpringSet* s : {&c->structure, &c->shear})
+          if (s->count) carry(*s, c->material.law, c->step);
+      advance(group, 1);
+    }
+  }
+  for (Chain* c : group.chains) c->iterations = group.iterations, c->converged = group.converged;
+}
+
+}  // namespace bt

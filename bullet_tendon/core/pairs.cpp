@@ -1,0 +1,105 @@
+#include "pairs.h"
+
+#include "constants.h"
+
+namespace bt {
+
+namespace {
+double clamp01(double t) { return t < 0 ? 0 : t > 1 ? 1 : t; }
+}  // namespace
+
+// Minimise |p0 + u d - q0 - w e|^2 over the unit square: the free minimiser of u first, then w by
+// projection, then u again where w was clamped.
+void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w) {
+  Vec3 d = p1 - p0, e = q1 - q0, r = p0 - q0;
+  double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), dr = dot(d, r), er = dot(e, r);
+  double det = dd * ee - de * de;
+  // Parallel segments have a whole interval of nearest points: take its middle.
+  if (det <= 1e-10 * dd * ee) {
+    double w0 = ee > 0 ? clamp01(er / ee) : 0, w1 = ee > 0 ? clamp01((er + de) / ee) : 0;
+    w = 0.5 * (w0 + w1);
+  } else {
+    u = clamp01((de * er - ee * dr) / det);
+    w = clamp01((de * u + er) / ee);
+  }
+  u = dd > 0 ? clamp01((de * w - dr) / dd) : 0;
+  w = ee > 0 ? clamp01((de * u + er) / ee) : 0;
+}
+
+void BoxTree::refit(const Chain& c, double dt, double threshold) {
+  const int m = c.n() - 1;
+  segments.resize(m), reach.resize(m);
+  leaves.assign((m + kLeaf - 1) / kLeaf, Box{});
+  all = Box{};
+  for (int k = 0; k < m; ++k) {
+    double speed = std::max(norm(c.v.at(k)), norm(c.v.at(k + 1)));
+    reach[k] = c.radius * 1.02 + 0.5 * threshold + 1.5 * dt * speed;
+    Box b;
+    b.include(c.x.at(k)), b.include(c.x.at(k + 1));
+    b.grow(reach[k]);
+    segments[k] = b;
+    leaves[k / kLeaf].include(b);
+  }
+  for (const Box& b : leaves) all.include(b);
+}
+
+namespace {
+
+struct Finder {
+  const Chain *a, *b;
+  const BoxTree *ta, *tb;
+  int ia, ib;
+  std::vector<SegmentPair>& out;
+  PairCounts& counts;
+
+  // Segments that a spring joins, or so near along the tendon that no bend brings them together.
+  bool joined(int k, int m) const {
+    if (a != b) return false;
+    if (m - k <= 1) return true;
+    double arc = 0, enough = kSelfContactArc * a->radius;
+    for (int j = k + 1; j < m; ++j)
+      if ((arc += a->rest[j]) >= enough) return false;
+    return true;
+  }
+
+  void measure(int k, int m) {
+    if (!overlap(ta->segments[k], tb->segments[m]) || joined(k, m)) return;
+    ++counts.considered;
+    Vec3 p0 = a->x.at(k), p1 = a->x.at(k + 1), q0 = b->x.at(m), q1 = b->x.at(m + 1);
+    double reach = ta->reach[k] + tb->reach[m];
+    double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
+    if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
+    SegmentPair s{ia, k, ib, m, 0, 0, {}, 0};
+    nearest_parameters(p0, p1, q0, q1, s.u, s.w);  // step 2
+    s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
+    s.distance = norm(s.apart);
+    if (s.distance < reach) ++counts.near, out.push_back(s);
+  }
+
+  void run() {
+    if (!overlap(ta->all, tb->all)) return;
+    const int L = BoxTree::kLeaf;
+    const int la = static_cast<int>(ta->leaves.size()), lb = static_cast<int>(tb->leaves.size());
+    for (int i = 0; i < la; ++i)
+      for (int j = a == b ? i : 0; j < lb; ++j) {
+        if (!overlap(ta->leaves[i], tb->leaves[j])) continue;
+        for (int k = i * L; k < std::min((i + 1) * L, a->n() - 1); ++k)
+          for (int m = a == b ? std::max(j * L, k + 1) : j * L; m < std::min((j + 1) * L, b->n() - 1); ++m)
+            measure(k, m);
+      }
+  }
+};
+
+}  // namespace
+
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+                      std::vector<SegmentPair>& out) {
+  PairCounts counts;
+  const int count = static_cast<int>(chains.size());
+  for (int i = 0; i < count; ++i)
+    for (int j = i; j < count; ++j)
+      if (chains[i] && chains[j]) Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts}.run();
+  return counts;
+}
+
+}  // namespace bt

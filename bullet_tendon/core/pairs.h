@@ -1,0 +1,54 @@
+// Algorithm 1: which segments of tendons are near each other, and where.
+#pragma once
+#include <vector>
+
+#include "chain.h"
+
+namespace bt {
+
+struct SegmentPair {
+  int chain_a, segment_a, chain_b, segment_b;
+  double u, w;  // nearest points: x_a + u (x_a+1 - x_a), x_b + w (x_b+1 - x_b)
+  Vec3 apart;   // from b to a [m]
+  double distance;
+};
+
+// Nearest parameters of segments p0-p1 and q0-q1.
+void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w);
+
+struct Box {
+  Vec3 lo{1e300, 1e300, 1e300}, hi{-1e300, -1e300, -1e300};
+  void include(Vec3 p) {
+    lo = {std::min(lo.x, p.x), std::min(lo.y, p.y), std::min(lo.z, p.z)};
+    hi = {std::max(hi.x, p.x), std::max(hi.y, p.y), std::max(hi.z, p.z)};
+  }
+  void include(const Box& b) { include(b.lo), include(b.hi); }
+  void grow(double margin) {
+    Vec3 m{margin, margin, margin};
+    lo -= m, hi += m;
+  }
+};
+inline bool overlap(const Box& a, const Box& b) {
+  return a.lo.x <= b.hi.x && b.lo.x <= a.hi.x && a.lo.y <= b.hi.y && b.lo.y <= a.hi.y && a.lo.z <= b.hi.z &&
+         b.lo.z <= a.hi.z;
+}
+
+// Boxes of a chain's segments grown by radius, half the threshold and their motion in a step:
+// one for each, one for every eight, one for all.
+struct BoxTree {
+  static constexpr int kLeaf = 8;
+  std::vector<Box> segments, leaves;
+  std::vector<double> reach;  // grown by [m]
+  Box all;
+  void refit(const Chain& c, double dt, double threshold);
+};
+
+struct PairCounts {
+  long considered = 0, near = 0;
+};
+
+// Appends the pairs of segments that could touch within the step.
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+                      std::vector<SegmentPair>& out);
+
+}  // namespace bt

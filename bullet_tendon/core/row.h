@@ -1,0 +1,73 @@
+// A contact row: one temporary constraint spring between a point of a tendon and a body, a tunnel
+// or a point of a tendon (paper, section 4.1), with its friction.
+//
+//   g = n.(x_a - x_b) - c                  gap of a plane row [m]
+//   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore row: n points to the axis
+//   N = max(0, N_0 - k g)                  normal force [N], N_0 the multiplier carried over steps
+//   z = xi + across(n)(x_a - x_b - ref)    displacement from where it stuck [m]
+//   F_t = -k z, at most mu N along z       Coulomb's return map [N]
+//
+// With N_0 = 0 it is the paper's spring. With N_0 carried (N_0 <- N after every step) a resting
+// contact has no depth, whatever its load; k only sets how fast that is reached.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "chain.h"
+
+namespace bt {
+
+enum class ContactKind : int { bone = 0, bore = 1, mouth = 2, tendon = 3 };
+
+// A point on segment `first` of a tendon: w0 x_first + w1 x_first+1.
+struct Spot {
+  int chain = -1;
+  int first = 0;
+  double w0 = 1, w1 = 0;
+  Vec3 of(const Field& f) const {
+    return w1 == 0 ? w0 * f.at(first) : w0 == 0 ? w1 * f.at(first + 1) : w0 * f.at(first) + w1 * f.at(first + 1);
+  }
+};
+
+struct Row {
+  uint64_t key = 0;
+  ContactKind kind = ContactKind::bone;
+  Spot a, b;                // b.chain = -1: against a link
+  int link = -1;
+  Vec3 normal;              // n, of a plane row; of a bore row as last evaluated
+  double offset = 0;        // c
+  double beyond = 0;        // by how much the gap stands off the surfaces (threshold) [m]
+  Vec3 axis_point, axis;    // of a bore row
+  double clearance = 0;     // R - r of a bore row
+  double stiffness = 0;     // k [N/m]
+  double carried = 0;       // N_0 [N]
+  double friction = 0;      // mu
+  Vec3 stuck, reference;    // xi, ref
+  double limit = 0;         // mu N of the last iterations that followed it [N]
+  bool direct = false;      // constrained on the particle (Baraff and Witkin) instead of by a spring
+  bool held = false;        // a direct row that holds now
+
+  // As last evaluated.
+  double gap = 0, normal_force = 0;
+  Vec3 displacement;  // z, returned to the cone
+  Vec3 tangent_force, total_force;  // on the point a
+  Sym3 block;         // derivative, positive semidefinite
+
+  void evaluate(Vec3 relative, bool follow_limit);
+};
+
+// What a contact remembers from one step to the next.
+struct ContactMemory {
+  uint64_t key = 0;
+  double carried = 0;
+  Vec3 stuck;   // in the link's frame, or the world's for two tendons
+  Vec3 normal;  // the same
+};
+
+inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other, int other_feature) {
+  return (static_cast<uint64_t>(kind) << 60) | (static_cast<uint64_t>(chain & 0xfff) << 48) |
+         (static_cast<uint64_t>(feature & 0xffff) << 32) | (static_cast<uint64_t>(other & 0xffff) << 16) |
+         static_cast<uint64_t>(other_feature & 0xffff);
+}
+
+}  // namespace bt

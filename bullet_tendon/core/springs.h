@@ -1,0 +1,74 @@
+// The springs of a tendon: structure springs join (i, i+1), shear springs join (i, i+2).
+//
+// Within a step the force of a spring is a function of its length alone (axial damping included),
+//
+//   F(len) = K f(len/l - 1) + C d((len - len_h)/(b l)),
+//
+// with len_h the history length and b the step weight of the integrator (stepping.h), so that it
+// has a potential, is exactly axial, and brakes no rigid rotation. Its matrix block is
+//
+//   B = F' n n^T + (T/len) (I - n n^T),     n = x_ij / |x_ij|,
+//
+// where T >= 0 is the carried multiplier: the force that the last iteration predicted linearly,
+// kept from step to step. Taking T from the current positions instead makes B wild, because an
+// error of a micrometre is newtons.
+//
+// The elastic law is linearised where the multiplier says that the spring is, at the strain s* with
+// K f(s*) = T_e (T_e the elastic part of T), not where the positions happen to be: that is
+// Newton's method for forces and positions as independent unknowns (mixed). A stiffening law
+// linearised at a strain that is too small sends the positions far away in one iteration, but
+// predicts the right force; the next iteration, linearised there, brings the positions home.
+// The residual is always measured with the true force F; `linear` is the force that the
+// linearisation gives at the present length.
+#pragma once
+#include "band.h"
+#include "constants.h"
+#include "field.h"
+#include "law.h"
+
+namespace bt {
+
+struct SpringSet {
+  int reach = 1;  // joins particle k with k + reach
+  int count = 0;
+  std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
+  std::vector<double> carried;                   // T [N], >= 0
+  std::vector<double> elastic;                   // T_e [N]
+  std::vector<double> start, before;             // lengths at the start of this step and of the last [m]
+  std::vector<double> history;                   // len_h [m]
+  std::vector<double> length, force, slope;      // now: len [m], F [N], F' at the linearisation [N/m]
+  std::vector<double> true_elastic, linear;      // elastic part of F, and of its linearisation [N]
+  std::vector<double> elastic_slope;             // its elastic part of F' [N/m]
+  Planes direction;                              // n
+  Planes block;                                  // B, symmetric, six planes
+  Planes vector;                                 // force vector on the first particle
+
+  void resize(int reach_, int particles);
+};
+
+struct SpringScale {
+  double force = 0;    // largest |F| [N]
+  double stiffness = 0;  // largest F' [N/m]
+};
+
+// Lengths and directions at x.
+void measure(SpringSet& s, const Field& x);
+// Forces, slopes and blocks at x; step_weight b [s]; xh is used by the whole-velocity damping only,
+// with v = (x - xh)/b. exact: the multipliers are set to max(0, F) first (Newton's own matrix).
+SpringScale evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double step_weight,
+                     bool exact);
+// The same at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
+// linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
+SpringScale evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
+                        double damping_share);
+
+// right_hand += what the linearisation adds to the true forces; nothing where they agree.
+void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
+// residual -= spring forces; matrix += blocks.
+void scatter(const SpringSet& s, Field& residual, Band* matrix);
+// T_e and T after the displacements dx, as the linearisation predicts them.
+void carry(SpringSet& s, const Law& law, const Field& dx);
+// Elastic energy [J] at the lengths last measured.
+double stored_energy(const SpringSet& s, const Law& law);
+
+}  // namespace bt

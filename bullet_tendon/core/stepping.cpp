@@ -1,0 +1,125 @@
+#include "stepping.h"
+
+namespace bt {
+
+void begin_step(Chain& c, const StepContext& context) {
+  const double dt = context.dt;
+  const bool history = c.dt_before > 0;
+  const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt;
+  c.b = two ? 2 * dt / 3 : dt;
+  const double now = two ? 4.0 / 3 : 1, last = two ? -1.0 / 3 : 0;
+  const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
+  const double ahead = history ? dt * std::min(1.0, dt / c.dt_before) : 0;
+  for (int k = 0; k < 3; ++k) {
+    const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
+    double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
+    const double* mass = c.mass.data();
+#pragma GCC ivdep
+    for (int i = 0; i < c.n(); ++i) {
+      xh[i] = now * x[i] + last * xb[i], vh[i] = now * v[i] + last * vb[i];
+      y[i] = xh[i] + c.b * vh[i] + c.b * c.b * (g[k] + f[i] / mass[i]);
+      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]);
+    }
+  }
+  for (SpringSet* s : {&c.structure, &c.shear}) {
+    if (s->count == 0 || c.material.damping == 0) continue;
+    std::swap(s->before, s->start);
+    measure(*s, c.x);
+    for (int k = 0; k < s->count; ++k) {
+      s->start[k] = s->length[k];
+      s->history[k] = now * s->start[k] + last * s->before[k];
+    }
+  }
+  for (Hold& h : c.holds)
+    if (h.rigid) c.next.set(h.particle, h.target);
+  c.iterations = 0, c.converged = true;
+}
+
+void finish_step(Chain& c, const StepContext& context) {
+  const bool is_explicit = context.options.integrator == Integrator::explicit_euler;
+  for (int k = 0; k < 3; ++k) {
+    double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
+    const double *next = c.next[k], *xh = c.anchor_x[k], *made = c.step[k];
+#pragma GCC ivdep
+    for (int i = 0; i < c.n(); ++i) {
+      xb[i] = x[i], vb[i] = v[i];
+      v[i] = is_explicit ? made[i] : (next[i] - xh[i]) / c.b;
+      x[i] = next[i];
+    }
+  }
+  c.dt_before = context.dt;
+}
+
+void solve(Group& group, const StepContext& context) {
+  if (context.options.integrator == Integrator::explicit_euler)
+    explicit_euler(group, context);
+  else if (context.options.iteration == Iteration::single)
+    single_linearisation(group, context);
+  else
+    newton(group, context);
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i) group.finite &= std::isfinite(c->next[k][i]);
+}
+
+Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where) {
+  Vec3 a = row.a.of(group.at(row.a).*where);
+  return row.b.chain < 0 ? a : a - row.b.of(group.at(row.b).*where);
+}
+
+namespace {
+
+void add_spot(Chain& c, const Spot& s, double sign, const Row& row, bool matrix) {
+  const double w[2] = {s.w0, s.w1};
+  for (int e = 0; e < 2; ++e) {
+    if (w[e] == 0) continue;
+    c.residual.add(s.first + e, (-sign * w[e]) * row.total_force);
+    if (matrix) c.matrix.add(s.first + e, (w[e] * w[e]) * row.block);
+  }
+  if (matrix && w[0] != 0 && w[1] != 0) c.matrix.add_below(s.first, 1, w[0] * w[1], row.block);
+}
+
+}  // namespace
+
+void add_row(Group& group, const Row& row, bool matrix) {
+  add_spot(group.at(row.a), row.a, 1, row, matrix);
+  if (row.b.chain >= 0) add_spot(group.at(row.b), row.b, -1, row, matrix);
+}
+
+void add_soft_holds(Chain& c, const Field& x, bool matrix) {
+  for (Hold& h : c.holds) {
+    if (h.rigid) continue;
+    Vec3 moved = x.at(h.particle) - c.anchor_x.at(h.particle);
+    h.force = h.stiffness * (x.at(h.particle) - h.target) + (h.viscosity / c.b) * moved;
+    c.residual.add(h.particle, h.force);
+    if (matrix) c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.b));
+  }
+}
+
+void project_holds(Group& group, Field Chain::*what) {
+  for (Chain* c : group.chains)
+    for (const Hold& h : c->holds)
+      if (h.rigid) (c->*what).set(h.particle, Vec3{});
+  for (const Row* row : group.rows) {
+    if (!row->held) continue;
+    Field& f = group.at(row->a).*what;
+    int i = row->a.w0 != 0 ? row->a.first : row->a.first + 1;
+    f.set(i, without(f.at(i), row->normal));
+  }
+}
+
+void hold_in_matrix(Group& group) {
+  for (Chain* c : group.chains)
+    for (const Hold& h : c->holds)
+      if (h.rigid) c->matrix.hold(h.particle, identity(1));
+  for (const Row* row : group.rows)
+    if (row->held) group.at(row->a).matrix.hold(row->a.w0 != 0 ? row->a.first : row->a.first + 1, outer(row->normal));
+}
+
+void read_holds(Chain& c, const Field&) {
+  // The holder supplies the residual, and feels its opposite.
+  for (Hold& h : c.holds)
+    if (h.rigid) h.force = -c.residual.at(h.particle);
+}
+
+}  // namespace bt

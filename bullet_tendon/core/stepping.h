@@ -1,0 +1,69 @@
+// Time stepping (paper, section 4.2): one step of a group of tendons that touch each other.
+//
+// With b the step weight and history positions and velocities xh, vh,
+//
+//   implicit Euler   b = dt,       xh = x_0,                vh = v_0
+//   BDF2             b = 2 dt/3,   xh = (4 x_0 - x_-1)/3,   vh = (4 v_0 - v_-1)/3
+//
+// the end of the step solves (7), written for positions, with y = xh + b vh + b^2 M^-1 f_ext:
+//
+//   r(x) = M (x - y) / b^2 - f(x, (x - xh)/b) = 0,     v = (x - xh)/b.
+//
+// Newton's matrix is M/b^2 + sum of spring blocks (springs.h) + contact blocks (row.h).
+#pragma once
+#include <vector>
+
+#include "options.h"
+#include "row.h"
+
+namespace bt {
+
+struct StepContext {
+  double dt = 0;
+  Vec3 gravity;
+  Options options;
+};
+
+// Tendons joined by tendon-tendon contacts, with the rows that touch them.
+struct Group {
+  const std::vector<Chain*>* slots = nullptr;  // all tendons of the world, as spots name them
+  std::vector<Chain*> chains;
+  std::vector<Row*> rows;
+  bool coupled = false;  // some row joins two tendons, or two places of one
+  int iterations = 0;
+  double residual = 0;   // largest residual force over the largest force at hand
+  bool converged = false;
+  bool finite = true;
+
+  Chain& at(const Spot& s) const { return *(*slots)[s.chain]; }
+};
+
+// History, goal y, starting guess and held particles of a chain.
+void begin_step(Chain& c, const StepContext& context);
+// One step by the method of the options; fills chain.next and the forces of holds and rows.
+void solve(Group& group, const StepContext& context);
+// Takes chain.next as the new state.
+void finish_step(Chain& c, const StepContext& context);
+
+void newton(Group& group, const StepContext& context);                // implicit, converged
+void single_linearisation(Group& group, const StepContext& context);  // implicit, as published
+void explicit_euler(Group& group, const StepContext& context);
+
+// A step = -residual with all holds applied: banded, or by preconditioned conjugate gradients.
+void solve_linear(Group& group, const StepContext& context);
+
+// cg_image = A cg_direction.
+void multiply(Group& group);
+
+// Pieces that the methods share.
+Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where);
+void add_row(Group& group, const Row& row, bool matrix);
+void add_soft_holds(Chain& c, const Field& x, bool matrix);
+// Removes what holds take up from `what` (a residual or a direction).
+void project_holds(Group& group, Field Chain::*what);
+// The same for the matrices.
+void hold_in_matrix(Group& group);
+// Force of the tendon on each holder, from residuals that holds have not been removed from yet.
+void read_holds(Chain& c, const Field& x);
+
+}  // namespace bt

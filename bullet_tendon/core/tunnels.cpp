@@ -1,0 +1,117 @@
+// Algorithm 2: which stretch of a tendon is in which tunnel, and the rows of bores and mouths.
+#include "constants.h"
+#include "world.h"
+
+namespace bt {
+
+void World::find_bores() {
+  bores_.resize(tunnels.size());
+  bores_by_link_.resize(links.size());
+  for (auto& list : bores_by_link_) list.clear();
+  for (size_t t = 0; t < tunnels.size(); ++t) {
+    if (!tunnel_alive[t]) continue;
+    bores_[t] = in_world(tunnels[t], links[tunnels[t].link]);
+    bores_by_link_[tunnels[t].link].push_back(bores_[t]);
+  }
+  for (auto& c : chains)
+    if (c && !tunnels.empty()) classify(*c);
+}
+
+// Step 1. A particle enters a bore within its radius, and then stays in it wherever it is pushed
+// until it is beyond a mouth: a bore that a violent step left is not forgotten.
+void World::classify(Chain& c) {
+  for (int i = 0; i < c.n(); ++i) {
+    int& in = c.tunnel_of[i];
+    const Vec3 x = c.x.at(i);
+    if (in >= 0) {
+      double z = bores_[in].along(x);
+      if (tunnel_alive[in] && z >= 0 && z <= bores_[in].length) continue;
+      in = -1;
+    }
+    for (size_t t = 0; t < tunnels.size() && in < 0; ++t)
+      if (tunnel_alive[t] && bores_[t].contains(x, 0)) in = static_cast<int>(t);
+  }
+}
+
+// Step 2: |across(axis)(x - p)| <= R - r for particles inside, or about to be.
+void World::bore_rows(int chain, int t) {
+  const Chain& c = *slots_[chain];
+  const Bore& bore = bores_[t];
+  const Link& link = links[tunnels[t].link];
+  const double dt = context_.dt;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i), ahead = x + 1.5 * (dt * c.v.at(i) - link.drift(x, dt));
+    const bool inside = c.tunnel_of[i] == t;
+    if (!inside && !(bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius)) continue;
+    const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
+    // Within a chamfer the wall is the mouth's own round edge.
+    if (z < bore.chamfer || z > bore.length - bore.chamfer) continue;
+    const Vec3 on_axis = bore.start + z * bore.axis;
+    Row row;
+    const int first = std::min(i, c.n() - 2);
+    row.kind = ContactKind::bore, row.link = tunnels[t].link;
+    row.key = contact_key(row.kind, chain, i, t, 0);
+    row.a = {chain, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
+    row.axis_point = on_axis + link.drift(on_axis, dt);
+    row.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
+    row.clearance = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
+    row.beyond = options.contact_threshold;
+    row.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
+    row.friction = tunnels[t].friction * c.friction;
+    row.reference = x + link.drift(x, dt);
+    finish_row(row, chain, i);
+    rows_.push_back(row);
+  }
+}
+
+// Step 3: the segments near a mouth's circle.
+void World::mouth_rows(int chain, int t) {
+  const Chain& c = *slots_[chain];
+  const Bore& bore = bores_[t];
+  for (int mouth : {0, 1}) {
+    const double z = mouth ? bore.length - bore.chamfer : bore.chamfer, radius = bore.radius + bore.chamfer;
+    const Vec3 centre = bore.start + z * bore.axis;
+    for (int k = 0; k + 1 < c.n(); ++k) {
+      const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
+      const double reach = reach_of(c, k, links[tunnels[t].link], context_.dt, options.contact_threshold) + bore.chamfer;
+      const double length2 = dot(d, d);
+      const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(centre - a, d) / length2)) : 0;
+      if (norm(a + u * d - centre) > radius + reach) continue;
+      // Both ends deep inside: the bore's own rows hold them.
+      auto inside = [&](Vec3 p, int i) {
+        double s = bore.along(p);
+        return c.tunnel_of[i] == t && s >= bore.chamfer && s <= bore.length - bore.chamfer;
+      };
+      if (inside(a, k) && inside(b, k + 1)) continue;
+      mouth_row(chain, t, mouth, k, bore, centre, radius);
+    }
+  }
+}
+
+void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3 centre, double radius) {
+  const Chain& c = *slots_[chain];
+  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
+  const double u = nearest_to_circle(a, b, centre, bore.axis, radius);
+  if (u >= 1 && k + 2 < c.n()) return;  // the next segment starts there
+  const Vec3 x = (1 - u) * a + u * b;
+  const Vec3 sideways = unit_or(without(x - centre, bore.axis), any_perpendicular(bore.axis));
+  const Vec3 edge = nearest_on_circle(x, centre, bore.axis, radius, sideways);
+  const Vec3 apart = x - edge;
+  const double distance = norm(apart);
+  const double reach = reach_of(c, k, links[tunnels[t].link], context_.dt, options.contact_threshold) + bore.chamfer;
+  if (distance > reach) return;
+  Vec3 normal = unit_or(apart, -sideways);
+  // A segment of the bore that crosses the mouth's plane outside the circle is in the bone: the
+  // way out is through the edge.
+  const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
+  if ((c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0) {
+    const Vec3 crossing = a + (za / (za - zb)) * (b - a);
+    if (bore.off_axis(crossing) > radius) normal = -normal;
+  }
+  Row row = plane_row(ContactKind::mouth, {chain, k, 1 - u, u}, tunnels[t].link, edge, normal,
+                      contact_key(ContactKind::mouth, chain, k, 2 * t + mouth, 0), tunnels[t].friction);
+  row.offset += bore.chamfer;
+  rows_.push_back(row);
+}
+
+}  // namespace bt

@@ -1,0 +1,195 @@
+#include "world.h"
+
+#include <numeric>
+
+namespace bt {
+
+int World::add_chain(std::unique_ptr<Chain> chain) {
+  chains.push_back(std::move(chain));
+  return static_cast<int>(chains.size()) - 1;
+}
+
+void World::remove_chain(int slot) {
+  chains[slot].reset();
+  rows_.clear();
+  if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
+}
+
+int World::add_shape(const Shape& shape) {
+  shapes.push_back(shape);
+  shape_alive.push_back(1);
+  return static_cast<int>(shapes.size()) - 1;
+}
+
+int World::add_tunnel(const Tunnel& tunnel) {
+  tunnels.push_back(tunnel);
+  tunnel_alive.push_back(1);
+  forget_planes();
+  return static_cast<int>(tunnels.size()) - 1;
+}
+
+void World::remove_tunnel(int slot) {
+  tunnel_alive[slot] = 0;
+  rows_.clear();
+  forget_planes();
+}
+
+// What was bone may be bore now, and the other way round.
+void World::forget_planes() {
+  for (auto& chain_caches : caches_)
+    for (auto& cache : chain_caches) cache.entries.clear();
+}
+
+void World::forget_contacts() {
+  memory_.clear();
+  rows_.clear();
+  forget_planes();
+  for (auto& c : chains)
+    if (c) std::fill(c->tunnel_of.begin(), c->tunnel_of.end(), -1);
+}
+
+// An attachment's point goes where the link takes it but for the tendons' forces, and yields to
+// them as the link does: with W its mobility, a force F moves it by dt^2 W F within the step. Those
+// that touch one link share its response, which is the stable side of counting it once.
+void World::aim_attachments(Chain& c) {
+  for (Hold& h : c.holds) {
+    if (h.link < 0) continue;
+    const Link& link = links[h.link];
+    const Vec3 p = to_world(link.pose, h.local);
+    h.target = p + link.drift(p, context_.dt);
+    h.rigid = !link.yields;
+    if (h.rigid) continue;
+    Sym3 w = (context_.dt * context_.dt * std::max(1, link.touches)) * link.mobility(p);
+    double least = 1e-6 * (w.xx + w.yy + w.zz) + 1e-300;  // a joint yields in some directions only
+    h.stiffness = inverse(w + identity(least));
+  }
+}
+
+void World::begin(double dt, Vec3 gravity) {
+  context_.dt = dt, context_.gravity = gravity, context_.options = options;
+  slots_.clear();
+  for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
+  for (auto& c : chains) {
+    slots_.push_back(c.get());
+    if (!c) continue;
+    for (const Hold& h : c->holds)
+      if (h.link >= 0) ++links[h.link].touching;
+  }
+  for (Link& l : links) l.touches = std::max(l.touches, l.touching);
+  for (Chain* c : slots_)
+    if (c) aim_attachments(*c), begin_step(*c, context_);
+  report_ = Report{};
+  find_bores();
+}
+
+const std::vector<Query>& World::near() {
+  queries_.clear();
+  caches_.resize(chains.size());
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (!chains[c]) continue;
+    caches_[c].resize(shapes.size());
+    for (size_t s = 0; s < shapes.size(); ++s) {
+      if (!shape_alive[s] || shapes[s].half_space) continue;
+      NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance, &bores_of(shapes[s].link)};
+      ask(*chains[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near, caches_[c][s],
+          queries_, report_.near);
+    }
+  }
+  return queries_;
+}
+
+void World::answers(const double* distance, const double* points, const double* u) {
+  for (size_t q = 0; q < queries_.size(); ++q) {
+    const Query& query = queries_[q];
+    const Shape& shape = shapes[query.shape];
+    answer(query, distance[q], {points[3 * q], points[3 * q + 1], points[3 * q + 2]}, u[q],
+           in_world(shape, links[shape.link]), bores_of(shape.link),
+           caches_[query.chain][query.shape].entries[query.feature]);
+  }
+}
+
+// Tendons that a row joins are solved together (union-find over the rows).
+void World::make_groups() {
+  const int count = static_cast<int>(slots_.size());
+  group_of_.resize(count);
+  std::iota(group_of_.begin(), group_of_.end(), 0);
+  auto root = [&](int c) {
+    while (group_of_[c] != c) c = group_of_[c] = group_of_[group_of_[c]];
+    return c;
+  };
+  for (const Row& row : rows_)
+    if (row.b.chain >= 0) group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
+  groups_.resize(count);
+  for (int c = 0; c < count; ++c) {
+    Group& g = groups_[c];
+    g.chains.clear(), g.rows.clear();
+    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0, g.residual = 0;
+  }
+  for (int c = 0; c < count; ++c)
+    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]);
+  for (Row& row : rows_) {
+    Group& g = groups_[root(row.a.chain)];
+    g.rows.push_back(&row);
+    g.coupled |= row.b.chain >= 0;
+  }
+}
+
+bool World::solve() {
+  collect_rows();
+  make_groups();
+  bool finite = true;
+  for (size_t s = 0; s < groups_.size(); ++s) {
+    Group& g = groups_[s];
+    if (g.chains.empty()) continue;
+    bt::solve(g, context_);
+    finite &= g.finite;
+    ++report_.groups;
+    report_.iterations = std::max(report_.iterations, g.iterations);
+    report_.converged &= g.converged;
+    if (!(g.residual <= report_.residual) || report_.worst_chain < 0) {
+      report_.residual = g.residual;
+      const Chain* worst = g.chains[0];
+      for (const Chain* c : g.chains)
+        if (!(c->residual_norm <= worst->residual_norm)) worst = c;
+      for (size_t c = 0; c < slots_.size(); ++c)
+        if (slots_[c] == worst) report_.worst_chain = static_cast<int>(c);
+      report_.worst_particle = worst->worst_particle;
+    }
+  }
+  report_.rows = static_cast<long>(rows_.size());
+  return finite;
+}
+
+void World::finish() {
+  for (Row& row : rows_) {
+    if (row.link < 0) continue;
+    Link& link = links[row.link];
+    ++link.touching;
+    // On the centreline's point, not on the surface: particles do not spin.
+    if (row.normal_force > 0) link.apply(-row.total_force, row.a.of(slots_[row.a.chain]->next));
+  }
+  for (Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      const Hold& h = c->holds[i];
+      if (h.link >= 0) links[h.link].apply(h.force, to_world(links[h.link].pose, h.local));
+    }
+  remember();
+  for (Chain* c : slots_)
+    if (c) finish_step(*c, context_);
+}
+
+std::vector<ContactRecord> World::contacts() const {
+  std::vector<ContactRecord> out;
+  for (const Row& row : rows_) {
+    const Chain& c = *chains[row.a.chain];
+    ContactRecord r;
+    r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link, r.kind = row.kind;
+    r.position = row.a.of(c.x), r.normal = row.normal;
+    r.distance = row.gap + row.beyond;
+    r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);
+    out.push_back(r);
+  }
+  return out;
+}
+
+}  // namespace bt

@@ -1,0 +1,79 @@
+"""Images: outlines, PNG files, and figures of images and curves (matplotlib, extra `view`)."""
+
+import struct
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from .errors import InvalidValue, MissingExtra
+
+WIDTH = 11.0  # of a figure [inch]
+
+
+def outline(image, inside) -> np.ndarray:
+    """(h, w, 1): 1 at the border of the part where two images differ, falling to 0 within two pixels."""
+    part = np.pad((image != inside).any(axis=2).astype(float), 1, mode="edge")
+    rows = part[:-2] + part[1:-1] + part[2:]
+    share = (rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9
+    return (4 * share * (1 - share))[..., None]
+
+
+def save_png(path, image):
+    """Write an image (height, width, 3) uint8 as a PNG file; needs no further package."""
+    image = np.ascontiguousarray(image)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
+        raise InvalidValue("image", image, "of shape (m, m, 3) and type uint8")
+    height, width = image.shape[:2]
+    rows = np.hstack([np.zeros((height, 1), np.uint8), image.reshape(height, -1)])  # 0: no filter
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    parts = ((b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n")
+        for kind, data in parts:
+            file.write(
+                struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            )
+
+
+def figure(path, images: Sequence = (), curves: Sequence[dict] = (), xlabel="", ylabel="", title=""):
+    """One picture file: a row of (title, image) above a plot of curves dict(x=, y=, label=, ...).
+
+    Further keys of a curve go to matplotlib's plot. The file's type follows its name. Raises
+    InvalidValue without images and curves, MissingExtra without matplotlib.
+    """
+    if not len(images) and not len(curves):
+        raise InvalidValue("images", images, "at least one image, or one curve")
+    try:
+        from matplotlib.figure import Figure  # without pyplot: no window, no global state
+    except ImportError:
+        raise MissingExtra("matplotlib", "view", "composing a figure") from None
+    parts = [part for part, wanted in (("images", images), ("curves", curves)) if len(wanted)]
+    row = 0.5 + max((WIDTH / len(images) * image.shape[0] / image.shape[1] for _, image in images), default=0)
+    heights = [row if part == "images" else 4.2 for part in parts]
+    page = Figure(figsize=(WIDTH, sum(heights) + 0.5 * bool(title)), dpi=130, layout="constrained")
+    rows = page.subfigures(len(parts), 1, squeeze=False, height_ratios=heights)[:, 0]
+    areas = dict(zip(parts, rows, strict=True))
+    if title:
+        page.suptitle(title, fontsize=14)
+    if "images" in areas:
+        _draw_images(areas["images"], images)
+    if "curves" in areas:
+        _draw_curves(areas["curves"].subplots(), curves, xlabel, ylabel)
+    page.savefig(path, facecolor="white")
+
+
+def _draw_images(area, images):
+    for axes, (name, image) in zip(area.subplots(1, len(images), squeeze=False)[0], images, strict=True):
+        axes.imshow(image)
+        axes.set_title(name, fontsize=10)
+        axes.axis("off")
+
+
+def _draw_curves(axes, curves, xlabel, ylabel):
+    for curve in curves:
+        axes.plot(curve["x"], curve["y"], **{key: curve[key] for key in curve.keys() - {"x", "y"}})
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    axes.grid(alpha=0.3)
+    if any(curve.get("label") for curve in curves):
+        axes.legend(frameon=False)

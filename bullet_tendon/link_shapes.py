@@ -1,0 +1,198 @@
+"""What pybullet tells about the collision shapes of a link, put into the link's frame; no FCL here.
+
+pybullet 3.2.7 reports less than it has; found by reading its source and by running it:
+
+- Local frames are relative to the link's inertial frame.
+- `createCollisionShape` meshes are all reported as "unknown_file", scale 1; a URDF's keep their file name.
+- Meshes become convex hulls unless created with indices, GEOM_FORCE_CONCAVE_TRIMESH or, in a URDF,
+  `<collision concave=...>`. getMeshData gives a hull's vertices and nothing for triangles, so the two can be
+  told apart. (For triangles pybullet prints a line "?".)
+- An OBJ file becomes one hull per group; from a URDF they are reported as one row.
+- A URDF `<cylinder>` is a hull of 64 vertices, unless loaded with URDF_USE_IMPLICIT_CYLINDER. It is taken
+  as the true cylinder here.
+- Planes pass through their frame's origin; height fields are not reported at all.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pybullet
+from scipy.spatial import ConvexHull, cKDTree
+
+from . import checks
+from .errors import InvalidValue, UnknownId
+from .mesh_files import read_mesh
+
+_MULTI_BODY = 2  # body type in getDynamicsInfo
+_NO_FILE = b"unknown_file"
+_PRISM_SIDES = 32  # of the hull that stands for a URDF cylinder
+
+
+@dataclass
+class LinkShape:
+    """One shape of a link. position (3,) [m] and rotation (3, 3) of its frame in the link's frame.
+
+    kind "box": sizes = edge lengths; "sphere": (radius,); "capsule" and "cylinder": (radius, length) along z;
+    "plane": the normal; "mesh": none, but vertices (v, 3) in the shape's frame and triangles (t, 3), which
+    are None for the convex hull of the vertices.
+    """
+
+    kind: str
+    position: np.ndarray
+    rotation: np.ndarray
+    sizes: tuple = ()
+    vertices: np.ndarray | None = None
+    triangles: np.ndarray | None = None
+
+
+class _Link(NamedTuple):
+    """A link and getCollisionShapeData's rows of it."""
+
+    body: int
+    index: int
+    client: int
+    rows: tuple
+
+    def hull_vertices(self, **numbered) -> np.ndarray:
+        """Vertices (v, 3) of the link's hulls in its inertial frame: all, or one child's of its compound."""
+        points = pybullet.getMeshData(self.body, self.index, physicsClientId=self.client, **numbered)[1]
+        return np.array(points, float).reshape(-1, 3)
+
+
+def read_link(
+    bodyUniqueId: int, linkIndex: int, physicsClientId: int, convex=None, meshes=()
+) -> list[LinkShape]:
+    """All collision shapes of a link (-1: the base); for the arguments see shapes.collision_shapes."""
+    info = _dynamics(bodyUniqueId, linkIndex, physicsClientId)
+    rows = pybullet.getCollisionShapeData(bodyUniqueId, linkIndex, physicsClientId=physicsClientId)
+    link = _Link(bodyUniqueId, linkIndex, physicsClientId, rows)
+    if not rows:
+        _refuse_unreported(link)
+    inertial_position, inertial_rotation = np.array(info[3]), _rotation(info[4])
+    given, shapes = list(meshes), []
+    for number, row in enumerate(rows):
+        found = _row_shapes(link, number, convex, given)
+        for shape in found:
+            shape.position = inertial_position + inertial_rotation @ row[5]
+            shape.rotation = inertial_rotation @ _rotation(row[6])
+        shapes += found
+    if given:
+        needed = len(meshes) - len(given)
+        raise InvalidValue("meshes", meshes, f"{needed}, for those that pybullet does not tell")
+    return shapes
+
+
+def _dynamics(body: int, link: int, client: int) -> tuple:
+    """getDynamicsInfo of a link that exists, of a body that reports its shapes."""
+    try:
+        pybullet.getBodyInfo(body, physicsClientId=client)
+    except pybullet.error as error:
+        raise UnknownId("bodyUniqueId", body, "the id of a body in this physics server") from error
+    if not -1 <= link < pybullet.getNumJoints(body, physicsClientId=client):
+        raise UnknownId("linkIndex", link, "-1 (the base) or the index of a link of this body")
+    info = pybullet.getDynamicsInfo(body, link, physicsClientId=client)
+    if info[10] != _MULTI_BODY:
+        allowed = "a body that reports shapes: not soft, not with useMaximalCoordinates"
+        raise InvalidValue("bodyUniqueId", body, allowed)
+    return info
+
+
+def _refuse_unreported(link: _Link):
+    """No rows: without a shape, a link's box is a point grown by a margin (1 mm); else there is something."""
+    low, high = pybullet.getAABB(link.body, link.index, physicsClientId=link.client)
+    if max(np.subtract(high, low)) > 0.01:
+        allowed = "a link whose shapes pybullet reports: no height field (use a concave mesh), no SDF shape"
+        raise InvalidValue("linkIndex", link.index, allowed)
+
+
+def _row_shapes(link: _Link, number: int, convex, given: list) -> list[LinkShape]:
+    row, nowhere = link.rows[number], (np.zeros(3), np.eye(3))
+    sizes = row[3]
+    kinds = {
+        pybullet.GEOM_BOX: ("box", sizes),
+        pybullet.GEOM_SPHERE: ("sphere", sizes[:1]),
+        pybullet.GEOM_CYLINDER: ("cylinder", (sizes[1], sizes[0])),
+        pybullet.GEOM_CAPSULE: ("capsule", (sizes[1], sizes[0])),
+        pybullet.GEOM_PLANE: ("plane", sizes),
+    }
+    if row[2] in kinds:
+        kind, sizes = kinds[row[2]]
+        return [LinkShape(kind, *nowhere, sizes)]
+    if row[2] != pybullet.GEOM_MESH:
+        raise InvalidValue("collision shape type", row[2], "box, sphere, cylinder, capsule, plane or mesh")
+    hull = link.hull_vertices(**({} if len(link.rows) == 1 else {"collisionShapeIndex": number}))
+    if len(hull) and row[4] == _NO_FILE and convex is not False:
+        hull = (hull - row[5]) @ _rotation(row[6])
+        return [_cylinder_of(hull) or LinkShape("mesh", *nowhere, vertices=hull)]
+    vertices, triangles, group = _mesh_of(link, number, given)
+    if convex is None:
+        convex = bool(len(hull)) or (
+            len(link.rows) > 1 and _is_hull(link, row, vertices[triangles[group == 0]])
+        )
+    if not convex:
+        return [LinkShape("mesh", *nowhere, vertices=vertices, triangles=triangles)]
+    pieces = [vertices[np.unique(triangles[group == g])] for g in range(group.max() + 1)]
+    return [LinkShape("mesh", *nowhere, vertices=piece) for piece in pieces]
+
+
+def _is_hull(link: _Link, row, corners) -> bool:
+    """Whether the hull of a file's corners (..., 3), in the shape's frame, is among the link's hulls.
+
+    Asking for one child by number fails where that child is a compound itself, as an OBJ file of hulls is.
+    Bullet rounds a hull's vertices to 1e-4 of its size and leaves some out.
+    """
+    points = link.hull_vertices()
+    if not len(points):
+        return False
+    placed = corners.reshape(-1, 3) @ _rotation(row[6]).T + row[5]
+    extreme = placed[ConvexHull(placed).vertices]
+    away = cKDTree(points).query(extreme)[0]
+    return bool(np.quantile(away, 0.9) < 3e-3 * np.ptp(extreme, axis=0).max())
+
+
+def _mesh_of(link: _Link, number: int, given: list):
+    """Vertices in the shape's frame, triangles and groups: from what the caller gave, or from the file."""
+    row = link.rows[number]
+    name = row[4].decode()
+    if given and (row[4] == _NO_FILE or not Path(name).is_file()):
+        return _from_caller(given.pop(0))
+    if row[4] == _NO_FILE:
+        allowed = "given: pybullet does not tell the triangles of a mesh made by createCollisionShape"
+        missing = f"none for body {link.body}, link {link.index}, shape {number}"
+        raise InvalidValue("meshes", missing, allowed)
+    file = read_mesh(name)
+    return file.vertices * np.array(row[3]), file.triangles, file.group
+
+
+def _from_caller(source):
+    if isinstance(source, (str, Path)):
+        return read_mesh(source)
+    try:
+        vertices, triangles = source
+    except (TypeError, ValueError):
+        raise InvalidValue("meshes", source, "file names or pairs of vertices and triangles") from None
+    vertices = checks.array("vertices", vertices, (None, 3))
+    triangles = checks.array("triangles", triangles, (None, 3)).astype(int)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InvalidValue("triangles", triangles, f"indices of the {len(vertices)} vertices, from 0")
+    return vertices, triangles, np.zeros(len(triangles), int)
+
+
+def _cylinder_of(hull: np.ndarray) -> LinkShape | None:
+    """The cylinder along z that a regular prism of 32 sides stands for, or None."""
+    if len(hull) != 2 * _PRISM_SIDES:
+        return None
+    radius, half = np.hypot(hull[:, 0], hull[:, 1]), np.abs(hull[:, 2])
+    turns = np.arctan2(hull[:, 0], hull[:, 1]) * (_PRISM_SIDES / (2.0 * np.pi))
+    rough = max(np.ptp(radius) / radius.max(), np.ptp(half) / half.max(), np.abs(turns - turns.round()).max())
+    if rough > 1e-2:  # the hull's vertices are rounded to 1e-4 of its size, but not the outermost ones
+        return None
+    sizes = float(np.abs(hull[:, :2]).max()), float(2.0 * half.max())
+    return LinkShape("cylinder", np.zeros(3), np.eye(3), sizes)
+
+
+def _rotation(quaternion) -> np.ndarray:
+    """(3, 3) of a quaternion (x, y, z, w)."""
+    return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)

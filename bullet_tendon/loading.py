@@ -1,0 +1,79 @@
+"""world.load_urdf: a body with the tunnels and tendons that its URDF names."""
+
+import numpy as np
+import pybullet as p
+
+from .errors import InvalidValue, TendonError, UrdfError
+from .material import Material
+from .urdf_elements import TendonElement, UrdfElements, read_elements
+
+
+def load_urdf(world, path, args, kwargs, obstacles: bool) -> int:
+    """See TendonWorld.load_urdf."""
+    client = world.physicsClientId
+    elements = read_elements(path)
+    materials = [_material(path, tendon) for tendon in elements.tendons]
+    _check_names(world, path, elements)
+    try:
+        body = p.loadURDF(str(path), *args, physicsClientId=client, **kwargs)
+    except p.error as problem:
+        raise InvalidValue("path", path, f"a URDF that pybullet can load ({problem})") from None
+    try:
+        _equip(world, body, elements, materials, obstacles)
+    except TendonError:
+        p.removeBody(body, client)
+        raise
+    return body
+
+
+def link_indices(body: int, client: int) -> dict[str, int]:
+    """Link index by name; -1 is the base."""
+    links = {p.getBodyInfo(body, client)[0].decode(): -1}
+    for joint in range(p.getNumJoints(body, client)):
+        links[p.getJointInfo(body, joint, client)[12].decode()] = joint
+    return links
+
+
+def _equip(world, body, elements: UrdfElements, materials, obstacles) -> None:
+    client = world.physicsClientId
+    links = link_indices(body, client)
+    if obstacles and any(p.getCollisionShapeData(body, i, client) for i in links.values()):
+        world.add_obstacle(body)
+    for t in elements.tunnels:
+        world.add_tunnel(body, links[t.link], t.start, t.end, t.radius, t.friction, t.chamfer, t.name)
+    for t, material in zip(elements.tendons, materials, strict=True):
+        places = [_in_world(world, body, links, link, xyz) for link, xyz in t.points]
+        tendon = world.add_tendon(places, t.radius, material, t.particles, t.name)
+        for k in t.attachments:
+            link, xyz = t.points[k]
+            nearest = np.argmin(np.linalg.norm(tendon.positions - places[k], axis=1))
+            tendon.attach(int(nearest), body, links[link], xyz)
+
+
+def _in_world(world, body, links, link, xyz) -> np.ndarray:
+    if link is None:
+        return np.asarray(xyz)
+    origin, axes = world._bodies.frame(body, links[link])
+    return origin + axes @ xyz
+
+
+def _material(path, tendon: TendonElement) -> Material:
+    where = f"<tendon name='{tendon.name}'>"
+    try:
+        if isinstance(tendon.material, str):
+            return Material.preset(tendon.material)
+        return Material(**tendon.material)
+    except InvalidValue as problem:
+        attribute = "preset" if isinstance(tendon.material, str) else problem.argument
+        raise UrdfError(path, where + " <material>", attribute, problem.value, problem.allowed) from None
+
+
+def _check_names(world, path, elements: UrdfElements) -> None:
+    taken = {t.name for t in world.tendons}
+    for t in elements.tendons:
+        if t.name in taken:
+            where = f"<tendon name='{t.name}'>"
+            raise UrdfError(path, where, "name", t.name, "different from the world's other tendons' names")
+
+
+__all__ = ["link_indices", "load_urdf"]

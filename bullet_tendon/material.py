@@ -1,0 +1,119 @@
+"""Material: the law of a tendon's cross-section, and published tendon materials."""
+
+import dataclasses
+import math
+
+from . import checks
+from .errors import InvalidValue
+
+_DENSITY = 1120.0  # kg/m^3 (Bennett et al. 1986; Ker 1981)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Material:
+    """What a tendon is made of, per strain, so that results do not change with the number of particles.
+
+    With strain s and strain rate r = ds/dt, a cross-section carries (paper, equation 4, per strain)
+
+        T = stiffness sgn(s) |s|^exponent + damping sgn(r) |r|^damping_exponent.
+
+    stiffness: K [N], > 0: the tension at strain 1.
+    exponent: p [-], >= 1.
+    toe_strain: strain beyond which the law goes on along its tangent [-], or None. Exponent 2 with
+        a toe strain e_t is the ligament law of Blankevoort 1991 with slope k = 2 e_t stiffness.
+    tension_only: no force (nor damping) under compression.
+    damping: C [N s^q], >= 0; damping_exponent: q [-], >= 1.
+    damping_form: "axial" brakes changes of length only; "whole" the whole relative velocity of a
+        spring's ends, as printed in the paper, which brakes rigid rotations too.
+    shear_stiffness: the share of `stiffness` that each shear spring (i, i+2) carries [N], between 0
+        and stiffness/2. A cross-section carries `stiffness` in all, whatever the share.
+    bending_stiffness: EI [N m^2]; only 0 so far.
+    density: [kg/m^3], > 0.
+    friction: coefficient of the tendon [-], >= 0; a pair's is the product of both, as in Bullet.
+
+    Raises InvalidType or InvalidValue naming the argument.
+    """
+
+    stiffness: float
+    exponent: float = 1.0
+    toe_strain: float | None = None
+    tension_only: bool = False
+    damping: float = 0.0
+    damping_exponent: float = 1.0
+    damping_form: str = "axial"
+    shear_stiffness: float = 0.0
+    bending_stiffness: float = 0.0
+    density: float = _DENSITY
+    friction: float = 0.1
+
+    def __post_init__(self):
+        checks.number("stiffness", self.stiffness, above=0)
+        checks.number("exponent", self.exponent, at_least=1)
+        if self.toe_strain is not None:
+            checks.number("toe_strain", self.toe_strain, above=0)
+        checks.flag("tension_only", self.tension_only)
+        checks.number("damping", self.damping, at_least=0)
+        checks.number("damping_exponent", self.damping_exponent, at_least=1)
+        checks.choice("damping_form", self.damping_form, ("axial", "whole"))
+        checks.number("shear_stiffness", self.shear_stiffness, at_least=0, at_most=self.stiffness / 2)
+        if checks.number("bending_stiffness", self.bending_stiffness, at_least=0) > 0:
+            raise InvalidValue("bending_stiffness", self.bending_stiffness, "0")
+        checks.number("density", self.density, above=0)
+        checks.number("friction", self.friction, at_least=0)
+
+    @classmethod
+    def from_springs(cls, *, ks, kd=0.0, p=1.0, q=1.0, spring_length, shear_ks=0.0, **others) -> "Material":
+        """The material whose springs have the paper's constants (equation 4), for one spacing.
+
+        ks [N/m^p] and kd [N (s/m)^q] of a structure spring of rest length spring_length [m], p and q
+        its exponents, shear_ks [N/m^p] of a shear spring, whose rest length is twice that. A spring of
+        rest length l carries ks (l s)^p = (ks l^p) s^p; a cross-section is crossed by one structure
+        spring and two shear springs. `others` are further arguments of Material.
+        """
+        length = checks.number("spring_length", spring_length, above=0)
+        p = checks.number("p", p, at_least=1)
+        q = checks.number("q", q, at_least=1)
+        structure = checks.number("ks", ks, above=0) * length**p
+        shear = checks.number("shear_ks", shear_ks, at_least=0) * (2 * length) ** p
+        total = structure + 2 * shear
+        damping = checks.number("kd", kd, at_least=0) * length**q * total / structure
+        return cls(
+            stiffness=total, exponent=p, damping=damping, damping_exponent=q, shear_stiffness=shear, **others
+        )
+
+    @classmethod
+    def ligament(cls, slope: float, toe_strain: float = 0.06, **others) -> "Material":
+        """The ligament law of Blankevoort 1991: T = slope s^2/(2 e_t), then slope (s - e_t/2).
+
+        slope [N per unit strain] beyond the toe strain e_t. Damping 0.003 slope [N s], as in the knee
+        model of Lenhart et al. 2015. Tension only.
+        """
+        slope = checks.number("slope", slope, above=0)
+        e_t = checks.number("toe_strain", toe_strain, above=0)
+        law = {
+            "stiffness": slope / (2 * e_t),
+            "exponent": 2.0,
+            "toe_strain": e_t,
+            "tension_only": True,
+            "damping": 0.003 * slope,
+        }
+        return cls(**{**law, **others})
+
+    @classmethod
+    def preset(cls, name: str, **changes) -> "Material":
+        """A published material by name: "native_acl", "patellar_tendon" or "hamstring_graft"."""
+        return cls.ligament(**{**_PRESETS[checks.choice("name", name, tuple(_PRESETS))], **changes})
+
+    @property
+    def toe(self) -> float:
+        """toe_strain, or infinity."""
+        return math.inf if self.toe_strain is None else float(self.toe_strain)
+
+
+# Slope [N per unit strain] and toe strain. Native ACL: 242 N/mm over 32 mm (Woo 1991). Grafts:
+# 1.5 GPa (Bennett et al. 1986) on 45 and 57 mm^2 (Wilson 1999), toe region to 3 %.
+_PRESETS = {
+    "native_acl": {"slope": 242e3 * 0.032, "toe_strain": 0.06},
+    "patellar_tendon": {"slope": 1.5e9 * 45e-6, "toe_strain": 0.03},
+    "hamstring_graft": {"slope": 1.5e9 * 57e-6, "toe_strain": 0.03},
+}

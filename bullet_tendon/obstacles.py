@@ -1,0 +1,82 @@
+"""Obstacles: which links tendons collide with, and the near room (the core asks, FCL answers)."""
+
+import numpy as np
+import pybullet as p
+
+from . import checks
+from .bodies import Bodies
+from .errors import InvalidValue, UnknownId
+from .shapes import Shape, collision_shapes
+
+
+class Obstacles:
+    """Collision shapes of links, in slots numbered as the core numbers them."""
+
+    def __init__(self, core, bodies: Bodies):
+        self._core = core
+        self._bodies = bodies
+        self._shapes: dict[int, Shape] = {}
+        self._by_link: dict[tuple[int, int], list[int]] = {}
+
+    def add(self, body, link, friction, convex) -> None:
+        """See TendonWorld.add_obstacle."""
+        self._bodies.require(body, -1 if link is None else link)
+        if convex is not None:
+            convex = checks.flag("convex", convex)
+        client = self._bodies.client
+        links = range(-1, p.getNumJoints(body, client)) if link is None else [link]
+        found = {i: collision_shapes(body, i, client, convex) for i in links}
+        if not any(found.values()):
+            where = "bodyUniqueId" if link is None else "linkIndex"
+            raise InvalidValue(where, body if link is None else link, "one with a collision shape")
+        frictions = {i: self.friction_of(body, i, friction) for i in links}
+        for i, shapes in found.items():
+            self._drop((int(body), int(i)))
+            if shapes:
+                self._put(int(body), int(i), shapes, frictions[i])
+
+    def remove(self, body, link) -> None:
+        """See TendonWorld.remove_obstacle."""
+        keys = [k for k in self._by_link if k[0] == body and link in (None, k[1])]
+        if not keys:
+            raise UnknownId("bodyUniqueId", body, "a body that was added as an obstacle")
+        for key in keys:
+            self._drop(key)
+
+    def friction_of(self, body, link, friction) -> float:
+        """The coefficient given, or the link's lateralFriction."""
+        if friction is None:
+            return p.getDynamicsInfo(body, link, self._bodies.client)[1]
+        return checks.number("friction", friction, at_least=0)
+
+    def measure(self) -> None:
+        """Answer what the core asks: distances of points and segments from shapes, by FCL."""
+        if not self._shapes:
+            return
+        shape, a, b = self._core.near()
+        if not len(shape):
+            return
+        distance, point, u = np.empty(len(a)), np.empty((len(a), 3)), np.empty(len(a))
+        for slot in np.unique(shape):
+            which = np.flatnonzero(shape == slot)
+            distance[which], point[which], u[which] = self._shapes[slot].measure(a[which], b[which])
+        self._core.answers(distance, point, u)
+
+    def _put(self, body: int, link: int, shapes: list[Shape], friction: float) -> None:
+        slot = self._bodies.slot(body, link)
+        numbers = []
+        for shape in shapes:
+            plane = shape.half_space
+            flat = plane is not None
+            normal, offset = (plane[:3], plane[3]) if flat else (np.zeros(3), 0.0)
+            lo, hi = np.nan_to_num(shape.bounds, posinf=1e300, neginf=-1e300)
+            placed = (slot, shape.position, shape.rotation, lo, hi)
+            number = self._core.add_shape(*placed, flat, normal, float(offset), friction)
+            self._shapes[number] = shape
+            numbers.append(number)
+        self._by_link[body, link] = numbers
+
+    def _drop(self, key: tuple[int, int]) -> None:
+        for number in self._by_link.pop(key, ()):
+            self._core.remove_shape(number)
+            del self._shapes[number]

@@ -1,0 +1,78 @@
+"""SolverOptions: what the user chooses about time stepping and contact."""
+
+import dataclasses
+
+from . import checks
+
+_CHOICES = {
+    "integrator": ("implicit_euler", "bdf2", "explicit_euler"),
+    "iteration": ("newton", "single"),
+    "linear_solver": ("banded", "pcg"),
+    "bone_contact": ("spring", "constraint"),
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SolverOptions:
+    """How a world steps its tendons. Immutable; give a world another one to change it.
+
+    integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted where
+        the time step changes) or "explicit_euler" (equation 6; stable for tiny steps only).
+    iteration: "newton" solves the implicit step to `tolerance`; "single" is the paper's one
+        linearisation a step (equations 8 and 9).
+    linear_solver: "banded", a direct block-banded Cholesky factorisation, or "pcg", the paper's
+        preconditioned conjugate gradients (here: block Jacobi).
+    tolerance: largest residual force of a converged step over the largest force at hand [-].
+    max_iterations: Newton iterations after which a step counts as not converged.
+    linear_tolerance: of conjugate gradients, relative residual in the preconditioned norm [-].
+    bone_contact: "spring", temporary constraint springs (section 4.1), or "constraint": particles
+        that would enter a body which does not yield are constrained directly (Baraff and Witkin 1998).
+    contact_stiffness: of the temporary springs [N/m], as in the paper. None: chosen for each contact
+        from its particles, with the force carried over from step to step, so that a resting contact
+        has no depth whatever its load.
+    contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m].
+    reuse_tolerance: error allowed to a contact plane that is reused instead of measured again [m];
+        0 measures always.
+
+    Raises InvalidType or InvalidValue for whatever does not fit.
+    """
+
+    integrator: str = "implicit_euler"
+    iteration: str = "newton"
+    linear_solver: str = "banded"
+    tolerance: float = 1e-8
+    max_iterations: int = 100
+    linear_tolerance: float = 1e-10
+    bone_contact: str = "spring"
+    contact_stiffness: float | None = None
+    contact_threshold: float = 0.0
+    reuse_tolerance: float = 1e-6
+
+    def __post_init__(self):
+        for name, allowed in _CHOICES.items():
+            checks.choice(name, getattr(self, name), allowed)
+        checks.number("tolerance", self.tolerance, above=0, at_most=1)
+        checks.integer("max_iterations", self.max_iterations, at_least=1)
+        checks.number("linear_tolerance", self.linear_tolerance, above=0, at_most=1)
+        if self.contact_stiffness is not None:
+            checks.number("contact_stiffness", self.contact_stiffness, above=0)
+        checks.number("contact_threshold", self.contact_threshold, at_least=0)
+        checks.number("reuse_tolerance", self.reuse_tolerance, at_least=0)
+
+    @classmethod
+    def published(cls, **changes) -> "SolverOptions":
+        """The paper's own method: one linearisation, preconditioned conjugate gradients."""
+        return cls(**{"iteration": "single", "linear_solver": "pcg", **changes})
+
+    def core_arguments(self) -> tuple:
+        """The options as the compiled core takes them."""
+        chosen = [_CHOICES[name].index(getattr(self, name)) for name in _CHOICES]
+        return (
+            *chosen,
+            float(self.tolerance),
+            int(self.max_iterations),
+            float(self.linear_tolerance),
+            float(self.contact_stiffness or 0.0),
+            float(self.contact_threshold),
+            float(self.reuse_tolerance),
+        )

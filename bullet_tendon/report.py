@@ -1,0 +1,66 @@
+"""Read-outs of a step: the report and the contact table. Made when somebody asks."""
+
+import dataclasses
+
+import numpy as np
+
+ROOMS = ("sense", "near", "solve", "react", "bullet")
+KINDS = ("bone", "bore", "mouth", "tendon")
+
+CONTACT = np.dtype(
+    [
+        ("tendon", "U32"),
+        ("segment", "i4"),
+        ("bodyUniqueId", "i4"),
+        ("linkIndex", "i4"),
+        ("other_tendon", "U32"),
+        ("kind", "U8"),
+        ("position", "f8", 3),
+        ("normal", "f8", 3),
+        ("distance", "f8"),
+        ("normal_force", "f8"),
+        ("friction_force", "f8"),
+    ]
+)
+
+
+@dataclasses.dataclass
+class StepReport:
+    """What the last step did and what it skipped.
+
+    iterations: Newton iterations (linear solutions), the most of any group of touching tendons.
+    residual: largest residual force over the largest force at hand [-]; converged: whether every
+    group reached the tolerance, or its rounding level (always True of methods that do not iterate).
+    worst: name of the tendon and particle with that residual. seconds: wall time by room.
+    counts: pairs of tendon features (particles, segments) and shapes that were considered by their
+    boxes, culled, skipped (too far since their last query), reused (last plane) and queried (FCL);
+    tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart.
+    """
+
+    iterations: int = 0
+    residual: float = 0.0
+    converged: bool = True
+    worst: tuple[str, int] = ("", -1)
+    seconds: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(ROOMS, 0.0))
+    counts: dict[str, int] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def read(cls, core: dict, clock: list[float], names: dict[int, str]) -> "StepReport":
+        seconds = dict.fromkeys(ROOMS, 0.0)
+        seconds.update(zip(ROOMS, np.diff(clock).tolist(), strict=False))
+        worst = (names.get(core.pop("worst_chain"), ""), core.pop("worst_particle"))
+        solved = {key: core.pop(key) for key in ("iterations", "residual", "converged")}
+        return cls(**solved, worst=worst, seconds=seconds, counts=core)
+
+
+def contact_table(records: list, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:
+    """Structured array of CONTACT from the core's records."""
+    table = np.zeros(len(records), CONTACT)
+    for row, (chain, segment, other, link, kind, *rest) in zip(table, records, strict=True):
+        body = links[link] if link >= 0 else (-1, -1)
+        row["tendon"], row["segment"], row["other_tendon"] = names[chain], segment, names.get(other, "")
+        row["bodyUniqueId"], row["linkIndex"] = body
+        row["kind"] = KINDS[kind]
+        for field, value in zip(CONTACT.names[6:], rest, strict=True):
+            row[field] = value
+    return table

@@ -1,0 +1,277 @@
+"""Tendon: what a user holds, with its grips and attachments."""
+
+import weakref
+
+import numpy as np
+
+from . import checks
+from .errors import InvalidValue, UnknownId
+from .material import Material
+
+# A segment may be reeled in to, or paid out to, these shares of its first rest length [-]: shorter
+# ones would make the springs needlessly stiff, longer ones lose contacts between their ends.
+_SHORTEST, _LONGEST = 0.1, 4.0
+
+
+class _Hold:
+    """What grips and attachments share: a particle of a tendon that is tied to something."""
+
+    def __init__(self, tendon: "Tendon", particle: int, number: int):
+        self._tendon = tendon
+        self.particle = particle
+        self._number = number
+        self._released = False
+
+    @property
+    def released(self) -> bool:
+        """True once release() was called, or the tendon was removed."""
+        return self._released or self._tendon.removed
+
+    @property
+    def force(self) -> np.ndarray:
+        """(3,) force of the tendon on what holds it, in the last step [N], world frame.
+
+        Zero before the first step and after the release.
+        """
+        if self.released:
+            return np.zeros(3)
+        return np.array(self._tendon._core.hold_force(self._tendon._slot, self._number))
+
+    def release(self) -> None:
+        """Let go. Doing so twice does nothing."""
+        if not self.released:
+            self._tendon._core.remove_hold(self._tendon._slot, self._number)
+            self._tendon._holds.pop(self.particle, None)
+        self._released = True
+
+    def _require(self) -> None:
+        if self.released:
+            raise UnknownId(type(self).__name__.lower(), self.particle, "one that was not released")
+
+
+class Attachment(_Hold):
+    """A particle tied to a point of a pybullet link; made by Tendon.attach.
+
+    force is what the tendon does to the body; its exact opposite acts on the tendon.
+    """
+
+    def __init__(self, tendon, particle, number, bodyUniqueId, linkIndex, position):
+        super().__init__(tendon, particle, number)
+        self.bodyUniqueId = bodyUniqueId
+        self.linkIndex = linkIndex
+        self.position = position
+
+
+class Grip(_Hold):
+    """A particle led by a hand, a suture or a haptic device; made by Tendon.grip.
+
+    Without a stiffness the particle is at `target` at the end of every step, exactly. With one
+    it is drawn there by a spring [N/m] and a damper [N s/m] (the virtual coupling of haptics).
+    force is what the hand feels.
+    """
+
+    def __init__(self, tendon, particle, number, target, stiffness, damping):
+        super().__init__(tendon, particle, number)
+        self.stiffness = stiffness
+        self.damping = damping
+        self.target = target
+
+    @property
+    def target(self) -> np.ndarray:
+        """(3,) where the particle is to be [m], world frame."""
+        return self._target.copy()
+
+    @target.setter
+    def target(self, value) -> None:
+        target = checks.vector("target", value)
+        self._require()
+        self._target = target
+        self._tendon._core.set_grip(
+            self._tendon._slot, self._number, target, self.stiffness or 0.0, self.damping
+        )
+
+
+class Tendon:
+    """A tendon in a world; made by TendonWorld.add_tendon.
+
+    Its particles are numbered 0 ... n-1, its segments 0 ... n-2. Read-outs are new arrays, computed
+    when asked for.
+    """
+
+    def __init__(self, world, slot: int, name: str, radius: float, material: Material):
+        self._world = weakref.ref(world)
+        self._core = world._core
+        self._slot = slot
+        self._name = name
+        self._radius = radius
+        self._material = material
+        self._holds: dict[int, _Hold] = {}
+        self._first_rest = self._core.rest(slot)
+        self.removed = False
+
+    def __repr__(self) -> str:
+        return f"<Tendon {self._name!r}, {self.particles} particles>"
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def radius(self) -> float:
+        """Radius of its cross-section [m]."""
+        return self._radius
+
+    @property
+    def material(self) -> Material:
+        return self._material
+
+    @property
+    def particles(self) -> int:
+        return len(self._first_rest) + 1
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(n, 3) particles [m], world frame."""
+        return self._core.positions(self._alive())
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(n, 3) particles [m/s], world frame."""
+        return self._core.velocities(self._alive())
+
+    @property
+    def masses(self) -> np.ndarray:
+        """(n,) particles [kg]: half of the mass of each adjacent segment."""
+        return self._core.masses(self._alive())
+
+    @property
+    def tension(self) -> np.ndarray:
+        """(n-1,) force carried by each cross-section [N]: the sum over the springs that cross it.
+
+        Elastic and axial damping forces at the present state; compression is negative.
+        """
+        return self._core.tension(self._alive())
+
+    @property
+    def strain(self) -> np.ndarray:
+        """(n-1,) strain of each segment [-]."""
+        rest = self._core.rest(self._alive())
+        return self._segment_lengths() / rest - 1
+
+    @property
+    def length(self) -> float:
+        """Length of the centreline [m]."""
+        return float(self._segment_lengths().sum())
+
+    @property
+    def rest_length(self) -> float:
+        """Length of the centreline without load [m]."""
+        return float(self._core.rest(self._alive()).sum())
+
+    @property
+    def energy(self) -> float:
+        """Elastic and kinetic energy [J]."""
+        return self._core.energy(self._alive())
+
+    def attach(self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position=None) -> Attachment:
+        """Tie a particle (negative: from the end) to a point of a link.
+
+        position: (3,) in the link's URDF frame [m]; None: where the particle is now. A particle
+        can be held once. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        """
+        index = self._free_particle(particle)
+        bodies = self._world()._bodies
+        bodies.require(bodyUniqueId, linkIndex)
+        if position is None:
+            origin, axes = bodies.frame(bodyUniqueId, linkIndex)
+            local = axes.T @ (self.positions[index] - origin)
+        else:
+            local = checks.vector("position", position)
+        link = bodies.slot(bodyUniqueId, linkIndex)
+        number = self._world()._next_number()
+        self._core.add_attachment(self._slot, number, index, link, local)
+        hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local)
+        self._holds[index] = hold
+        return hold
+
+    def grip(self, particle: int, target=None, stiffness: float | None = None, damping: float = 0.0) -> Grip:
+        """Hold a particle (negative: from the end) at `target`, which can then be moved step by step.
+
+        target: (3,) world [m]; None: where the particle is. stiffness [N/m], damping [N s/m]: of a
+        soft grip; None: rigid. A particle can be held once. Raises InvalidType or InvalidValue.
+        """
+        index = self._free_particle(particle)
+        where = self.positions[index] if target is None else checks.vector("target", target)
+        if stiffness is not None:
+            stiffness = checks.number("stiffness", stiffness, above=0)
+        damping = checks.number("damping", damping, at_least=0)
+        number = self._world()._next_number()
+        self._core.add_grip(self._slot, number, index)
+        hold = Grip(self, index, number, where, stiffness, damping)
+        self._holds[index] = hold
+        return hold
+
+    def set_force(self, particle: int, force) -> None:
+        """A constant external force (3,) [N] on a particle, world frame, until it is set again."""
+        index = self._particle(particle)
+        self._core.set_force(self._alive(), index, checks.vector("force", force))
+
+    def set_positions(self, positions, velocities=None) -> None:
+        """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
+
+        Rest lengths stay; contacts and the integrator's history are forgotten.
+        """
+        shape = (self.particles, 3)
+        x = checks.array("positions", positions, shape)
+        v = np.zeros(shape) if velocities is None else checks.array("velocities", velocities, shape)
+        self._core.set_state(self._alive(), x, v)
+        self._core.forget_contacts()
+
+    def shorten(self, length: float, end: int = 1) -> None:
+        """Reel in `length` [m] of rest length at one end (0: the first particle's, 1: the last's).
+
+        Negative pays out. The end segment shrinks to a tenth of its first rest length, then the one
+        beside it, and so on; paying out goes the same way back, and then lengthens the end segment up
+        to four times its first rest length. Mass and spring constants follow. Raises InvalidValue,
+        and changes nothing, where no more can be reeled in or paid out.
+        """
+        amount = checks.number("length", length)
+        checks.choice("end", end, (0, 1))
+        rest = self._core.rest(self._alive())
+        order = slice(None) if end == 0 else slice(None, None, -1)
+        moved = _reeled(rest[order], self._first_rest[order], amount)
+        if moved is None:
+            least = self._first_rest * _SHORTEST
+            allowed = f"between {rest[order][0] - _LONGEST * self._first_rest[order][0]:.6g} (pay out) and "
+            raise InvalidValue("length", length, allowed + f"{(rest - least).sum():.6g} (reel in) [m]")
+        self._core.set_rest(self._slot, moved[order])
+
+    def _segment_lengths(self) -> np.ndarray:
+        return np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+
+    def _alive(self) -> int:
+        if self.removed:
+            raise UnknownId("tendon", self._name, "one that was not removed")
+        return self._slot
+
+    def _particle(self, particle) -> int:
+        n = self.particles
+        return checks.integer("particle", particle, at_least=-n, at_most=n - 1) % n
+
+    def _free_particle(self, particle) -> int:
+        self._alive()
+        index = self._particle(particle)
+        if index in self._holds:
+            raise InvalidValue("particle", particle, "one that is not gripped or attached already")
+        return index
+
+
+def _reeled(rest, first, amount):
+    """Rest lengths from the reel inwards after reeling in `amount`, or None where it does not fit."""
+    rest = rest.copy()
+    for k in range(len(rest)) if amount > 0 else reversed(range(len(rest))):
+        bound = _SHORTEST * first[k] if amount > 0 else max(rest[k], (_LONGEST if k == 0 else 1.0) * first[k])
+        taken = min(amount, rest[k] - bound) if amount > 0 else max(amount, rest[k] - bound)
+        rest[k] -= taken
+        amount -= taken
+    return rest if abs(amount) <= 1e-12 * first.sum() else None

@@ -1,0 +1,234 @@
+"""TendonWorld: the plug-in beside a pybullet client. One step in five rooms (see step)."""
+
+import math
+from time import perf_counter
+
+import numpy as np
+import pybullet as p
+
+from . import _core, checks
+from .bodies import Bodies, client_of
+from .errors import InvalidType, InvalidValue, StepFailed, UnknownId
+from .material import Material
+from .obstacles import Obstacles
+from .options import SolverOptions
+from .report import CONTACT, StepReport, contact_table
+from .sampling import particle_positions
+from .tendon import Tendon
+from .tunnels import Tunnel
+
+
+class TendonWorld:
+    """The tendons of one pybullet client.
+
+    physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
+    Gravity and the time step are pybullet's own, read at every step. Raises UnknownId or InvalidType.
+    """
+
+    def __init__(self, physicsClientId=0, options: SolverOptions | None = None):
+        self._client = client_of(physicsClientId)
+        self._core = _core.World()
+        self._bodies = Bodies(self._client)
+        self._obstacles = Obstacles(self._core, self._bodies)
+        self._tendons: dict[int, Tendon] = {}
+        self._tunnels: dict[int, Tunnel] = {}
+        self._count = 0
+        self._wrenches = np.zeros((0, 6))
+        self.options = SolverOptions() if options is None else options
+        self.report = StepReport()
+
+    @property
+    def physicsClientId(self) -> int:
+        return self._client
+
+    @property
+    def options(self) -> SolverOptions:
+        """The solver's options; they can be replaced between steps."""
+        return self._options
+
+    @options.setter
+    def options(self, value: SolverOptions) -> None:
+        if not isinstance(value, SolverOptions):
+            raise InvalidType("options", value, "SolverOptions")
+        self._core.set_options(*value.core_arguments())
+        self._options = value
+
+    @property
+    def tendons(self) -> tuple[Tendon, ...]:
+        return tuple(self._tendons.values())
+
+    @property
+    def tunnels(self) -> tuple[Tunnel, ...]:
+        return tuple(self._tunnels.values())
+
+    def add_tendon(
+        self, points, radius: float, material: Material, particles: int | None = None, name: str | None = None
+    ) -> Tendon:
+        """A tendon along the polyline points (m, 3) [m], world frame, at rest and without load.
+
+        radius [m]; particles: resampled to that many, evenly by arc length (None: the points
+        themselves). Raises InvalidType or InvalidValue; then nothing has changed.
+        """
+        line = particle_positions(points, particles)
+        radius = checks.number("radius", radius, above=0)
+        if not isinstance(material, Material):
+            raise InvalidType("material", material, "a Material")
+        name = f"tendon{self._next_number()}" if name is None else checks.text("name", name)
+        if any(t.name == name for t in self.tendons):
+            raise InvalidValue("name", name, "different from the names of the world's other tendons")
+        m = material
+        law = (m.stiffness, m.exponent, m.toe, m.tension_only, m.damping, m.damping_exponent)
+        density = m.density * math.pi * radius**2
+        whole = m.damping_form == "whole"
+        slot = self._core.add_chain(line, radius, m.friction, *law, whole, m.shear_stiffness, density)
+        tendon = Tendon(self, slot, name, radius, material)
+        self._tendons[slot] = tendon
+        return tendon
+
+    def remove_tendon(self, tendon: Tendon) -> None:
+        """Take a tendon out; its handles can no longer be used."""
+        slot = self._slot_of("tendon", tendon, Tendon, self._tendons)
+        del self._tendons[slot]
+        tendon.removed = True
+        self._core.remove_chain(slot)
+
+    def add_obstacle(
+        self,
+        bodyUniqueId: int,
+        linkIndex: int | None = None,
+        friction: float | None = None,
+        convex: bool | None = None,
+    ) -> None:
+        """Let tendons collide with a link (None: every link with a collision shape; -1: the base).
+
+        friction: coefficient, multiplied with the tendon's; None: the body's lateralFriction.
+        convex: whether meshes are convex hulls (True) or the triangles as they are (False); None:
+        as pybullet holds them. Adding a link again replaces what was added.
+        """
+        self._obstacles.add(bodyUniqueId, linkIndex, friction, convex)
+
+    def remove_obstacle(self, bodyUniqueId: int, linkIndex: int | None = None) -> None:
+        """Let tendons no longer collide with a link (None: all links of the body)."""
+        self._obstacles.remove(bodyUniqueId, linkIndex)
+
+    def add_tunnel(
+        self, bodyUniqueId, linkIndex, start, end, radius, friction=None, chamfer=0.0, name=None
+    ) -> Tunnel:
+        """A bore in a link, from start to end ((3,) each, in the link's URDF frame [m]).
+
+        radius [m]; friction: coefficient of its wall, multiplied with the tendon's (None: the body's
+        lateralFriction); chamfer: radius by which the mouths' edges are rounded [m]. The bone
+        around it, if it is an obstacle, is not there within the bore. Raises InvalidType,
+        InvalidValue or UnknownId; then nothing has changed.
+        """
+        self._bodies.require(bodyUniqueId, linkIndex)
+        start, end = checks.vector("start", start), checks.vector("end", end)
+        radius = checks.number("radius", radius, above=0)
+        chamfer = checks.number("chamfer", chamfer, at_least=0)
+        length = float(np.linalg.norm(end - start))
+        if length <= 2 * chamfer:
+            raise InvalidValue("end", end, "farther from start than twice the chamfer")
+        mu = self._obstacles.friction_of(bodyUniqueId, linkIndex, friction)
+        name = f"tunnel{self._next_number()}" if name is None else checks.text("name", name)
+        link = self._bodies.slot(bodyUniqueId, linkIndex)
+        slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
+        tunnel = Tunnel(int(bodyUniqueId), int(linkIndex), start, end, radius, mu, chamfer, name, slot)
+        self._tunnels[slot] = tunnel
+        return tunnel
+
+    def remove_tunnel(self, tunnel: Tunnel) -> None:
+        """Fill a bore up again."""
+        slot = self._slot_of("tunnel", tunnel, Tunnel, self._tunnels)
+        del self._tunnels[slot]
+        self._core.remove_tunnel(slot)
+
+    def load_urdf(self, path: str, *args, obstacles: bool = True, **kwargs) -> int:
+        """p.loadURDF(path, *args, **kwargs), and the file's <tunnel> and <tendon> elements.
+
+        obstacles: whether every link with a collision shape becomes an obstacle. Returns the body's
+        id. Raises UrdfError, naming file, element and attribute, before anything is loaded.
+        """
+        from .loading import load_urdf
+
+        return load_urdf(self, path, args, kwargs, checks.flag("obstacles", obstacles))
+
+    def step(self, n: int = 1) -> None:
+        """n times: tendons, their reactions on the bodies, p.stepSimulation().
+
+        Five rooms: sense (poses and inertia of touched links), near (distances that could matter),
+        solve (the implicit step), react (wrenches), bullet (pybullet's own step).
+        """
+        for _ in range(checks.integer("n", n, at_least=1)):
+            self.apply()
+            start = perf_counter()
+            p.stepSimulation(self._client)
+            self.report.seconds["bullet"] = perf_counter() - start
+
+    def apply(self) -> None:
+        """step without p.stepSimulation, for a script that owns its loop: call it just before.
+
+        Raises StepFailed, with the tendons as they were, where the step has no finite solution.
+        """
+        clock = [perf_counter()]
+        parameters = p.getPhysicsEngineParameters(self._client)
+        dt = parameters["fixedTimeStep"]
+        gravity = np.array([parameters["gravityAcceleration" + c] for c in "XYZ"])
+        if self._bodies.links:
+            self._core.set_links(self._bodies.table(dt, gravity))
+        self._core.begin(dt, gravity)
+        clock.append(perf_counter())
+        self._obstacles.measure()
+        clock.append(perf_counter())
+        finite = self._core.solve()
+        if not finite:
+            self._fail()
+        self._core.finish()
+        clock.append(perf_counter())
+        if self._bodies.links:
+            self._wrenches = self._core.wrenches()
+            self._bodies.apply(self._wrenches)
+        clock.append(perf_counter())
+        self.report = StepReport.read(self._core.report(), clock, self._names())
+
+    @property
+    def contacts(self) -> np.ndarray:
+        """Structured array of the last step's contacts (fields: report.CONTACT), sorted by tendon.
+
+        position: (3,) on the centreline [m]; normal: (3,) from the body to the tendon; distance
+        between the surfaces [m], negative where they overlap; forces [N]. kind: "bone", "bore",
+        "mouth" or "tendon" (another tendon, or the tendon itself; bodyUniqueId is then -1).
+        """
+        return contact_table(self._core.contacts(), self._names(), self._bodies.links)
+
+    def wrench(self, bodyUniqueId: int, linkIndex: int = -1) -> np.ndarray:
+        """(6,) force [N] and torque about the centre of mass [N m] of all tendons on a link.
+
+        World frame, of the last step; zero for links that no tendon can touch. Static links too.
+        """
+        self._bodies.require(bodyUniqueId, linkIndex)
+        slot = self._bodies.find_slot(bodyUniqueId, linkIndex)
+        known = slot is not None and slot < len(self._wrenches)
+        return self._wrenches[slot].copy() if known else np.zeros(6)
+
+    def _names(self) -> dict[int, str]:
+        return {slot: t.name for slot, t in self._tendons.items()}
+
+    def _next_number(self) -> int:
+        self._count += 1
+        return self._count
+
+    def _slot_of(self, argument, handle, kind, known) -> int:
+        if not isinstance(handle, kind):
+            raise InvalidType(argument, handle, f"a {kind.__name__}")
+        slot = handle._slot if kind is Tendon else handle.slot
+        if known.get(slot) is not handle:
+            raise UnknownId(argument, handle, "one of this world, not removed")
+        return slot
+
+    def _fail(self):
+        report = self._core.report()
+        name = self._names().get(report["worst_chain"], "?")
+        raise StepFailed(name, report["worst_particle"], report["residual"], self._options.tolerance)
+
+
+__all__ = ["CONTACT", "TendonWorld"]

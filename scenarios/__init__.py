@@ -1,0 +1,1 @@
+"""Scenes with a driver and a check."""

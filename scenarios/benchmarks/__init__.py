@@ -1,0 +1,1 @@
+"""Scenes with a clock and an oracle."""

@@ -1,0 +1,54 @@
+"""Builds the compiled core and maps the top-level folders `urdf` and `scenarios` into the package."""
+
+import os
+import sysconfig
+from glob import glob
+from pathlib import Path
+
+from setuptools import setup
+
+try:
+    from pybind11.setup_helpers import ParallelCompile, Pybind11Extension
+except ImportError:
+    raise SystemExit("bullet_tendon needs pybind11 to build: run `pip install .`, not `setup.py`") from None
+
+if not Path(sysconfig.get_paths()["include"], "Python.h").exists():
+    raise SystemExit("bullet_tendon needs Python's headers to build: install python3-dev (Debian)")
+
+ParallelCompile(default=os.cpu_count() or 1).install()
+
+# No -ffast-math and no -march: the same wheel gives the same answers on every x86-64.
+# The two -fno- flags only promise that nobody reads errno or floating-point traps.
+core = Pybind11Extension(
+    "bullet_tendon._core",
+    sorted(glob("bullet_tendon/core/*.cpp")),
+    depends=sorted(glob("bullet_tendon/core/*.h")),
+    cxx_std=17,
+    extra_compile_args=["-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"],
+)
+
+setup(
+    name="bullet_tendon",
+    version="0.1.0",
+    description="Implicit, nonlinear tendons for pybullet: tunnels, bones, contact, two-way coupling",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="MIT",
+    python_requires=">=3.10",
+    install_requires=["pybullet>=3.2.5", "numpy>=1.24", "scipy>=1.10", "python-fcl>=0.7"],
+    extras_require={
+        "test": ["pytest>=7", "hypothesis>=6"],
+        "view": ["matplotlib>=3.6", "tqdm>=4"],
+        "gym": ["gymnasium>=0.29"],
+    },
+    packages=[
+        "bullet_tendon",
+        "bullet_tendon.urdf",
+        "bullet_tendon.scenarios",
+        "bullet_tendon.scenarios.benchmarks",
+    ],
+    package_dir={"bullet_tendon.urdf": "urdf", "bullet_tendon.scenarios": "scenarios"},
+    package_data={"bullet_tendon": ["py.typed", "*.pyi"], "bullet_tendon.urdf": ["*.urdf", "meshes/*.obj"]},
+    ext_modules=[core],
+    zip_safe=False,
+)

@@ -1,0 +1,107 @@
+"""Bodies with collision shapes in awkward frames, and pybullet's own distances to check mirrors by."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+PROBE = 1e-4  # radius of the sphere that asks pybullet [m]
+HULL_MARGIN = 1e-3  # what pybullet adds around a convex hull [m]
+TETRA = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+def probe_of(client):
+    """A function that asks pybullet for the distance from a world point to a link."""
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=PROBE, physicsClientId=client)
+    body = p.createMultiBody(0, shape, physicsClientId=client)
+
+    def closest(other, link, x):
+        p.resetBasePositionAndOrientation(body, x, [0, 0, 0, 1], physicsClientId=client)
+        found = p.getClosestPoints(body, other, 50.0, -1, link, physicsClientId=client)
+        return min(row[8] for row in found) + PROBE
+
+    return closest
+
+
+def turn(rng):
+    q = rng.normal(size=4)
+    return (q / np.linalg.norm(q)).tolist()
+
+
+def matrix(quaternion):
+    return np.array(p.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+
+
+def link_frame(client, body, link):
+    """Position and rotation of a link's URDF frame in the world."""
+    if link >= 0:
+        position, orientation = p.getLinkState(
+            body, link, computeForwardKinematics=True, physicsClientId=client
+        )[:2]
+    else:
+        position, orientation = p.getBasePositionAndOrientation(body, physicsClientId=client)
+    # getLinkState's own link frame is computed in single precision, 5e-7 m off; the centre of mass is not.
+    local = p.getDynamicsInfo(body, link, physicsClientId=client)
+    rotation = matrix(orientation) @ matrix(local[4]).T
+    return np.array(position) - rotation @ local[3], rotation
+
+
+def check_link(client, probe, body, link, shapes):
+    """Ask from beside each shape's faces, where Bullet's rounding of edges and corners plays no part."""
+    # Bullet's distance to a cylinder's mantle is only this exact itself.
+    tolerance = 1e-5 if any(shape.kind == "cylinder" for shape in shapes) else 1e-9
+    origin, axes = link_frame(client, body, link)
+    for shape in shapes:
+        middle, half = shape.bounds.mean(0), np.ptp(shape.bounds, axis=0) / 2
+        for direction in np.vstack([np.eye(3), -np.eye(3)]):
+            local = middle + direction * (half + 0.05)
+            world = origin + axes @ (shape.position + shape.rotation @ local)
+            others = []
+            for other in shapes:
+                x = other.rotation.T @ (axes.T @ (world - origin) - other.position)
+                others.append(other.measure(x[None], x[None])[0][0])
+            assert probe(body, link, world) == pytest.approx(min(others), abs=tolerance)
+
+
+def check_hull_faces(client, probe, body, link, shape):
+    """From above the middle of each face, where Bullet's margin just lifts the plane."""
+    origin, axes = link_frame(client, body, link)
+    for face, normal in zip(shape.query.hull.simplices, shape.query.hull.equations[:, :3], strict=True):
+        local = shape.query.hull.points[face].mean(0) + 0.02 * normal
+        world = origin + axes @ (shape.position + shape.rotation @ local)
+        assert shape.measure(local[None], local[None])[0][0] == pytest.approx(0.02, abs=1e-12)
+        assert probe(body, link, world) == pytest.approx(0.02 - HULL_MARGIN, abs=2e-6)
+
+
+def tetra_obj(path, groups=1):
+    """An OBJ file of tetrahedra 1 m apart along x, each an object of its own."""
+    lines = []
+    for g in range(groups):
+        lines.append(f"o part{g}")
+        lines += ["v {} {} {}".format(*v) for v in TETRA + (g, 0, 0)]
+        lines += ["f {} {} {}".format(*(f + 1 + 4 * g)) for f in FACES]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def urdf_body(client, tmp_path, *collisions, **flags):
+    """A base with the collisions given, and a child link with the same, both with inertial offsets."""
+    link = (
+        '<link name="{}"><inertial><origin xyz=".1 .2 .3" rpy=".3 .2 .1"/><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>{}</link>'
+    )
+    parts = "".join(
+        f'<collision {attribute}><origin xyz=".5 -.4 .2" rpy="1 .5 .2"/>'
+        f"<geometry>{geometry}</geometry></collision>"
+        for geometry, attribute in collisions
+    )
+    joint = (
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>'
+        '<origin xyz="1 1 1" rpy=".1 .2 .3"/></joint>'
+    )
+    number = len(list(tmp_path.glob("*.urdf")))  # pybullet keeps files it has read: each needs its own name
+    path = tmp_path / f"body{number}.urdf"
+    path.write_text(f'<robot name="r">{link.format("a", parts)}{link.format("b", parts)}{joint}</robot>')
+    body = p.loadURDF(str(path), [3, 2, 1], [0.5, 0.5, 0.5, 0.5], physicsClientId=client, **flags)
+    p.resetJointState(body, 0, 0.7, physicsClientId=client)
+    return body
