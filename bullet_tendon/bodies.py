@@ -75,22 +75,19 @@ class Bodies:
         if link < 0:
             self._read_base(row, body, info)
         else:
-            self._read_link(row, body, link)
+            self._read_link(row, body, link, info)
         row[21] = 0.0
         if info[0] > 0:
             self._respond(row, body, link, info, dt, gravity)
 
     def _read_base(self, row, body, info) -> None:
         centre, turn = p.getBasePositionAndOrientation(body, self.client)
-        # URDF frame = inertial frame x inverse of the local inertial pose.
-        back = p.invertTransform(info[3], info[4])
-        origin, axes = p.multiplyTransforms(centre, turn, *back)
-        velocity = p.getBaseVelocity(body, self.client)
-        _write(row, origin, axes, centre, *velocity)
+        _write(row, centre, turn, info, *p.getBaseVelocity(body, self.client))
 
-    def _read_link(self, row, body, link) -> None:
+    def _read_link(self, row, body, link, info) -> None:
+        # The link frame that getLinkState reports itself is rounded to single precision.
         state = p.getLinkState(body, link, 1, 1, self.client)
-        _write(row, state[4], state[5], state[0], state[6], state[7])
+        _write(row, state[0], state[1], info, state[6], state[7])
 
     def _respond(self, row, body, link, info, dt, gravity) -> None:
         joints = _movable_joints(body, self.client)
@@ -114,7 +111,9 @@ class Bodies:
         return p.getLinkState(body, link, physicsClientId=self.client)[1]
 
 
-def _write(row, origin, axes, centre, velocity, spin) -> None:
+def _write(row, centre, turn, info, velocity, spin) -> None:
+    # URDF frame = inertial frame x inverse of the local inertial pose.
+    origin, axes = p.multiplyTransforms(centre, turn, *p.invertTransform(info[3], info[4]))
     row[0:3], row[3:12], row[12:15] = origin, p.getMatrixFromQuaternion(axes), centre
     row[15:18], row[18:21] = velocity, spin
 

@@ -123,9 +123,11 @@ def _row_shapes(link: _Link, number: int, convex, given: list) -> list[LinkShape
     if row[2] != pybullet.GEOM_MESH:
         raise InvalidValue("collision shape type", row[2], "box, sphere, cylinder, capsule, plane or mesh")
     hull = link.hull_vertices(**({} if len(link.rows) == 1 else {"collisionShapeIndex": number}))
-    if len(hull) and row[4] == _NO_FILE and convex is not False:
+    if len(hull) and row[4] == _NO_FILE:
         hull = (hull - row[5]) @ _rotation(row[6])
-        return [_cylinder_of(hull) or LinkShape("mesh", *nowhere, vertices=hull)]
+        round_one = _cylinder_of(hull)
+        if round_one or convex is not False:
+            return [round_one or LinkShape("mesh", *nowhere, vertices=hull)]
     vertices, triangles, group = _mesh_of(link, number, given)
     if convex is None:
         convex = bool(len(hull)) or (

@@ -18,14 +18,14 @@ class Obstacles:
         self._shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
 
-    def add(self, body, link, friction, convex) -> None:
+    def add(self, body, link, friction, convex, meshes) -> None:
         """See TendonWorld.add_obstacle."""
         self._bodies.require(body, -1 if link is None else link)
         if convex is not None:
             convex = checks.flag("convex", convex)
         client = self._bodies.client
         links = range(-1, p.getNumJoints(body, client)) if link is None else [link]
-        found = {i: collision_shapes(body, i, client, convex) for i in links}
+        found = {i: collision_shapes(body, i, client, convex, meshes) for i in links}
         if not any(found.values()):
             where = "bodyUniqueId" if link is None else "linkIndex"
             raise InvalidValue(where, body if link is None else link, "one with a collision shape")

@@ -98,14 +98,18 @@ class TendonWorld:
         linkIndex: int | None = None,
         friction: float | None = None,
         convex: bool | None = None,
+        meshes=(),
     ) -> None:
         """Let tendons collide with a link (None: every link with a collision shape; -1: the base).
 
         friction: coefficient, multiplied with the tendon's; None: the body's lateralFriction.
         convex: whether meshes are convex hulls (True) or the triangles as they are (False); None:
-        as pybullet holds them. Adding a link again replaces what was added.
+        as pybullet holds them. meshes: for triangles that pybullet does not give back (those of
+        createCollisionShape), in order: paths, or (vertices (v, 3) [m], triangles (t, 3)) in the
+        shape's frame. Adding a link again replaces what was added. Raises InvalidType, InvalidValue
+        or UnknownId; then nothing has changed.
         """
-        self._obstacles.add(bodyUniqueId, linkIndex, friction, convex)
+        self._obstacles.add(bodyUniqueId, linkIndex, friction, convex, meshes)
 
     def remove_obstacle(self, bodyUniqueId: int, linkIndex: int | None = None) -> None:
         """Let tendons no longer collide with a link (None: all links of the body)."""

@@ -51,6 +51,7 @@ void Chain::share_out() {
     structure.stiffness[k] = material.stiffness * scale[k] - shear_at(k - 1) - shear_at(k);
     structure.damping[k] = share * structure.stiffness[k];
   }
+  structure.damped = shear.damped = material.damping > 0;
   for (int k = 0; k < shear.count; ++k) {
     shear.rest[k] = rest[k] + rest[k + 1];
     shear.stiffness[k] = shear_at(k);

@@ -67,7 +67,7 @@ class Chain {
   BandFactor factor;
   Planes inverse_blocks;
   double residual_norm = 0;  // largest residual force [N]
-  double rounding = 0;       // largest stiffness at hand [N/m]
+  double stiffest = 0;       // largest stiffness in the matrix [N/m]
   int worst_particle = 0;
   int iterations = 0;
   bool converged = true;

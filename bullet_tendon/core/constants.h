@@ -16,9 +16,10 @@ constexpr double kContactRatio = 10.0;
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;
 
-// Least strain of a linearisation, as a share of the present strain [-], while that is below the
-// reference strain: a spring whose multiplier is 0 but which is stretched must get stiff again.
-constexpr double kLinearisationShare = 0.1;
+// Floor under a multiplier, as a share of the largest residual force [-]: the force up to which a
+// spring is taken to be tight. 0: a slack tendon of a stiffening law transmits nothing, and a load
+// travels one segment an iteration. Larger: slack tendons look stiff, and more iterations are needed.
+constexpr double kFloorShare = 1e-2;
 
 // Newton iterations that take whole steps with carried multipliers before the safeguard (a line
 // search along exact directions) takes over [-]. Mixed iterations may raise the energy on their

@@ -8,8 +8,8 @@ namespace bt {
 
 namespace {
 
-// Inertia, springs and soft holds of one chain at chain.next. Returns the largest force at hand.
-double assemble_chain(Chain& c, bool matrix, bool exact) {
+// Residual of one chain at chain.next: inertia, springs and soft holds. Returns the largest force.
+double chain_residual(Chain& c) {
   const double inverse = 1 / (c.b * c.b);
   double largest = 0;
   const double* mass = c.mass.data();
@@ -21,22 +21,13 @@ double assemble_chain(Chain& c, bool matrix, bool exact) {
       largest = std::max(largest, std::fabs(r[i]));
     }
   }
-  if (matrix) {
-    c.matrix.zero();
-    for (int plane : {0, 3, 5})
-      for (int i = 0; i < c.n(); ++i) c.matrix.diagonal[plane][i] = mass[i] * inverse;
-  }
-  double stiffest = 0;
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
-    SpringScale scale = evaluate(*s, c.material.law, c.next, c.anchor_x, c.b, exact);
-    largest = std::max(largest, scale.force);
-    stiffest = std::max(stiffest, scale.stiffness);
-    scatter(*s, c.residual, matrix ? &c.matrix : nullptr);
+    largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.anchor_x, c.b));
+    scatter_forces(*s, c.residual);
   }
-  add_soft_holds(c, c.next, matrix);
+  add_soft_holds(c, c.next, false);
   for (const Hold& h : c.holds) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
-  c.rounding = stiffest;
   return largest;
 }
 
@@ -66,21 +57,45 @@ bool update_direct(Group& group, Row& row) {
   return true;
 }
 
-Assembly assemble(Group& group, bool matrix, bool exact, bool follow_limits) {
+// True residual of the group at chain.next; what holds supply is still in it.
+Assembly residual_of(Group& group, bool follow_limits) {
   Assembly a;
-  for (Chain* c : group.chains) a.scale = std::max(a.scale, assemble_chain(*c, matrix, exact));
+  for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
     if (row->direct) continue;
     row->evaluate(relative_position(group, *row, &Chain::next), follow_limits);
     if (row->normal_force <= 0) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
-    add_row(group, *row, matrix);
-    Chain& c = group.at(row->a);
-    c.rounding = std::max(c.rounding, row->stiffness);
-    if (row->b.chain >= 0) group.at(row->b).rounding = std::max(group.at(row->b).rounding, row->stiffness);
+    add_row_force(group, *row);
   }
-  for (Chain* c : group.chains) read_holds(*c, c->next);
+  for (Chain* c : group.chains) read_holds(*c);
   return a;
+}
+
+// The matrix, and the residual of the linearisation in place of the true one.
+void assemble(Group& group, Linearisation how) {
+  for (Chain* c : group.chains) {
+    const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
+    c->matrix.zero();
+    for (int plane : {0, 3, 5})
+      for (int i = 0; i < c->n(); ++i) c->matrix.diagonal[plane][i] = c->mass[i] * inverse;
+    c->stiffest = 0;
+    for (SpringSet* s : {&c->structure, &c->shear}) {
+      if (s->count == 0) continue;
+      c->stiffest = std::max(c->stiffest, linearise(*s, c->material.law, how, floor_force));
+      scatter_blocks(*s, c->matrix);
+      scatter_linearisation(*s, c->material.law, c->residual);
+    }
+    add_soft_holds(*c, c->next, true);
+  }
+  for (const Row* row : group.rows)
+    if (!row->direct && row->normal_force > 0) {
+      add_row_block(group, *row);
+      group.at(row->a).stiffest = std::max(group.at(row->a).stiffest, row->stiffness);
+      if (row->b.chain >= 0) group.at(row->b).stiffest = std::max(group.at(row->b).stiffest, row->stiffness);
+    }
+  project_holds(group, &Chain::residual);
+  hold_in_matrix(group);
 }
 
 // Residual norms, once what holds supply has been taken out.
@@ -97,20 +112,8 @@ void measure_residual(Group& group, Assembly& a) {
     a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
                                                                                            : a.residual;
     constexpr double eps = std::numeric_limits<double>::epsilon();
-    if (!(c->residual_norm <= kRounding * eps * c->rounding * coordinate)) a.rounded = false;
+    if (!(c->residual_norm <= kRounding * eps * c->stiffest * coordinate)) a.rounded = false;
   }
-}
-
-// From the true residual to that of the linearisation, for the linear solution.
-void linearise(Group& group) {
-  bool changed = false;
-  for (Chain* c : group.chains)
-    for (SpringSet* s : {&c->structure, &c->shear}) {
-      if (s->count == 0 || is_linear(c->material.law)) continue;
-      scatter_linearisation(*s, c->material.law, c->residual);
-      changed = true;
-    }
-  if (changed) project_holds(group, &Chain::residual);
 }
 
 void advance(Group& group, double alpha) {
@@ -136,7 +139,7 @@ void line_search(Group& group, bool follow_limits) {
   for (int trial = 0; trial < 24; ++trial) {
     advance(group, alpha - at);
     at = alpha;
-    Assembly a = assemble(group, false, true, follow_limits);
+    Assembly a = residual_of(group, follow_limits);
     measure_residual(group, a);
     double slope = slope_along(group);
     bool finite = std::isfinite(slope);
@@ -170,7 +173,7 @@ void newton(Group& group, const StepContext& context) {
   for (Row* row : group.rows) row->held = false, row->limit = 0;
   for (int iteration = 0;; ++iteration) {
     const bool follow = iteration < kFrictionIterations;
-    Assembly a = assemble(group, true, safe, follow);
+    Assembly a = residual_of(group, follow);
     bool changed = false;
     for (Row* row : group.rows)
       if (row->direct) changed |= update_direct(group, *row);
@@ -184,8 +187,7 @@ void newton(Group& group, const StepContext& context) {
       if (!std::isfinite(a.residual)) restart_from_now(group);
       continue;
     }
-    hold_in_matrix(group);
-    if (!safe) linearise(group);
+    assemble(group, safe ? Linearisation::position : Linearisation::multiplier);
     solve_linear(group, context);
     if (safe) {
       line_search(group, false);

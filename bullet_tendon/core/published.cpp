@@ -18,7 +18,8 @@ void forces_now(Chain& c, const StepContext& context, bool matrix, double dampin
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
     evaluate_at(*s, c.material.law, c.x, c.v, context.dt, damping_share);
-    scatter(*s, c.residual, matrix ? &c.matrix : nullptr);
+    scatter_forces(*s, c.residual);
+    if (matrix) scatter_blocks(*s, c.matrix);
   }
 }
 
@@ -26,7 +27,9 @@ void rows_now(Group& group, bool matrix) {
   for (Row* row : group.rows) {
     row->direct = false;
     row->evaluate(relative_position(group, *row, &Chain::x), true);
-    if (row->normal_force > 0) add_row(group, *row, matrix);
+    if (row->normal_force <= 0) continue;
+    add_row_force(group, *row);
+    if (matrix) add_row_block(group, *row);
   }
 }
 

@@ -1,12 +1,15 @@
 #include "springs.h"
 
+#include <type_traits>
+
 namespace bt {
 
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
   for (auto* v : {&rest, &stiffness, &damping, &carried, &elastic, &start, &before, &history, &length, &force,
-                  &slope, &linear, &true_elastic, &elastic_slope})
+                  &slope, &linear, &true_elastic, &elastic_slope,
+                  &damping_slope})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -30,37 +33,48 @@ void measure(SpringSet& s, const Field& x) {
 
 namespace {
 
-// True forces, and the linearisation: at the present strains (at_multiplier false) or at the
-// strains of the multipliers.
 template <int P>
-void axial_forces(SpringSet& s, const Law& law, bool at_multiplier) {
-  const int m = s.count;
+void elastic_forces(SpringSet& s, const Law& law) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
-  const double* carried = s.elastic.data();
-  double *force = s.force.data(), *slope = s.slope.data(), *linear = s.linear.data();
-  double *elastic_slope = s.elastic_slope.data(), *truth = s.true_elastic.data();
-  for (int k = 0; k < m; ++k) {
-    double f, df, inv = 1 / rest[k], strain = (len[k] - rest[k]) * inv;
-    elastic<P>(law, strain, f, df);
-    force[k] = truth[k] = linear[k] = stiffness[k] * f;
-    if (P != 2 && at_multiplier && strain > 0 && carried[k] > 0) {
-      double at = strain_of<P>(law, carried[k] / stiffness[k]);
-      at = std::max(at, std::min(kLinearisationShare * strain, kReferenceStrain));
-      double value;
-      elastic<P>(law, at, value, df);
-      linear[k] = stiffness[k] * (value + df * (strain - at));
-    }
-    elastic_slope[k] = slope[k] = stiffness[k] * df * inv;
+  double *force = s.force.data(), *truth = s.true_elastic.data(), *slope = s.elastic_slope.data();
+#pragma GCC ivdep
+  for (int k = 0; k < s.count; ++k) {
+    double f, df, inv = 1 / rest[k];
+    elastic<P>(law, (len[k] - rest[k]) * inv, f, df);
+    force[k] = truth[k] = stiffness[k] * f;
+    slope[k] = stiffness[k] * df * inv;
   }
 }
 
-void elastic_forces(SpringSet& s, const Law& law, bool at_multiplier) {
+// The elastic law linearised where the multipliers are (springs.h).
+template <int P>
+void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
+  const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
+  for (int k = 0; k < s.count; ++k) {
+    double strain = len[k] / rest[k] - 1, multiplier = s.elastic[k], value, df;
+    double tight = mixed ? std::max(multiplier, floor_force) : floor_force;
+    double at = strain_of<P>(law, tight / stiffness[k]);
+    elastic<P>(law, at, value, df);
+    double slope = stiffness[k] * df / rest[k];
+    if (mixed && multiplier > floor_force && strain > 0) {
+      s.linear[k] = stiffness[k] * (value + df * (strain - at));
+      s.elastic_slope[k] = slope;
+    } else {
+      s.linear[k] = s.true_elastic[k];
+      if (strain >= 0 || !law.tension_only) s.elastic_slope[k] = std::max(s.elastic_slope[k], slope);
+    }
+  }
+}
+
+// One of the templates above for the law's exponent.
+template <class Call>
+void by_exponent(const Law& law, Call call) {
   switch (power_class(law.exponent)) {
-    case 2: return axial_forces<2>(s, law, at_multiplier);
-    case 3: return axial_forces<3>(s, law, at_multiplier);
-    case 4: return axial_forces<4>(s, law, at_multiplier);
-    case 6: return axial_forces<6>(s, law, at_multiplier);
-    default: return axial_forces<0>(s, law, at_multiplier);
+    case 2: return call(std::integral_constant<int, 2>{});
+    case 3: return call(std::integral_constant<int, 3>{});
+    case 4: return call(std::integral_constant<int, 4>{});
+    case 6: return call(std::integral_constant<int, 6>{});
+    default: return call(std::integral_constant<int, 0>{});
   }
 }
 
@@ -70,106 +84,121 @@ bool slack(const SpringSet& s, const Law& law, int k) {
 
 // Axial damping at the rate rate_of(k) [1/s], whose derivative by the length is 1/(b l).
 template <class Rate>
-void add_axial_damping(SpringSet& s, const Law& law, double step_weight, double share, Rate rate_of) {
+void add_axial_damping(SpringSet& s, const Law& law, double b, double share, Rate rate_of) {
   for (int k = 0; k < s.count; ++k) {
+    s.damping_slope[k] = 0;
     if (slack(s, law, k)) continue;
     double f, df;
     damping(law, rate_of(k), f, df);
     s.force[k] += share * s.damping[k] * f;
-    s.slope[k] += s.damping[k] * df / (step_weight * s.rest[k]);
+    s.damping_slope[k] = s.damping[k] * df / (b * s.rest[k]);
   }
 }
 
-void blocks_and_vectors(SpringSet& s) {
+void vectors(SpringSet& s) {
+  for (int c = 0; c < 3; ++c) {
+    const double *n = s.direction[c], *force = s.force.data();
+    double* f = s.vector[c];
+#pragma GCC ivdep
+    for (int k = 0; k < s.count; ++k) f[k] = force[k] * n[k];
+  }
+}
+
+double blocks(SpringSet& s) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
-  const double *len = s.length.data(), *rest = s.rest.data(), *slope = s.slope.data();
-  const double *carried = s.carried.data(), *force = s.force.data();
+  const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.carried.data();
+  const double *elastic_slope = s.elastic_slope.data(), *damping_slope = s.damping_slope.data();
   double *xx = s.block[0], *xy = s.block[1], *xz = s.block[2];
-  double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5];
-  double *fx = s.vector[0], *fy = s.vector[1], *fz = s.vector[2];
+  double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5], *slope = s.slope.data();
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double least = kDegenerateLength * rest[k];
-    double g = carried[k] / (len[k] > least ? len[k] : least), a = slope[k] - g;
-    double ax = a * nx[k], ay = a * ny[k], az = a * nz[k];
+    double g = carried[k] / (len[k] > least ? len[k] : least), f = elastic_slope[k] + damping_slope[k];
+    double a = f - g, ax = a * nx[k], ay = a * ny[k], az = a * nz[k];
+    slope[k] = f;
     xx[k] = ax * nx[k] + g, xy[k] = ax * ny[k], xz[k] = ax * nz[k];
     yy[k] = ay * ny[k] + g, yz[k] = ay * nz[k], zz[k] = az * nz[k] + g;
-    fx[k] = force[k] * nx[k], fy[k] = force[k] * ny[k], fz[k] = force[k] * nz[k];
   }
+  double largest = 0;
+  for (int k = 0; k < m; ++k) largest = slope[k] > largest ? slope[k] : largest;
+  return largest;
 }
 
-// C |w|^(q-1) w with w = (v_j - v_i)/l (equation 4 as printed), added to block and vector.
+// C |w|^(q-1) w with w = (v_j - v_i)/l (equation 4 as printed): force vector and, if asked, block.
 template <class Velocity>
-void add_whole_damping(SpringSet& s, const Law& law, double step_weight, double share, Velocity velocity) {
+void add_whole_damping(SpringSet& s, const Law& law, double b, double share, bool block, Velocity velocity) {
   for (int k = 0; k < s.count; ++k) {
     if (slack(s, law, k)) continue;
     Vec3 w = (1 / s.rest[k]) * (velocity(k + s.reach) - velocity(k));
     double speed = norm(w), f, df;
     damping(law, speed, f, df);
-    Vec3 along = unit_or(w, Vec3{0, 0, 1});
+    Vec3 along = unit_or(w, Vec3{0, 0, 1}), force = (share * s.damping[k] * f) * along;
+    if (!block) {
+      s.vector[0][k] += force.x, s.vector[1][k] += force.y, s.vector[2][k] += force.z;
+      continue;
+    }
     double cross_slope = speed > 0 ? f / speed : df;
-    Sym3 b = (s.damping[k] / (step_weight * s.rest[k])) *
-             (cross_slope * across(along) + df * outer(along));
-    Vec3 force = (share * s.damping[k] * f) * along;
-    const double add[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
+    Sym3 d = (s.damping[k] / (b * s.rest[k])) * (cross_slope * across(along) + df * outer(along));
+    const double add[6] = {d.xx, d.xy, d.xz, d.yy, d.yz, d.zz};
     for (int c = 0; c < 6; ++c) s.block[c][k] += add[c];
-    s.vector[0][k] += force.x, s.vector[1][k] += force.y, s.vector[2][k] += force.z;
   }
-}
-
-SpringScale scale_of(const SpringSet& s) {
-  SpringScale scale;
-  for (int k = 0; k < s.count; ++k) {
-    scale.force = std::max(scale.force, std::fabs(s.force[k]));
-    scale.stiffness = std::max(scale.stiffness, s.slope[k]);
-  }
-  return scale;
 }
 
 void take_true_multipliers(SpringSet& s) {
-  for (int k = 0; k < s.count; ++k) s.carried[k] = std::max(0.0, s.force[k]), s.elastic[k] = s.linear[k];
-}
-
-bool damped(const SpringSet& s) {
-  for (double c : s.damping)
-    if (c != 0) return true;
-  return false;
+  for (int k = 0; k < s.count; ++k) s.carried[k] = std::max(0.0, s.force[k]), s.elastic[k] = s.true_elastic[k];
 }
 
 }  // namespace
 
-SpringScale evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b,
-                     bool exact) {
+double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b) {
   measure(s, x);
-  elastic_forces(s, law, !exact);
-  bool damp = damped(s);
-  if (damp && !law.whole_velocity)
+  by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
+  if (s.damped && !law.whole_velocity)
     add_axial_damping(s, law, b, 1, [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
-  if (exact) take_true_multipliers(s);
-  blocks_and_vectors(s);
-  if (damp && law.whole_velocity)
-    add_whole_damping(s, law, b, 1, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
-  return scale_of(s);
+  vectors(s);
+  if (s.damped && law.whole_velocity) {
+    s.whole_weight = b, s.whole_position = &x, s.whole_anchor = &xh;
+    add_whole_damping(s, law, b, 1, false, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
+  }
+  double largest = 0;
+  for (int k = 0; k < s.count; ++k) largest = std::max(largest, std::fabs(s.force[k]));
+  return largest;
 }
 
-SpringScale evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
-                        double damping_share) {
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force) {
+  if (how == Linearisation::position) take_true_multipliers(s);
+  if (!is_linear(law)) {
+    const bool mixed = how == Linearisation::multiplier;
+    by_exponent(law, [&](auto P) { elastic_linearisation<P>(s, law, mixed, floor_force); });
+  }
+  double largest = blocks(s);
+  if (s.damped && law.whole_velocity) {
+    const Field &x = *s.whole_position, &xh = *s.whole_anchor;
+    const double b = s.whole_weight;
+    add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
+  }
+  return largest;
+}
+
+void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt, double damping_share) {
   measure(s, x);
-  elastic_forces(s, law, false);
-  bool damp = damped(s);
+  by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
   auto rate = [&](int k) {
     Vec3 n{s.direction[0][k], s.direction[1][k], s.direction[2][k]};
     return dot(n, v.at(k + s.reach) - v.at(k)) / s.rest[k];
   };
-  if (damp && !law.whole_velocity) add_axial_damping(s, law, dt, damping_share, rate);
+  auto velocity = [&](int i) { return v.at(i); };
+  const bool whole = s.damped && law.whole_velocity;
+  if (s.damped && !whole) add_axial_damping(s, law, dt, damping_share, rate);
   take_true_multipliers(s);
-  blocks_and_vectors(s);
-  if (damp && law.whole_velocity) add_whole_damping(s, law, dt, damping_share, [&](int i) { return v.at(i); });
-  return scale_of(s);
+  vectors(s);
+  blocks(s);
+  if (whole) add_whole_damping(s, law, dt, damping_share, false, velocity);
+  if (whole) add_whole_damping(s, law, dt, damping_share, true, velocity);
 }
 
-void scatter(const SpringSet& s, Field& residual, Band* matrix) {
+void scatter_forces(const SpringSet& s, Field& residual) {
   const int m = s.count, reach = s.reach;
   for (int c = 0; c < 3; ++c) {
     const double* f = s.vector[c];
@@ -179,17 +208,20 @@ void scatter(const SpringSet& s, Field& residual, Band* matrix) {
 #pragma GCC ivdep
     for (int k = 0; k < m; ++k) r[k + reach] += f[k];
   }
-  if (!matrix) return;
+}
+
+void scatter_blocks(const SpringSet& s, Band& matrix) {
+  const int m = s.count, reach = s.reach;
   constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   for (int c = 0; c < 6; ++c) {
     const double* b = s.block[c];
-    double* d = matrix->diagonal[c];
+    double* d = matrix.diagonal[c];
 #pragma GCC ivdep
     for (int k = 0; k < m; ++k) d[k] += b[k];
 #pragma GCC ivdep
     for (int k = 0; k < m; ++k) d[k + reach] += b[k];
   }
-  Planes& off = matrix->below[reach - 1];
+  Planes& off = matrix.below[reach - 1];
   for (int c = 0; c < 9; ++c) {
     const double* b = s.block[kFull[c]];
     double* e = off[c];
@@ -210,20 +242,21 @@ void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand
   }
 }
 
-void carry(SpringSet& s, const Law&, const Field& dx) {
+void carry(SpringSet& s, const Law& law, const Field& dx) {
   const int m = s.count, reach = s.reach;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
   const double *ux = dx[0], *uy = dx[1], *uz = dx[2], *force = s.force.data(), *slope = s.slope.data();
   const double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   const double* truth = s.true_elastic.data();
   double *carried = s.carried.data(), *elastic = s.elastic.data();
+  const bool same = is_linear(law);
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double elongation = nx[k] * (ux[k + reach] - ux[k]) + ny[k] * (uy[k + reach] - uy[k]) +
                         nz[k] * (uz[k + reach] - uz[k]);
-    double t = force[k] - truth[k] + linear[k] + slope[k] * elongation;
+    double t = force[k] + slope[k] * elongation + (same ? 0 : linear[k] - truth[k]);
     carried[k] = t > 0 ? t : 0;
-    elastic[k] = linear[k] + elastic_slope[k] * elongation;
+    elastic[k] = (same ? truth[k] : linear[k]) + elastic_slope[k] * elongation;
   }
 }
 

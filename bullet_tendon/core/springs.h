@@ -39,33 +39,43 @@ struct SpringSet {
   std::vector<double> length, force, slope;      // now: len [m], F [N], F' at the linearisation [N/m]
   std::vector<double> true_elastic, linear;      // elastic part of F, and of its linearisation [N]
   std::vector<double> elastic_slope;             // its elastic part of F' [N/m]
+  std::vector<double> damping_slope;             // and its damping part [N/m]
   Planes direction;                              // n
   Planes block;                                  // B, symmetric, six planes
   Planes vector;                                 // force vector on the first particle
 
+  bool damped = false;  // some C is not 0
+  // State that a whole-velocity damping was evaluated at, for its blocks.
+  const Field *whole_position = nullptr, *whole_anchor = nullptr;
+  double whole_weight = 0;
+
   void resize(int reach_, int particles);
 };
 
-struct SpringScale {
-  double force = 0;    // largest |F| [N]
-  double stiffness = 0;  // largest F' [N/m]
+enum class Linearisation {
+  multiplier,  // at the strains and forces of the multipliers (mixed Newton)
+  position,    // at the present positions (plain Newton, true multipliers)
 };
 
 // Lengths and directions at x.
 void measure(SpringSet& s, const Field& x);
-// Forces, slopes and blocks at x; step_weight b [s]; xh is used by the whole-velocity damping only,
-// with v = (x - xh)/b. exact: the multipliers are set to max(0, F) first (Newton's own matrix).
-SpringScale evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double step_weight,
-                     bool exact);
-// The same at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
+// True forces at x, with the rates of the step: (len - len_h)/(b l), or (x - xh)/b where the damping
+// takes the whole velocity. Returns the largest |F| [N].
+double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b);
+// Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
+// floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
+// nothing where forces are larger, and couples a slack tendon at once. Returns the largest F'.
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force);
+// Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
 // linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
-SpringScale evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
-                        double damping_share);
+void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt, double damping_share);
 
 // right_hand += what the linearisation adds to the true forces; nothing where they agree.
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
-// residual -= spring forces; matrix += blocks.
-void scatter(const SpringSet& s, Field& residual, Band* matrix);
+// residual -= spring forces.
+void scatter_forces(const SpringSet& s, Field& residual);
+// matrix += blocks.
+void scatter_blocks(const SpringSet& s, Band& matrix);
 // T_e and T after the displacements dx, as the linearisation predicts them.
 void carry(SpringSet& s, const Law& law, const Field& dx);
 // Elastic energy [J] at the lengths last measured.

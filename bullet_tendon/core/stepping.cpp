@@ -69,30 +69,39 @@ Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where) 
 
 namespace {
 
-void add_spot(Chain& c, const Spot& s, double sign, const Row& row, bool matrix) {
-  const double w[2] = {s.w0, s.w1};
-  for (int e = 0; e < 2; ++e) {
-    if (w[e] == 0) continue;
-    c.residual.add(s.first + e, (-sign * w[e]) * row.total_force);
-    if (matrix) c.matrix.add(s.first + e, (w[e] * w[e]) * row.block);
-  }
-  if (matrix && w[0] != 0 && w[1] != 0) c.matrix.add_below(s.first, 1, w[0] * w[1], row.block);
+void add_spot_force(Chain& c, const Spot& s, double sign, Vec3 force) {
+  c.residual.add(s.first, (-sign * s.w0) * force);
+  c.residual.add(s.first + 1, (-sign * s.w1) * force);
+}
+
+void add_spot_block(Chain& c, const Spot& s, const Sym3& block) {
+  c.matrix.add(s.first, (s.w0 * s.w0) * block);
+  c.matrix.add(s.first + 1, (s.w1 * s.w1) * block);
+  c.matrix.add_below(s.first, 1, s.w0 * s.w1, block);
 }
 
 }  // namespace
 
-void add_row(Group& group, const Row& row, bool matrix) {
-  add_spot(group.at(row.a), row.a, 1, row, matrix);
-  if (row.b.chain >= 0) add_spot(group.at(row.b), row.b, -1, row, matrix);
+void add_row_force(Group& group, const Row& row) {
+  add_spot_force(group.at(row.a), row.a, 1, row.total_force);
+  if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, row.total_force);
+}
+
+void add_row_block(Group& group, const Row& row) {
+  add_spot_block(group.at(row.a), row.a, row.block);
+  if (row.b.chain >= 0) add_spot_block(group.at(row.b), row.b, row.block);
 }
 
 void add_soft_holds(Chain& c, const Field& x, bool matrix) {
   for (Hold& h : c.holds) {
     if (h.rigid) continue;
+    if (matrix) {
+      c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.b));
+      continue;
+    }
     Vec3 moved = x.at(h.particle) - c.anchor_x.at(h.particle);
     h.force = h.stiffness * (x.at(h.particle) - h.target) + (h.viscosity / c.b) * moved;
     c.residual.add(h.particle, h.force);
-    if (matrix) c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.b));
   }
 }
 
@@ -116,7 +125,7 @@ void hold_in_matrix(Group& group) {
     if (row->held) group.at(row->a).matrix.hold(row->a.w0 != 0 ? row->a.first : row->a.first + 1, outer(row->normal));
 }
 
-void read_holds(Chain& c, const Field&) {
+void read_holds(Chain& c) {
   // The holder supplies the residual, and feels its opposite.
   for (Hold& h : c.holds)
     if (h.rigid) h.force = -c.residual.at(h.particle);

@@ -57,13 +57,15 @@ void multiply(Group& group);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where);
-void add_row(Group& group, const Row& row, bool matrix);
+void add_row_force(Group& group, const Row& row);
+void add_row_block(Group& group, const Row& row);
+// Forces into the residual, or (matrix) stiffnesses into the matrix.
 void add_soft_holds(Chain& c, const Field& x, bool matrix);
 // Removes what holds take up from `what` (a residual or a direction).
 void project_holds(Group& group, Field Chain::*what);
 // The same for the matrices.
 void hold_in_matrix(Group& group);
 // Force of the tendon on each holder, from residuals that holds have not been removed from yet.
-void read_holds(Chain& c, const Field& x);
+void read_holds(Chain& c);
 
 }  // namespace bt
