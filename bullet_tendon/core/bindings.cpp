@@ -65,7 +65,7 @@ void remove_hold(World& w, int chain, int id) {
 
 void set_grip(World& w, int chain, int id, const Array& target, double stiffness, double viscosity) {
   Hold& h = hold_of(w, chain, id);
-  h.target = vec(target);
+  h.goal = vec(target);
   h.rigid = stiffness <= 0;
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
 }
@@ -118,7 +118,7 @@ py::dict report(const World& w) {
   d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
   d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused, d["pairs_queried"] = r.near.queried;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
-  d["rows"] = r.rows, d["groups"] = r.groups;
+  d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
   return d;
 }
 
@@ -191,7 +191,7 @@ PYBIND11_MODULE(_core, m) {
              w.chains[c]->holds.push_back(h);
            })
       .def("remove_hold", &remove_hold)
-      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).force); })
+      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })
       .def("set_links", &set_links)
       .def("add_shape", &add_shape)
       .def("set_shape_friction", [](World& w, int s, double mu) { w.shapes[s].friction = mu; })

@@ -4,7 +4,7 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x, &v, &force, &x_before, &v_before, &next, &step, &residual, &anchor_x, &anchor_v, &goal,
+  for (Field* f : {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual, &anchor_x, &anchor_v, &goal,
                    &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
@@ -51,6 +51,8 @@ void Chain::share_out() {
     structure.stiffness[k] = material.stiffness * scale[k] - shear_at(k - 1) - shear_at(k);
     structure.damping[k] = share * structure.stiffness[k];
   }
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) s->lighter[k] = std::min(mass[k], mass[k + s->reach]);
   structure.damped = shear.damped = material.damping > 0;
   for (int k = 0; k < shear.count; ++k) {
     shear.rest[k] = rest[k] + rest[k + 1];

@@ -24,9 +24,11 @@ struct Hold {
   Vec3 local;           // its point in the link's frame [m]
   bool rigid = true;
   Sym3 stiffness;       // [N/m]; unused where rigid
-  Vec3 target;          // where the point will be at the end of the step [m]
+  Vec3 goal;            // where the point will be at the end of the step [m]
+  Vec3 target;          // the same, at the end of the part of it that is being solved [m]
   double viscosity = 0; // of a soft hold [N s/m]
   Vec3 force;           // of the tendon on the holder, last step [N]
+  Vec3 mean_force;      // the same, averaged over the parts of a split step [N]
 };
 
 class Chain {
@@ -60,6 +62,12 @@ class Chain {
   Field x_before, v_before;  // one step back (bdf2, starting guess)
   double dt_before = 0;      // 0: no history
   double b = 0;              // step weight of this step (stepping.h)
+
+  // The state before a step that is being split, and whether it was (splitting.cpp).
+  Field start_x, start_v;
+  std::vector<double> start_carried[2], start_elastic[2];
+  bool split = false;     // parts of the step are being solved
+  bool gathered = false;  // next and step hold the positions and velocities at their end
 
   // Work space of a step.
   Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image;

@@ -21,10 +21,19 @@ constexpr double kReferenceStrain = 0.01;
 // travels one segment an iteration. Larger: slack tendons look stiff, and more iterations are needed.
 constexpr double kFloorShare = 1e-2;
 
+// Share of the inertia m/b^2 that a compressed spring may take off a particle [-]. Each particle has
+// up to four springs, and a difference of displacements squared is at most twice the sum of their
+// squares: below 1/8 the matrix stays definite whatever the compression.
+constexpr double kInertiaShare = 0.12;
+
 // Newton iterations that take whole steps with carried multipliers before the safeguard (a line
 // search along exact directions) takes over [-]. Mixed iterations may raise the energy on their
 // way, so an earlier safeguard makes violent swings slow, a later one only delays the rare failure.
 constexpr int kMixedIterations = 14;
+
+// Parts that a step can be split into [-], a power of two. More: violent steps cost more before they
+// are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.
+constexpr int kMostParts = 1024;
 
 // Friction limits follow the normal force for this many iterations, then stay [-], so that the
 // last iterations minimise a fixed potential and converge.

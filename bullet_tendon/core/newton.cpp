@@ -82,7 +82,7 @@ void assemble(Group& group, Linearisation how) {
     c->stiffest = 0;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      c->stiffest = std::max(c->stiffest, linearise(*s, c->material.law, how, floor_force));
+      c->stiffest = std::max(c->stiffest, linearise(*s, c->material.law, how, floor_force, c->b));
       scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
@@ -167,9 +167,10 @@ void restart_from_now(Group& group) {
 
 }  // namespace
 
-void newton(Group& group, const StepContext& context) {
+void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
   bool safe = false;
+  int used = 0;
   for (Row* row : group.rows) row->held = false, row->limit = 0;
   for (int iteration = 0;; ++iteration) {
     const bool follow = iteration < kFrictionIterations;
@@ -178,11 +179,12 @@ void newton(Group& group, const StepContext& context) {
     for (Row* row : group.rows)
       if (row->direct) changed |= update_direct(group, *row);
     measure_residual(group, a);
-    group.iterations = iteration;
+    used = iteration;
     group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || a.rounded);
     if ((group.converged && (!follow || iteration > 0 || group.rows.empty())) || iteration >= o.max_iterations) break;
     if (!safe && (iteration >= kMixedIterations || !std::isfinite(a.residual))) {
+      if (!safeguarded) break;
       safe = true;
       if (!std::isfinite(a.residual)) restart_from_now(group);
       continue;
@@ -198,6 +200,7 @@ void newton(Group& group, const StepContext& context) {
       advance(group, 1);
     }
   }
+  group.iterations += used;
   for (Chain* c : group.chains) c->iterations = group.iterations, c->converged = group.converged;
 }
 

@@ -51,6 +51,7 @@ struct Row {
   double gap = 0, normal_force = 0;
   Vec3 displacement;  // z, returned to the cone
   Vec3 tangent_force, total_force;  // on the point a
+  Vec3 mean_force;    // total_force, averaged over the parts of a split step
   Sym3 block;         // derivative, positive semidefinite
 
   void evaluate(Vec3 relative, bool follow_limit);

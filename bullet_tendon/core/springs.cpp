@@ -7,7 +7,7 @@ namespace bt {
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
-  for (auto* v : {&rest, &stiffness, &damping, &carried, &elastic, &start, &before, &history, &length, &force,
+  for (auto* v : {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history, &length, &force,
                   &slope, &linear, &true_elastic, &elastic_slope,
                   &damping_slope})
     v->assign(count, 0.0);
@@ -104,17 +104,21 @@ void vectors(SpringSet& s) {
   }
 }
 
-double blocks(SpringSet& s) {
+// inertia: 1/b^2, or 0 where compressed springs' transverse part is to be left out altogether.
+double blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
   const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.carried.data();
   const double *elastic_slope = s.elastic_slope.data(), *damping_slope = s.damping_slope.data();
   double *xx = s.block[0], *xy = s.block[1], *xz = s.block[2];
   double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5], *slope = s.slope.data();
+  const double *lighter = s.lighter.data(), allowed = -kInertiaShare * inertia;
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double least = kDegenerateLength * rest[k];
-    double g = carried[k] / (len[k] > least ? len[k] : least), f = elastic_slope[k] + damping_slope[k];
+    double g = carried[k] / (len[k] > least ? len[k] : least), lowest = allowed * lighter[k];
+    g = g > lowest ? g : lowest;
+    double f = elastic_slope[k] + damping_slope[k];
     double a = f - g, ax = a * nx[k], ay = a * ny[k], az = a * nz[k];
     slope[k] = f;
     xx[k] = ax * nx[k] + g, xy[k] = ax * ny[k], xz[k] = ax * nz[k];
@@ -146,7 +150,7 @@ void add_whole_damping(SpringSet& s, const Law& law, double b, double share, boo
 }
 
 void take_true_multipliers(SpringSet& s) {
-  for (int k = 0; k < s.count; ++k) s.carried[k] = std::max(0.0, s.force[k]), s.elastic[k] = s.true_elastic[k];
+  for (int k = 0; k < s.count; ++k) s.carried[k] = s.force[k], s.elastic[k] = s.true_elastic[k];
 }
 
 }  // namespace
@@ -158,7 +162,7 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
     add_axial_damping(s, law, b, 1, [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
   vectors(s);
   if (s.damped && law.whole_velocity) {
-    s.whole_weight = b, s.whole_position = &x, s.whole_anchor = &xh;
+    s.whole_position = &x, s.whole_anchor = &xh;
     add_whole_damping(s, law, b, 1, false, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
   }
   double largest = 0;
@@ -166,16 +170,15 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
   return largest;
 }
 
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force) {
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b) {
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
     by_exponent(law, [&](auto P) { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
-  double largest = blocks(s);
+  double largest = blocks(s, 1 / (b * b));
   if (s.damped && law.whole_velocity) {
     const Field &x = *s.whole_position, &xh = *s.whole_anchor;
-    const double b = s.whole_weight;
     add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
   }
   return largest;
@@ -193,7 +196,7 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
   if (s.damped && !whole) add_axial_damping(s, law, dt, damping_share, rate);
   take_true_multipliers(s);
   vectors(s);
-  blocks(s);
+  blocks(s, 0);
   if (whole) add_whole_damping(s, law, dt, damping_share, false, velocity);
   if (whole) add_whole_damping(s, law, dt, damping_share, true, velocity);
 }
@@ -255,7 +258,7 @@ void carry(SpringSet& s, const Law& law, const Field& dx) {
     double elongation = nx[k] * (ux[k + reach] - ux[k]) + ny[k] * (uy[k + reach] - uy[k]) +
                         nz[k] * (uz[k + reach] - uz[k]);
     double t = force[k] + slope[k] * elongation + (same ? 0 : linear[k] - truth[k]);
-    carried[k] = t > 0 ? t : 0;
+    carried[k] = t;
     elastic[k] = (same ? truth[k] : linear[k]) + elastic_slope[k] * elongation;
   }
 }

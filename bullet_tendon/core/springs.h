@@ -9,8 +9,9 @@
 //
 //   B = F' n n^T + (T/len) (I - n n^T),     n = x_ij / |x_ij|,
 //
-// where T >= 0 is the carried multiplier: the force that the last iteration predicted linearly,
-// kept from step to step. Taking T from the current positions instead makes B wild, because an
+// where T is the carried multiplier: the force that the last iteration predicted linearly, kept from
+// step to step. A compressed spring's T/len is cut off where inertia no longer outweighs it (a
+// tendon that buckles), so that the matrix stays definite. Taking T from the current positions instead makes B wild, because an
 // error of a micrometre is newtons.
 //
 // The elastic law is linearised where the multiplier says that the spring is, at the strain s* with
@@ -32,8 +33,9 @@ struct SpringSet {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
-  std::vector<double> carried;                   // T [N], >= 0
+  std::vector<double> carried;                   // T [N]
   std::vector<double> elastic;                   // T_e [N]
+  std::vector<double> lighter;                   // smaller mass of its two particles [kg]
   std::vector<double> start, before;             // lengths at the start of this step and of the last [m]
   std::vector<double> history;                   // len_h [m]
   std::vector<double> length, force, slope;      // now: len [m], F [N], F' at the linearisation [N/m]
@@ -47,7 +49,6 @@ struct SpringSet {
   bool damped = false;  // some C is not 0
   // State that a whole-velocity damping was evaluated at, for its blocks.
   const Field *whole_position = nullptr, *whole_anchor = nullptr;
-  double whole_weight = 0;
 
   void resize(int reach_, int particles);
 };
@@ -65,7 +66,7 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
 // Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
 // floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
 // nothing where forces are larger, and couples a slack tendon at once. Returns the largest F'.
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force);
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b);
 // Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
 // linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt, double damping_share);

@@ -2,7 +2,7 @@
 
 namespace bt {
 
-void begin_step(Chain& c, const StepContext& context) {
+void begin_step(Chain& c, const StepContext& context, double fraction) {
   const double dt = context.dt;
   const bool history = c.dt_before > 0;
   const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt;
@@ -30,24 +30,29 @@ void begin_step(Chain& c, const StepContext& context) {
       s->history[k] = now * s->start[k] + last * s->before[k];
     }
   }
-  for (Hold& h : c.holds)
+  const Field& from = c.split ? c.start_x : c.x;
+  for (Hold& h : c.holds) {
+    h.target = fraction == 1 ? h.goal : (1 - fraction) * from.at(h.particle) + fraction * h.goal;
     if (h.rigid) c.next.set(h.particle, h.target);
+  }
   c.iterations = 0, c.converged = true;
 }
 
 void finish_step(Chain& c, const StepContext& context) {
-  const bool is_explicit = context.options.integrator == Integrator::explicit_euler;
+  // Explicit Euler and a split step leave their velocities in `step`.
+  const bool made_known = c.gathered || context.options.integrator == Integrator::explicit_euler;
   for (int k = 0; k < 3; ++k) {
     double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
     const double *next = c.next[k], *xh = c.anchor_x[k], *made = c.step[k];
 #pragma GCC ivdep
     for (int i = 0; i < c.n(); ++i) {
       xb[i] = x[i], vb[i] = v[i];
-      v[i] = is_explicit ? made[i] : (next[i] - xh[i]) / c.b;
+      v[i] = made_known ? made[i] : (next[i] - xh[i]) / c.b;
       x[i] = next[i];
     }
   }
-  c.dt_before = context.dt;
+  c.dt_before = c.gathered || c.split ? 0 : context.dt;
+  c.gathered = false;
 }
 
 void solve(Group& group, const StepContext& context) {
@@ -56,7 +61,12 @@ void solve(Group& group, const StepContext& context) {
   else if (context.options.iteration == Iteration::single)
     single_linearisation(group, context);
   else
-    newton(group, context);
+    converged_step(group, context);
+  if (group.substeps == 1) {
+    for (Row* row : group.rows) row->mean_force = row->total_force;
+    for (Chain* c : group.chains)
+      for (Hold& h : c->holds) h.mean_force = h.force;
+  }
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) group.finite &= std::isfinite(c->next[k][i]);

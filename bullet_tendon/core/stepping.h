@@ -34,18 +34,23 @@ struct Group {
   double residual = 0;   // largest residual force over the largest force at hand
   bool converged = false;
   bool finite = true;
+  int substeps = 1;
 
   Chain& at(const Spot& s) const { return *(*slots)[s.chain]; }
 };
 
 // History, goal y, starting guess and held particles of a chain.
-void begin_step(Chain& c, const StepContext& context);
+// fraction: of the way that holds have gone from the start of the whole step to its end.
+void begin_step(Chain& c, const StepContext& context, double fraction = 1);
 // One step by the method of the options; fills chain.next and the forces of holds and rows.
 void solve(Group& group, const StepContext& context);
 // Takes chain.next as the new state.
 void finish_step(Chain& c, const StepContext& context);
 
-void newton(Group& group, const StepContext& context);                // implicit, converged
+// Implicit, converged: whole, and where that fails in parts.
+void converged_step(Group& group, const StepContext& context);
+// One Newton solution at chain.next; the safeguard is used only if asked for.
+void newton(Group& group, const StepContext& context, bool safeguarded);
 void single_linearisation(Group& group, const StepContext& context);  // implicit, as published
 void explicit_euler(Group& group, const StepContext& context);
 

@@ -56,7 +56,7 @@ void World::aim_attachments(Chain& c) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.target = p + link.drift(p, context_.dt);
+    h.goal = p + link.drift(p, context_.dt);
     h.rigid = !link.yields;
     if (h.rigid) continue;
     Sym3 w = (context_.dt * context_.dt * std::max(1, link.touches)) * link.mobility(p);
@@ -123,7 +123,7 @@ void World::make_groups() {
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
     g.chains.clear(), g.rows.clear();
-    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0, g.residual = 0;
+    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0, g.residual = 0, g.substeps = 1;
   }
   for (int c = 0; c < count; ++c)
     if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]);
@@ -145,6 +145,7 @@ bool World::solve() {
     finite &= g.finite;
     ++report_.groups;
     report_.iterations = std::max(report_.iterations, g.iterations);
+    report_.substeps = std::max(report_.substeps, g.substeps);
     report_.converged &= g.converged;
     if (!(g.residual <= report_.residual) || report_.worst_chain < 0) {
       report_.residual = g.residual;
@@ -166,12 +167,12 @@ void World::finish() {
     Link& link = links[row.link];
     ++link.touching;
     // On the centreline's point, not on the surface: particles do not spin.
-    if (row.normal_force > 0) link.apply(-row.total_force, row.a.of(slots_[row.a.chain]->next));
+    link.apply(-row.mean_force, row.a.of(slots_[row.a.chain]->next));
   }
   for (Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) {
       const Hold& h = c->holds[i];
-      if (h.link >= 0) links[h.link].apply(h.force, to_world(links[h.link].pose, h.local));
+      if (h.link >= 0) links[h.link].apply(h.mean_force, to_world(links[h.link].pose, h.local));
     }
   remember();
   for (Chain* c : slots_)

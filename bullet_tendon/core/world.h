@@ -34,6 +34,7 @@ struct Report {
   NearCounts near;
   PairCounts pairs;
   long rows = 0, groups = 0;
+  int substeps = 1;  // parts that the most violent group's step was split into
 };
 
 class World {

@@ -1,0 +1,86 @@
+// A step that Newton's method does not solve is taken in parts: halved until every part converges.
+//
+// Rotations grow with the step and are what Newton fails on; inertia M/b^2 grows as the step
+// shrinks and makes every part solvable in the end. Parts are counted in units of dt / kMostParts
+// and doubled again when they go well. Forces on holders and bodies are the parts' averages, so that
+// impulses stay exact.
+#include "constants.h"
+#include "stepping.h"
+
+namespace bt {
+
+namespace {
+
+SpringSet& spring_set(Chain& c, int which) { return which ? c.shear : c.structure; }
+
+void keep_multipliers(Chain& c) {
+  for (int w : {0, 1}) c.start_carried[w] = spring_set(c, w).carried, c.start_elastic[w] = spring_set(c, w).elastic;
+}
+
+void restore_multipliers(Chain& c) {
+  for (int w : {0, 1}) spring_set(c, w).carried = c.start_carried[w], spring_set(c, w).elastic = c.start_elastic[w];
+}
+
+void add_means(Group& group, double weight) {
+  for (Row* row : group.rows) row->mean_force += weight * row->total_force;
+  for (Chain* c : group.chains)
+    for (Hold& h : c->holds) h.mean_force += weight * h.force;
+}
+
+void clear_means(Group& group) {
+  for (Row* row : group.rows) row->mean_force = {};
+  for (Chain* c : group.chains)
+    for (Hold& h : c->holds) h.mean_force = {};
+}
+
+// The parts have moved x and v: the end goes to next and step, x and v back to the start.
+void gather(Chain& c) {
+  c.next = c.x, c.step = c.v;
+  c.x = c.start_x, c.v = c.start_v;
+  c.split = false, c.gathered = true;
+}
+
+void in_parts(Group& group, const StepContext& context) {
+  StepContext part = context;
+  part.options.integrator = Integrator::implicit_euler;
+  for (Chain* c : group.chains) {
+    c->start_x = c->x, c->start_v = c->v, c->split = true, c->dt_before = 0;
+    restore_multipliers(*c);
+  }
+  clear_means(group);
+  group.substeps = 0;
+  bool converged = true;
+  double worst = 0;
+  for (int done = 0, size = kMostParts / 2; done < kMostParts;) {
+    part.dt = context.dt * size / kMostParts;
+    for (Chain* c : group.chains) {
+      keep_multipliers(*c);
+      begin_step(*c, part, static_cast<double>(done + size) / kMostParts);
+    }
+    newton(group, part, size == 1);
+    if (!group.converged && size > 1) {
+      size /= 2;
+      for (Chain* c : group.chains) restore_multipliers(*c);
+      continue;
+    }
+    converged &= group.converged;
+    worst = std::max(worst, group.residual);
+    add_means(group, static_cast<double>(size) / kMostParts);
+    for (Chain* c : group.chains) finish_step(*c, part);
+    ++group.substeps;
+    done += size;
+    if (size < kMostParts / 2 && done % (2 * size) == 0) size *= 2;
+  }
+  group.converged = converged, group.residual = worst;
+  for (Chain* c : group.chains) gather(*c);
+}
+
+}  // namespace
+
+void converged_step(Group& group, const StepContext& context) {
+  for (Chain* c : group.chains) keep_multipliers(*c);
+  newton(group, context, false);
+  if (!group.converged) in_parts(group, context);
+}
+
+}  // namespace bt
