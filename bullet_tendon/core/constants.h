@@ -12,6 +12,11 @@ constexpr double kDegenerateLength = 1e-9;
 // step), not how deep a resting contact is. Larger: worse conditioned. Smaller: deeper impacts.
 constexpr double kContactRatio = 10.0;
 
+// Stiffness of a sticking contact, in units of a particle's own [-]. It sets how far a contact yields
+// before it slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
+// iterations step over it. Smaller: a sticking tendon gives visibly.
+constexpr double kGripRatio = 0.1;
+
 // Strain at which the material's tangent is taken for the contact stiffness of a slack tendon [-].
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;
@@ -33,14 +38,29 @@ constexpr int kMixedIterations = 14;
 
 // Parts that a step can be split into [-], a power of two. More: violent steps cost more before they
 // are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.
-constexpr int kMostParts = 1024;
+constexpr int kMostParts = 256;
 
-// Friction limits follow the normal force for this many iterations, then stay [-], so that the
-// last iterations minimise a fixed potential and converge.
-constexpr int kFrictionIterations = 4;
+// Friction limits are brought up to the normal forces this often in a step, until none moves by more
+// than the share [-] given. Fewer rounds: a friction that has just changed lags by a step.
+constexpr int kFrictionRounds = 8;
+constexpr double kFrictionAccuracy = 1e-4;
+
+// A directly constrained particle that let go this often in a step stays free for its rest [-].
+constexpr int kMostChanges = 4;
 
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;
+
+// Contacts are foreseen over the present motion times this [-]: half as much again, for what the step
+// may add. Larger: more queries and rows. Smaller: what speeds up within a step arrives unforeseen.
+constexpr double kForesight = 1.5;
+
+// Radius is taken this much larger where contacts are foreseen [-], for tendons that do not move yet.
+constexpr double kSkin = 1.02;
+
+// Tendon pairs are foreseen up to this many sums of radii [-]. A row is a plane; far from touching it
+// would hold back what passes beside it.
+constexpr double kFarthest = 2.0;
 
 // A tunnel's bore is taken to reach this many radii beyond its mouths when bone surface is looked
 // for [-]: a mouth drilled at up to 63 degrees from the surface's normal leaves no lid.

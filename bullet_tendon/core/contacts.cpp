@@ -61,13 +61,15 @@ Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec
 
 // Stiffness, softened by how far the link yields within the step, and memory.
 void World::finish_row(Row& row, int chain_slot, int particle) {
-  row.stiffness = options.contact_stiffness > 0 ? options.contact_stiffness
-                                                : kContactRatio * particle_stiffness(*slots_[chain_slot], particle);
+  const double at_hand = particle_stiffness(*slots_[chain_slot], particle);
+  row.stiffness = options.contact_stiffness > 0 ? options.contact_stiffness : kContactRatio * at_hand;
+  row.grip = kGripRatio * at_hand;
   if (row.link >= 0 && links[row.link].yields) {
     const Link& link = links[row.link];
     Vec3 at = row.a.of(slots_[chain_slot]->x);
     double w = dot(row.normal, link.mobility(at) * row.normal) * std::max(1, link.touches);
     row.stiffness /= 1 + row.stiffness * w * context_.dt * context_.dt;
+    row.grip /= 1 + row.grip * w * context_.dt * context_.dt;
   }
   recall(row);
 }
@@ -81,6 +83,8 @@ void World::recall(Row& row) {
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
   bool carries = options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
   row.carried = carries ? found->carried : 0;
+  row.limit = row.friction * found->carried;
+  row.sliding = found->sliding;
 }
 
 void World::remember() {
@@ -88,7 +92,7 @@ void World::remember() {
   for (const Row& row : rows_) {
     if (row.normal_force <= 0) continue;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-    memory_.push_back({row.key, row.normal_force, transposed_times(turn, row.displacement),
+    memory_.push_back({row.key, row.normal_force, row.sliding, transposed_times(turn, row.displacement),
                        transposed_times(turn, row.normal)});
   }
   std::sort(memory_.begin(), memory_.end(),
@@ -147,7 +151,7 @@ void World::tendon_rows() {
   for (size_t c = 0; c < slots_.size(); ++c)
     if (slots_[c]) trees_[c].refit(*slots_[c], context_.dt, options.contact_threshold);
   pairs_.clear();
-  report_.pairs = find_pairs(slots_, trees_, pairs_);
+  report_.pairs = find_pairs(slots_, trees_, context_.dt, pairs_);
   for (const SegmentPair& p : pairs_) {
     const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];
     Row row;

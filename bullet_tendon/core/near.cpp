@@ -11,9 +11,8 @@ Pose in_world(const Shape& shape, const Link& link) {
 }
 
 double reach_of(const Chain& chain, int i, const Link& link, double dt, double threshold) {
-  // Half as much again as the motion foreseen, and a little for what nobody foresees.
   Vec3 moves = dt * chain.v.at(i) - link.drift(chain.x.at(i), dt);
-  return chain.radius * 1.02 + threshold + 1.5 * norm(moves);
+  return chain.radius * kSkin + threshold + kForesight * norm(moves);
 }
 
 namespace {

@@ -45,25 +45,25 @@ bool update_direct(Group& group, Row& row) {
   row.gap = dot(row.normal, c.next.at(i)) - row.offset;
   if (row.held) {
     double push = dot(c.residual.at(i), row.normal);
-    if (push < -1e-12) row.held = false, row.limit += 1;
+    if (push < -1e-12) row.held = false, ++row.changes;
     row.normal_force = std::max(0.0, push);
     row.total_force = row.normal_force * row.normal;
     return !row.held;
   }
   row.normal_force = 0, row.total_force = {};
-  if (row.gap >= 0 || row.limit >= 4) return false;  // four changes of mind: leave it free
+  if (row.gap >= 0 || row.changes >= kMostChanges) return false;
   row.held = true;
   c.next.add(i, (-row.gap) * row.normal);
   return true;
 }
 
 // True residual of the group at chain.next; what holds supply is still in it.
-Assembly residual_of(Group& group, bool follow_limits) {
+Assembly residual_of(Group& group) {
   Assembly a;
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
     if (row->direct) continue;
-    row->evaluate(relative_position(group, *row, &Chain::next), follow_limits);
+    row->evaluate(relative_position(group, *row, &Chain::next), false);
     if (row->normal_force <= 0) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
@@ -88,9 +88,10 @@ void assemble(Group& group, Linearisation how) {
     }
     add_soft_holds(*c, c->next, true);
   }
-  for (const Row* row : group.rows)
+  for (Row* row : group.rows)
     if (!row->direct && row->normal_force > 0) {
       add_row_block(group, *row);
+      if (row->friction > 0) add_row_linearisation(group, *row);
       group.at(row->a).stiffest = std::max(group.at(row->a).stiffest, row->stiffness);
       if (row->b.chain >= 0) group.at(row->b).stiffest = std::max(group.at(row->b).stiffest, row->stiffness);
     }
@@ -133,13 +134,13 @@ double slope_along(Group& group) {
 
 // The safeguard: along a direction of descent, a length at which the slope of the step's potential
 // has at least halved (regula falsi on the slope; no potential needed, so no cancellation).
-void line_search(Group& group, bool follow_limits) {
+void line_search(Group& group) {
   const double start = slope_along(group);
   double at = 0, lo = 0, hi = 0, alpha = 1, slope_lo = start, slope_hi = 0;
   for (int trial = 0; trial < 24; ++trial) {
     advance(group, alpha - at);
     at = alpha;
-    Assembly a = residual_of(group, follow_limits);
+    Assembly a = residual_of(group);
     measure_residual(group, a);
     double slope = slope_along(group);
     bool finite = std::isfinite(slope);
@@ -156,6 +157,19 @@ void line_search(Group& group, bool follow_limits) {
   }
 }
 
+// Friction limits follow the normal forces between solutions, each of which minimises a fixed
+// potential. true: some limit moved by more than `enough`, and the step has to be solved again.
+bool update_friction(Group& group, double enough) {
+  bool moved = false;
+  for (Row* row : group.rows) {
+    if (row->friction <= 0) continue;
+    double limit = row->friction * row->normal_force;
+    moved |= std::fabs(limit - row->limit) > std::max(enough, kFrictionAccuracy * limit);
+    row->limit = limit;
+  }
+  return moved;
+}
+
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -170,11 +184,10 @@ void restart_from_now(Group& group) {
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
   bool safe = false;
-  int used = 0;
-  for (Row* row : group.rows) row->held = false, row->limit = 0;
+  int used = 0, since = 0, round = 0;  // since: iterations of this round
+  for (Row* row : group.rows) row->held = false, row->changes = 0;
   for (int iteration = 0;; ++iteration) {
-    const bool follow = iteration < kFrictionIterations;
-    Assembly a = residual_of(group, follow);
+    Assembly a = residual_of(group);
     bool changed = false;
     for (Row* row : group.rows)
       if (row->direct) changed |= update_direct(group, *row);
@@ -182,21 +195,29 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     used = iteration;
     group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || a.rounded);
-    if ((group.converged && (!follow || iteration > 0 || group.rows.empty())) || iteration >= o.max_iterations) break;
-    if (!safe && (iteration >= kMixedIterations || !std::isfinite(a.residual))) {
+    if (group.converged) {
+      if (round >= kFrictionRounds || !update_friction(group, o.tolerance * a.scale)) break;
+      ++round, since = 0;
+      continue;
+    }
+    if (iteration >= o.max_iterations) break;
+    if (!safe && (since++ >= kMixedIterations || !std::isfinite(a.residual))) {
       if (!safeguarded) break;
       safe = true;
       if (!std::isfinite(a.residual)) restart_from_now(group);
       continue;
     }
+    if (safe)
+      for (Row* row : group.rows) row->take_position(), row->evaluate(relative_position(group, *row, &Chain::next), false);
     assemble(group, safe ? Linearisation::position : Linearisation::multiplier);
     solve_linear(group, context);
     if (safe) {
-      line_search(group, false);
+      line_search(group);
     } else {
       for (Chain* c : group.chains)
         for (SpringSet* s : {&c->structure, &c->shear})
           if (s->count) carry(*s, c->material.law, c->step);
+      for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
       advance(group, 1);
     }
   }

@@ -28,15 +28,17 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
 
 void BoxTree::refit(const Chain& c, double dt, double threshold) {
   const int m = c.n() - 1;
-  segments.resize(m), reach.resize(m);
+  segments.resize(m);
   leaves.assign((m + kLeaf - 1) / kLeaf, Box{});
   all = Box{};
+  mean_velocity = {};
+  for (int i = 0; i < c.n(); ++i) mean_velocity += (1.0 / c.n()) * c.v.at(i);
+  skin = c.radius * kSkin + 0.5 * threshold;
   for (int k = 0; k < m; ++k) {
-    double speed = std::max(norm(c.v.at(k)), norm(c.v.at(k + 1)));
-    reach[k] = c.radius * 1.02 + 0.5 * threshold + 1.5 * dt * speed;
+    double speed = std::max(norm(c.v.at(k) - mean_velocity), norm(c.v.at(k + 1) - mean_velocity));
     Box b;
     b.include(c.x.at(k)), b.include(c.x.at(k + 1));
-    b.grow(reach[k]);
+    b.grow(skin + std::min(kForesight * dt * speed, kFarthest * c.radius));
     segments[k] = b;
     leaves[k / kLeaf].include(b);
   }
@@ -51,6 +53,7 @@ struct Finder {
   int ia, ib;
   std::vector<SegmentPair>& out;
   PairCounts& counts;
+  double dt = 0, margin = 0;
 
   // Segments that a spring joins, or so near along the tendon that no bend brings them together.
   bool joined(int k, int m) const {
@@ -62,11 +65,19 @@ struct Finder {
     return true;
   }
 
+  // How much the distance of two segments can shrink in the step [m].
+  double approach(int k, int m) const {
+    double fastest = 0;
+    for (int i : {k, k + 1})
+      for (int j : {m, m + 1}) fastest = std::max(fastest, norm(a->v.at(i) - b->v.at(j)));
+    return std::min(kForesight * dt * fastest, kFarthest * (a->radius + b->radius));
+  }
+
   void measure(int k, int m) {
-    if (!overlap(ta->segments[k], tb->segments[m]) || joined(k, m)) return;
+    if (!overlap(ta->segments[k], tb->segments[m], margin) || joined(k, m)) return;
     ++counts.considered;
     Vec3 p0 = a->x.at(k), p1 = a->x.at(k + 1), q0 = b->x.at(m), q1 = b->x.at(m + 1);
-    double reach = ta->reach[k] + tb->reach[m];
+    double reach = ta->skin + tb->skin + approach(k, m);
     double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
     if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
     SegmentPair s{ia, k, ib, m, 0, 0, {}, 0};
@@ -77,12 +88,16 @@ struct Finder {
   }
 
   void run() {
-    if (!overlap(ta->all, tb->all)) return;
+    // Two tendons may move towards each other as wholes.
+    margin = a == b ? 0
+                    : std::min(kForesight * dt * norm(ta->mean_velocity - tb->mean_velocity),
+                               kFarthest * (a->radius + b->radius));
+    if (!overlap(ta->all, tb->all, margin)) return;
     const int L = BoxTree::kLeaf;
     const int la = static_cast<int>(ta->leaves.size()), lb = static_cast<int>(tb->leaves.size());
     for (int i = 0; i < la; ++i)
       for (int j = a == b ? i : 0; j < lb; ++j) {
-        if (!overlap(ta->leaves[i], tb->leaves[j])) continue;
+        if (!overlap(ta->leaves[i], tb->leaves[j], margin)) continue;
         for (int k = i * L; k < std::min((i + 1) * L, a->n() - 1); ++k)
           for (int m = a == b ? std::max(j * L, k + 1) : j * L; m < std::min((j + 1) * L, b->n() - 1); ++m)
             measure(k, m);
@@ -92,13 +107,13 @@ struct Finder {
 
 }  // namespace
 
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, double dt,
                       std::vector<SegmentPair>& out) {
   PairCounts counts;
   const int count = static_cast<int>(chains.size());
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
-      if (chains[i] && chains[j]) Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts}.run();
+      if (chains[i] && chains[j]) Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, dt}.run();
   return counts;
 }
 

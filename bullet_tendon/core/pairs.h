@@ -28,17 +28,18 @@ struct Box {
     lo -= m, hi += m;
   }
 };
-inline bool overlap(const Box& a, const Box& b) {
-  return a.lo.x <= b.hi.x && b.lo.x <= a.hi.x && a.lo.y <= b.hi.y && b.lo.y <= a.hi.y && a.lo.z <= b.hi.z &&
-         b.lo.z <= a.hi.z;
+inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the margin m
+  return a.lo.x <= b.hi.x + m && b.lo.x <= a.hi.x + m && a.lo.y <= b.hi.y + m && b.lo.y <= a.hi.y + m &&
+         a.lo.z <= b.hi.z + m && b.lo.z <= a.hi.z + m;
 }
 
-// Boxes of a chain's segments grown by radius, half the threshold and their motion in a step:
-// one for each, one for every eight, one for all.
+// Boxes of a chain's segments grown by radius, half the threshold and their motion in a step,
+// relative to the chain's mean velocity: one for each, one for every eight, one for all.
 struct BoxTree {
   static constexpr int kLeaf = 8;
   std::vector<Box> segments, leaves;
-  std::vector<double> reach;  // grown by [m]
+  Vec3 mean_velocity;
+  double skin = 0;  // radius and half the threshold [m]
   Box all;
   void refit(const Chain& c, double dt, double threshold);
 };
@@ -48,7 +49,7 @@ struct PairCounts {
 };
 
 // Appends the pairs of segments that could touch within the step.
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, double dt,
                       std::vector<SegmentPair>& out);
 
 }  // namespace bt

@@ -19,24 +19,37 @@ void Row::evaluate(Vec3 relative, bool follow_limit) {
   if (normal_force > 0) block = stiffness * outer(normal);
   if (kind == ContactKind::bore && normal_force > 0)
     block += (normal_force * curvature) * (across(normal) + (-1.0) * outer(axis));
+  linear_force = total_force;
   if (friction <= 0) return;
   if (follow_limit) limit = friction * normal_force;
-  displacement = without(stuck + relative - reference, normal);
+  raw = without(stuck + relative - reference, normal);
   if (limit <= 0) {
     displacement = {};
     return;
   }
-  double stretch = norm(displacement), pull = stiffness * stretch;
-  if (pull <= limit) {
-    tangent_force = -stiffness * displacement;
-    block += stiffness * across(normal);
-  } else {
-    Vec3 along = (1 / stretch) * displacement;
-    tangent_force = -limit * along;
-    block += (limit / stretch) * (across(normal) + (-1.0) * outer(along));
-    displacement = (limit / stiffness) * along;
-  }
+  double stretch = norm(raw), pull = grip * stretch;
+  bool over = pull > limit;
+  displacement = over ? (limit / pull) * raw : raw;
+  tangent_force = -grip * displacement;
+  linear_force += sliding ? tangent_force : -grip * raw;
   total_force += tangent_force;
+  if (!sliding) {
+    block += grip * across(normal);
+  } else if (stretch > 0) {
+    Vec3 along = (1 / stretch) * raw;
+    block += (std::min(limit, pull) / stretch) * (across(normal) + (-1.0) * outer(along));
+  }
+}
+
+void Row::foresee(Vec3 moved) {
+  if (friction <= 0 || limit <= 0) return;
+  Vec3 next = raw + without(moved, normal);
+  sliding = grip * norm(next) > limit && !(sliding && dot(next, raw) < 0);
+}
+
+void Row::take_position() {
+  sliding = grip * norm(raw) > limit;
+  linear_force = total_force;
 }
 
 }  // namespace bt

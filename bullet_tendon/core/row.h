@@ -5,7 +5,8 @@
 //   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore row: n points to the axis
 //   N = max(0, N_0 - k g)                  normal force [N], N_0 the multiplier carried over steps
 //   z = xi + across(n)(x_a - x_b - ref)    displacement from where it stuck [m]
-//   F_t = -k z, at most mu N along z       Coulomb's return map [N]
+//   F_t = -k_t z, at most mu N along z       Coulomb's return map [N]
+//
 //
 // With N_0 = 0 it is the paper's spring. With N_0 carried (N_0 <- N after every step) a resting
 // contact has no depth, whatever its load; k only sets how fast that is reached.
@@ -40,27 +41,40 @@ struct Row {
   Vec3 axis_point, axis;    // of a bore row
   double clearance = 0;     // R - r of a bore row
   double stiffness = 0;     // k [N/m]
+  double grip = 0;          // k_t, of sticking [N/m]
   double carried = 0;       // N_0 [N]
   double friction = 0;      // mu
   Vec3 stuck, reference;    // xi, ref
-  double limit = 0;         // mu N of the last iterations that followed it [N]
+  double limit = 0;         // mu N that friction is limited to [N]
   bool direct = false;      // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;        // a direct row that holds now
+  bool sliding = false;     // else it sticks, in the linearisation
+  int changes = 0;          // how often a direct row let go in this step
 
   // As last evaluated.
   double gap = 0, normal_force = 0;
-  Vec3 displacement;  // z, returned to the cone
+  Vec3 raw, displacement;  // z, and z returned to the cone
   Vec3 tangent_force, total_force;  // on the point a
+  Vec3 linear_force;  // of the linearisation; total_force where that is at the present state
   Vec3 mean_force;    // total_force, averaged over the parts of a split step
   Sym3 block;         // derivative, positive semidefinite
 
+  // Forces and block at x_a - x_b. follow_limit: the friction limit is that of the normal force now.
   void evaluate(Vec3 relative, bool follow_limit);
+  // Whether the contact slides or sticks in the next iteration, from the relative displacement that
+  // this one found: what sticks slides when its force would exceed the limit, what slides sticks
+  // when it would go back (the active set of friction; judged by present positions it cycles,
+  // because a stick spring is stiff and short).
+  void foresee(Vec3 moved);
+  // The same by the present position, where a line search follows.
+  void take_position();
 };
 
 // What a contact remembers from one step to the next.
 struct ContactMemory {
   uint64_t key = 0;
   double carried = 0;
+  bool sliding = false;
   Vec3 stuck;   // in the link's frame, or the world's for two tendons
   Vec3 normal;  // the same
 };

@@ -97,6 +97,12 @@ void add_row_force(Group& group, const Row& row) {
   if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, row.total_force);
 }
 
+void add_row_linearisation(Group& group, const Row& row) {
+  const Vec3 more = row.linear_force - row.total_force;
+  add_spot_force(group.at(row.a), row.a, 1, more);
+  if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, more);
+}
+
 void add_row_block(Group& group, const Row& row) {
   add_spot_block(group.at(row.a), row.a, row.block);
   if (row.b.chain >= 0) add_spot_block(group.at(row.b), row.b, row.block);

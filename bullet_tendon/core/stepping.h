@@ -64,6 +64,8 @@ void multiply(Group& group);
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where);
 void add_row_force(Group& group, const Row& row);
 void add_row_block(Group& group, const Row& row);
+// What the row's linearisation adds to its true force, into the residual.
+void add_row_linearisation(Group& group, const Row& row);
 // Forces into the residual, or (matrix) stiffnesses into the matrix.
 void add_soft_holds(Chain& c, const Field& x, bool matrix);
 // Removes what holds take up from `what` (a residual or a direction).

@@ -40,7 +40,7 @@ void World::bore_rows(int chain, int t) {
   const Link& link = links[tunnels[t].link];
   const double dt = context_.dt;
   for (int i = 0; i < c.n(); ++i) {
-    const Vec3 x = c.x.at(i), ahead = x + 1.5 * (dt * c.v.at(i) - link.drift(x, dt));
+    const Vec3 x = c.x.at(i), ahead = x + kForesight * (dt * c.v.at(i) - link.drift(x, dt));
     const bool inside = c.tunnel_of[i] == t;
     if (!inside && !(bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius)) continue;
     const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
