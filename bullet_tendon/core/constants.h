@@ -31,10 +31,11 @@ constexpr double kFloorShare = 1e-2;
 // squares: below 1/8 the matrix stays definite whatever the compression.
 constexpr double kInertiaShare = 0.12;
 
-// Newton iterations that take whole steps with carried multipliers before the safeguard (a line
-// search along exact directions) takes over [-]. Mixed iterations may raise the energy on their
-// way, so an earlier safeguard makes violent swings slow, a later one only delays the rare failure.
-constexpr int kMixedIterations = 14;
+// Newton iterations with carried multipliers without progress (the residual under this share of the
+// best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
+// less patience splits what would converge; more makes violent steps slower.
+constexpr int kMixedIterations = 10;
+constexpr double kProgress = 0.9;
 
 // Parts that a step can be split into [-], a power of two. More: violent steps cost more before they
 // are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.

@@ -83,6 +83,7 @@ void World::recall(Row& row) {
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
   bool carries = options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
   row.carried = carries ? found->carried : 0;
+  row.multiplier = found->carried;
   row.limit = row.friction * found->carried;
   row.sliding = found->sliding;
 }

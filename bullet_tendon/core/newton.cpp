@@ -58,12 +58,12 @@ bool update_direct(Group& group, Row& row) {
 }
 
 // True residual of the group at chain.next; what holds supply is still in it.
-Assembly residual_of(Group& group) {
+Assembly residual_of(Group& group, bool at_position) {
   Assembly a;
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
     if (row->direct) continue;
-    row->evaluate(relative_position(group, *row, &Chain::next), false);
+    row->evaluate(relative_position(group, *row, &Chain::next), at_position);
     if (row->normal_force <= 0) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
@@ -89,9 +89,9 @@ void assemble(Group& group, Linearisation how) {
     add_soft_holds(*c, c->next, true);
   }
   for (Row* row : group.rows)
-    if (!row->direct && row->normal_force > 0) {
+    if (!row->direct && row->pressed) {
       add_row_block(group, *row);
-      if (row->friction > 0) add_row_linearisation(group, *row);
+      add_row_linearisation(group, *row);
       group.at(row->a).stiffest = std::max(group.at(row->a).stiffest, row->stiffness);
       if (row->b.chain >= 0) group.at(row->b).stiffest = std::max(group.at(row->b).stiffest, row->stiffness);
     }
@@ -140,7 +140,7 @@ void line_search(Group& group) {
   for (int trial = 0; trial < 24; ++trial) {
     advance(group, alpha - at);
     at = alpha;
-    Assembly a = residual_of(group);
+    Assembly a = residual_of(group, true);
     measure_residual(group, a);
     double slope = slope_along(group);
     bool finite = std::isfinite(slope);
@@ -155,6 +155,19 @@ void line_search(Group& group) {
     double width = hi - lo;
     alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
   }
+}
+
+// Whether iterations still get anywhere: contacts along a straight wall are let go one by one, which
+// takes many iterations and is no reason to give up.
+struct Progress {
+  double best = std::numeric_limits<double>::infinity();
+  int idle = 0;
+};
+
+bool stalled(Progress& p, double residual) {
+  ++p.idle;
+  if (residual < kProgress * p.best) p.best = residual, p.idle = 0;
+  return p.idle > kMixedIterations;
 }
 
 // Friction limits follow the normal forces between solutions, each of which minimises a fixed
@@ -184,10 +197,11 @@ void restart_from_now(Group& group) {
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
   bool safe = false;
-  int used = 0, since = 0, round = 0;  // since: iterations of this round
+  int used = 0, round = 0;
+  Progress progress;
   for (Row* row : group.rows) row->held = false, row->changes = 0;
   for (int iteration = 0;; ++iteration) {
-    Assembly a = residual_of(group);
+    Assembly a = residual_of(group, safe);
     bool changed = false;
     for (Row* row : group.rows)
       if (row->direct) changed |= update_direct(group, *row);
@@ -197,18 +211,16 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || a.rounded);
     if (group.converged) {
       if (round >= kFrictionRounds || !update_friction(group, o.tolerance * a.scale)) break;
-      ++round, since = 0;
+      ++round, progress = Progress{};
       continue;
     }
     if (iteration >= o.max_iterations) break;
-    if (!safe && (since++ >= kMixedIterations || !std::isfinite(a.residual))) {
+    if (!safe && (stalled(progress, a.residual) || !std::isfinite(a.residual))) {
       if (!safeguarded) break;
       safe = true;
       if (!std::isfinite(a.residual)) restart_from_now(group);
       continue;
     }
-    if (safe)
-      for (Row* row : group.rows) row->take_position(), row->evaluate(relative_position(group, *row, &Chain::next), false);
     assemble(group, safe ? Linearisation::position : Linearisation::multiplier);
     solve_linear(group, context);
     if (safe) {

@@ -26,7 +26,11 @@ void forces_now(Chain& c, const StepContext& context, bool matrix, double dampin
 void rows_now(Group& group, bool matrix) {
   for (Row* row : group.rows) {
     row->direct = false;
-    row->evaluate(relative_position(group, *row, &Chain::x), true);
+    const Vec3 relative = relative_position(group, *row, &Chain::x);
+    row->limit = 0;
+    row->evaluate(relative, true);  // for the normal force, which limits friction
+    row->limit = row->friction * row->normal_force;
+    row->evaluate(relative, true);
     if (row->normal_force <= 0) continue;
     add_row_force(group, *row);
     if (matrix) add_row_block(group, *row);

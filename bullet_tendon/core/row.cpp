@@ -2,27 +2,55 @@
 
 namespace bt {
 
-void Row::evaluate(Vec3 relative, bool follow_limit) {
-  double curvature = 0;  // of the bore, across its axis [1/m]
-  if (kind == ContactKind::bore) {
-    Vec3 radial = without(relative - axis_point, axis);
-    double distance = norm(radial);
-    gap = clearance - distance;
-    if (distance > 0) normal = (-1 / distance) * radial, curvature = 1 / distance;
-  } else {
+namespace {
+
+// Gap, normal and curvature against the wall of a bore.
+void bore_gap(Row& row, Vec3 x, double& curvature, Vec3& around) {
+  Vec3 radial = without(x - row.axis_point, row.axis);
+  double rho = norm(radial);
+  row.gap = row.ring - rho;
+  if (rho > 0) row.normal = (-1 / rho) * radial, curvature = 1 / rho;
+  around = cross(row.axis, row.normal);
+}
+
+// The same against the circle of a mouth: d = sqrt((R - rho)^2 + z^2). Moving around the axis
+// by s brings the point nearer to the circle by (R - rho)/(d rho) s^2/2.
+void mouth_gap(Row& row, Vec3 x, double& curvature, Vec3& around) {
+  Vec3 from = x - row.axis_point, radial = without(from, row.axis);
+  double rho = norm(radial), z = dot(from, row.axis), inward = row.ring - rho;
+  Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(row.axis);
+  double d = std::sqrt(inward * inward + z * z);
+  // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
+  double sign = row.through && inward < 0 ? -1 : 1;
+  row.gap = sign * d - row.offset;
+  if (d > 0) row.normal = (sign / d) * (z * row.axis - inward * out);
+  if (d > 0 && rho > 0 && inward > 0) curvature = inward / (d * rho);
+  around = cross(row.axis, out);
+}
+
+}  // namespace
+
+void Row::evaluate(Vec3 relative, bool at_position) {
+  double curvature = 0;  // by which moving around the axis brings the point nearer [1/m]
+  Vec3 around;
+  if (kind == ContactKind::bore)
+    bore_gap(*this, relative, curvature, around);
+  else if (kind == ContactKind::mouth)
+    mouth_gap(*this, relative, curvature, around);
+  else
     gap = dot(normal, relative) - offset;
-  }
   normal_force = std::max(0.0, carried - stiffness * gap);
+  if (at_position) multiplier = normal_force;
+  pressed = normal_force > 0 || multiplier > 0;
   total_force = normal_force * normal;
+  linear_force = pressed ? (carried - stiffness * gap) * normal : Vec3{};
   tangent_force = {};
   block = {};
-  if (normal_force > 0) block = stiffness * outer(normal);
-  if (kind == ContactKind::bore && normal_force > 0)
-    block += (normal_force * curvature) * (across(normal) + (-1.0) * outer(axis));
-  linear_force = total_force;
+  if (pressed) block = stiffness * outer(normal);
+  if (curvature > 0 && pressed) block += (multiplier * curvature) * outer(around);
   if (friction <= 0) return;
-  if (follow_limit) limit = friction * normal_force;
   raw = without(stuck + relative - reference, normal);
+  if (at_position) sliding = grip * norm(raw) > limit;
   if (limit <= 0) {
     displacement = {};
     return;
@@ -42,14 +70,10 @@ void Row::evaluate(Vec3 relative, bool follow_limit) {
 }
 
 void Row::foresee(Vec3 moved) {
+  multiplier = std::max(0.0, carried - stiffness * (gap + dot(normal, moved)));
   if (friction <= 0 || limit <= 0) return;
   Vec3 next = raw + without(moved, normal);
   sliding = grip * norm(next) > limit && !(sliding && dot(next, raw) < 0);
-}
-
-void Row::take_position() {
-  sliding = grip * norm(raw) > limit;
-  linear_force = total_force;
 }
 
 }  // namespace bt

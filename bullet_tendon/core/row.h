@@ -3,6 +3,7 @@
 //
 //   g = n.(x_a - x_b) - c                  gap of a plane row [m]
 //   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore row: n points to the axis
+//   g = |x_a - nearest on circle| - r      gap of a mouth row
 //   N = max(0, N_0 - k g)                  normal force [N], N_0 the multiplier carried over steps
 //   z = xi + across(n)(x_a - x_b - ref)    displacement from where it stuck [m]
 //   F_t = -k_t z, at most mu N along z       Coulomb's return map [N]
@@ -36,19 +37,24 @@ struct Row {
   Spot a, b;                // b.chain = -1: against a link
   int link = -1;
   Vec3 normal;              // n, of a plane row; of a bore row as last evaluated
-  double offset = 0;        // c
+  double offset = 0;        // c; of a mouth row, the distance kept from the circle
   double beyond = 0;        // by how much the gap stands off the surfaces (threshold) [m]
-  Vec3 axis_point, axis;    // of a bore row
-  double clearance = 0;     // R - r of a bore row
+  Vec3 axis_point, axis;    // of a bore; of a mouth, the circle's centre and axis
+  double ring = 0;          // of a bore, R - r; of a mouth, the circle's radius [m]
+  bool through = false;     // a mouth row of a segment that passes through the mouth
   double stiffness = 0;     // k [N/m]
   double grip = 0;          // k_t, of sticking [N/m]
   double carried = 0;       // N_0 [N]
+  double multiplier = 0;    // N as foreseen, in the curvature [N]
   double friction = 0;      // mu
   Vec3 stuck, reference;    // xi, ref
   double limit = 0;         // mu N that friction is limited to [N]
   bool direct = false;      // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;        // a direct row that holds now
+  bool pressed = false;     // touches, in the linearisation
   bool sliding = false;     // else it sticks, in the linearisation
+  double kept_multiplier = 0;  // both, before a part of a split step was tried
+  bool kept_sliding = false;
   int changes = 0;          // how often a direct row let go in this step
 
   // As last evaluated.
@@ -59,15 +65,14 @@ struct Row {
   Vec3 mean_force;    // total_force, averaged over the parts of a split step
   Sym3 block;         // derivative, positive semidefinite
 
-  // Forces and block at x_a - x_b. follow_limit: the friction limit is that of the normal force now.
-  void evaluate(Vec3 relative, bool follow_limit);
-  // Whether the contact slides or sticks in the next iteration, from the relative displacement that
-  // this one found: what sticks slides when its force would exceed the limit, what slides sticks
-  // when it would go back (the active set of friction; judged by present positions it cycles,
-  // because a stick spring is stiff and short).
+  // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
+  // block's curvature, are as foreseen, or (at_position) as the position has them.
+  void evaluate(Vec3 relative, bool at_position);
+  // The normal force, and whether the contact slides, in the next iteration, from the relative
+  // displacement that this one found. Both are multipliers like those of springs: judged by present
+  // positions they are wild, because contacts are stiff. What sticks slides when its force would
+  // exceed the limit; what slides sticks when it would go back.
   void foresee(Vec3 moved);
-  // The same by the present position, where a line search follows.
-  void take_position();
 };
 
 // What a contact remembers from one step to the next.

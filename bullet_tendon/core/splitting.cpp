@@ -13,12 +13,22 @@ namespace {
 
 SpringSet& spring_set(Chain& c, int which) { return which ? c.shear : c.structure; }
 
-void keep_multipliers(Chain& c) {
-  for (int w : {0, 1}) c.start_carried[w] = spring_set(c, w).carried, c.start_elastic[w] = spring_set(c, w).elastic;
+void keep_multipliers(Group& group) {
+  for (Chain* c : group.chains)
+    for (int w : {0, 1}) {
+      c->start_carried[w] = spring_set(*c, w).carried;
+      c->start_elastic[w] = spring_set(*c, w).elastic;
+    }
+  for (Row* row : group.rows) row->kept_multiplier = row->multiplier, row->kept_sliding = row->sliding;
 }
 
-void restore_multipliers(Chain& c) {
-  for (int w : {0, 1}) spring_set(c, w).carried = c.start_carried[w], spring_set(c, w).elastic = c.start_elastic[w];
+void restore_multipliers(Group& group) {
+  for (Chain* c : group.chains)
+    for (int w : {0, 1}) {
+      spring_set(*c, w).carried = c->start_carried[w];
+      spring_set(*c, w).elastic = c->start_elastic[w];
+    }
+  for (Row* row : group.rows) row->multiplier = row->kept_multiplier, row->sliding = row->kept_sliding;
 }
 
 void add_means(Group& group, double weight) {
@@ -45,22 +55,20 @@ void in_parts(Group& group, const StepContext& context) {
   part.options.integrator = Integrator::implicit_euler;
   for (Chain* c : group.chains) {
     c->start_x = c->x, c->start_v = c->v, c->split = true, c->dt_before = 0;
-    restore_multipliers(*c);
   }
+  restore_multipliers(group);
   clear_means(group);
   group.substeps = 0;
   bool converged = true;
   double worst = 0;
   for (int done = 0, size = kMostParts / 2; done < kMostParts;) {
     part.dt = context.dt * size / kMostParts;
-    for (Chain* c : group.chains) {
-      keep_multipliers(*c);
-      begin_step(*c, part, static_cast<double>(done + size) / kMostParts);
-    }
+    keep_multipliers(group);
+    for (Chain* c : group.chains) begin_step(*c, part, static_cast<double>(done + size) / kMostParts);
     newton(group, part, size == 1);
     if (!group.converged && size > 1) {
       size /= 2;
-      for (Chain* c : group.chains) restore_multipliers(*c);
+      restore_multipliers(group);
       continue;
     }
     converged &= group.converged;
@@ -78,7 +86,7 @@ void in_parts(Group& group, const StepContext& context) {
 }  // namespace
 
 void converged_step(Group& group, const StepContext& context) {
-  for (Chain* c : group.chains) keep_multipliers(*c);
+  keep_multipliers(group);
   newton(group, context, false);
   if (!group.converged) in_parts(group, context);
 }

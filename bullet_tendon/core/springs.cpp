@@ -78,20 +78,26 @@ void by_exponent(const Law& law, Call call) {
   }
 }
 
-bool slack(const SpringSet& s, const Law& law, int k) {
-  return s.damping[k] == 0 || (law.tension_only && s.length[k] <= s.rest[k]);
+// Share of the damping that acts on spring k: all of it, but for tension-only springs, whose damping
+// fades in over the toe (or the reference strain) by the strain at the start of the step. A damping
+// that switched on at strain 0 would be a jump in the force.
+double damping_share_of(const SpringSet& s, const Law& law, int k, double length_before) {
+  if (!law.tension_only) return 1;
+  double full = std::min(law.toe_strain, kReferenceStrain), strain = length_before / s.rest[k] - 1;
+  return strain <= 0 ? 0 : std::min(1.0, strain / full);
 }
 
-// Axial damping at the rate rate_of(k) [1/s], whose derivative by the length is 1/(b l).
+// Axial damping at the rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). What is
+// tension-only never pushes, damping included.
 template <class Rate>
-void add_axial_damping(SpringSet& s, const Law& law, double b, double share, Rate rate_of) {
+void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share, Rate rate_of) {
   for (int k = 0; k < s.count; ++k) {
-    s.damping_slope[k] = 0;
-    if (slack(s, law, k)) continue;
+    const double c = s.damping[k] * damping_share_of(s, law, k, before[k]);
     double f, df;
     damping(law, rate_of(k), f, df);
-    s.force[k] += share * s.damping[k] * f;
-    s.damping_slope[k] = s.damping[k] * df / (b * s.rest[k]);
+    s.force[k] += share * c * f;
+    s.damping_slope[k] = c * df / (b * s.rest[k]);
+    if (law.tension_only && s.force[k] < 0) s.force[k] = 0, s.damping_slope[k] = 0, s.elastic_slope[k] = 0;
   }
 }
 
@@ -133,17 +139,17 @@ double blocks(SpringSet& s, double inertia) {
 template <class Velocity>
 void add_whole_damping(SpringSet& s, const Law& law, double b, double share, bool block, Velocity velocity) {
   for (int k = 0; k < s.count; ++k) {
-    if (slack(s, law, k)) continue;
+    const double c = s.damping[k] * damping_share_of(s, law, k, s.length[k]);
     Vec3 w = (1 / s.rest[k]) * (velocity(k + s.reach) - velocity(k));
     double speed = norm(w), f, df;
     damping(law, speed, f, df);
-    Vec3 along = unit_or(w, Vec3{0, 0, 1}), force = (share * s.damping[k] * f) * along;
+    Vec3 along = unit_or(w, Vec3{0, 0, 1}), force = (share * c * f) * along;
     if (!block) {
       s.vector[0][k] += force.x, s.vector[1][k] += force.y, s.vector[2][k] += force.z;
       continue;
     }
     double cross_slope = speed > 0 ? f / speed : df;
-    Sym3 d = (s.damping[k] / (b * s.rest[k])) * (cross_slope * across(along) + df * outer(along));
+    Sym3 d = (c / (b * s.rest[k])) * (cross_slope * across(along) + df * outer(along));
     const double add[6] = {d.xx, d.xy, d.xz, d.yy, d.yz, d.zz};
     for (int c = 0; c < 6; ++c) s.block[c][k] += add[c];
   }
@@ -159,7 +165,7 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
   measure(s, x);
   by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
   if (s.damped && !law.whole_velocity)
-    add_axial_damping(s, law, b, 1, [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
+    add_axial_damping(s, law, s.start.data(), b, 1, [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
   vectors(s);
   if (s.damped && law.whole_velocity) {
     s.whole_position = &x, s.whole_anchor = &xh;
@@ -193,7 +199,7 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
   };
   auto velocity = [&](int i) { return v.at(i); };
   const bool whole = s.damped && law.whole_velocity;
-  if (s.damped && !whole) add_axial_damping(s, law, dt, damping_share, rate);
+  if (s.damped && !whole) add_axial_damping(s, law, s.length.data(), dt, damping_share, rate);
   take_true_multipliers(s);
   vectors(s);
   blocks(s, 0);

@@ -54,7 +54,7 @@ void World::bore_rows(int chain, int t) {
     row.a = {chain, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     row.axis_point = on_axis + link.drift(on_axis, dt);
     row.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-    row.clearance = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
+    row.ring = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     row.beyond = options.contact_threshold;
     row.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
     row.friction = tunnels[t].friction * c.friction;
@@ -100,17 +100,21 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   const double distance = norm(apart);
   const double reach = reach_of(c, k, links[tunnels[t].link], context_.dt, options.contact_threshold) + bore.chamfer;
   if (distance > reach) return;
-  Vec3 normal = unit_or(apart, -sideways);
-  // A segment of the bore that crosses the mouth's plane outside the circle is in the bone: the
-  // way out is through the edge.
-  const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
-  if ((c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0) {
-    const Vec3 crossing = a + (za / (za - zb)) * (b - a);
-    if (bore.off_axis(crossing) > radius) normal = -normal;
-  }
-  Row row = plane_row(ContactKind::mouth, {chain, k, 1 - u, u}, tunnels[t].link, edge, normal,
-                      contact_key(ContactKind::mouth, chain, k, 2 * t + mouth, 0), tunnels[t].friction);
-  row.offset += bore.chamfer;
+  const Link& link = links[tunnels[t].link];
+  const double dt = context_.dt, za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
+  Row row;
+  row.kind = ContactKind::mouth, row.link = tunnels[t].link;
+  row.key = contact_key(row.kind, chain, k, 2 * t + mouth, 0);
+  row.a = {chain, k, 1 - u, u};
+  row.axis_point = centre + link.drift(centre, dt);
+  row.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
+  row.ring = radius, row.beyond = options.contact_threshold;
+  row.offset = c.radius + bore.chamfer + options.contact_threshold;
+  row.through = (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0;
+  row.normal = unit_or(apart, -sideways);
+  row.friction = tunnels[t].friction * c.friction;
+  row.reference = x + link.drift(x, dt);
+  finish_row(row, chain, u < 0.5 ? k : k + 1);
   rows_.push_back(row);
 }
 
