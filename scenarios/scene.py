@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import time
 from types import SimpleNamespace
 
@@ -97,8 +98,8 @@ class Scene:
         self.unconverged = 0
         self.finite = True
         self._series: dict[str, tuple[list[float], list[float]]] = {}
-        self._visuals: list[view.TendonVisual] | None = None
-        self._clock = time.perf_counter()
+        self._visuals: dict = {}
+        self._clock = 0.0  # when the last step was shown [s]
 
     @property
     def tendons(self) -> tuple:
@@ -112,8 +113,8 @@ class Scene:
 
     @property
     def series(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """What was recorded: name to (abscissae, values), by default times [s]."""
-        return {name: (np.array(x), np.array(y)) for name, (x, y) in self._series.items()}
+        """What was recorded, by name: abscissae in ascending order, by default times [s], and values."""
+        return {name: _sorted(np.array(x), np.array(y)) for name, (x, y) in self._series.items()}
 
     def step(self) -> None:
         """One step of the world, pybullet included; shows it in the window in real time.
@@ -157,17 +158,16 @@ class Scene:
         x.append(self.time if at is None else float(at))
         y.append(float(value))
 
-    def mark(self, title: str, camera: dict | None = None, opacity: float = 0.4) -> None:
+    def mark(self, title: str, camera: dict | None = None, opacity: float = 0.4, tendons=None) -> None:
         """Photograph this moment, if a picture is wanted, with `camera` (None: the scene's).
 
-        opacity: of the bones.
+        opacity: of the bones. tendons: or skins of them; None: the world's.
         """
         if not self.options.picture:
             return
         shot = {"width": 640, "height": 480, **self.camera, **(camera or {})}
-        image = view.render_scene(
-            self.client, shot, self.bones, self.tendons, self.tunnels, bone_opacity=opacity
-        )
+        shown = self.tendons if tendons is None else tendons
+        image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity)
         self.frames.append((title, image))
 
     def draw(self, path: str) -> None:
@@ -190,14 +190,21 @@ class Scene:
     def _show(self) -> None:
         if not p.isConnected(self.client):
             raise CutShort("with its window")
-        if self._visuals is None:
+        if not self._clock:
             self._look()
-            pairs = zip(self.tendons, np.resize(view.PALETTE, (len(self.tendons), 4)), strict=True)
-            self._visuals = [view.TendonVisual(tendon, self.client, color) for tendon, color in pairs]
-        for visual in self._visuals:
+        if tuple(self._visuals) != self.tendons:
+            self._replace_visuals()
+        for visual in self._visuals.values():
             visual.update()
         self._clock = max(self._clock + self.time_step, time.perf_counter() - 0.1)
         time.sleep(max(0.0, self._clock - time.perf_counter()))
+
+    def _replace_visuals(self) -> None:
+        """Show the present world's tendons, and no others."""
+        for visual in self._visuals.values():
+            visual.remove()
+        pairs = zip(self.tendons, itertools.cycle(view.PALETTE), strict=False)
+        self._visuals = {tendon: view.TendonVisual(tendon, self.client, color) for tendon, color in pairs}
 
     def _look(self) -> None:
         """Set the window's camera, and make the bones transparent."""
@@ -210,6 +217,11 @@ class Scene:
                     p.changeVisualShape(
                         body, row[1], rgbaColor=(*row[7][:3], 0.4), physicsClientId=self.client
                     )
+
+
+def _sorted(x, y) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(x, kind="stable")
+    return x[order], y[order]
 
 
 def _placed(tunnel, client) -> tuple:

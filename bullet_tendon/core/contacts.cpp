@@ -74,6 +74,29 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   recall(row);
 }
 
+// A rigid hold and a rigid contact that disagree have no solution: the hold wins. That is a row whose
+// particles are all held, or one that a held end violates where the hold takes it.
+bool World::overruled(const Row& row) const {
+  const Chain& c = *slots_[row.a.chain];
+  bool any_free = false;
+  for (int e : {0, 1}) {
+    if ((e ? row.a.w1 : row.a.w0) == 0) continue;
+    const Hold* hold = nullptr;
+    for (const Hold& h : c.holds)
+      if (h.rigid && h.particle == row.a.first + e) hold = &h;
+    any_free |= !hold;
+    if (!hold || row.b.chain >= 0) continue;
+    Row at_hold = row;
+    at_hold.evaluate(hold->goal, true);
+    if (at_hold.gap < 0) return true;
+  }
+  return !any_free && row.b.chain < 0;
+}
+
+void World::add_row(const Row& row) {
+  if (!overruled(row)) rows_.push_back(row);
+}
+
 void World::recall(Row& row) {
   auto found = std::lower_bound(memory_.begin(), memory_.end(), row.key,
                                 [](const ContactMemory& m, uint64_t key) { return m.key < key; });
@@ -120,7 +143,7 @@ void World::bone_rows() {
         uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
         Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
         row.direct = !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields;
-        rows_.push_back(row);
+        add_row(row);
       }
     }
   }
@@ -142,7 +165,7 @@ void World::half_space_rows(int chain, int s) {
     Row row = plane_row(ContactKind::bone, spot, shape.link, x - height * normal, normal,
                         contact_key(ContactKind::bone, chain, i, s, 0), shape.friction);
     row.direct = options.bone_contact == BoneContact::constraint && !link.yields;
-    rows_.push_back(row);
+    add_row(row);
   }
 }
 
@@ -167,7 +190,7 @@ void World::tendon_rows() {
     row.friction = a.friction * b.friction;
     row.reference = p.apart;
     finish_row(row, p.chain_a, p.segment_a);
-    rows_.push_back(row);
+    add_row(row);
   }
 }
 

@@ -60,7 +60,7 @@ void World::bore_rows(int chain, int t) {
     row.friction = tunnels[t].friction * c.friction;
     row.reference = x + link.drift(x, dt);
     finish_row(row, chain, i);
-    rows_.push_back(row);
+    add_row(row);
   }
 }
 
@@ -115,7 +115,7 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   row.friction = tunnels[t].friction * c.friction;
   row.reference = x + link.drift(x, dt);
   finish_row(row, chain, u < 0.5 ? k : k + 1);
-  rows_.push_back(row);
+  add_row(row);
 }
 
 }  // namespace bt

@@ -74,6 +74,8 @@ class World {
   void half_space_rows(int chain, int shape);
   void tendon_rows();
   void finish_row(Row& row, int chain_slot, int particle);
+  bool overruled(const Row& row) const;
+  void add_row(const Row& row);
   void recall(Row& row);
   void remember();
   // tunnels.cpp

@@ -1,0 +1,127 @@
+"""Argument checks: what fits comes back in the package's form, what does not is named."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bullet_tendon import checks
+from bullet_tendon.errors import InvalidType, InvalidValue, TendonError, UnknownId
+
+NOT_NUMBERS = ["1", None, True, np.bool_(False), 1j, [1.0], {}]
+NOT_FINITE = [math.nan, math.inf, -math.inf, np.float64("nan")]
+
+
+@pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int64(2)])
+def test_number_gives_a_float(value):
+    result = checks.number("x", value, above=0, at_least=2, at_most=2)
+    assert result == 2.0
+    assert type(result) is float
+
+
+@pytest.mark.parametrize("value", NOT_NUMBERS)
+def test_number_refuses_other_types(value):
+    with pytest.raises(InvalidType, match="x = .*: must be a real number"):
+        checks.number("x", value)
+
+
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_number_refuses_what_is_not_finite(value):
+    with pytest.raises(InvalidValue, match="a finite number"):
+        checks.number("x", value)
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "allowed"),
+    [
+        (0, {"above": 0}, "a finite number > 0"),
+        (0.9, {"at_least": 1}, "a finite number >= 1"),
+        (1.1, {"at_most": 1}, "a finite number <= 1"),
+        (-1, {"at_least": 0, "at_most": 0.5}, "a finite number >= 0 and <= 0.5"),
+    ],
+)
+def test_bounds_are_told(value, bounds, allowed):
+    with pytest.raises(InvalidValue) as caught:
+        checks.number("x", value, **bounds)
+    assert (caught.value.argument, caught.value.value, caught.value.allowed) == ("x", value, allowed)
+    assert str(caught.value) == f"x = {value!r}: must be {allowed}"
+
+
+@pytest.mark.parametrize("value", [3, np.int32(3), np.uint8(3)])
+def test_integer_gives_an_int(value):
+    result = checks.integer("n", value, at_least=3, at_most=3)
+    assert result == 3
+    assert type(result) is int
+
+
+@pytest.mark.parametrize("value", [3.0, "3", True, None, np.float64(3)])
+def test_integer_refuses_other_types(value):
+    with pytest.raises(InvalidType, match="an integer"):
+        checks.integer("n", value)
+
+
+@pytest.mark.parametrize("value", [2, 6])
+def test_integer_bounds(value):
+    with pytest.raises(InvalidValue, match="an integer >= 3 and <= 5"):
+        checks.integer("n", value, at_least=3, at_most=5)
+
+
+def test_arrays_are_new_and_float():
+    given = np.array([[1, 2, 3], [4, 5, 6]])
+    result = checks.array("points", given, (None, 3))
+    assert result.dtype == float
+    result[0, 0] = 9
+    assert given[0, 0] == 1
+    np.testing.assert_array_equal(checks.vector("x", (1, 2, 3)), [1, 2, 3])
+
+
+@pytest.mark.parametrize("value", [[1, 2], [[1, 2, 3]], 5.0, [1, 2, 3, 4], []])
+def test_vectors_of_other_shapes(value):
+    with pytest.raises(InvalidValue, match=r"of shape \(3,\)"):
+        checks.vector("x", value)
+
+
+@pytest.mark.parametrize("value", ["abc", [1, "b", 2], [1, [2], 3], [None, {}, 1], object()])
+def test_vectors_of_other_things(value):
+    with pytest.raises(InvalidType, match=r"numbers of shape \(3,\)"):
+        checks.vector("x", value)
+
+
+@pytest.mark.parametrize("bad", NOT_FINITE)
+def test_vectors_are_finite(bad):
+    with pytest.raises(InvalidValue, match="finite everywhere"):
+        checks.vector("x", [0, bad, 1])
+
+
+@pytest.mark.parametrize("value", ["c", None, 1, ["a"]])
+def test_choices_are_listed(value):
+    assert checks.choice("method", "a", ("a", "b")) == "a"
+    with pytest.raises(InvalidValue, match="method = .*: must be one of 'a', 'b'"):
+        checks.choice("method", value, ("a", "b"))
+
+
+def test_flags_and_texts():
+    assert checks.flag("on", np.bool_(True)) is True
+    assert checks.text("name", "graft") == "graft"
+    for value in (1, 0, "true", None):
+        with pytest.raises(InvalidType, match="True or False"):
+            checks.flag("on", value)
+    with pytest.raises(InvalidType, match="a string"):
+        checks.text("name", b"graft")
+    with pytest.raises(InvalidValue, match="a non-empty string"):
+        checks.text("name", "")
+
+
+def test_errors_are_what_python_expects():
+    """Each is a TendonError and the built-in that a caller would catch."""
+    for error, builtin in ((InvalidValue, ValueError), (InvalidType, TypeError), (UnknownId, KeyError)):
+        found = error("x", 1, "2")
+        assert isinstance(found, TendonError)
+        assert isinstance(found, builtin)
+        assert str(found) == "x = 1: must be 2"
+
+
+def test_long_values_are_cut():
+    text = str(InvalidValue("points", list(range(1000)), "short"))
+    assert len(text) < 200
+    assert "..." in text

@@ -1,0 +1,245 @@
+"""Tunnels: the bore's wall, its mouths, what is not felt inside it, and what is refused."""
+
+import math
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+BORE, RADIUS, HALF, G = 0.006, 0.004, 0.05, 9.81
+ROPE = bt.Material(stiffness=3e3, damping=3.0, friction=1.0)
+
+
+def bone(client, position=(0, 0, 0), turn=(0, 0, 0, 1), mass=0.0):
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[HALF] * 3, physicsClientId=client)
+    return p.createMultiBody(mass, shape, -1, position, turn, physicsClientId=client)
+
+
+@pytest.fixture
+def drilled(make_world, client):
+    """drilled(friction, **options): a world with a bone, an obstacle, bored through along x; the tunnel."""
+
+    def make(friction=0.0, gravity=(0, 0, 0), chamfer=0.0, dt=1 / 240, **options):
+        world = make_world(dt, gravity, **options)
+        body = bone(client)
+        world.add_obstacle(body)
+        tunnel = world.add_tunnel(body, -1, [-HALF, 0, 0], [HALF, 0, 0], BORE, friction, chamfer)
+        return world, body, tunnel
+
+    return make
+
+
+def along_x(world, start, end, n, radius=RADIUS):
+    return world.add_tendon([[start, 0, 0], [end, 0, 0]], radius, ROPE, n)
+
+
+def off_axis(t):
+    return np.hypot(t.positions[:, 1], t.positions[:, 2])
+
+
+PAPER = {"iteration": "single", "contact_threshold": 5e-4}
+
+
+@pytest.mark.parametrize(
+    ("push", "options"),
+    [(1.0, {}), (1.0, {"integrator": "bdf2"}), (1e-3, PAPER), (1e-3, {**PAPER, "contact_stiffness": 50.0})],
+    ids=str,
+)
+def test_particles_stay_in_the_bore(drilled, push, options):
+    """Pushed sideways, by much more than their weight or as much: within R - r, and the wall pushes back."""
+    world, body, _ = drilled(**options)
+    t = along_x(world, -0.04, 0.04, 21)
+    for i in range(21):
+        t.set_force(i, [0, push, push / 2])
+    for _ in range(300):
+        world.step()
+        assert off_axis(t).max() <= BORE - RADIUS + 0.02 * RADIUS
+    contacts = world.contacts
+    assert set(contacts["kind"]) == {"bore"}
+    assert contacts["normal_force"].sum() == pytest.approx(21 * push * math.hypot(1, 0.5), rel=1e-6)
+    depth = push * math.hypot(1, 0.5) / options.get("contact_stiffness", math.inf)
+    expected = BORE - RADIUS - options.get("contact_threshold", 0) + depth
+    np.testing.assert_allclose(off_axis(t), expected, atol=1e-6)
+    np.testing.assert_allclose(world.wrench(body)[:3], [0, 21 * push, 10.5 * push], atol=1e-5 * push)
+
+
+def test_bone_around_the_bore_is_not_there(drilled):
+    """A tendon along the axis of a straight tunnel touches nothing, and no distance is asked for."""
+    world, body, _ = drilled()
+    t = along_x(world, -0.15, 0.15, 61)
+    start = t.positions
+    world.step(60)
+    np.testing.assert_allclose(t.positions, start, atol=1e-12)
+    assert world.report.counts["pairs_queried"] == 0
+    assert not world.contacts["normal_force"].any()
+    assert not world.wrench(body).any()
+
+
+def test_a_filled_tunnel_is_bone_again(drilled):
+    world, body, tunnel = drilled()
+    t = along_x(world, -0.15, 0.15, 61)
+    start = t.positions
+    world.step()
+    world.remove_tunnel(tunnel)
+    assert world.tunnels == ()
+    with pytest.raises(bt.UnknownId):
+        world.remove_tunnel(tunnel)
+    world.step(3)
+    assert world.contacts["normal_force"].max() > 0
+    assert np.abs(t.positions - start).max() > 1e-3
+
+
+@pytest.mark.parametrize("sideways", [0.0, 0.3])
+def test_pulling_through_without_friction_costs_no_force(drilled, sideways):
+    """At constant speed, pressed against the wall or not, nothing holds the tendon back."""
+    world, _, _ = drilled(tolerance=1e-10)
+    t, speed = along_x(world, -0.03, 0.03, 31), 0.02
+    for i in range(31):
+        t.set_force(i, [0, sideways, 0])
+    world.step(200)
+    grip = t.grip(-1)
+    t.set_positions(t.positions, np.tile([speed, 0, 0], (31, 1)))
+    for _ in range(100):
+        grip.target = grip.target + [speed / 240, 0, 0]
+        world.step()
+    assert t.positions[-1, 0] > 0.035
+    assert abs(grip.force[0]) <= 1e-6
+    if sideways:
+        assert world.contacts["normal_force"].sum() == pytest.approx(30 * sideways, rel=1e-5)
+
+
+def test_friction_in_a_straight_bore_is_coulombs(drilled):
+    """mu N at constant speed, the same on the bone."""
+    mu, push, n = 0.25, 0.2, 31
+    world, body, _ = drilled(friction=mu, tolerance=1e-10)
+    t, speed = along_x(world, -0.03, 0.02, n), 0.02
+    for i in range(n):
+        t.set_force(i, [0, 0, -push])
+    world.step(200)
+    grip = t.grip(-1)
+    for _ in range(300):
+        grip.target = grip.target + [speed / 240, 0, 0]
+        world.step()
+    contacts = world.contacts
+    resistance = mu * contacts["normal_force"].sum()
+    free = contacts["position"][:, 0] < t.positions[-1, 0] - 1e-6  # the grip can carry its own particle
+    assert contacts["normal_force"][free].sum() == pytest.approx(push * (n - 1), rel=1e-3)
+    assert world.wrench(body)[0] == pytest.approx(resistance, rel=1e-3)
+    assert -grip.force[0] == pytest.approx(resistance, rel=1e-3)
+
+
+def distance_to_circle(t, x, radius):
+    """Least distance of the centreline, finely sampled, to a circle about the x axis."""
+    fine = np.linspace(0, t.particles - 1, 50 * (t.particles - 1) + 1)
+    line = np.column_stack([np.interp(fine, np.arange(t.particles), c) for c in t.positions.T])
+    return np.hypot(line[:, 0] - x, np.hypot(line[:, 1], line[:, 2]) - radius).min()
+
+
+@pytest.mark.parametrize(
+    ("n", "pull", "steps"),
+    [(41, (0, 1e-4, 0), 150), (161, (-1e-4, 3e-4, 0), 300), (41, (-1e-4, 3e-4, 0), 300)],
+    ids=["gentle", "hard and fine", "hard and coarse"],
+)
+def test_a_mouths_edge_keeps_the_tendon_off(drilled, n, pull, steps):
+    """Pulled sideways over a mouth, its centreline stays a radius away from the mouth's circle."""
+    radius = 0.003
+    world, _, _ = drilled()
+    t = along_x(world, -0.04, 0.12, n, radius)
+    t.grip(0)
+    grip, least = t.grip(-1), math.inf
+    for k in range(steps):
+        grip.target = grip.target + pull
+        world.step()
+        if k > steps // 2:
+            least = min(least, distance_to_circle(t, HALF, BORE))
+    assert least >= 0.98 * radius
+    assert least < 1.1 * radius  # it does touch
+    assert "mouth" in world.contacts["kind"]
+    assert t.tension.max() > 10
+
+
+def test_a_chamfer_moves_the_edge_back(drilled):
+    """The rounded edge: a torus about a circle, within the bone and farther out by the chamfer's radius."""
+    radius, chamfer = 0.003, 0.002
+    world, _, _ = drilled(chamfer=chamfer)
+    t = along_x(world, -0.04, 0.12, 81, radius)
+    t.grip(0)
+    grip = t.grip(-1)
+    for _ in range(150):
+        grip.target = grip.target + [0, 1e-4, 0]
+        world.step()
+    least = distance_to_circle(t, HALF - chamfer, BORE + chamfer)
+    assert least == pytest.approx(radius + chamfer, rel=0.02)
+
+
+def test_several_tunnels(make_world, client):
+    """One tendon through two bones, one of them turned and shifted: each holds its own stretch."""
+    world = make_world(1 / 240)
+    turn = p.getQuaternionFromEuler([0, 0, 0.5])
+    axes = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    place = np.array([0.2, 0.05, 0.02])
+    bodies = [bone(client), bone(client, place, turn)]
+    for body in bodies:
+        world.add_obstacle(body)
+        world.add_tunnel(body, -1, [-HALF, 0, 0], [HALF, 0, 0], BORE, 0.0)
+    ends = [[-HALF, 0, 0], [HALF, 0, 0], place - axes @ [HALF, 0, 0], place + axes @ [HALF, 0, 0]]
+    t = world.add_tendon(ends, RADIUS, ROPE, 81)
+    t.grip(0), t.grip(-1)
+    t.set_force(40, [0, 0, 5.0])
+    t.set_force(60, [0, 0, -5.0])
+    world.step(500)
+    x = t.positions
+    for centre, rotation in ((np.zeros(3), np.eye(3)), (place, axes)):
+        local = (x - centre) @ rotation
+        inside = np.abs(local[:, 0]) < HALF - 1e-3
+        assert inside.sum() > 10
+        assert np.hypot(local[inside, 1], local[inside, 2]).max() <= BORE - RADIUS + 0.02 * RADIUS
+    felt = {row["bodyUniqueId"] for row in world.contacts if row["normal_force"] > 0}
+    assert felt == set(bodies)
+
+
+def test_a_tunnel_moves_with_its_body(drilled, client):
+    world, body, _ = drilled()
+    t = along_x(world, -0.04, 0.04, 21)
+    for k in range(1, 201):
+        p.resetBasePositionAndOrientation(body, [0, 0, 1e-4 * k], [0, 0, 0, 1], physicsClientId=client)
+        world.step()
+        assert np.abs(t.positions[:, 2] - 1e-4 * k).max() <= 2e-3 + 1.2e-4
+    world.step(200)
+    assert np.hypot(t.positions[:, 1], t.positions[:, 2] - 0.02).max() <= BORE - RADIUS + 0.02 * RADIUS
+
+
+GOOD = {"bodyUniqueId": 0, "linkIndex": -1, "start": [0, 0, 0], "end": [0, 0, 0.03], "radius": 0.004}
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "error"),
+    [
+        ("bodyUniqueId", 9, bt.UnknownId),
+        ("linkIndex", 0, bt.UnknownId),
+        ("start", [0, 0], bt.InvalidValue),
+        ("start", [0, 0, math.nan], bt.InvalidValue),
+        ("end", [0, 0, 0], bt.InvalidValue),
+        ("end", "far", bt.InvalidType),
+        ("radius", 0.0, bt.InvalidValue),
+        ("radius", None, bt.InvalidType),
+        ("friction", -1, bt.InvalidValue),
+        ("chamfer", -1e-3, bt.InvalidValue),
+        ("chamfer", "round", bt.InvalidType),
+        ("name", "", bt.InvalidValue),
+    ],
+)
+def test_refused_tunnels_change_nothing(make_world, client, argument, value, error):
+    bone(client)
+    world = make_world()
+    with pytest.raises(error) as caught:
+        world.add_tunnel(**{**GOOD, argument: value})
+    assert caught.value.argument == argument
+    assert world.tunnels == ()
+    tunnel = world.add_tunnel(**GOOD, name="femoral")
+    assert world.tunnels == (tunnel,)
+    assert (tunnel.name, tunnel.radius, tunnel.friction, tunnel.chamfer) == ("femoral", 0.004, 0.5, 0.0)
+    with pytest.raises(bt.InvalidType):
+        world.remove_tunnel("femoral")
