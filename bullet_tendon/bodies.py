@@ -28,6 +28,7 @@ class Bodies:
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
         self._table = np.zeros((0, _WIDTH))
+        self._forgotten: set[int] = set()
 
     def require(self, body: int, link: int, argument: str = "bodyUniqueId") -> None:
         """Raise UnknownId unless the body exists and has that link (-1: its base)."""
@@ -41,6 +42,7 @@ class Bodies:
     def slot(self, body: int, link: int) -> int:
         """The slot of a link, made where there is none."""
         key = (int(body), int(link))
+        self._forgotten.discard(key[0])
         if key not in self._slots:
             self._slots[key] = len(self.links)
             self.links.append(key)
@@ -51,10 +53,24 @@ class Bodies:
         return self._slots.get((body, link))
 
     def table(self, dt: float, gravity: np.ndarray) -> np.ndarray:
-        """(links, 58) what the core needs to know of every link (layout: _WIDTH)."""
+        """(links, 58) what the core needs to know of every link (layout: _WIDTH).
+
+        Raises UnknownId where a body was removed from pybullet.
+        """
         for row, (body, link) in zip(self._table, self.links, strict=True):
-            self._read(row, body, link, dt, gravity)
+            if body in self._forgotten:
+                continue
+            try:
+                self._read(row, body, link, dt, gravity)
+            except p.error:
+                raise UnknownId("bodyUniqueId", body, "a body that is still there") from None
         return self._table
+
+    def forget(self, body: int) -> None:
+        """Read and push a body no more: nothing refers to it."""
+        self._forgotten.add(body)
+        for key in [k for k in self._slots if k[0] == body]:
+            del self._slots[key]
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
@@ -65,7 +81,7 @@ class Bodies:
     def apply(self, wrenches: np.ndarray) -> None:
         """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
         for row, wrench, (body, link) in zip(self._table, wrenches, self.links, strict=True):
-            if wrench.any() and p.getDynamicsInfo(body, link, self.client)[0] > 0:
+            if wrench.any() and body not in self._forgotten and p.getDynamicsInfo(body, link, self.client)[0] > 0:
                 centre = row[12:15]
                 p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
                 p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)
@@ -91,13 +107,14 @@ class Bodies:
 
     def _respond(self, row, body, link, info, dt, gravity) -> None:
         joints = _movable_joints(body, self.client)
-        row[21] = 1.0
-        if not joints:
-            turn = self._inertial_turn(body, link)
-            row[22:58] = _free_response(info, turn).ravel()
+        fixed = p.getDynamicsInfo(body, -1, self.client)[0] == 0
+        if fixed:
+            response = _joint_response(body, link, joints, self.client) if joints else np.zeros((6, 6))
+        elif not joints:
+            response = _rigid_response(body, row[12:15], self.client)
             row[15:18] += dt * gravity
-            return
-        response = _joint_response(body, link, joints, self.client)
+        else:
+            response = None
         if response is None:
             # A link of a floating or spherically jointed body yields at most as it would alone:
             # the stable side.
@@ -127,6 +144,47 @@ def _free_response(info, inertial_turn) -> np.ndarray:
     inverse = np.divide(1.0, inertia, out=np.zeros(3), where=inertia > 0)
     response[3:, 3:] = (axes * inverse) @ axes.T
     return response
+
+
+def _rigid_response(body, at, client) -> np.ndarray:
+    """(6, 6) response at the point `at` of a floating body whose links are rigidly joined.
+
+    With total mass M, centre C and inertia I about it, and r = at - C: a force there gives the
+    acceleration F/M + (I^-1 (r x F)) x r, a torque (I^-1 T) x r; both turn by I^-1.
+    """
+    parts = [_mass_of(body, link, client) for link in range(-1, p.getNumJoints(body, client))]
+    mass = sum(m for m, _, _ in parts)
+    centre = sum(m * c for m, c, _ in parts) / mass
+    inertia = sum(i + m * _point_inertia(c - centre) for m, c, i in parts)
+    cross = _cross_matrix(at - centre)
+    inverse = np.linalg.pinv(inertia)
+    response = np.zeros((6, 6))
+    response[:3, :3] = np.eye(3) / mass - cross @ inverse @ cross
+    response[:3, 3:] = -cross @ inverse
+    response[3:, :3] = inverse @ cross
+    response[3:, 3:] = inverse
+    return response
+
+
+def _mass_of(body, link, client) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre (3,) and inertia (3, 3) about it of a link, world frame."""
+    info = p.getDynamicsInfo(body, link, client)
+    if link < 0:
+        centre, turn = p.getBasePositionAndOrientation(body, client)
+    else:
+        centre, turn = p.getLinkState(body, link, physicsClientId=client)[:2]
+    axes = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    return info[0], np.array(centre), (axes * info[2]) @ axes.T
+
+
+def _cross_matrix(r) -> np.ndarray:
+    """(3, 3) matrix of v -> r x v."""
+    return np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+
+
+def _point_inertia(r) -> np.ndarray:
+    """Inertia of a unit mass at r."""
+    return np.dot(r, r) * np.eye(3) - np.outer(r, r)
 
 
 def _movable_joints(body, client) -> list[int]:

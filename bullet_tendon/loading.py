@@ -1,5 +1,7 @@
 """world.load_urdf: a body with the tunnels and tendons that its URDF names."""
 
+import contextlib
+
 import numpy as np
 import pybullet as p
 
@@ -19,8 +21,9 @@ def load_urdf(world, path, args, kwargs, obstacles: bool) -> int:
     except p.error as problem:
         raise InvalidValue("path", path, f"a URDF that pybullet can load ({problem})") from None
     try:
-        _equip(world, body, elements, materials, obstacles)
+        _equip(world, path, body, elements, materials, obstacles)
     except TendonError:
+        world._forget_body(body)
         p.removeBody(body, client)
         raise
     return body
@@ -34,20 +37,31 @@ def link_indices(body: int, client: int) -> dict[str, int]:
     return links
 
 
-def _equip(world, body, elements: UrdfElements, materials, obstacles) -> None:
+def _equip(world, path, body, elements: UrdfElements, materials, obstacles) -> None:
     client = world.physicsClientId
     links = link_indices(body, client)
     if obstacles and any(p.getCollisionShapeData(body, i, client) for i in links.values()):
         world.add_obstacle(body)
     for t in elements.tunnels:
-        world.add_tunnel(body, links[t.link], t.start, t.end, t.radius, t.friction, t.chamfer, t.name)
+        with _named(path, f"<tunnel name='{t.name}'>"):
+            world.add_tunnel(body, links[t.link], t.start, t.end, t.radius, t.friction, t.chamfer, t.name)
     for t, material in zip(elements.tendons, materials, strict=True):
         places = [_in_world(world, body, links, link, xyz) for link, xyz in t.points]
-        tendon = world.add_tendon(places, t.radius, material, t.particles, t.name)
+        with _named(path, f"<tendon name='{t.name}'>"):
+            tendon = world.add_tendon(places, t.radius, material, t.particles, t.name)
         for k in t.attachments:
             link, xyz = t.points[k]
             nearest = np.argmin(np.linalg.norm(tendon.positions - places[k], axis=1))
             tendon.attach(int(nearest), body, links[link], xyz)
+
+
+@contextlib.contextmanager
+def _named(path, element: str):
+    """Turn what an element's values are refused for into an error that names file and element."""
+    try:
+        yield
+    except InvalidValue as problem:
+        raise UrdfError(path, element, problem.argument, problem.value, problem.allowed) from None
 
 
 def _in_world(world, body, links, link, xyz) -> np.ndarray:

@@ -43,6 +43,11 @@ class Obstacles:
         for key in keys:
             self._drop(key)
 
+    def forget(self, body: int) -> None:
+        """Take out a body's shapes, if it has any here."""
+        for key in [k for k in self._by_link if k[0] == body]:
+            self._drop(key)
+
     def friction_of(self, body, link, friction) -> float:
         """The coefficient given, or the link's lateralFriction."""
         if friction is None:

@@ -211,6 +211,11 @@ class Tendon:
         self._holds[index] = hold
         return hold
 
+    def is_attached_to(self, bodyUniqueId: int) -> bool:
+        """Whether a particle is attached to any link of the body."""
+        holds = self._holds.values()
+        return any(isinstance(h, Attachment) and h.bodyUniqueId == bodyUniqueId for h in holds)
+
     def set_force(self, particle: int, force) -> None:
         """A constant external force (3,) [N] on a particle, world frame, until it is set again."""
         index = self._particle(particle)

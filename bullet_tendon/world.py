@@ -214,6 +214,15 @@ class TendonWorld:
         known = slot is not None and slot < len(self._wrenches)
         return self._wrenches[slot].copy() if known else np.zeros(6)
 
+    def _forget_body(self, body: int) -> None:
+        """Take out everything that refers to a body."""
+        for tunnel in [t for t in self.tunnels if t.bodyUniqueId == body]:
+            self.remove_tunnel(tunnel)
+        for tendon in [t for t in self.tendons if t.is_attached_to(body)]:
+            self.remove_tendon(tendon)
+        self._obstacles.forget(body)
+        self._bodies.forget(body)
+
     def _names(self) -> dict[int, str]:
         return {slot: t.name for slot, t in self._tendons.items()}
 

@@ -66,7 +66,6 @@ def test_three_bodies_keep_their_momentum(make_world, client, integrator):
     for _ in range(1000):
         world.step()
         assert np.abs(momentum(client, bodies, tendons) - before).max() <= 1e-9 * np.abs(before).max()
-    assert all(np.linalg.norm(p.getBaseVelocity(b, client)[0]) < 2 for b in bodies)
 
 
 def test_a_hanging_weight(make_world, client):
@@ -81,7 +80,6 @@ def test_a_hanging_weight(make_world, client):
     np.testing.assert_allclose(t.tension, below, rtol=1e-5)
     np.testing.assert_allclose(attached.force, [0, 0, G * mass], atol=1e-5 * G * mass)
     np.testing.assert_allclose(grip.force, [0, 0, -G * (mass + t.masses.sum())], atol=1e-5 * G * mass)
-    np.testing.assert_allclose(p.getBaseVelocity(body, client)[0], 0, atol=1e-6)
     np.testing.assert_allclose(world.wrench(body), [0, 0, G * mass, 0, 0, 0], atol=1e-4)
 
 
@@ -168,34 +166,38 @@ def frame_by_hand(client, body, link):
 
 @pytest.mark.parametrize("link", [0, 1])
 def test_points_of_nested_links(make_world, client, link):
-    world = make_world(1 / 240)
+    """Their frames, their wrenches, and how far the joints let them yield within a step."""
+    world = make_world(1 / 960)
     body = nested(client)
     origin, axes, centre = frame_by_hand(client, body, link)
-    reported = p.getLinkState(body, link, computeForwardKinematics=True, physicsClientId=client)[4]
-    np.testing.assert_allclose(origin, reported, atol=1e-6)
     where = origin + axes @ POINT
     t = world.add_tendon([where, where + [0, 0, LENGTH]], RADIUS, bt.Material(stiffness=300.0), 6)
     a = t.attach(0, body, link)
     np.testing.assert_allclose(a.position, POINT, atol=1e-9)
-    t.grip(-1, where + [0.02, 0, LENGTH * 1.05])
-    world.step()
-    exact = [*a.force, *np.cross(where - centre, a.force)]
-    assert a.force[2] > 1
-    np.testing.assert_allclose(world.wrench(body, link), exact, atol=1e-8)
-    for _ in range(30):
+    t.grip(-1, where + [0.02, 0, LENGTH * 1.01])
+    for step in range(30):
+        before = where
         world.step()
-    origin, axes, _ = frame_by_hand(client, body, link)
-    np.testing.assert_allclose(t.positions[0], origin + axes @ POINT, atol=2e-3)
+        if step == 0:
+            exact = [*a.force, *np.cross(where - centre, a.force)]
+            np.testing.assert_allclose(world.wrench(body, link), exact, atol=1e-9)
+        origin, axes, _ = frame_by_hand(client, body, link)
+        where = origin + axes @ POINT
+        yielded = np.linalg.norm(where - before)
+        away = np.linalg.norm(t.positions[0] - where)
+        assert away <= (0.01 * yielded if step == 0 else 2e-4)
+        assert world.report.converged
 
 
 @pytest.mark.parametrize("base_mass", [0.0, 9.0])
 def test_links_on_fixed_joints_are_parts_of_their_base(make_world, client, base_mass):
     """They stay where a static base is, and yield with the whole body's mass where it is free."""
-    links = dict.fromkeys(("linkCollisionShapeIndices", "linkVisualShapeIndices"), [-1])
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
+    links = {"linkCollisionShapeIndices": [shape], "linkVisualShapeIndices": [-1]}
     links |= dict.fromkeys(("linkOrientations", "linkInertialFrameOrientations"), [[0, 0, 0, 1]])
     links |= {"linkMasses": [1.0], "linkPositions": [[0.3, 0, 0]], "linkInertialFramePositions": [[0, 0, 0]]}
     links |= {"linkParentIndices": [0], "linkJointTypes": [p.JOINT_FIXED], "linkJointAxis": [[0, 0, 1]]}
-    body = p.createMultiBody(base_mass, physicsClientId=client, **links)
+    body = p.createMultiBody(base_mass, shape, physicsClientId=client, **links)
     for link in (-1, 0):
         p.changeDynamics(body, link, linearDamping=0, angularDamping=0, physicsClientId=client)
     world, pull = make_world(1 / 240), np.array([20.0, 0, 0])
@@ -245,16 +247,3 @@ def test_released_attachments_put_no_force_on_the_body(make_world, client):
     world.step()
     assert (world.wrench(body) == 0).all()
     assert (a.force == 0).all()
-
-
-@pytest.mark.parametrize(
-    ("body", "link"), [(7, -1), (0, 0), (0, -2), (0, 1.0), ("0", -1), (True, -1), (None, -1)]
-)
-def test_unknown_links_are_refused(make_world, client, body, link):
-    world = make_world()
-    ball(client, [0, 0, 0])
-    t = world.add_tendon([[0, 0, 0], [LENGTH, 0, 0]], RADIUS, ROPE, 4)
-    for use in (t.attach, lambda *_: world.wrench(body, link), lambda *_: world.add_obstacle(body, link)):
-        with pytest.raises(bt.UnknownId):
-            use(0, body, link)
-    t.grip(0)  # it is still free

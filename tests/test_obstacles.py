@@ -191,3 +191,18 @@ def test_refused_obstacles_change_nothing(falling, client):
     with pytest.raises(bt.UnknownId):
         falling.remove_obstacle(body, 3)
     falling.remove_obstacle(body, -1)
+
+
+@pytest.mark.parametrize(("body", "link"), [(7, -1), (0, 0), (0, -2), (0, 1.0), ("0", -1), (True, -1)])
+def test_unknown_links_are_refused(make_world, client, body, link):
+    world = make_world()
+    box(client)
+    t = over(world)
+    for use in (
+        lambda: t.attach(0, body, link),
+        lambda: world.wrench(body, link),
+        lambda: world.add_obstacle(body, link),
+    ):
+        with pytest.raises(bt.UnknownId):
+            use()
+    t.grip(0)  # it is still free

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import bullet_tendon as bt
 
 LENGTH, RADIUS, STIFFNESS, DAMPING = 0.1, 0.004, 100.0, 0.02
-STEPS, STRETCH = 60, 0.012
+STEPS, STRETCH = 60, 0.03
 
 
 def law(material, elongation, rate):

@@ -121,15 +121,15 @@ def test_elastic_catenary(make_world, stiffness, exponent, drop):
 def test_steps_do_not_depend_on_place_or_direction(make_world, integrator):
     """A world that is moved and turned moves the same way."""
     rng = np.random.default_rng(3)
-    material = bt.Material(stiffness=3e3, exponent=2.0, damping=1.0, shear_stiffness=300.0)
+    material = bt.Material(stiffness=300.0, exponent=2.0, damping=0.1, shear_stiffness=30.0)
     x = np.cumsum(rng.normal(size=(12, 3)) * 0.003 + [0.01, 0, 0], axis=0)
-    v, pull = rng.normal(size=(12, 3)) * 0.2, np.array([1.0, -2.0, 0.5])
+    v, pull = rng.normal(size=(12, 3)) * 0.2, np.array([0.1, -0.2, 0.05])
     turn = np.array(p.getMatrixFromQuaternion(rng.normal(size=4) / 2)).reshape(3, 3)
     turn = np.linalg.qr(turn)[0]
     ends = []
     for rotation, shift in ((np.eye(3), np.zeros(3)), (turn, np.array([0.3, -0.2, 0.1]))):
         world = make_world(1 / 240, rotation @ [0, 0, -9.81], integrator=integrator, tolerance=1e-11)
-        t = world.add_tendon(x @ rotation.T + shift, RADIUS, material)
+        t = world.add_tendon(x @ rotation.T + shift, 1e-3, material)
         t.set_positions(x @ rotation.T * 1.02 + shift, v @ rotation.T)
         t.grip(0)
         t.set_force(-1, rotation @ pull)

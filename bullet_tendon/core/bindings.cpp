@@ -60,6 +60,7 @@ Hold& hold_of(World& w, int chain, int id) {
 
 void remove_hold(World& w, int chain, int id) {
   auto& holds = w.chains[chain]->holds;
+  w.chains[chain]->smooth = false;
   holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }), holds.end());
 }
 
@@ -182,6 +183,7 @@ PYBIND11_MODULE(_core, m) {
              Hold h;
              h.id = id, h.particle = particle;
              w.chains[c]->holds.push_back(h);
+             w.chains[c]->smooth = false;
            })
       .def("set_grip", &set_grip)
       .def("add_attachment",
@@ -189,6 +191,7 @@ PYBIND11_MODULE(_core, m) {
              Hold h;
              h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
              w.chains[c]->holds.push_back(h);
+             w.chains[c]->smooth = false;
            })
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })

@@ -1,5 +1,6 @@
 // One tendon in the core: particles, springs, holds and history.
 #pragma once
+#include <cstdint>
 #include <vector>
 
 #include "band.h"
@@ -61,6 +62,8 @@ class Chain {
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)
   double dt_before = 0;      // 0: no history
+  bool smooth = true;        // nothing was made, lost or changed since: two-step methods may go on
+  uint64_t touching = 0;     // a hash of the contacts with bodies
   double b = 0;              // step weight of this step (stepping.h)
 
   // The state before a step that is being split, and whether it was (splitting.cpp).

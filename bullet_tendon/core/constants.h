@@ -31,6 +31,9 @@ constexpr double kFloorShare = 1e-2;
 // squares: below 1/8 the matrix stays definite whatever the compression.
 constexpr double kInertiaShare = 0.12;
 
+// Stands for an inertia that outweighs every compression [1/s^2].
+constexpr double kNoCut = 1e300;
+
 // Newton iterations with carried multipliers without progress (the residual under this share of the
 // best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
 // less patience splits what would converge; more makes violent steps slower.
@@ -45,6 +48,9 @@ constexpr int kMostParts = 256;
 // than the share [-] given. Fewer rounds: a friction that has just changed lags by a step.
 constexpr int kFrictionRounds = 8;
 constexpr double kFrictionAccuracy = 1e-4;
+
+// Loosest relative accuracy of conjugate gradients within Newton's method [-].
+constexpr double kLoosest = 1e-2;
 
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;

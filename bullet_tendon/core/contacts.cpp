@@ -104,23 +104,32 @@ void World::recall(Row& row) {
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
   row.stuck = without(turn * found->stuck, row.normal);
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
-  bool carries = options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
+  const bool converged = options.iteration == Iteration::newton && options.integrator != Integrator::explicit_euler;
+  bool carries = converged && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
   row.carried = carries ? found->carried : 0;
   row.multiplier = found->carried;
+  row.mean_force = found->mean_force;
   row.limit = row.friction * found->carried;
   row.sliding = found->sliding;
 }
 
 void World::remember() {
   memory_.clear();
+  touching_.assign(slots_.size(), 0);
   for (const Row& row : rows_) {
     if (row.normal_force <= 0) continue;
+    if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-    memory_.push_back({row.key, row.normal_force, row.sliding, transposed_times(turn, row.displacement),
+    memory_.push_back({row.key, row.normal_force, row.sliding, row.mean_force, transposed_times(turn, row.displacement),
                        transposed_times(turn, row.normal)});
   }
   std::sort(memory_.begin(), memory_.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
+  for (size_t c = 0; c < slots_.size(); ++c)
+    if (slots_[c]) {
+      slots_[c]->smooth = slots_[c]->touching == touching_[c];
+      slots_[c]->touching = touching_[c];
+    }
 }
 
 void World::bone_rows() {

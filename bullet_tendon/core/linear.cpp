@@ -72,7 +72,8 @@ void precondition(Group& group, LinearSolver solver) {
 }
 
 // Preconditioned conjugate gradients from zero, to the linear tolerance in the preconditioned norm.
-void conjugate_gradients(Group& group, const Options& o) {
+// false: a direction of no or negative curvature was met.
+bool conjugate_gradients(Group& group, const Options& o) {
   constexpr Which X = &Chain::step, R = &Chain::cg_remainder, Z = &Chain::cg_preconditioned;
   constexpr Which P = &Chain::cg_direction, Y = &Chain::cg_image;
   combine(group, 0, &Chain::residual, 0, X);
@@ -80,13 +81,14 @@ void conjugate_gradients(Group& group, const Options& o) {
   precondition(group, o.linear_solver);
   combine(group, 1, Z, 0, P);
   double rz = inner_product(group, R, Z);
-  const double enough = o.linear_tolerance * o.linear_tolerance * rz;
+  const double relative = std::max(o.linear_tolerance, group.linear_tolerance);
+  const double enough = relative * relative * rz;
   int unknowns = 0;
   for (const Chain* c : group.chains) unknowns += 3 * c->n();
   for (int k = 0; k < 2 * unknowns && rz > enough; ++k) {
     multiply(group);
     double py = inner_product(group, P, Y);
-    if (!(py > 0)) break;
+    if (!(py > 0)) return false;
     double alpha = rz / py;
     combine(group, alpha, P, 1, X);
     combine(group, -alpha, Y, 1, R);
@@ -95,6 +97,7 @@ void conjugate_gradients(Group& group, const Options& o) {
     combine(group, 1, Z, rz_next / rz, P);
     rz = rz_next;
   }
+  return true;
 }
 
 void solve_banded(Chain& c) {
@@ -105,14 +108,20 @@ void solve_banded(Chain& c) {
 
 }  // namespace
 
-void solve_linear(Group& group, const StepContext& context) {
+bool solve_linear(Group& group, const StepContext& context) {
   const Options& o = context.options;
-  for (Chain* c : group.chains)
-    o.linear_solver == LinearSolver::banded ? static_cast<void>(c->factor.factorise(c->matrix)) : prepare_blocks(*c);
-  if (o.linear_solver == LinearSolver::banded && !group.coupled)
-    for (Chain* c : group.chains) solve_banded(*c);
-  else
-    conjugate_gradients(group, o);
+  const bool banded = o.linear_solver == LinearSolver::banded;
+  bool definite = true;
+  for (Chain* c : group.chains) {
+    if (banded)
+      definite &= c->factor.factorise(c->matrix);
+    else
+      prepare_blocks(*c);
+  }
+  if (!definite) return false;
+  if (group.coupled || !banded) return conjugate_gradients(group, o);
+  for (Chain* c : group.chains) solve_banded(*c);
+  return true;
 }
 
 }  // namespace bt

@@ -42,15 +42,12 @@ struct Assembly {
 bool update_direct(Group& group, Row& row) {
   Chain& c = group.at(row.a);
   int i = row.a.w0 != 0 ? row.a.first : row.a.first + 1;
-  row.gap = dot(row.normal, c.next.at(i)) - row.offset;
   if (row.held) {
-    double push = dot(c.residual.at(i), row.normal);
-    if (push < -1e-12) row.held = false, ++row.changes;
-    row.normal_force = std::max(0.0, push);
-    row.total_force = row.normal_force * row.normal;
+    row.normal_force = std::max(0.0, dot(c.residual.at(i), row.normal));
+    if (row.normal_force == 0) row.held = false, ++row.changes;
     return !row.held;
   }
-  row.normal_force = 0, row.total_force = {};
+  row.normal_force = 0;
   if (row.gap >= 0 || row.changes >= kMostChanges) return false;
   row.held = true;
   c.next.add(i, (-row.gap) * row.normal);
@@ -62,9 +59,8 @@ Assembly residual_of(Group& group, bool at_position) {
   Assembly a;
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
-    if (row->direct) continue;
     row->evaluate(relative_position(group, *row, &Chain::next), at_position);
-    if (row->normal_force <= 0) continue;
+    if (row->normal_force <= 0 && !row->held) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
   }
@@ -73,28 +69,30 @@ Assembly residual_of(Group& group, bool at_position) {
 }
 
 // The matrix, and the residual of the linearisation in place of the true one.
-void assemble(Group& group, Linearisation how) {
+void assemble(Group& group, Linearisation how, bool definite) {
   for (Chain* c : group.chains) {
     const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
     c->matrix.zero();
     for (int plane : {0, 3, 5})
       for (int i = 0; i < c->n(); ++i) c->matrix.diagonal[plane][i] = c->mass[i] * inverse;
-    c->stiffest = 0;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      c->stiffest = std::max(c->stiffest, linearise(*s, c->material.law, how, floor_force, c->b));
+      linearise(*s, c->material.law, how, floor_force, c->b, definite);
       scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     add_soft_holds(*c, c->next, true);
   }
   for (Row* row : group.rows)
-    if (!row->direct && row->pressed) {
+    if (row->pressed || row->held) {
       add_row_block(group, *row);
       add_row_linearisation(group, *row);
-      group.at(row->a).stiffest = std::max(group.at(row->a).stiffest, row->stiffness);
-      if (row->b.chain >= 0) group.at(row->b).stiffest = std::max(group.at(row->b).stiffest, row->stiffness);
     }
+  for (Chain* c : group.chains) {
+    c->stiffest = 0;
+    for (int plane : {0, 3, 5})
+      for (int i = 0; i < c->n(); ++i) c->stiffest = std::max(c->stiffest, c->matrix.diagonal[plane][i]);
+  }
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
 }
@@ -221,8 +219,14 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       if (!std::isfinite(a.residual)) restart_from_now(group);
       continue;
     }
-    assemble(group, safe ? Linearisation::position : Linearisation::multiplier);
-    solve_linear(group, context);
+    // As exact as this iteration can make use of.
+    group.linear_tolerance = std::min(kLoosest, 0.05 * o.tolerance * a.scale / a.residual);
+    assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe);
+    if (!solve_linear(group, context)) {  // indefinite: once more, with compression cut off
+      residual_of(group, safe);
+      assemble(group, safe ? Linearisation::position : Linearisation::multiplier, true);
+      solve_linear(group, context);
+    }
     if (safe) {
       line_search(group);
     } else {
@@ -233,6 +237,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       advance(group, 1);
     }
   }
+  for (Row* row : group.rows)
+    if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
   group.iterations += used;
   for (Chain* c : group.chains) c->iterations = group.iterations, c->converged = group.converged;
 }

@@ -39,16 +39,17 @@ void Row::evaluate(Vec3 relative, bool at_position) {
     mouth_gap(*this, relative, curvature, around);
   else
     gap = dot(normal, relative) - offset;
-  normal_force = std::max(0.0, carried - stiffness * gap);
+  if (!direct) normal_force = std::max(0.0, carried - stiffness * gap);
   if (at_position) multiplier = normal_force;
-  pressed = normal_force > 0 || multiplier > 0;
-  total_force = normal_force * normal;
+  // A direct row's normal force is what the constraint supplies: only its friction is a force here.
+  pressed = !direct && (normal_force > 0 || multiplier > 0);
+  total_force = direct ? Vec3{} : normal_force * normal;
   linear_force = pressed ? (carried - stiffness * gap) * normal : Vec3{};
   tangent_force = {};
   block = {};
   if (pressed) block = stiffness * outer(normal);
   if (curvature > 0 && pressed) block += (multiplier * curvature) * outer(around);
-  if (friction <= 0) return;
+  if (friction <= 0 || (direct && !held)) return;
   raw = without(stuck + relative - reference, normal);
   if (at_position) sliding = grip * norm(raw) > limit;
   if (limit <= 0) {

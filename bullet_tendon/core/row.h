@@ -80,6 +80,7 @@ struct ContactMemory {
   uint64_t key = 0;
   double carried = 0;
   bool sliding = false;
+  Vec3 mean_force;
   Vec3 stuck;   // in the link's frame, or the world's for two tendons
   Vec3 normal;  // the same
 };

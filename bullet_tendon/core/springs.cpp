@@ -110,7 +110,7 @@ void vectors(SpringSet& s) {
   }
 }
 
-// inertia: 1/b^2, or 0 where compressed springs' transverse part is to be left out altogether.
+// inertia: 1/b^2; 0 where compressed springs' transverse part is to be left out altogether.
 double blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
@@ -176,13 +176,13 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
   return largest;
 }
 
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b) {
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b, bool definite) {
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
     by_exponent(law, [&](auto P) { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
-  double largest = blocks(s, 1 / (b * b));
+  double largest = blocks(s, definite ? 1 / (b * b) : kNoCut);
   if (s.damped && law.whole_velocity) {
     const Field &x = *s.whole_position, &xh = *s.whole_anchor;
     add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });

@@ -10,8 +10,8 @@
 //   B = F' n n^T + (T/len) (I - n n^T),     n = x_ij / |x_ij|,
 //
 // where T is the carried multiplier: the force that the last iteration predicted linearly, kept from
-// step to step. A compressed spring's T/len is cut off where inertia no longer outweighs it (a
-// tendon that buckles), so that the matrix stays definite. Taking T from the current positions instead makes B wild, because an
+// step to step. Where that makes the matrix indefinite (a compressed tendon that buckles), negative
+// T/len are cut off at what inertia outweighs. Taking T from the current positions instead makes B wild, because an
 // error of a micrometre is newtons.
 //
 // The elastic law is linearised where the multiplier says that the spring is, at the strain s* with
@@ -65,8 +65,10 @@ void measure(SpringSet& s, const Field& x);
 double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b);
 // Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
 // floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
-// nothing where forces are larger, and couples a slack tendon at once. Returns the largest F'.
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b);
+// nothing where forces are larger, and couples a slack tendon at once. definite: compressed springs are
+// cut off at what inertia outweighs; else they enter in full. Returns the largest F'.
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
+                 bool definite);
 // Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
 // linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt, double damping_share);

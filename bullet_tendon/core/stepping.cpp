@@ -5,7 +5,8 @@ namespace bt {
 void begin_step(Chain& c, const StepContext& context, double fraction) {
   const double dt = context.dt;
   const bool history = c.dt_before > 0;
-  const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt;
+  const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt && c.smooth;
+  c.smooth = true;
   c.b = two ? 2 * dt / 3 : dt;
   const double now = two ? 4.0 / 3 : 1, last = two ? -1.0 / 3 : 0;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
@@ -55,6 +56,16 @@ void finish_step(Chain& c, const StepContext& context) {
   c.gathered = false;
 }
 
+namespace {
+
+// The mean over the step of a force whose value at its end is known: what the momentum of the tendon
+// changed by. BDF2, M (3 v_1 - 4 v_0 + v_-1)/2 = dt F, gives M (v_1 - v_0) = M (v_0 - v_-1)/3 + 2 dt F/3.
+Vec3 step_mean(const Chain& c, const StepContext& context, Vec3 last_mean, Vec3 force) {
+  return c.b < context.dt ? (1.0 / 3) * last_mean + (2.0 / 3) * force : force;
+}
+
+}  // namespace
+
 void solve(Group& group, const StepContext& context) {
   if (context.options.integrator == Integrator::explicit_euler)
     explicit_euler(group, context);
@@ -63,9 +74,9 @@ void solve(Group& group, const StepContext& context) {
   else
     converged_step(group, context);
   if (group.substeps == 1) {
-    for (Row* row : group.rows) row->mean_force = row->total_force;
+    for (Row* row : group.rows) row->mean_force = step_mean(group.at(row->a), context, row->mean_force, row->total_force);
     for (Chain* c : group.chains)
-      for (Hold& h : c->holds) h.mean_force = h.force;
+      for (Hold& h : c->holds) h.mean_force = step_mean(*c, context, h.mean_force, h.force);
   }
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k)

@@ -35,6 +35,7 @@ struct Group {
   bool converged = false;
   bool finite = true;
   int substeps = 1;
+  double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
 
   Chain& at(const Spot& s) const { return *(*slots)[s.chain]; }
 };
@@ -54,8 +55,9 @@ void newton(Group& group, const StepContext& context, bool safeguarded);
 void single_linearisation(Group& group, const StepContext& context);  // implicit, as published
 void explicit_euler(Group& group, const StepContext& context);
 
-// A step = -residual with all holds applied: banded, or by preconditioned conjugate gradients.
-void solve_linear(Group& group, const StepContext& context);
+// A step = -residual with all holds applied: banded, or by preconditioned conjugate gradients. false:
+// the matrix is not positive definite.
+bool solve_linear(Group& group, const StepContext& context);
 
 // cg_image = A cg_direction.
 void multiply(Group& group);

@@ -73,7 +73,7 @@ void World::mouth_rows(int chain, int t) {
     const Vec3 centre = bore.start + z * bore.axis;
     for (int k = 0; k + 1 < c.n(); ++k) {
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
-      const double reach = reach_of(c, k, links[tunnels[t].link], context_.dt, options.contact_threshold) + bore.chamfer;
+      const double reach = mouth_reach(chain, t, k);
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(centre - a, d) / length2)) : 0;
       if (norm(a + u * d - centre) > radius + reach) continue;
@@ -88,6 +88,13 @@ void World::mouth_rows(int chain, int t) {
   }
 }
 
+// How far segment k can come towards an edge of the tunnel's mouths within the step [m].
+double World::mouth_reach(int chain, int t, int k) const {
+  const Link& link = links[tunnels[t].link];
+  auto reach = [&](int i) { return reach_of(*slots_[chain], i, link, context_.dt, options.contact_threshold); };
+  return std::max(reach(k), reach(k + 1)) + tunnels[t].chamfer;
+}
+
 void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3 centre, double radius) {
   const Chain& c = *slots_[chain];
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
@@ -98,7 +105,7 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   const Vec3 edge = nearest_on_circle(x, centre, bore.axis, radius, sideways);
   const Vec3 apart = x - edge;
   const double distance = norm(apart);
-  const double reach = reach_of(c, k, links[tunnels[t].link], context_.dt, options.contact_threshold) + bore.chamfer;
+  const double reach = mouth_reach(chain, t, k);
   if (distance > reach) return;
   const Link& link = links[tunnels[t].link];
   const double dt = context_.dt, za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);

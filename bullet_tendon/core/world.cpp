@@ -57,7 +57,8 @@ void World::aim_attachments(Chain& c) {
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
     h.goal = p + link.drift(p, context_.dt);
-    h.rigid = !link.yields;
+    // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
+    h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
     Sym3 w = (context_.dt * context_.dt * std::max(1, link.touches)) * link.mobility(p);
     double least = 1e-6 * (w.xx + w.yy + w.zz) + 1e-300;  // a joint yields in some directions only
@@ -124,6 +125,7 @@ void World::make_groups() {
     Group& g = groups_[c];
     g.chains.clear(), g.rows.clear();
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0, g.residual = 0, g.substeps = 1;
+    g.linear_tolerance = 0;
   }
   for (int c = 0; c < count; ++c)
     if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]);

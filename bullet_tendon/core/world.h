@@ -83,6 +83,7 @@ class World {
   void classify(Chain& c);
   void bore_rows(int chain, int tunnel);
   void mouth_rows(int chain, int tunnel);
+  double mouth_reach(int chain, int t, int k) const;
   void mouth_row(int chain, int tunnel, int mouth, int segment, const Bore& bore, Vec3 centre, double radius);
 
   const std::vector<Bore>& bores_of(int link) const { return bores_by_link_[link]; }
@@ -97,6 +98,7 @@ class World {
   std::vector<SegmentPair> pairs_;
   std::vector<Row> rows_;
   std::vector<ContactMemory> memory_;
+  std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;                         // by tunnel
   std::vector<std::vector<Bore>> bores_by_link_;
   std::vector<Group> groups_;
