@@ -44,13 +44,21 @@ constexpr double kProgress = 0.9;
 // are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.
 constexpr int kMostParts = 256;
 
-// Friction limits are brought up to the normal forces this often in a step, until none moves by more
-// than the share [-] given. Fewer rounds: a friction that has just changed lags by a step.
-constexpr int kFrictionRounds = 8;
+// A step is solved again at most this often, because friction limits moved with the normal forces by
+// more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
+constexpr int kRounds = 8;
 constexpr double kFrictionAccuracy = 1e-4;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
+
+// A pair of tendons this share of its radii too near gets another row in the same step [-], unless its
+// nearest points are within kNearlySame of a segment of where a row already is.
+constexpr double kPairDepth = 0.002;
+constexpr double kNearlySame = 1e-3;
+
+// Rows that may be added so in one step and group [-].
+constexpr int kMostExtraRows = 256;
 
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;

@@ -29,6 +29,7 @@ struct Group {
   const std::vector<Chain*>* slots = nullptr;  // all tendons of the world, as spots name them
   std::vector<Chain*> chains;
   std::vector<Row*> rows;
+  std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;  // some row joins two tendons, or two places of one
   int iterations = 0;
   double residual = 0;   // largest residual force over the largest force at hand

@@ -2,6 +2,8 @@
 
 #include <numeric>
 
+#include "constants.h"
+
 namespace bt {
 
 int World::add_chain(std::unique_ptr<Chain> chain) {
@@ -123,7 +125,8 @@ void World::make_groups() {
   groups_.resize(count);
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
-    g.chains.clear(), g.rows.clear();
+    g.chains.clear(), g.rows.clear(), g.extra.clear();
+    g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0, g.residual = 0, g.substeps = 1;
     g.linear_tolerance = 0;
   }
@@ -144,6 +147,7 @@ bool World::solve() {
     Group& g = groups_[s];
     if (g.chains.empty()) continue;
     bt::solve(g, context_);
+    found_.insert(found_.end(), g.extra.begin(), g.extra.end());
     finite &= g.finite;
     ++report_.groups;
     report_.iterations = std::max(report_.iterations, g.iterations);
@@ -159,6 +163,8 @@ bool World::solve() {
       report_.worst_particle = worst->worst_particle;
     }
   }
+  rows_.insert(rows_.end(), found_.begin(), found_.end());
+  found_.clear();
   report_.rows = static_cast<long>(rows_.size());
   return finite;
 }

@@ -96,7 +96,7 @@ class World {
   std::vector<Query> queries_;
   std::vector<BoxTree> trees_;
   std::vector<SegmentPair> pairs_;
-  std::vector<Row> rows_;
+  std::vector<Row> rows_, found_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;                         // by tunnel
