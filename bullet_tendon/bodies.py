@@ -129,15 +129,28 @@ class Bodies:
 
 
 def _write(row, centre, turn, info, velocity, spin) -> None:
-    # URDF frame = inertial frame x inverse of the local inertial pose.
-    origin, axes = p.multiplyTransforms(centre, turn, *p.invertTransform(info[3], info[4]))
-    row[0:3], row[3:12], row[12:15] = origin, p.getMatrixFromQuaternion(axes), centre
+    # URDF frame = inertial frame x inverse of the local inertial pose; in numpy, because pybullet's
+    # own transforms round to single precision.
+    axes = _axes(turn) @ _axes(info[4]).T
+    row[0:3], row[3:12], row[12:15] = centre - axes @ info[3], axes.ravel(), centre
     row[15:18], row[18:21] = velocity, spin
+
+
+def _axes(quaternion) -> np.ndarray:
+    """(3, 3) rotation of a quaternion (x, y, z, w)."""
+    x, y, z, w = np.asarray(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def _free_response(info, inertial_turn) -> np.ndarray:
     """(6, 6) inverse inertia of a free rigid body about its centre of mass, world axes."""
-    axes = np.array(p.getMatrixFromQuaternion(inertial_turn)).reshape(3, 3)
+    axes = _axes(inertial_turn)
     response = np.zeros((6, 6))
     response[:3, :3] = np.eye(3) / info[0]
     inertia = np.array(info[2])
@@ -173,7 +186,7 @@ def _mass_of(body, link, client) -> tuple[float, np.ndarray, np.ndarray]:
         centre, turn = p.getBasePositionAndOrientation(body, client)
     else:
         centre, turn = p.getLinkState(body, link, physicsClientId=client)[:2]
-    axes = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    axes = _axes(turn)
     return info[0], np.array(centre), (axes * info[2]) @ axes.T
 
 
@@ -208,6 +221,10 @@ def _joint_response(body, link, joints, client) -> np.ndarray | None:
     if link < 0:
         return np.zeros((6, 6))
     zero = [0.0] * len(angles)
-    linear, angular = p.calculateJacobian(body, link, [0.0, 0.0, 0.0], angles, zero, zero, client)
-    jacobian = np.vstack([linear, angular])
+    # pybullet takes the point in the link's URDF frame, and answers in the base's inertial axes.
+    info = p.getDynamicsInfo(body, link, client)
+    at = _axes(info[4]).T @ info[3]
+    linear, angular = p.calculateJacobian(body, link, at.tolist(), angles, zero, zero, client)
+    base = _axes(p.getBasePositionAndOrientation(body, client)[1])
+    jacobian = np.vstack([base @ linear, base @ angular])
     return jacobian @ np.linalg.solve(mass, jacobian.T)

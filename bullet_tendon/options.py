@@ -40,7 +40,7 @@ class SolverOptions:
     integrator: str = "implicit_euler"
     iteration: str = "newton"
     linear_solver: str = "banded"
-    tolerance: float = 1e-8
+    tolerance: float = 1e-9
     max_iterations: int = 100
     linear_tolerance: float = 1e-10
     bone_contact: str = "spring"

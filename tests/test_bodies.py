@@ -59,7 +59,8 @@ def test_three_bodies_keep_their_momentum(make_world, client, integrator):
     ]
     tendons = []
     for k in (0, 1):
-        t = world.add_tendon(places[k : k + 2], RADIUS, ROPE, 10)
+        ends = np.add(places[k : k + 2], [[0, 0, 0], [0, 0.01, 0]])
+        t = world.add_tendon(ends, RADIUS, ROPE, 10)
         t.attach(0, bodies[k], -1, [0, 0, 0]), t.attach(-1, bodies[k + 1], -1, [0, 0.01, 0])
         tendons.append(t)
     before = momentum(client, bodies, tendons)
@@ -72,8 +73,7 @@ def test_a_hanging_weight(make_world, client):
     """Grip force, tension and the force on the body are its weight (and the tendon's)."""
     world, mass = make_world(1 / 240, (0, 0, -G), tolerance=1e-10), 0.7
     body = ball(client, [0, 0, -LENGTH - 0.04], mass)
-    light = bt.Material(stiffness=3e3, damping=60.0)
-    t = world.add_tendon([[0, 0, 0], [0, 0, -LENGTH]], RADIUS, light, 10)
+    t = world.add_tendon([[0, 0, 0], [0, 0, -LENGTH]], RADIUS, bt.Material(stiffness=3e3, damping=60.0), 10)
     grip, attached = t.grip(0), t.attach(-1, body)
     world.step(1500)
     below = G * (mass + t.masses.sum() - np.cumsum(t.masses)[:-1])

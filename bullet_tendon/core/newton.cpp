@@ -35,7 +35,7 @@ double chain_residual(Chain& c) {
 struct Assembly {
   double scale = 0;     // largest force at hand [N]
   double residual = 0;  // largest residual force [N]
-  bool rounded = true;  // every residual is at its rounding level
+  double rounding = 0;  // residual over the rounding of one coordinate, largest of the chains [-]
 };
 
 // A row that constrains its particle directly: it starts to hold when the particle is inside, and
@@ -112,7 +112,7 @@ void measure_residual(Group& group, Assembly& a) {
     a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
                                                                                            : a.residual;
     constexpr double eps = std::numeric_limits<double>::epsilon();
-    if (!(c->residual_norm <= kRounding * eps * c->stiffest * coordinate)) a.rounded = false;
+    a.rounding = std::max(a.rounding, c->residual_norm / (eps * c->stiffest * coordinate));
   }
 }
 
@@ -226,6 +226,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   bool safe = false;
   int used = 0, round = 0;
   Progress progress;
+  double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
   for (int iteration = 0;; ++iteration) {
     Assembly a = residual_of(group, safe);
@@ -235,7 +236,10 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     measure_residual(group, a);
     used = iteration;
     group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
-    group.converged = !changed && (a.residual <= o.tolerance * a.scale || a.rounded);
+    // Within a few roundings, what does not shrink any more is rounding.
+    const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
+    last_residual = a.residual;
+    group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
     if (group.converged) {
       if (round >= kRounds) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);

@@ -92,7 +92,8 @@ void World::mouth_rows(int chain, int t) {
 double World::mouth_reach(int chain, int t, int k) const {
   const Link& link = links[tunnels[t].link];
   auto reach = [&](int i) { return reach_of(*slots_[chain], i, link, context_.dt, options.contact_threshold); };
-  return std::max(reach(k), reach(k + 1)) + tunnels[t].chamfer;
+  // A segment longer: the edge is sharp, and what lies beside it can be over it in a step.
+  return std::max(reach(k), reach(k + 1)) + slots_[chain]->rest[k] + tunnels[t].chamfer;
 }
 
 void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3 centre, double radius) {
