@@ -40,6 +40,7 @@ setup(
         "test": ["pytest>=7", "hypothesis>=6"],
         "view": ["matplotlib>=3.6", "tqdm>=4"],
         "gym": ["gymnasium>=0.29"],
+        "dev": ["ruff==0.17.*"],
     },
     packages=[
         "bullet_tendon",

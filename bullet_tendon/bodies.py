@@ -81,7 +81,11 @@ class Bodies:
     def apply(self, wrenches: np.ndarray) -> None:
         """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
         for row, wrench, (body, link) in zip(self._table, wrenches, self.links, strict=True):
-            if wrench.any() and body not in self._forgotten and p.getDynamicsInfo(body, link, self.client)[0] > 0:
+            if (
+                wrench.any()
+                and body not in self._forgotten
+                and p.getDynamicsInfo(body, link, self.client)[0] > 0
+            ):
                 centre = row[12:15]
                 p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
                 p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)

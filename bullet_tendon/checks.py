@@ -51,8 +51,7 @@ def array(argument: str, value, shape: tuple) -> np.ndarray:
     except (TypeError, ValueError):
         raise InvalidType(argument, value, f"numbers of shape {_shape_text(shape)}") from None
     fits = result.ndim == len(shape) and all(
-        have >= 1 if want is None else have == want
-        for have, want in zip(result.shape, shape, strict=True)
+        have >= 1 if want is None else have == want for have, want in zip(result.shape, shape, strict=True)
     )
     if not fits:
         raise InvalidValue(argument, value, f"of shape {_shape_text(shape)}")
@@ -94,4 +93,5 @@ def _range_text(what, above, at_least, at_most) -> str:
 
 
 def _shape_text(shape: tuple) -> str:
-    return "(" + ", ".join("m" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    sizes = ", ".join("m" if size is None else str(size) for size in shape)
+    return f"({sizes},)" if len(shape) == 1 else f"({sizes})"

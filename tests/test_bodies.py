@@ -49,10 +49,10 @@ def test_two_free_bodies_keep_their_momentum(make_world, client, n, iteration):
     assert pulled > 1.0
 
 
-@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2", "explicit_euler"])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_three_bodies_keep_their_momentum(make_world, client, integrator):
     """The middle one carries the ends of two tendons."""
-    world = make_world(2e-5 if integrator == "explicit_euler" else 1 / 240, integrator=integrator)
+    world = make_world(1 / 240, integrator=integrator)
     places = [[0, 0, 0], [LENGTH, 0, 0], [LENGTH, LENGTH, 0]]
     bodies = [
         ball(client, x, m, v) for x, m, v in zip(places, (0.3, 0.1, 0.4), -np.eye(3)[::-1], strict=True)

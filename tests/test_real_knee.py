@@ -17,7 +17,9 @@ FEMORAL_FOOTPRINT = np.array([-0.0010, 0.0003, 0.0050])
 TIBIAL_AXIS = np.array([-np.cos(0.96) * np.cos(0.35), np.sin(0.96), np.cos(0.96) * np.sin(0.35)])
 FEMORAL_AXIS = np.array([0.25, 0.80, 0.55])
 
-pytestmark = pytest.mark.skipif(not (KNEE / "femur.stl").exists(), reason="no real bone surfaces beside the checkout")
+pytestmark = pytest.mark.skipif(
+    not (KNEE / "femur.stl").exists(), reason="no real bone surfaces beside the checkout"
+)
 
 
 def bone(scene, name) -> int:

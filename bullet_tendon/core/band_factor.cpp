@@ -114,8 +114,9 @@ bool BandFactor::factorise_middle(const Band& a) {
   for (int i = 0; i < m; ++i)
     for (int j = 0; j <= i; ++j) {
       int bi = i / 3, bj = j / 3, r = i % 3, c = j % 3, o = bi - bj;
-      at(i, j) = o == 0 ? a.diagonal[kFull[3 * r + c]][steps_ + bi]
-                 : o <= half_ ? a.below[o - 1][3 * r + c][steps_ + bj] : 0.0;
+      at(i, j) = o == 0       ? a.diagonal[kFull[3 * r + c]][steps_ + bi]
+                 : o <= half_ ? a.below[o - 1][3 * r + c][steps_ + bj]
+                              : 0.0;
     }
   if (steps_ > 0) {
     auto take = [&](int block, int lane, const Lanes* what) {

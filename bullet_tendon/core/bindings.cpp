@@ -40,9 +40,9 @@ std::vector<double> list_of(const Array& a) { return {a.data(), a.data() + a.siz
 
 Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
 
-int add_chain(World& w, const Array& points, double radius, double friction, double stiffness, double exponent,
-              double toe_strain, bool tension_only, double damping, double damping_exponent, bool whole_velocity,
-              double shear_stiffness, double linear_density) {
+int add_chain(World& w, const Array& points, double radius, double friction, double stiffness,
+              double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
+              bool whole_velocity, double shear_stiffness, double linear_density) {
   Material m;
   m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
   m.stiffness = stiffness, m.damping = damping, m.shear_stiffness = shear_stiffness;
@@ -61,7 +61,8 @@ Hold& hold_of(World& w, int chain, int id) {
 void remove_hold(World& w, int chain, int id) {
   auto& holds = w.chains[chain]->holds;
   w.chains[chain]->smooth = false;
-  holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }), holds.end());
+  holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }),
+              holds.end());
 }
 
 void set_grip(World& w, int chain, int id, const Array& target, double stiffness, double viscosity) {
@@ -126,14 +127,15 @@ py::dict report(const World& w) {
 py::list contacts(const World& w) {
   py::list out;
   for (const ContactRecord& c : w.contacts())
-    out.append(py::make_tuple(c.chain, c.segment, c.other_chain, c.link, static_cast<int>(c.kind), tuple(c.position),
-                              tuple(c.normal), c.distance, c.normal_force, c.friction_force));
+    out.append(py::make_tuple(c.chain, c.segment, c.other_chain, c.link, static_cast<int>(c.kind),
+                              tuple(c.position), tuple(c.normal), c.distance, c.normal_force,
+                              c.friction_force));
   return out;
 }
 
-void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact, double tolerance,
-                 int max_iterations, double linear_tolerance, double contact_stiffness, double contact_threshold,
-                 double reuse_tolerance) {
+void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
+                 double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
+                 double contact_threshold, double reuse_tolerance) {
   w.options = {static_cast<Integrator>(integrator),
                static_cast<Iteration>(iteration),
                static_cast<LinearSolver>(linear_solver),
@@ -200,17 +202,14 @@ PYBIND11_MODULE(_core, m) {
       .def("set_shape_friction", [](World& w, int s, double mu) { w.shapes[s].friction = mu; })
       .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
       .def("add_tunnel",
-           [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer, double mu) {
-             return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu});
-           })
+           [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
+              double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
       .def("begin", [](World& w, double dt, const Array& gravity) { w.begin(dt, vec(gravity)); })
       .def("near", &near_queries)
-      .def("answers",
-           [](World& w, const Array& d, const Array& points, const Array& u) {
-             w.answers(d.data(), points.data(), u.data());
-           })
+      .def("answers", [](World& w, const Array& d, const Array& points,
+                         const Array& u) { w.answers(d.data(), points.data(), u.data()); })
       .def("solve", &World::solve, release())
       .def("finish", &World::finish, release())
       .def("wrenches", &wrenches)

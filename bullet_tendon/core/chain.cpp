@@ -4,8 +4,8 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual, &anchor_x, &anchor_v, &goal,
-                   &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image})
+  for (Field* f : {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual,
+                   &anchor_x, &anchor_v, &goal, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   mass.assign(n_, 0.0);

@@ -10,10 +10,10 @@ namespace bt {
 
 struct Material {
   Law law;
-  double stiffness = 0;          // K of the cross-section [N]
-  double damping = 0;            // C of the cross-section [N s^q]
-  double shear_stiffness = 0;    // K of each shear spring [N], part of `stiffness`
-  double linear_density = 0;     // [kg/m]
+  double stiffness = 0;        // K of the cross-section [N]
+  double damping = 0;          // C of the cross-section [N s^q]
+  double shear_stiffness = 0;  // K of each shear spring [N], part of `stiffness`
+  double linear_density = 0;   // [kg/m]
 };
 
 // A particle tied to a point of the world (a grip) or of a link (an attachment): rigidly, or by a
@@ -21,15 +21,15 @@ struct Material {
 struct Hold {
   int id = 0;
   int particle = 0;
-  int link = -1;        // of an attachment
-  Vec3 local;           // its point in the link's frame [m]
+  int link = -1;  // of an attachment
+  Vec3 local;     // its point in the link's frame [m]
   bool rigid = true;
-  Sym3 stiffness;       // [N/m]; unused where rigid
-  Vec3 goal;            // where the point will be at the end of the step [m]
-  Vec3 target;          // the same, at the end of the part of it that is being solved [m]
-  double viscosity = 0; // of a soft hold [N s/m]
-  Vec3 force;           // of the tendon on the holder, last step [N]
-  Vec3 mean_force;      // the same, averaged over the parts of a split step [N]
+  Sym3 stiffness;        // [N/m]; unused where rigid
+  Vec3 goal;             // where the point will be at the end of the step [m]
+  Vec3 target;           // the same, at the end of the part of it that is being solved [m]
+  double viscosity = 0;  // of a soft hold [N s/m]
+  Vec3 force;            // of the tendon on the holder, last step [N]
+  Vec3 mean_force;       // the same, averaged over the parts of a split step [N]
 };
 
 class Chain {
@@ -50,8 +50,8 @@ class Chain {
 
   double radius, friction;
   Material material;
-  Field x, v;            // state
-  Field force;           // constant external force [N]
+  Field x, v;   // state
+  Field force;  // constant external force [N]
   std::vector<double> mass;
   std::vector<double> rest;  // of the segments
   std::vector<double> scale;
@@ -73,7 +73,8 @@ class Chain {
   bool gathered = false;  // next and step hold the positions and velocities at their end
 
   // Work space of a step.
-  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image;
+  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
+      cg_image;
   Band matrix;
   BandFactor factor;
   Planes inverse_blocks;

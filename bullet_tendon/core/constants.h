@@ -52,13 +52,16 @@ constexpr double kFrictionAccuracy = 1e-4;
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
-// A pair of tendons this share of its radii too near gets another row in the same step [-], unless its
+// A contact this share of its radii too near gets another row in the same step [-], unless its
 // nearest points are within kNearlySame of a segment of where a row already is.
 constexpr double kPairDepth = 0.002;
 constexpr double kNearlySame = 1e-3;
 
 // Rows that may be added so in one step and group [-].
 constexpr int kMostExtraRows = 256;
+
+// Least weight of a free particle for a contact on a segment whose other end is held rigidly [-].
+constexpr double kLeastLever = 0.25;
 
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;

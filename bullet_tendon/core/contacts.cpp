@@ -34,7 +34,9 @@ void World::collect_rows() {
   for (size_t c = 0; c < slots_.size(); ++c) {
     if (!slots_[c]) continue;
     for (size_t t = 0; t < tunnels.size(); ++t)
-      if (tunnel_alive[t]) bore_rows(static_cast<int>(c), static_cast<int>(t)), mouth_rows(static_cast<int>(c), static_cast<int>(t));
+      if (tunnel_alive[t])
+        bore_rows(static_cast<int>(c), static_cast<int>(t)),
+            mouth_rows(static_cast<int>(c), static_cast<int>(t));
     for (size_t s = 0; s < shapes.size(); ++s)
       if (shape_alive[s] && shapes[s].half_space) half_space_rows(static_cast<int>(c), static_cast<int>(s));
   }
@@ -74,27 +76,8 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   recall(row);
 }
 
-// A rigid hold and a rigid contact that disagree have no solution: the hold wins. That is a row whose
-// particles are all held, or one that a held end violates where the hold takes it.
-bool World::overruled(const Row& row) const {
-  const Chain& c = *slots_[row.a.chain];
-  bool any_free = false;
-  for (int e : {0, 1}) {
-    if ((e ? row.a.w1 : row.a.w0) == 0) continue;
-    const Hold* hold = nullptr;
-    for (const Hold& h : c.holds)
-      if (h.rigid && h.particle == row.a.first + e) hold = &h;
-    any_free |= !hold;
-    if (!hold || row.b.chain >= 0) continue;
-    Row at_hold = row;
-    at_hold.evaluate(hold->goal, true);
-    if (at_hold.gap < 0) return true;
-  }
-  return !any_free && row.b.chain < 0;
-}
-
 void World::add_row(const Row& row) {
-  if (!overruled(row)) rows_.push_back(row);
+  if (!overruled(row, *slots_[row.a.chain])) rows_.push_back(row);
 }
 
 void World::recall(Row& row) {
@@ -104,7 +87,8 @@ void World::recall(Row& row) {
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
   row.stuck = without(turn * found->stuck, row.normal);
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
-  const bool converged = options.iteration == Iteration::newton && options.integrator != Integrator::explicit_euler;
+  const bool converged =
+      options.iteration == Iteration::newton && options.integrator != Integrator::explicit_euler;
   bool carries = converged && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
   row.carried = carries ? found->carried : 0;
   row.multiplier = found->carried;
@@ -120,8 +104,8 @@ void World::remember() {
     if (row.normal_force <= 0) continue;
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-    memory_.push_back({row.key, row.normal_force, row.sliding, row.mean_force, transposed_times(turn, row.displacement),
-                       transposed_times(turn, row.normal)});
+    memory_.push_back({row.key, row.normal_force, row.sliding, row.mean_force,
+                       transposed_times(turn, row.displacement), transposed_times(turn, row.normal)});
   }
   std::sort(memory_.begin(), memory_.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
@@ -147,7 +131,13 @@ void World::bone_rows() {
         const bool segment = f >= n;
         if (segment && (e.u <= 1e-6 || e.u >= 1 - 1e-6)) continue;  // its particle has a row
         const int first = segment ? f - n : std::min(f, n - 2);
-        Spot spot{chain, first, segment ? 1 - e.u : f == first ? 1.0 : 0.0, segment ? e.u : f == first ? 0.0 : 1.0};
+        Spot spot{chain, first,
+                  segment      ? 1 - e.u
+                  : f == first ? 1.0
+                               : 0.0,
+                  segment      ? e.u
+                  : f == first ? 0.0
+                               : 1.0};
         Vec3 point = to_world(pose, e.point), normal = pose.rotation * e.normal;
         uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
         Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
@@ -193,7 +183,8 @@ void World::tendon_rows() {
     row.a = {p.chain_a, p.segment_a, 1 - p.u, p.u};
     row.b = {p.chain_b, p.segment_b, 1 - p.w, p.w};
     Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
-    row.normal = p.distance > 1e-9 * a.radius ? (1 / p.distance) * p.apart : any_perpendicular(unit_or(along, {1, 0, 0}));
+    row.normal = p.distance > 1e-9 * a.radius ? (1 / p.distance) * p.apart
+                                              : any_perpendicular(unit_or(along, {1, 0, 0}));
     row.offset = a.radius + b.radius + options.contact_threshold;
     row.beyond = options.contact_threshold;
     row.friction = a.friction * b.friction;

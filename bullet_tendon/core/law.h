@@ -14,7 +14,7 @@
 namespace bt {
 
 struct Law {
-  double exponent = 1;          // p >= 1
+  double exponent = 1;                                          // p >= 1
   double toe_strain = std::numeric_limits<double>::infinity();  // e_t > 0
   bool tension_only = false;
   double damping_exponent = 1;  // q >= 1
@@ -39,9 +39,7 @@ inline void power(double s, double p, double& value, double& slope) {
   }
 }
 
-inline int power_class(double p) {
-  return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0;
-}
+inline int power_class(double p) { return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0; }
 
 // Elastic force per unit K and its slope with respect to strain.
 template <int P>
@@ -56,11 +54,16 @@ inline void elastic(const Law& law, double s, double& force, double& slope) {
 
 inline void elastic_any(const Law& law, double s, double& force, double& slope) {
   switch (power_class(law.exponent)) {
-    case 2: return elastic<2>(law, s, force, slope);
-    case 3: return elastic<3>(law, s, force, slope);
-    case 4: return elastic<4>(law, s, force, slope);
-    case 6: return elastic<6>(law, s, force, slope);
-    default: return elastic<0>(law, s, force, slope);
+    case 2:
+      return elastic<2>(law, s, force, slope);
+    case 3:
+      return elastic<3>(law, s, force, slope);
+    case 4:
+      return elastic<4>(law, s, force, slope);
+    case 6:
+      return elastic<6>(law, s, force, slope);
+    default:
+      return elastic<0>(law, s, force, slope);
   }
 }
 
@@ -69,11 +72,16 @@ inline void elastic_any(const Law& law, double s, double& force, double& slope) 
 template <int P>
 inline double strain_of(const Law& law, double t) {
   double s;
-  if constexpr (P == 2) s = t;
-  else if constexpr (P == 3) s = std::cbrt(t * t);
-  else if constexpr (P == 4) s = std::sqrt(t);
-  else if constexpr (P == 6) s = std::cbrt(t);
-  else s = std::pow(t, 1 / law.exponent);
+  if constexpr (P == 2)
+    s = t;
+  else if constexpr (P == 3)
+    s = std::cbrt(t * t);
+  else if constexpr (P == 4)
+    s = std::sqrt(t);
+  else if constexpr (P == 6)
+    s = std::cbrt(t);
+  else
+    s = std::pow(t, 1 / law.exponent);
   if (s <= law.toe_strain) return s;
   double value, slope;
   power<P>(law.toe_strain, law.exponent, value, slope);

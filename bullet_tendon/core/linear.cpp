@@ -67,7 +67,8 @@ void precondition(Group& group, LinearSolver solver) {
     }
     const Planes& q = c->inverse_blocks;
     for (int i = 0; i < c->n(); ++i)
-      c->cg_preconditioned.set(i, Sym3{q[0][i], q[1][i], q[2][i], q[3][i], q[4][i], q[5][i]} * c->cg_remainder.at(i));
+      c->cg_preconditioned.set(
+          i, Sym3{q[0][i], q[1][i], q[2][i], q[3][i], q[4][i], q[5][i]} * c->cg_remainder.at(i));
   }
 }
 

@@ -6,14 +6,14 @@
 namespace bt {
 
 struct Link {
-  Pose pose;                 // of the URDF link frame, at the start of the step
-  Vec3 centre;               // centre of mass, world [m]
-  Vec3 velocity, spin;       // of the centre of mass [m/s], [rad/s], with gravity's change of this step
-  bool yields = false;       // answers to forces within the step
+  Pose pose;                   // of the URDF link frame, at the start of the step
+  Vec3 centre;                 // centre of mass, world [m]
+  Vec3 velocity, spin;         // of the centre of mass [m/s], [rad/s], with gravity's change of this step
+  bool yields = false;         // answers to forces within the step
   double response[6][6] = {};  // inverse inertia at the centre of mass, world axes (linear, angular)
-  int touches = 0;           // contacts and attachments that shared the response in the last step
-  int touching = 0;          // the same, counted in this step
-  Vec3 force, torque;        // wrench about the centre of mass [N], [N m]
+  int touches = 0;             // contacts and attachments that shared the response in the last step
+  int touching = 0;            // the same, counted in this step
+  Vec3 force, torque;          // wrench about the centre of mass [N], [N m]
 
   // Displacement of the world point p within dt, were it not for the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }

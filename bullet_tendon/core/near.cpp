@@ -84,7 +84,8 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
     if (outside(here, here, shape, now) || bored)
       ++counts.culled;
     else
-      consider(cache.entries[i], here, here, now, context, {chain_slot, shape_slot, i, here, here}, queries, counts);
+      consider(cache.entries[i], here, here, now, context, {chain_slot, shape_slot, i, here, here}, queries,
+               counts);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);

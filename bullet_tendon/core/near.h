@@ -19,8 +19,8 @@ namespace bt {
 
 struct Shape {
   int link = 0;
-  Pose local;         // of the shape's frame in the link's frame
-  Vec3 lo, hi;        // box around it in its own frame
+  Pose local;   // of the shape's frame in the link's frame
+  Vec3 lo, hi;  // box around it in its own frame
   bool half_space = false;
   Vec3 plane_normal;  // of a half-space: n.x = offset is the surface
   double plane_offset = 0;

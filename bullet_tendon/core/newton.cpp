@@ -2,7 +2,6 @@
 #include <limits>
 
 #include "constants.h"
-#include "pairs.h"
 #include "stepping.h"
 
 namespace bt {
@@ -110,7 +109,7 @@ void measure_residual(Group& group, Assembly& a) {
       if (r > c->residual_norm || !(r == r)) c->residual_norm = r, c->worst_particle = i;
     }
     a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
-                                                                                           : a.residual;
+                                                                                          : a.residual;
     constexpr double eps = std::numeric_limits<double>::epsilon();
     a.rounding = std::max(a.rounding, c->residual_norm / (eps * c->stiffest * coordinate));
   }
@@ -182,34 +181,6 @@ bool update_friction(Group& group, double enough) {
   return moved;
 }
 
-// Pairs of segments that the solution leaves nearer than their rows meant, because their nearest points
-// have moved along: one more row each, at the points that are nearest now, beside the first (which
-// holds what it held). A pair that seems to have passed through keeps its side. true: rows were added.
-bool add_missed_pairs(Group& group) {
-  const size_t known = group.rows.size();
-  for (size_t r = 0; r < known && group.extra.size() < group.extra.capacity(); ++r) {
-    const Row& row = *group.rows[r];
-    if (row.b.chain < 0) continue;
-    const Chain &a = group.at(row.a), &b = group.at(row.b);
-    double u, w;
-    nearest_parameters(a.next.at(row.a.first), a.next.at(row.a.first + 1), b.next.at(row.b.first),
-                       b.next.at(row.b.first + 1), u, w);
-    Row more = row;
-    more.a.w0 = 1 - u, more.a.w1 = u, more.b.w0 = 1 - w, more.b.w1 = w;
-    Vec3 apart = more.a.of(a.next) - more.b.of(b.next);
-    double distance = norm(apart);
-    if (distance >= (1 - kPairDepth) * row.offset || distance == 0) continue;
-    if (std::fabs(u - row.a.w1) < kNearlySame && std::fabs(w - row.b.w1) < kNearlySame) continue;
-    more.normal = (dot(apart, row.normal) < 0 ? -1 / distance : 1 / distance) * apart;
-    more.carried = more.multiplier = more.limit = 0, more.stuck = {}, more.sliding = false;
-    more.reference = more.a.of(a.split ? a.start_x : a.x) - more.b.of(b.split ? b.start_x : b.x);
-    more.key |= 1ull << 63;
-    group.extra.push_back(more);
-    group.rows.push_back(&group.extra.back());
-  }
-  return group.rows.size() > known;
-}
-
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -243,7 +214,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     if (group.converged) {
       if (round >= kRounds) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);
-      const bool missed = group.coupled && add_missed_pairs(group);
+      const bool missed = add_missed(group);
       if (!slid && !missed) break;
       ++round, progress = Progress{};
       continue;

@@ -13,12 +13,12 @@ struct Options {
   Iteration iteration = Iteration::newton;
   LinearSolver linear_solver = LinearSolver::banded;
   BoneContact bone_contact = BoneContact::spring;
-  double tolerance = 1e-8;         // residual force over the largest force at hand [-]
+  double tolerance = 1e-8;  // residual force over the largest force at hand [-]
   int max_iterations = 100;
   double linear_tolerance = 1e-10;  // of conjugate gradients, preconditioned residual [-]
-  double contact_stiffness = 0;    // [N/m]; 0: chosen per contact, with carried multipliers
-  double contact_threshold = 0;    // d_collision beyond the surfaces [m]
-  double reuse_tolerance = 1e-6;   // error allowed to a reused contact plane [m]
+  double contact_stiffness = 0;     // [N/m]; 0: chosen per contact, with carried multipliers
+  double contact_threshold = 0;     // d_collision beyond the surfaces [m]
+  double reuse_tolerance = 1e-6;    // error allowed to a reused contact plane [m]
 };
 
 }  // namespace bt

@@ -113,7 +113,8 @@ PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTr
   const int count = static_cast<int>(chains.size());
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
-      if (chains[i] && chains[j]) Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, dt}.run();
+      if (chains[i] && chains[j])
+        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, dt}.run();
   return counts;
 }
 

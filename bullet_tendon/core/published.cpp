@@ -61,6 +61,10 @@ void predict(Group& group, Row& row) {
   row.tangent_force = without(row.total_force, row.normal);
 }
 
+void settle_rows(Group& group) {
+  for (Row* row : group.rows) row->settle(relative_position(group, *row, &Chain::next));
+}
+
 Vec3 spring_forces_after(const Chain& c, int i) {
   Vec3 sum;
   for (const SpringSet* s : {&c.structure, &c.shear})
@@ -115,6 +119,7 @@ void explicit_euler(Group& group, const StepContext& context) {
       c->next.set(h.particle, h.target), c->step.set(h.particle, v);
     }
   }
+  settle_rows(group);
   group.converged = true;
 }
 
@@ -156,6 +161,7 @@ void single_linearisation(Group& group, const StepContext& context) {
       }
   }
   for (Row* row : group.rows) predict(group, *row);
+  settle_rows(group);
   for (Chain* c : group.chains)
     for (Hold& h : c->holds) h.force = predicted_hold_force(group, *c, h, context);
   group.iterations = 1, group.converged = true;

@@ -70,6 +70,12 @@ void Row::evaluate(Vec3 relative, bool at_position) {
   }
 }
 
+void Row::settle(Vec3 relative) {
+  Vec3 z = without(stuck + relative - reference, normal);
+  double pull = grip * norm(z);
+  displacement = limit <= 0 ? Vec3{} : pull > limit ? (limit / pull) * z : z;
+}
+
 void Row::foresee(Vec3 moved) {
   multiplier = std::max(0.0, carried - stiffness * (gap + dot(normal, moved)));
   if (friction <= 0 || limit <= 0) return;

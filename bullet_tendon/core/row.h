@@ -27,43 +27,45 @@ struct Spot {
   int first = 0;
   double w0 = 1, w1 = 0;
   Vec3 of(const Field& f) const {
-    return w1 == 0 ? w0 * f.at(first) : w0 == 0 ? w1 * f.at(first + 1) : w0 * f.at(first) + w1 * f.at(first + 1);
+    return w1 == 0   ? w0 * f.at(first)
+           : w0 == 0 ? w1 * f.at(first + 1)
+                     : w0 * f.at(first) + w1 * f.at(first + 1);
   }
 };
 
 struct Row {
   uint64_t key = 0;
   ContactKind kind = ContactKind::bone;
-  Spot a, b;                // b.chain = -1: against a link
+  Spot a, b;  // b.chain = -1: against a link
   int link = -1;
-  Vec3 normal;              // n, of a plane row; of a bore row as last evaluated
-  double offset = 0;        // c; of a mouth row, the distance kept from the circle
-  double beyond = 0;        // by how much the gap stands off the surfaces (threshold) [m]
-  Vec3 axis_point, axis;    // of a bore; of a mouth, the circle's centre and axis
-  double ring = 0;          // of a bore, R - r; of a mouth, the circle's radius [m]
-  bool through = false;     // a mouth row of a segment that passes through the mouth
-  double stiffness = 0;     // k [N/m]
-  double grip = 0;          // k_t, of sticking [N/m]
-  double carried = 0;       // N_0 [N]
-  double multiplier = 0;    // N as foreseen, in the curvature [N]
-  double friction = 0;      // mu
-  Vec3 stuck, reference;    // xi, ref
-  double limit = 0;         // mu N that friction is limited to [N]
-  bool direct = false;      // constrained on the particle (Baraff and Witkin) instead of by a spring
-  bool held = false;        // a direct row that holds now
-  bool pressed = false;     // touches, in the linearisation
-  bool sliding = false;     // else it sticks, in the linearisation
+  Vec3 normal;                 // n, of a plane row; of a bore row as last evaluated
+  double offset = 0;           // c; of a mouth row, the distance kept from the circle
+  double beyond = 0;           // by how much the gap stands off the surfaces (threshold) [m]
+  Vec3 axis_point, axis;       // of a bore; of a mouth, the circle's centre and axis
+  double ring = 0;             // of a bore, R - r; of a mouth, the circle's radius [m]
+  bool through = false;        // a mouth row of a segment that passes through the mouth
+  double stiffness = 0;        // k [N/m]
+  double grip = 0;             // k_t, of sticking [N/m]
+  double carried = 0;          // N_0 [N]
+  double multiplier = 0;       // N as foreseen, in the curvature [N]
+  double friction = 0;         // mu
+  Vec3 stuck, reference;       // xi, ref
+  double limit = 0;            // mu N that friction is limited to [N]
+  bool direct = false;         // constrained on the particle (Baraff and Witkin) instead of by a spring
+  bool held = false;           // a direct row that holds now
+  bool pressed = false;        // touches, in the linearisation
+  bool sliding = false;        // else it sticks, in the linearisation
   double kept_multiplier = 0;  // both, before a part of a split step was tried
   bool kept_sliding = false;
-  int changes = 0;          // how often a direct row let go in this step
+  int changes = 0;  // how often a direct row let go in this step
 
   // As last evaluated.
   double gap = 0, normal_force = 0;
-  Vec3 raw, displacement;  // z, and z returned to the cone
+  Vec3 raw, displacement;           // z, and z returned to the cone
   Vec3 tangent_force, total_force;  // on the point a
-  Vec3 linear_force;  // of the linearisation; total_force where that is at the present state
-  Vec3 mean_force;    // total_force, averaged over the parts of a split step
-  Sym3 block;         // derivative, positive semidefinite
+  Vec3 linear_force;                // of the linearisation; total_force where that is at the present state
+  Vec3 mean_force;                  // total_force, averaged over the parts of a split step
+  Sym3 block;                       // derivative, positive semidefinite
 
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
   // block's curvature, are as foreseen, or (at_position) as the position has them.
@@ -73,6 +75,8 @@ struct Row {
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
   void foresee(Vec3 moved);
+  // z at the end of a step whose forces were taken at its start.
+  void settle(Vec3 relative);
 };
 
 // What a contact remembers from one step to the next.

@@ -7,9 +7,8 @@ namespace bt {
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
-  for (auto* v : {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history, &length, &force,
-                  &slope, &linear, &true_elastic, &elastic_slope,
-                  &damping_slope})
+  for (auto* v : {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history,
+                  &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -70,11 +69,16 @@ void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floo
 template <class Call>
 void by_exponent(const Law& law, Call call) {
   switch (power_class(law.exponent)) {
-    case 2: return call(std::integral_constant<int, 2>{});
-    case 3: return call(std::integral_constant<int, 3>{});
-    case 4: return call(std::integral_constant<int, 4>{});
-    case 6: return call(std::integral_constant<int, 6>{});
-    default: return call(std::integral_constant<int, 0>{});
+    case 2:
+      return call(std::integral_constant<int, 2>{});
+    case 3:
+      return call(std::integral_constant<int, 3>{});
+    case 4:
+      return call(std::integral_constant<int, 4>{});
+    case 6:
+      return call(std::integral_constant<int, 6>{});
+    default:
+      return call(std::integral_constant<int, 0>{});
   }
 }
 
@@ -90,7 +94,8 @@ double damping_share_of(const SpringSet& s, const Law& law, int k, double length
 // Axial damping at the rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). What is
 // tension-only never pushes, damping included.
 template <class Rate>
-void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share, Rate rate_of) {
+void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share,
+                       Rate rate_of) {
   for (int k = 0; k < s.count; ++k) {
     const double c = s.damping[k] * damping_share_of(s, law, k, before[k]);
     double f, df;
@@ -165,7 +170,8 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
   measure(s, x);
   by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
   if (s.damped && !law.whole_velocity)
-    add_axial_damping(s, law, s.start.data(), b, 1, [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
+    add_axial_damping(s, law, s.start.data(), b, 1,
+                      [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
   vectors(s);
   if (s.damped && law.whole_velocity) {
     s.whole_position = &x, s.whole_anchor = &xh;
@@ -176,7 +182,8 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
   return largest;
 }
 
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b, bool definite) {
+double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
+                 bool definite) {
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
@@ -190,7 +197,8 @@ double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_f
   return largest;
 }
 
-void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt, double damping_share) {
+void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
+                 double damping_share) {
   measure(s, x);
   by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
   auto rate = [&](int k) {
@@ -261,8 +269,8 @@ void carry(SpringSet& s, const Law& law, const Field& dx) {
   const bool same = is_linear(law);
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
-    double elongation = nx[k] * (ux[k + reach] - ux[k]) + ny[k] * (uy[k + reach] - uy[k]) +
-                        nz[k] * (uz[k + reach] - uz[k]);
+    double elongation =
+        nx[k] * (ux[k + reach] - ux[k]) + ny[k] * (uy[k + reach] - uy[k]) + nz[k] * (uz[k + reach] - uz[k]);
     double t = force[k] + slope[k] * elongation + (same ? 0 : linear[k] - truth[k]);
     carried[k] = t;
     elastic[k] = (same ? truth[k] : linear[k]) + elastic_slope[k] * elongation;

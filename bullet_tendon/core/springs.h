@@ -11,8 +11,8 @@
 //
 // where T is the carried multiplier: the force that the last iteration predicted linearly, kept from
 // step to step. Where that makes the matrix indefinite (a compressed tendon that buckles), negative
-// T/len are cut off at what inertia outweighs. Taking T from the current positions instead makes B wild, because an
-// error of a micrometre is newtons.
+// T/len are cut off at what inertia outweighs. Taking T from the current positions instead makes B wild,
+// because an error of a micrometre is newtons.
 //
 // The elastic law is linearised where the multiplier says that the spring is, at the strain s* with
 // K f(s*) = T_e (T_e the elastic part of T), not where the positions happen to be: that is
@@ -71,7 +71,8 @@ double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_f
                  bool definite);
 // Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
 // linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
-void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt, double damping_share);
+void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
+                 double damping_share);
 
 // right_hand += what the linearisation adds to the true forces; nothing where they agree.
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);

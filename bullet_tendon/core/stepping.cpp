@@ -1,5 +1,7 @@
 #include "stepping.h"
 
+#include "constants.h"
+
 namespace bt {
 
 void begin_step(Chain& c, const StepContext& context, double fraction) {
@@ -74,7 +76,8 @@ void solve(Group& group, const StepContext& context) {
   else
     converged_step(group, context);
   if (group.substeps == 1) {
-    for (Row* row : group.rows) row->mean_force = step_mean(group.at(row->a), context, row->mean_force, row->total_force);
+    for (Row* row : group.rows)
+      row->mean_force = step_mean(group.at(row->a), context, row->mean_force, row->total_force);
     for (Chain* c : group.chains)
       for (Hold& h : c->holds) h.mean_force = step_mean(*c, context, h.mean_force, h.force);
   }
@@ -83,7 +86,7 @@ void solve(Group& group, const StepContext& context) {
       for (int i = 0; i < c->n(); ++i) group.finite &= std::isfinite(c->next[k][i]);
 }
 
-Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where) {
+Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where) {
   Vec3 a = row.a.of(group.at(row.a).*where);
   return row.b.chain < 0 ? a : a - row.b.of(group.at(row.b).*where);
 }
@@ -132,7 +135,7 @@ void add_soft_holds(Chain& c, const Field& x, bool matrix) {
   }
 }
 
-void project_holds(Group& group, Field Chain::*what) {
+void project_holds(Group& group, Field Chain::* what) {
   for (Chain* c : group.chains)
     for (const Hold& h : c->holds)
       if (h.rigid) (c->*what).set(h.particle, Vec3{});
@@ -149,7 +152,28 @@ void hold_in_matrix(Group& group) {
     for (const Hold& h : c->holds)
       if (h.rigid) c->matrix.hold(h.particle, identity(1));
   for (const Row* row : group.rows)
-    if (row->held) group.at(row->a).matrix.hold(row->a.w0 != 0 ? row->a.first : row->a.first + 1, outer(row->normal));
+    if (row->held)
+      group.at(row->a).matrix.hold(row->a.w0 != 0 ? row->a.first : row->a.first + 1, outer(row->normal));
+}
+
+// That is a row whose particles are all held (or nearly so: what is free would have to move far for
+// what is not), or one that a held end violates where it is taken.
+bool overruled(const Row& row, const Chain& c) {
+  if (row.b.chain >= 0) return false;
+  bool any_free = false;
+  for (int e : {0, 1}) {
+    const double weight = e ? row.a.w1 : row.a.w0;
+    if (weight == 0) continue;
+    const Hold* hold = nullptr;
+    for (const Hold& h : c.holds)
+      if (h.rigid && h.particle == row.a.first + e) hold = &h;
+    any_free |= !hold && weight >= kLeastLever;
+    if (!hold) continue;
+    Row at_hold = row;
+    at_hold.evaluate(hold->goal, true);
+    if (at_hold.gap < 0) return true;
+  }
+  return !any_free;
 }
 
 void read_holds(Chain& c) {

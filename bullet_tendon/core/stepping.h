@@ -30,9 +30,9 @@ struct Group {
   std::vector<Chain*> chains;
   std::vector<Row*> rows;
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
-  bool coupled = false;  // some row joins two tendons, or two places of one
+  bool coupled = false;    // some row joins two tendons, or two places of one
   int iterations = 0;
-  double residual = 0;   // largest residual force over the largest force at hand
+  double residual = 0;  // largest residual force over the largest force at hand
   bool converged = false;
   bool finite = true;
   int substeps = 1;
@@ -56,6 +56,10 @@ void newton(Group& group, const StepContext& context, bool safeguarded);
 void single_linearisation(Group& group, const StepContext& context);  // implicit, as published
 void explicit_euler(Group& group, const StepContext& context);
 
+// Contacts that the solution leaves nearer than their rows meant, because their nearest points have
+// moved along, get one more row each beside the first (which holds what it held). true: some did.
+bool add_missed(Group& group);
+
 // A step = -residual with all holds applied: banded, or by preconditioned conjugate gradients. false:
 // the matrix is not positive definite.
 bool solve_linear(Group& group, const StepContext& context);
@@ -64,7 +68,7 @@ bool solve_linear(Group& group, const StepContext& context);
 void multiply(Group& group);
 
 // Pieces that the methods share.
-Vec3 relative_position(const Group& group, const Row& row, Field Chain::*where);
+Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
 void add_row_force(Group& group, const Row& row);
 void add_row_block(Group& group, const Row& row);
 // What the row's linearisation adds to its true force, into the residual.
@@ -72,9 +76,11 @@ void add_row_linearisation(Group& group, const Row& row);
 // Forces into the residual, or (matrix) stiffnesses into the matrix.
 void add_soft_holds(Chain& c, const Field& x, bool matrix);
 // Removes what holds take up from `what` (a residual or a direction).
-void project_holds(Group& group, Field Chain::*what);
+void project_holds(Group& group, Field Chain::* what);
 // The same for the matrices.
 void hold_in_matrix(Group& group);
+// Whether a rigid hold contradicts a row against a body, which then has no solution: the hold wins.
+bool overruled(const Row& row, const Chain& c);
 // Force of the tendon on each holder, from residuals that holds have not been removed from yet.
 void read_holds(Chain& c);
 

@@ -91,7 +91,9 @@ void World::mouth_rows(int chain, int t) {
 // How far segment k can come towards an edge of the tunnel's mouths within the step [m].
 double World::mouth_reach(int chain, int t, int k) const {
   const Link& link = links[tunnels[t].link];
-  auto reach = [&](int i) { return reach_of(*slots_[chain], i, link, context_.dt, options.contact_threshold); };
+  auto reach = [&](int i) {
+    return reach_of(*slots_[chain], i, link, context_.dt, options.contact_threshold);
+  };
   // A segment longer: the edge is sharp, and what lies beside it can be over it in a step.
   return std::max(reach(k), reach(k + 1)) + slots_[chain]->rest[k] + tunnels[t].chamfer;
 }

@@ -55,8 +55,8 @@ inline Sym3 across(Vec3 n) { return identity(1) + (-1.0) * outer(n); }
 inline Sym3 inverse(const Sym3& a) {
   double cxx = a.yy * a.zz - a.yz * a.yz, cxy = a.xz * a.yz - a.xy * a.zz, cxz = a.xy * a.yz - a.xz * a.yy;
   double det = a.xx * cxx + a.xy * cxy + a.xz * cxz;
-  return (1 / det) * Sym3{cxx, cxy, cxz, a.xx * a.zz - a.xz * a.xz, a.xy * a.xz - a.xx * a.yz,
-                          a.xx * a.yy - a.xy * a.xy};
+  return (1 / det) *
+         Sym3{cxx, cxy, cxz, a.xx * a.zz - a.xz * a.xz, a.xy * a.xz - a.xx * a.yz, a.xx * a.yy - a.xy * a.xy};
 }
 
 // A rotation, by rows.

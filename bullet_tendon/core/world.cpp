@@ -93,9 +93,10 @@ const std::vector<Query>& World::near() {
     caches_[c].resize(shapes.size());
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
-      NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance, &bores_of(shapes[s].link)};
-      ask(*chains[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near, caches_[c][s],
-          queries_, report_.near);
+      NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
+                       &bores_of(shapes[s].link)};
+      ask(*chains[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near,
+          caches_[c][s], queries_, report_.near);
     }
   }
   return queries_;
@@ -121,13 +122,15 @@ void World::make_groups() {
     return c;
   };
   for (const Row& row : rows_)
-    if (row.b.chain >= 0) group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
+    if (row.b.chain >= 0)
+      group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
   groups_.resize(count);
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
     g.chains.clear(), g.rows.clear(), g.extra.clear();
     g.extra.reserve(kMostExtraRows);
-    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0, g.residual = 0, g.substeps = 1;
+    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
+    g.residual = 0, g.substeps = 1;
     g.linear_tolerance = 0;
   }
   for (int c = 0; c < count; ++c)
@@ -192,7 +195,8 @@ std::vector<ContactRecord> World::contacts() const {
   for (const Row& row : rows_) {
     const Chain& c = *chains[row.a.chain];
     ContactRecord r;
-    r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link, r.kind = row.kind;
+    r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link,
+    r.kind = row.kind;
     r.position = row.a.of(c.x), r.normal = row.normal;
     r.distance = row.gap + row.beyond;
     r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);

@@ -74,7 +74,6 @@ class World {
   void half_space_rows(int chain, int shape);
   void tendon_rows();
   void finish_row(Row& row, int chain_slot, int particle);
-  bool overruled(const Row& row) const;
   void add_row(const Row& row);
   void recall(Row& row);
   void remember();
@@ -88,7 +87,8 @@ class World {
 
   const std::vector<Bore>& bores_of(int link) const { return bores_by_link_[link]; }
   void make_groups();
-  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, uint64_t key, double friction);
+  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, uint64_t key,
+                double friction);
 
   StepContext context_;
   std::vector<Chain*> slots_;
@@ -99,7 +99,7 @@ class World {
   std::vector<Row> rows_, found_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
-  std::vector<Bore> bores_;                         // by tunnel
+  std::vector<Bore> bores_;  // by tunnel
   std::vector<std::vector<Bore>> bores_by_link_;
   std::vector<Group> groups_;
   std::vector<int> group_of_;
