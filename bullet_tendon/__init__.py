@@ -21,11 +21,12 @@ from .errors import (  # noqa: E402
     UnknownId,
     UrdfError,
 )
+from .holds import Attachment, Grip  # noqa: E402
 from .material import Material  # noqa: E402
 from .options import SolverOptions  # noqa: E402
 from .resources import data_path  # noqa: E402
 from .skin import Skin  # noqa: E402
-from .tendon import Attachment, Grip, Tendon  # noqa: E402
+from .tendon import Tendon  # noqa: E402
 from .tunnels import Tunnel  # noqa: E402
 from .world import TendonWorld  # noqa: E402
 

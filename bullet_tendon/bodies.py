@@ -115,7 +115,9 @@ class Bodies:
         if fixed:
             response = _joint_response(body, link, joints, self.client) if joints else np.zeros((6, 6))
         elif not joints:
-            response = _rigid_response(body, row[12:15], self.client)
+            alone = link < 0 and p.getNumJoints(body, self.client) == 0
+            turn = self._inertial_turn(body, link)
+            response = _free_response(info, turn) if alone else _rigid_response(body, row[12:15], self.client)
             row[15:18] += dt * gravity
         else:
             response = None

@@ -69,6 +69,9 @@ constexpr int kMostChanges = 4;
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;
 
+// Least cosine between a stretch of tendon's segments and its chord for it to count as straight [-].
+constexpr double kStraight = 0.75;
+
 // Contacts are foreseen over the present motion times this [-]: half as much again, for what the step
 // may add. Larger: more queries and rows. Smaller: what speeds up within a step arrives unforeseen.
 constexpr double kForesight = 1.5;

@@ -43,6 +43,21 @@ void BoxTree::refit(const Chain& c, double dt, double threshold) {
     leaves[k / kLeaf].include(b);
   }
   for (const Box& b : leaves) all.include(b);
+  find_straight(c);
+}
+
+void BoxTree::find_straight(const Chain& c) {
+  const int m = c.n() - 1, count = static_cast<int>(leaves.size());
+  straight.assign(count, 1);
+  for (int i = 0; i < count; ++i) {
+    const int from = i * kLeaf, to = std::min((i + 2) * kLeaf, m);
+    const Vec3 along = unit_or(c.x.at(to) - c.x.at(from), Vec3{});
+    for (int k = from; k < to && straight[i]; ++k) {
+      const Vec3 d = c.x.at(k + 1) - c.x.at(k);
+      const double advance = dot(d, along);
+      straight[i] = advance > 0 && advance * advance >= kStraight * kStraight * dot(d, d);
+    }
+  }
 }
 
 namespace {
@@ -97,6 +112,7 @@ struct Finder {
     const int la = static_cast<int>(ta->leaves.size()), lb = static_cast<int>(tb->leaves.size());
     for (int i = 0; i < la; ++i)
       for (int j = a == b ? i : 0; j < lb; ++j) {
+        if (a == b && j <= i + 1 && ta->straight[i]) continue;
         if (!overlap(ta->leaves[i], tb->leaves[j], margin)) continue;
         for (int k = i * L; k < std::min((i + 1) * L, a->n() - 1); ++k)
           for (int m = a == b ? std::max(j * L, k + 1) : j * L; m < std::min((j + 1) * L, b->n() - 1); ++m)

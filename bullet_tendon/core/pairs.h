@@ -38,10 +38,16 @@ inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the m
 struct BoxTree {
   static constexpr int kLeaf = 8;
   std::vector<Box> segments, leaves;
+  // Whether a leaf together with the next one runs so straight that it cannot touch itself: points an
+  // arc a apart are then at least kStraight a apart, and kStraight kSelfContactArc radii exceed two.
+  std::vector<char> straight;
   Vec3 mean_velocity;
   double skin = 0;  // radius and half the threshold [m]
   Box all;
   void refit(const Chain& c, double dt, double threshold);
+
+ private:
+  void find_straight(const Chain& c);
 };
 
 struct PairCounts {
