@@ -52,9 +52,10 @@ class Bodies:
     def find_slot(self, body: int, link: int) -> int | None:
         return self._slots.get((body, link))
 
-    def table(self, dt: float, gravity: np.ndarray) -> np.ndarray:
+    def table(self, dt: float, gravity: np.ndarray, held: bool = False) -> np.ndarray:
         """(links, 58) what the core needs to know of every link (layout: _WIDTH).
 
+        held: as if nothing moved them.
         Raises UnknownId where a body was removed from pybullet.
         """
         for row, (body, link) in zip(self._table, self.links, strict=True):
@@ -64,6 +65,8 @@ class Bodies:
                 self._read(row, body, link, dt, gravity)
             except p.error:
                 raise UnknownId("bodyUniqueId", body, "a body that is still there") from None
+        if held:
+            self._table[:, 15:] = 0.0
         return self._table
 
     def forget(self, body: int) -> None:

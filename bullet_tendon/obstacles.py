@@ -18,6 +18,9 @@ class Obstacles:
         self._shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
 
+    def __len__(self) -> int:
+        return len(self._shapes)
+
     def add(self, body, link, friction, convex, meshes) -> None:
         """See TendonWorld.add_obstacle."""
         self._bodies.require(body, -1 if link is None else link)

@@ -9,9 +9,11 @@ import pybullet as p
 from . import _core, checks
 from .bodies import Bodies, client_of
 from .errors import InvalidType, InvalidValue, StepFailed, UnknownId
+from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
+from .relaxation import relax
 from .report import CONTACT, StepReport, contact_table
 from .sampling import particle_positions
 from .tendon import Tendon
@@ -152,8 +154,6 @@ class TendonWorld:
         obstacles: whether every link with a collision shape becomes an obstacle. Returns the body's
         id. Raises UrdfError, naming file, element and attribute, before anything is loaded.
         """
-        from .loading import load_urdf
-
         return load_urdf(self, path, args, kwargs, checks.flag("obstacles", obstacles))
 
     def step(self, n: int = 1) -> None:
@@ -173,24 +173,43 @@ class TendonWorld:
 
         Raises StepFailed, with the tendons as they were, where the step has no finite solution.
         """
-        clock = [perf_counter()]
-        parameters = p.getPhysicsEngineParameters(self._client)
-        dt = parameters["fixedTimeStep"]
-        gravity = np.array([parameters["gravityAcceleration" + c] for c in "XYZ"])
+        self._solve(p.getPhysicsEngineParameters(self._client)["fixedTimeStep"], self._gravity())
         if self._bodies.links:
-            self._core.set_links(self._bodies.table(dt, gravity))
+            start = perf_counter()
+            self._bodies.apply(self._wrenches)
+            self.report.seconds["react"] += perf_counter() - start
+
+    def relax(self, tolerance: float = 1e-6, max_steps: int = 1000) -> None:
+        """Static equilibrium of the tendons with the bodies held, directly; no time passes.
+
+        tolerance: largest residual force over the largest force at hand [-]. Velocities are zero
+        afterwards, pybullet is not stepped, nothing acts on bodies. The report tells iterations, residual
+        and whether it converged within max_steps solutions. A tendon that can touch nothing is solved
+        for at once, from however far away; with obstacles, tunnels or other tendons the way there is
+        followed, so that nothing is passed through. Raises InvalidType, InvalidValue or StepFailed.
+        """
+        tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
+        relax(self, tolerance, checks.integer("max_steps", max_steps, at_least=1))
+
+    def _gravity(self) -> np.ndarray:
+        parameters = p.getPhysicsEngineParameters(self._client)
+        return np.array([parameters["gravityAcceleration" + c] for c in "XYZ"])
+
+    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
+        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield."""
+        clock = [perf_counter()]
+        if self._bodies.links:
+            self._core.set_links(self._bodies.table(dt, gravity, held))
         self._core.begin(dt, gravity)
         clock.append(perf_counter())
         self._obstacles.measure()
         clock.append(perf_counter())
-        finite = self._core.solve()
-        if not finite:
+        if not self._core.solve():
             self._fail()
         self._core.finish()
         clock.append(perf_counter())
         if self._bodies.links:
             self._wrenches = self._core.wrenches()
-            self._bodies.apply(self._wrenches)
         clock.append(perf_counter())
         self.report = StepReport.read(self._core.report(), clock, self._names())
 

@@ -165,6 +165,8 @@ PYBIND11_MODULE(_core, m) {
              fill(w.chains[c]->x, x), fill(w.chains[c]->v, v);
              w.chains[c]->reset_history();
            })
+      .def("stop", [](World& w, int c) { w.chains[c]->stop(); })
+      .def("guess_multipliers", [](World& w, int c, const Array& g) { w.chains[c]->guess_multipliers(vec(g)); })
       .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
       .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })

@@ -61,6 +61,11 @@ void Chain::share_out() {
   }
 }
 
+void Chain::stop() {
+  v.zero(), v_before.zero();
+  dt_before = 0;
+}
+
 void Chain::reset_history() {
   dt_before = 0;
   for (SpringSet* s : {&structure, &shear}) {
@@ -68,6 +73,17 @@ void Chain::reset_history() {
     evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
     s->start = s->before = s->history = s->length;
   }
+}
+
+void Chain::guess_multipliers(Vec3 gravity) {
+  double load = 0;
+  for (int i = 0; i < n_; ++i) load += norm(mass[i] * gravity + force.at(i));
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) {
+      const double guess = 0.5 * load * s->stiffness[k] / (material.stiffness * scale[std::min(k, n_ - 2)]);
+      s->carried[k] = std::max(s->carried[k], guess);
+      s->elastic[k] = std::max(s->elastic[k], guess);
+    }
 }
 
 void Chain::tension(std::vector<double>& out) {

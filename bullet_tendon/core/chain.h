@@ -42,8 +42,13 @@ class Chain {
   void set_rest(const std::vector<double>& rest);
   // Shares of the cross-section's stiffness by segment, 1 where uniform.
   void set_stiffness_scale(const std::vector<double>& scale);
+  // At rest where it is, its multipliers kept.
+  void stop();
   // Lengths and multipliers at x, after positions were set from outside.
   void reset_history();
+  // Raises the multipliers of loose springs to what half of all loads would pull, as a first guess at
+  // the forces of an equilibrium that is far away: a tendon taken to be tight falls into shape.
+  void guess_multipliers(Vec3 gravity);
   // Force carried by every cross-section: the sum over the springs that cross segment k [N].
   void tension(std::vector<double>& out);
   double energy();  // elastic and kinetic [J]

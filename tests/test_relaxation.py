@@ -1,0 +1,88 @@
+"""world.relax against exact equilibria."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from scipy.optimize import brentq
+
+import bullet_tendon as bt
+
+G = 9.81
+LENGTH, SPAN, RADIUS, STIFFNESS = 0.3, 0.24, 0.004, 3e4
+
+
+def rope(world, n, exponent=1.0, **more):
+    material = bt.Material(stiffness=STIFFNESS, exponent=exponent, density=1100.0, **more)
+    return world.add_tendon([[0, 0, 0], [LENGTH, 0, 0]], RADIUS, material, n)
+
+
+def catenary(n, exponent, masses) -> np.ndarray:
+    """(n, 2) x and z of the discrete elastic catenary: lumped weights, T_i = sqrt(H^2 + V_i^2)."""
+    rest = LENGTH / (n - 1)
+    weights = G * masses
+    left = 0.5 * weights.sum()
+    vertical = left - np.cumsum(weights)[:-1]  # by symmetry half of the weight hangs on each end
+
+    def steps(h):
+        tension = np.hypot(h, vertical)
+        length = rest * (1 + (tension / STIFFNESS) ** (1 / exponent))
+        return length * h / tension, -length * vertical / tension
+
+    h = brentq(lambda h: steps(h)[0].sum() - SPAN, 1e-6, 1e3, xtol=1e-16, rtol=1e-15)
+    return np.concatenate([[[0, 0]], np.cumsum(np.column_stack(steps(h)), axis=0)])
+
+
+@pytest.mark.parametrize("n", [20, 60, 500])
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_catenary_from_a_straight_line(make_world, n, exponent):
+    world = make_world(1 / 240, (0, 0, -G))
+    t = rope(world, n, exponent)
+    t.grip(0, (0, 0, 0)), t.grip(-1, (SPAN, 0, 0))
+    world.relax(1e-11)
+    assert world.report.converged
+    assert world.report.iterations < 30
+    assert np.abs(t.positions[:, [0, 2]] - catenary(n, exponent, t.masses)).max() <= 1e-9 * LENGTH
+    assert not t.velocities.any()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0, 3.0])
+def test_series_stretch(make_world, exponent):
+    world = make_world(1 / 240, (0, 0, 0))
+    t = rope(world, 500, exponent)
+    t.grip(0), t.set_force(-1, (50.0, 0, 0))
+    world.relax(1e-12)
+    stretch = LENGTH * (50.0 / STIFFNESS) ** (1 / exponent)
+    assert t.length - LENGTH == pytest.approx(stretch, rel=1e-10)
+
+
+def test_over_a_ball(make_world, client):
+    """It comes to lie on the ball, carried by it and by the grips; the ball, though free, is held."""
+    world = make_world(1 / 240, (0, 0, -G))
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=client)
+    ball = p.createMultiBody(1.0, shape, basePosition=[0.15, 0, -0.06], physicsClientId=client)
+    world.add_obstacle(ball)
+    t = rope(world, 121)
+    grips = t.grip(0, (0.02, 0, -0.06)), t.grip(-1, (0.28, 0, -0.06))
+    world.relax(1e-7)
+    assert world.report.converged
+    assert world.contacts["distance"].min() >= -1e-6
+    forces = grips[0].force + grips[1].force + world.wrench(ball)[:3]
+    np.testing.assert_allclose(forces, [0, 0, -G * t.masses.sum()], atol=1e-5)
+    assert p.getBasePositionAndOrientation(ball, client)[0] == (0.15, 0.0, -0.06)
+    assert p.getBaseVelocity(ball, client)[0] == (0.0, 0.0, 0.0)
+
+
+def test_refuses_what_makes_no_sense(make_world):
+    world = make_world(1 / 240, (0, 0, -G))
+    with pytest.raises(bt.InvalidValue, match="tolerance"):
+        world.relax(0)
+    with pytest.raises(bt.InvalidType, match="max_steps"):
+        world.relax(1e-6, 2.5)
+
+
+def test_says_so_where_there_is_no_equilibrium(make_world):
+    """A tendon that nothing holds goes on falling."""
+    world = make_world(1 / 240, (0, 0, -G))
+    rope(world, 10)
+    world.relax(1e-6, max_steps=5)
+    assert not world.report.converged
