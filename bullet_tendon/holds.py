@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import checks
-from .errors import UnknownId
+from .errors import InvalidValue, UnknownId
 
 
 class _Hold:
@@ -63,8 +63,11 @@ class Grip(_Hold):
     force is what the hand feels.
     """
 
-    def __init__(self, tendon, particle, number, target, stiffness, damping):
+    def __init__(self, tendon, particle, number, target, stiffness, damping, direction=None):
         super().__init__(tendon, particle, number)
+        self._direction = None
+        if direction is not None:
+            self.direction = direction
         self.stiffness = stiffness
         self.damping = damping
         self.target = target
@@ -82,3 +85,22 @@ class Grip(_Hold):
         self._tendon._core.set_grip(
             self._tendon._slot, self._number, target, self.stiffness or 0.0, self.damping
         )
+
+    @property
+    def direction(self) -> np.ndarray | None:
+        """(3,) unit tangent that a clamped end is held in, in the order of the particles; else None."""
+        return None if self._direction is None else self._direction.copy()
+
+    @direction.setter
+    def direction(self, value) -> None:
+        self._require()
+        if self.particle not in (0, self._tendon.particles - 1):
+            raise InvalidValue("direction", value, "None, but for the first or the last particle")
+        if self._tendon.material.bending_stiffness == 0:
+            raise InvalidValue("direction", value, "None for a tendon without bending stiffness")
+        vector = checks.vector("direction", value)
+        size = np.linalg.norm(vector)
+        if size == 0:
+            raise InvalidValue("direction", value, "other than zero")
+        self._direction = vector / size
+        self._tendon._core.set_clamp(self._tendon._slot, self._number, self._direction)

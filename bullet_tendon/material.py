@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 from . import checks
-from .errors import InvalidValue
 
 _DENSITY = 1120.0  # kg/m^3 (Bennett et al. 1986; Ker 1981)
 
@@ -27,7 +26,8 @@ class Material:
         spring's ends, as printed in the paper, which brakes rigid rotations too.
     shear_stiffness: the share of `stiffness` that each shear spring (i, i+2) carries [N], between 0
         and stiffness/2. A cross-section carries `stiffness` in all, whatever the share.
-    bending_stiffness: EI [N m^2]; only 0 so far.
+    bending_stiffness: EI [N m^2], >= 0, of a discrete curvature energy (straight without load). 0 costs
+        nothing.
     density: [kg/m^3], > 0.
     friction: coefficient of the tendon [-], >= 0; a pair's is the product of both, as in Bullet.
 
@@ -56,8 +56,7 @@ class Material:
         checks.number("damping_exponent", self.damping_exponent, at_least=1)
         checks.choice("damping_form", self.damping_form, ("axial", "whole"))
         checks.number("shear_stiffness", self.shear_stiffness, at_least=0, at_most=self.stiffness / 2)
-        if checks.number("bending_stiffness", self.bending_stiffness, at_least=0) > 0:
-            raise InvalidValue("bending_stiffness", self.bending_stiffness, "0")
+        checks.number("bending_stiffness", self.bending_stiffness, at_least=0)
         checks.number("density", self.density, above=0)
         checks.number("friction", self.friction, at_least=0)
 

@@ -16,7 +16,7 @@ _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FIRST = 1 / 240  # s
 _FARTHEST, _NEAREST = 0.5, 0.1  # of the radius, moved in a step: shorter above, longer below
 _GROWTH = 4.0
-_ROUNDED = 1e-5  # a residual that rounding can explain [-]
+_LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 
 
 def relax(world, tolerance: float, max_steps: int) -> None:
@@ -36,16 +36,18 @@ def relax(world, tolerance: float, max_steps: int) -> None:
         try:
             world._solve(dt, gravity, held=True)
         except StepFailed:
-            for t, state in saved.items():
-                t.set_positions(*state)
+            _put_back(saved)
             raise
         iterations += world.report.iterations
         moved = {t: np.abs(t.positions - x).max() for t, x in before.items()}
         residual = max([world.report.residual, *(_inertia(t, moved[t], dt, gravity) for t in saved)])
         for t in saved:
             core.stop(t._slot)
-        at_rounding = max(moved.values()) == 0.0 and residual <= _ROUNDED
-        settled = residual <= tolerance or at_rounding
+        if any(_lost(t, x) for t, (x, _) in saved.items()):
+            settled = False
+            _put_back(saved)
+            break
+        settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
         if world.report.converged and settled:
             break
         ratio = max((moved[t] / t.radius for t in saved), default=0.0)
@@ -53,6 +55,15 @@ def relax(world, tolerance: float, max_steps: int) -> None:
         dt = min(dt * _GROWTH, _ENDLESS) if ratio < _NEAREST else dt
     world.report.iterations, world.report.residual = iterations, float(residual)
     world.report.converged = bool(world.report.converged and settled)
+
+
+def _lost(tendon, start) -> bool:
+    return np.abs(tendon.positions - start).max() > _LOST * tendon.rest_length
+
+
+def _put_back(saved) -> None:
+    for tendon, state in saved.items():
+        tendon.set_positions(*state)
 
 
 def _inertia(tendon, moved: float, dt: float, gravity) -> float:

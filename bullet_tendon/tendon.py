@@ -5,7 +5,7 @@ import weakref
 import numpy as np
 
 from . import checks
-from .errors import InvalidValue, UnknownId
+from .errors import InvalidValue, TendonError, UnknownId
 from .holds import Attachment, Grip
 from .material import Material
 
@@ -117,11 +117,20 @@ class Tendon:
         self._holds[index] = hold
         return hold
 
-    def grip(self, particle: int, target=None, stiffness: float | None = None, damping: float = 0.0) -> Grip:
+    def grip(
+        self,
+        particle: int,
+        target=None,
+        stiffness: float | None = None,
+        damping: float = 0.0,
+        direction=None,
+    ) -> Grip:
         """Hold a particle (negative: from the end) at `target`, which can then be moved step by step.
 
         target: (3,) world [m]; None: where the particle is. stiffness [N/m], damping [N s/m]: of a
-        soft grip; None: rigid. A particle can be held once. Raises InvalidType or InvalidValue.
+        soft grip; None: rigid. direction: (3,) tangent in which an end with bending stiffness is clamped,
+        in the order of the particles; None: it is free to turn. A particle can be held once. Raises
+        InvalidType or InvalidValue; then nothing has changed.
         """
         index = self._free_particle(particle)
         where = self.positions[index] if target is None else checks.vector("target", target)
@@ -130,7 +139,11 @@ class Tendon:
         damping = checks.number("damping", damping, at_least=0)
         number = self._world()._next_number()
         self._core.add_grip(self._slot, number, index)
-        hold = Grip(self, index, number, where, stiffness, damping)
+        try:
+            hold = Grip(self, index, number, where, stiffness, damping, direction)
+        except TendonError:
+            self._core.remove_hold(self._slot, number)
+            raise
         self._holds[index] = hold
         return hold
 

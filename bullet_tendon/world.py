@@ -81,8 +81,9 @@ class TendonWorld:
         m = material
         law = (m.stiffness, m.exponent, m.toe, m.tension_only, m.damping, m.damping_exponent)
         density = m.density * math.pi * radius**2
+        stiffnesses = (m.shear_stiffness, m.bending_stiffness)
         whole = m.damping_form == "whole"
-        slot = self._core.add_chain(line, radius, m.friction, *law, whole, m.shear_stiffness, density)
+        slot = self._core.add_chain(line, radius, m.friction, *law, whole, *stiffnesses, density)
         tendon = Tendon(self, slot, name, radius, material)
         self._tendons[slot] = tendon
         return tendon
@@ -186,7 +187,8 @@ class TendonWorld:
         afterwards, pybullet is not stepped, nothing acts on bodies. The report tells iterations, residual
         and whether it converged within max_steps solutions. A tendon that can touch nothing is solved
         for at once, from however far away; with obstacles, tunnels or other tendons the way there is
-        followed, so that nothing is passed through. Raises InvalidType, InvalidValue or StepFailed.
+        followed, so that nothing is passed through. Where nothing holds a tendon, all are put back and
+        the report says that it did not converge. Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
         relax(self, tolerance, checks.integer("max_steps", max_steps, at_least=1))

@@ -19,7 +19,7 @@ OUT_OF_RANGE = {
     "damping_exponent": [0.5, math.inf],
     "damping_form": ["none", "", None],
     "shear_stiffness": [-1, 501.0],
-    "bending_stiffness": [-1, math.nan, 1.0],
+    "bending_stiffness": [-1, math.nan],
     "density": [0, -1],
     "friction": [-0.1, math.inf],
 }

@@ -42,10 +42,11 @@ Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
 
 int add_chain(World& w, const Array& points, double radius, double friction, double stiffness,
               double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
-              bool whole_velocity, double shear_stiffness, double linear_density) {
+              bool whole_velocity, double shear_stiffness, double bending_stiffness, double linear_density) {
   Material m;
   m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
   m.stiffness = stiffness, m.damping = damping, m.shear_stiffness = shear_stiffness;
+  m.bending_stiffness = bending_stiffness;
   m.linear_density = linear_density;
   std::vector<Vec3> p(points.shape(0));
   for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
@@ -166,7 +167,8 @@ PYBIND11_MODULE(_core, m) {
              w.chains[c]->reset_history();
            })
       .def("stop", [](World& w, int c) { w.chains[c]->stop(); })
-      .def("guess_multipliers", [](World& w, int c, const Array& g) { w.chains[c]->guess_multipliers(vec(g)); })
+      .def("guess_multipliers",
+           [](World& w, int c, const Array& g) { w.chains[c]->guess_multipliers(vec(g)); })
       .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
       .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })
@@ -196,6 +198,11 @@ PYBIND11_MODULE(_core, m) {
              h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
              w.chains[c]->holds.push_back(h);
              w.chains[c]->smooth = false;
+           })
+      .def("set_clamp",
+           [](World& w, int c, int id, const Array& direction) {
+             Hold& h = hold_of(w, c, id);
+             h.clamped = true, h.direction = vec(direction);
            })
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })

@@ -1,5 +1,7 @@
 #include "chain.h"
 
+#include "chain_bending.h"
+
 namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
@@ -14,8 +16,9 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   structure.resize(1, n_);
   bool sheared = material.shear_stiffness > 0 && n_ > 2;
   shear.resize(2, sheared ? n_ : 0);
-  matrix.resize(n_, sheared ? 2 : 1);
-  factor.resize(n_, sheared ? 2 : 1);
+  const int half = sheared || (material.bending_stiffness > 0 && n_ > 2) ? 2 : 1;
+  matrix.resize(n_, half);
+  factor.resize(n_, half);
   inverse_blocks.resize(6, n_);
   std::vector<double> lengths(n_ - 1);
   for (int k = 0; k + 1 < n_; ++k) lengths[k] = norm(points[k + 1] - points[k]);
@@ -105,6 +108,7 @@ double Chain::energy() {
     measure(*s, x);
     sum += stored_energy(*s, material.law);
   }
+  sum += bending_energy(*this, x);
   for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));
   return sum;
 }

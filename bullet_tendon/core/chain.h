@@ -10,10 +10,11 @@ namespace bt {
 
 struct Material {
   Law law;
-  double stiffness = 0;        // K of the cross-section [N]
-  double damping = 0;          // C of the cross-section [N s^q]
-  double shear_stiffness = 0;  // K of each shear spring [N], part of `stiffness`
-  double linear_density = 0;   // [kg/m]
+  double stiffness = 0;          // K of the cross-section [N]
+  double damping = 0;            // C of the cross-section [N s^q]
+  double shear_stiffness = 0;    // K of each shear spring [N], part of `stiffness`
+  double bending_stiffness = 0;  // EI [N m^2]
+  double linear_density = 0;     // [kg/m]
 };
 
 // A particle tied to a point of the world (a grip) or of a link (an attachment): rigidly, or by a
@@ -24,6 +25,8 @@ struct Hold {
   int link = -1;  // of an attachment
   Vec3 local;     // its point in the link's frame [m]
   bool rigid = true;
+  bool clamped = false;  // of an end that bends: its direction is held too
+  Vec3 direction;        // of the tendon there, in the order of its particles
   Sym3 stiffness;        // [N/m]; unused where rigid
   Vec3 goal;             // where the point will be at the end of the step [m]
   Vec3 target;           // the same, at the end of the part of it that is being solved [m]
@@ -84,7 +87,6 @@ class Chain {
   BandFactor factor;
   Planes inverse_blocks;
   double residual_norm = 0;  // largest residual force [N]
-  double stiffest = 0;       // largest stiffness in the matrix [N/m]
   int worst_particle = 0;
   int iterations = 0;
   bool converged = true;

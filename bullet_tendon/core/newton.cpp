@@ -1,6 +1,7 @@
 // The converged implicit step: Newton's method with carried multipliers, and its safeguard.
 #include <limits>
 
+#include "chain_bending.h"
 #include "constants.h"
 #include "stepping.h"
 
@@ -26,6 +27,7 @@ double chain_residual(Chain& c) {
     largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.anchor_x, c.b));
     scatter_forces(*s, c.residual);
   }
+  add_bending_forces(c, c.next);
   add_soft_holds(c, c.next, false);
   for (const Hold& h : c.holds) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
   return largest;
@@ -81,6 +83,7 @@ void assemble(Group& group, Linearisation how, bool definite) {
       scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
+    add_bending_blocks(*c, c->next, definite);
     add_soft_holds(*c, c->next, true);
   }
   for (Row* row : group.rows)
@@ -88,18 +91,31 @@ void assemble(Group& group, Linearisation how, bool definite) {
       add_row_block(group, *row);
       add_row_linearisation(group, *row);
     }
-  for (Chain* c : group.chains) {
-    c->stiffest = 0;
-    for (int plane : {0, 3, 5})
-      for (int i = 0; i < c->n(); ++i) c->stiffest = std::max(c->stiffest, c->matrix.diagonal[plane][i]);
-  }
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
+}
+
+// Largest stiffness at the present state, which a rounding of a coordinate is multiplied by [N/m]. Not
+// the matrix's: that of a wild iteration would call any residual rounding.
+double stiffness_at_hand(const Chain& c) {
+  double most = 0;
+  for (const SpringSet* s : {&c.structure, &c.shear})
+    for (int k = 0; k < s->count; ++k) {
+      double damping = c.material.law.whole_velocity ? s->damping[k] / (c.b * s->rest[k] * s->rest[k])
+                                                     : s->damping_slope[k];
+      most = std::max(most, s->elastic_slope[k] + damping + std::fabs(s->force[k]) / s->rest[k]);
+    }
+  for (int i = 0; i < c.n(); ++i) most = std::max(most, c.mass[i] / (c.b * c.b));
+  const double rest = c.rest[0];
+  return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
 }
 
 // Residual norms, once what holds supply has been taken out.
 void measure_residual(Group& group, Assembly& a) {
   project_holds(group, &Chain::residual);
+  double contact = 0;
+  for (const Row* row : group.rows)
+    if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
   for (Chain* c : group.chains) {
     double coordinate = 0;
     c->residual_norm = 0;
@@ -111,7 +127,8 @@ void measure_residual(Group& group, Assembly& a) {
     a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
                                                                                           : a.residual;
     constexpr double eps = std::numeric_limits<double>::epsilon();
-    a.rounding = std::max(a.rounding, c->residual_norm / (eps * c->stiffest * coordinate));
+    a.rounding =
+        std::max(a.rounding, c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate));
   }
 }
 

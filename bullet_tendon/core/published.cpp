@@ -1,6 +1,7 @@
 // The paper's own steppers: explicit Euler (6) and one linearisation of implicit Euler (8), (9).
 #include <utility>
 
+#include "chain_bending.h"
 #include "stepping.h"
 
 namespace bt {
@@ -21,6 +22,8 @@ void forces_now(Chain& c, const StepContext& context, bool matrix, double dampin
     scatter_forces(*s, c.residual);
     if (matrix) scatter_blocks(*s, c.matrix);
   }
+  add_bending_forces(c, c.x);
+  if (matrix) add_bending_blocks(c, c.x, true);
 }
 
 void rows_now(Group& group, bool matrix) {
@@ -84,7 +87,8 @@ Vec3 predicted_hold_force(const Group& group, const Chain& c, const Hold& h, con
   const Vec3 u = c.step.at(i);
   if (!h.rigid) return h.stiffness * (c.x.at(i) + u - h.target) + (h.viscosity / context.dt) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
-  Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i);
+  Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
+             bending_force_after(c, c.x, c.step, i);
   for (const Row* row : group.rows)
     for (const auto& [spot, sign] : {std::pair{row->a, 1.0}, std::pair{row->b, -1.0}}) {
       if (spot.chain < 0 || row->normal_force <= 0 || &group.at(spot) != &c) continue;

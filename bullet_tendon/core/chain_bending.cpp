@@ -1,0 +1,111 @@
+#include "chain_bending.h"
+
+namespace bt {
+
+namespace {
+
+// One element: which particles its two segments join (-1: a clamp's fixed direction), and its k.
+struct Element {
+  int e0 = -1, f0 = -1;  // e from e0 to e0 + 1, f from f0 to f0 + 1
+  Vec3 fixed;
+  double k = 0;
+};
+
+Bend evaluate(const Element& el, const Field& x, bool hessian, bool definite) {
+  Vec3 e = el.e0 < 0 ? el.fixed : x.at(el.e0 + 1) - x.at(el.e0);
+  Vec3 f = el.f0 < 0 ? el.fixed : x.at(el.f0 + 1) - x.at(el.f0);
+  return bend(e, f, el.k, hessian, definite);
+}
+
+template <class Visit>
+void each_element(const Chain& c, Visit visit) {
+  const double twice = 2 * c.material.bending_stiffness;
+  const int n = c.n();
+  for (int j = 0; j + 2 < n; ++j) visit(Element{j, j + 1, {}, twice / (0.5 * (c.rest[j] + c.rest[j + 1]))});
+  for (const Hold& h : c.holds) {
+    if (!h.clamped) continue;
+    if (h.particle == 0) visit(Element{-1, 0, h.direction, twice / (0.5 * c.rest[0])});
+    if (h.particle == n - 1) visit(Element{n - 2, -1, h.direction, twice / (0.5 * c.rest[n - 2])});
+  }
+}
+
+Sym3 symmetric(const Mat3& a) {
+  const double* m = a.m;
+  return {m[0], 0.5 * (m[1] + m[3]), 0.5 * (m[2] + m[6]), m[4], 0.5 * (m[5] + m[7]), m[8]};
+}
+
+void add_below(Band& b, int i, int offset, double w, const Mat3& a) {
+  for (int k = 0; k < 9; ++k) b.below[offset - 1][k][i] += w * a.m[k];
+}
+
+Vec3 times(const Mat3& a, Vec3 v) {
+  const double* m = a.m;
+  return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+          m[6] * v.x + m[7] * v.y + m[8] * v.z};
+}
+
+Vec3 transposed_times(const Mat3& a, Vec3 v) {
+  const double* m = a.m;
+  return {m[0] * v.x + m[3] * v.y + m[6] * v.z, m[1] * v.x + m[4] * v.y + m[7] * v.z,
+          m[2] * v.x + m[5] * v.y + m[8] * v.z};
+}
+
+}  // namespace
+
+bool bends(const Chain& c) { return c.material.bending_stiffness > 0; }
+
+double bending_energy(const Chain& c, const Field& x) {
+  double sum = 0;
+  if (bends(c)) each_element(c, [&](const Element& el) { sum += evaluate(el, x, false, false).energy; });
+  return sum;
+}
+
+void add_bending_forces(Chain& c, const Field& x) {
+  if (!bends(c)) return;
+  each_element(c, [&](const Element& el) {
+    const Bend b = evaluate(el, x, false, false);
+    if (el.e0 >= 0) c.residual.add(el.e0, -b.de), c.residual.add(el.e0 + 1, b.de);
+    if (el.f0 >= 0) c.residual.add(el.f0, -b.df), c.residual.add(el.f0 + 1, b.df);
+  });
+}
+
+// With segments e = x_1 - x_0 and f = x_2 - x_1, the blocks between particles are
+//   00: ee,  10: fe - ee,  11: ee - fe - fe^T + ff,  20: -fe,  21: fe - ff,  22: ff.
+void add_bending_blocks(Chain& c, const Field& x, bool definite) {
+  if (!bends(c)) return;
+  Band& m = c.matrix;
+  auto own = [&](int i, const Mat3& a) {  // a segment's own part
+    m.add(i, symmetric(a)), m.add(i + 1, symmetric(a));
+    add_below(m, i, 1, -1, a);
+  };
+  each_element(c, [&](const Element& el) {
+    const Bend b = evaluate(el, x, true, definite);
+    if (el.e0 >= 0) own(el.e0, b.dee);
+    if (el.f0 >= 0) own(el.f0, b.dff);
+    if (el.e0 < 0 || el.f0 < 0) return;
+    const int j = el.e0;
+    m.add(j + 1, -2.0 * symmetric(b.dfe));
+    add_below(m, j, 1, 1, b.dfe), add_below(m, j + 1, 1, 1, b.dfe);
+    add_below(m, j, 2, -1, b.dfe);
+  });
+}
+
+Vec3 bending_force_after(const Chain& c, const Field& x, const Field& u, int i) {
+  Vec3 force;
+  if (!bends(c)) return force;
+  each_element(c, [&](const Element& el) {
+    const bool in_e = el.e0 >= 0 && (i == el.e0 || i == el.e0 + 1);
+    const bool in_f = el.f0 >= 0 && (i == el.f0 || i == el.f0 + 1);
+    if (!in_e && !in_f) return;
+    const Bend b = evaluate(el, x, true, true);
+    const Vec3 ue = el.e0 >= 0 ? u.at(el.e0 + 1) - u.at(el.e0) : Vec3{};
+    const Vec3 uf = el.f0 >= 0 ? u.at(el.f0 + 1) - u.at(el.f0) : Vec3{};
+    const Vec3 ge = b.de + times(b.dee, ue) + transposed_times(b.dfe, uf);
+    const Vec3 gf = b.df + times(b.dff, uf) + times(b.dfe, ue);
+    if (in_e) force += (i == el.e0 ? 1.0 : -1.0) * ge;
+    if (in_f) force += (i == el.f0 ? 1.0 : -1.0) * gf;
+  });
+  return force;
+}
+
+}  // namespace bt

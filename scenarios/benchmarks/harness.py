@@ -1,0 +1,106 @@
+"""Runs a benchmark: measure, print a table, write JSON, draw a plot.
+
+A benchmark is a module of this package with
+
+    run(quick, progress) -> dict    measures; numbers, text, lists and dicts, None for what is not known
+    table(record) -> list[str]      the lines that are printed
+    panels(record) -> list[dict]    plots, logarithmic: title, xlabel, ylabel, curves dict(x=, y=, label=)
+
+and a docstring whose first line says what it measures. Nothing here is judged: what counts is
+ratios of times within one run, which a noisy computer disturbs least.
+"""
+
+import argparse
+import importlib
+import json
+import pkgutil
+import sys
+from types import ModuleType
+
+from bullet_tendon.scenarios import benchmarks
+
+from bullet_tendon import errors, view
+
+
+def known() -> dict[str, ModuleType]:
+    """All benchmarks by name."""
+    found = {}
+    for entry in pkgutil.iter_modules(benchmarks.__path__):
+        if not entry.ispkg and not entry.name.startswith("__"):
+            module = importlib.import_module(f"{benchmarks.__name__}.{entry.name}")
+            if hasattr(module, "run"):
+                found[entry.name] = module
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line. Returns the exit status: 0, or 2 for bad usage."""
+    parser = _parser()
+    wanted = parser.parse_args(arguments)
+    every = known()
+    if wanted.name is None:
+        _list(every)
+        return 0
+    if wanted.name not in every:
+        parser.error(f"unknown benchmark {wanted.name!r}; known: {', '.join(every)}")
+    module = every[wanted.name]
+    record = {"benchmark": wanted.name, "quick": wanted.quick, **module.run(wanted.quick, view.progress)}
+    print("\n".join(module.table(record)), file=sys.stderr if wanted.json == "-" else sys.stdout)
+    if wanted.json:
+        write_json(record, wanted.json)
+    try:
+        if wanted.plot:
+            draw(wanted.plot, module.panels(record))
+    except errors.MissingExtra as problem:
+        parser.error(str(problem))
+    return 0
+
+
+def write_json(record: dict, path: str) -> None:
+    """Write the record to a file, or print it ("-"). Raises ValueError for infinities and NaN."""
+    text = json.dumps(record, indent=2, allow_nan=False)
+    if path == "-":
+        print(text)
+        return
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text + "\n")
+
+
+def draw(path: str, panels: list[dict]) -> None:
+    """Write one picture with the panels side by side. Raises MissingExtra without matplotlib."""
+    try:
+        from matplotlib.figure import Figure  # without pyplot: no window, no global state
+    except ImportError:
+        raise errors.MissingExtra("matplotlib", "view", "drawing a benchmark") from None
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    page = Figure(figsize=(6.5 * columns, 4.8 * rows), dpi=130, layout="constrained")
+    for axes, panel in zip(page.subplots(rows, columns, squeeze=False).flat, panels, strict=False):
+        _draw_panel(axes, panel)
+    page.savefig(path, facecolor="white")
+
+
+def _draw_panel(axes, panel) -> None:
+    for curve in panel["curves"]:
+        axes.loglog(curve["x"], curve["y"], marker="o", markersize=4, label=curve["label"])
+    axes.set(title=panel["title"], xlabel=panel["xlabel"], ylabel=panel["ylabel"])
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize=8)
+
+
+def _parser() -> argparse.ArgumentParser:
+    name = "python -m bullet_tendon.scenarios.benchmarks"
+    parser = argparse.ArgumentParser(name, description="Runs one benchmark.")
+    parser.add_argument("name", nargs="?", help="of the benchmark; without one, all are listed")
+    parser.add_argument(
+        "--json", metavar="FILE", nargs="?", const="-", help="write the record to FILE, or print it"
+    )
+    parser.add_argument("--plot", metavar="FILE", default="", help="draw the curves into FILE")
+    parser.add_argument("--quick", action="store_true", help="a small part of it, to see that it works")
+    return parser
+
+
+def _list(every: dict[str, ModuleType]) -> None:
+    width = max(map(len, every), default=0)
+    for name, module in every.items():
+        print(f"{name:{width}}  {(module.__doc__ or '').strip().partition(chr(10))[0]}")

@@ -1,0 +1,198 @@
+"""Time of a step against the number of particles, beside one banded LAPACK solve of the same size.
+
+A taut tendon, held at one end, swings with a bob at the other, solved to TOLERANCE at every step.
+"Step" is the room `solve` of the world's report: the whole implicit step of the compiled core, all
+its iterations, and the search for contacts of the tendon with itself. "Thin" tendons have segments
+that are no shorter than thick, so that this search ends at once, at every n. "dpbsv" is one
+factorisation and solution, by scipy's LAPACK, of a symmetric positive definite band matrix of the
+same size and bandwidth, assembled from the tendon's own state: mass/dt^2 and the springs' blocks.
+Both are timed by turns in one process. The Python side is all of world.apply() but that room. Bytes
+are those that Python allocates in apply(), by tracemalloc; allocations of the core are not seen.
+"""
+
+import tracemalloc
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+import pybullet as p
+from bullet_tendon.scenarios.scene import Scene
+from scipy.linalg.lapack import dpbsv
+
+import bullet_tendon as bt
+
+SIZES, QUICK_SIZES = (20, 60, 200, 600, 2000, 6000), (20, 60)
+FITTED = 60  # particles: the growth is fitted from here on
+LENGTH, RADIUS = 0.3, 0.004  # m
+STIFFNESS, EXPONENT = 3e4, 2.0  # N, -
+VARIANTS = {  # share of the stiffness in each shear spring; whether segments are no shorter than thick
+    "block tridiagonal": (0.0, False),
+    "with shear springs": (0.1, False),
+    "thin": (0.0, True),
+}
+BOB = 1.0  # kg
+ANGLE = np.radians(60)  # of the tendon with the vertical at the start
+GRAVITY = 9.81  # m/s^2
+TIME_STEP = 1 / 240  # s
+TOLERANCE = 1e-8
+STEPS, FEWEST, QUICK_STEPS = 240, 60, 12  # FEWEST: for long tendons
+WARM_UP = 3  # steps that are not counted
+
+
+def run(quick, progress) -> dict:
+    """Rows by variant, and the growth exponents of the step's time."""
+    sizes = QUICK_SIZES if quick else SIZES
+    rows = []
+    for particles in progress(sizes, "particles"):
+        for variant, (share, thin) in VARIANTS.items():
+            rows.append({"variant": variant, **_measure(particles, share, thin, quick)})
+    growth = {variant: _growth([row for row in rows if row["variant"] == variant]) for variant in VARIANTS}
+    return {"tolerance": TOLERANCE, "time_step_s": TIME_STEP, "rows": rows, "growth_exponent": growth}
+
+
+def table(record) -> list[str]:
+    head = f"{'':18} {'n':>5} {'iter':>5} {'step us':>9} {'min':>9} {'us/iter':>9} {'dpbsv us':>9} {'min':>9}"
+    lines = [head + f" {'step/dpbsv':>10} {'of min':>7} {'python us':>9} {'bytes':>6}"]
+    for row in record["rows"]:
+        lines.append(
+            f"{row['variant']:18} {row['particles']:5} {row['iterations']:5.3g} {row['step_us']:9.2f} "
+            f"{row['step_least_us']:9.2f} {row['iteration_us']:9.2f} {row['dpbsv_us']:9.2f} "
+            f"{row['dpbsv_least_us']:9.2f} {row['ratio']:10.3f} {row['ratio_of_least']:7.3f} "
+            f"{row['python_us']:9.2f} {row['python_bytes']:6}"
+        )
+    for variant, growth in record["growth_exponent"].items():
+        lines.append(f"time of a step grows with n to the power {growth:.3f}: {variant}")
+    lines.append("medians over the steps; bytes: Python's peak in one apply(), the core's are not seen")
+    return lines
+
+
+def panels(record) -> list[dict]:
+    curves = []
+    for variant in VARIANTS:
+        rows = [row for row in record["rows"] if row["variant"] == variant]
+        sizes = [row["particles"] for row in rows]
+        for key, label in (("step_us", "step"), ("iteration_us", "iteration"), ("dpbsv_us", "dpbsv")):
+            curves.append({"x": sizes, "y": [row[key] for row in rows], "label": f"{label}, {variant}"})
+    labels = {"xlabel": "particles", "ylabel": "median time [us]", "title": "One step of a swinging tendon"}
+    return [{**labels, "curves": curves}]
+
+
+def band_matrix(positions, masses, spans, dt) -> np.ndarray:
+    """(bandwidth + 1, 3n) lower band of M/dt^2 + the springs' blocks, as LAPACK stores it [N/m].
+
+    positions (n, 3) [m], masses (n,) [kg]; spans: (gap, rest lengths [m], stiffness [N]) for springs that
+    join particles i and i + gap. The first particle is held: its mass is ten thousandfold.
+    """
+    weight = masses / dt**2
+    weight[0] *= 1e4
+    diagonal = weight[:, None, None] * np.eye(3)
+    band = np.zeros((3 * max(gap for gap, _, _ in spans) + 3, 3 * len(masses)), order="F")
+    for gap, rest, stiffness in spans:
+        block = _spring_blocks(positions[gap:] - positions[:-gap], rest, stiffness)
+        diagonal[gap:] += block
+        diagonal[:-gap] += block
+        for row, column in np.ndindex(3, 3):
+            band[3 * gap + row - column, column : 3 * len(block) : 3] = -block[:, row, column]
+    for row, column in zip(*np.tril_indices(3), strict=True):
+        band[row - column, column::3] = diagonal[:, row, column]
+    return band
+
+
+def _spring_blocks(edges, rest, stiffness) -> np.ndarray:
+    """(m, 3, 3) tangents: the law's slope along the spring, tension / length across it (>= 0)."""
+    length = np.linalg.norm(edges, axis=1)
+    strain = length / rest - 1
+    slope = stiffness * EXPONENT * np.abs(strain) ** (EXPONENT - 1) / rest
+    across = np.maximum(stiffness * np.sign(strain) * np.abs(strain) ** EXPONENT / length, 0.0)
+    along = np.einsum("ki,kj->kij", edges, edges) / length[:, None, None] ** 2
+    return slope[:, None, None] * along + across[:, None, None] * (np.eye(3) - along)
+
+
+def _build(scene, particles, share, radius):
+    """The tendon at 60 degrees, as long as it hangs there at rest, with the bob at its end."""
+    stretch = 1 + (BOB * GRAVITY * np.cos(ANGLE) / STIFFNESS) ** (1 / EXPONENT)
+    end = LENGTH * np.array([np.sin(ANGLE), 0.0, -np.cos(ANGLE)])
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=scene.client)
+    bob = p.createMultiBody(BOB, shape, -1, (stretch * end).tolist(), physicsClientId=scene.client)
+    p.changeDynamics(bob, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
+    material = bt.Material(stiffness=STIFFNESS, exponent=EXPONENT, shear_stiffness=share * STIFFNESS)
+    tendon = scene.world.add_tendon([(0, 0, 0), end], radius, material, particles)
+    tendon.set_positions(stretch * tendon.positions)
+    tendon.grip(0)
+    tendon.attach(-1, bob)
+    return tendon
+
+
+def _measure(particles, share, thin, quick) -> dict:
+    """One row of the table; times in microseconds."""
+    steps = QUICK_STEPS if quick else max(FEWEST, min(STEPS, STEPS * 600 // particles))
+    radius = min(RADIUS, LENGTH / (2 * particles)) if thin else RADIUS
+    with Scene(time_step=TIME_STEP, gravity=-GRAVITY, solver=bt.SolverOptions(tolerance=TOLERANCE)) as scene:
+        tendon = _build(scene, particles, share, radius)
+        rows = [_one_step(scene, tendon, share) for _ in range(WARM_UP + steps)][WARM_UP:]
+        allocated = _allocated(scene)
+    step, whole, lapack, iterations, converged = (list(column) for column in zip(*rows, strict=True))
+    per_iteration = [s / max(i, 1) for s, i in zip(step, iterations, strict=True)]
+    return {
+        "particles": particles,
+        "steps": steps,
+        "unconverged": steps - sum(converged),
+        "iterations": float(np.mean(iterations)),
+        "step_us": 1e6 * median(step),
+        "step_least_us": 1e6 * min(step),
+        "iteration_us": 1e6 * median(per_iteration),
+        "dpbsv_us": 1e6 * median(lapack),
+        "dpbsv_least_us": 1e6 * min(lapack),
+        "ratio": median(step) / median(lapack),
+        "ratio_of_least": min(step) / min(lapack),
+        "python_us": 1e6 * median(w - s for w, s in zip(whole, step, strict=True)),
+        "python_bytes": allocated,
+    }
+
+
+def _one_step(scene, tendon, share) -> tuple:
+    """Seconds of the solve, of the whole apply() and of dpbsv; iterations, converged."""
+    start = perf_counter()
+    scene.world.apply()
+    whole = perf_counter() - start
+    lapack = _time_lapack(tendon, share)
+    p.stepSimulation(scene.client)
+    report = scene.world.report
+    return report.seconds["solve"], whole, lapack, report.iterations, report.converged
+
+
+def _time_lapack(tendon, share) -> float:
+    """Seconds of one dpbsv on the tendon's present matrix; the right-hand side is its weight."""
+    rest = np.full(tendon.particles - 1, tendon.rest_length / (tendon.particles - 1))
+    spans = [(1, rest, (1 - 2 * share) * STIFFNESS)]
+    if share:
+        spans.append((2, rest[1:] + rest[:-1], share * STIFFNESS))
+    masses = tendon.masses
+    masses[-1] += BOB
+    band = band_matrix(tendon.positions, masses, spans, TIME_STEP)
+    load = np.asfortranarray((masses[:, None] * [0.0, 0.0, -GRAVITY]).reshape(-1, 1))
+    start = perf_counter()
+    info = dpbsv(band, load, lower=1, overwrite_ab=1, overwrite_b=1)[2]
+    seconds = perf_counter() - start
+    if info:
+        raise ArithmeticError(f"dpbsv: info = {info}: must be 0 (positive definite)")
+    return seconds
+
+
+def _allocated(scene) -> int:
+    """Most bytes that Python held in one apply() beyond those before it."""
+    tracemalloc.start()
+    scene.world.apply()
+    before = tracemalloc.get_traced_memory()[0]
+    tracemalloc.reset_peak()
+    scene.world.apply()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak - before
+
+
+def _growth(rows) -> float:
+    """Exponent of n in the step's time, by least squares over the logarithms."""
+    rows = [row for row in rows if row["particles"] >= FITTED] if len(rows) > 2 else rows
+    logs = np.log([(row["particles"], row["step_us"]) for row in rows])
+    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
