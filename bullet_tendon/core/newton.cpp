@@ -106,6 +106,8 @@ double stiffness_at_hand(const Chain& c) {
       most = std::max(most, s->elastic_slope[k] + damping + std::fabs(s->force[k]) / s->rest[k]);
     }
   for (int i = 0; i < c.n(); ++i) most = std::max(most, c.mass[i] / (c.b * c.b));
+  for (const Hold& h : c.holds)
+    if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
   const double rest = c.rest[0];
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
 }

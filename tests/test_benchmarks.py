@@ -1,0 +1,112 @@
+"""The benchmarks run and write what they should, and their references are right. No time is judged."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from bullet_tendon.scenarios.benchmarks import harness, problems, speed, work_precision
+from bullet_tendon.scenarios.benchmarks.chain_ode import PLANE, ChainOde
+
+import bullet_tendon as bt
+
+
+def numbers(item):
+    """All numbers in a record."""
+    if isinstance(item, dict):
+        item = list(item.values())
+    if isinstance(item, list):
+        return [number for part in item for number in numbers(part)]
+    return [item] if isinstance(item, (int, float)) else []
+
+
+def test_command_without_a_name_lists_the_benchmarks(capsys):
+    assert harness.main([]) == 0
+    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert names == ["speed", "work_precision"]
+
+
+def test_an_unknown_name_is_refused(capsys):
+    with pytest.raises(SystemExit) as stop:
+        harness.main(["sped"])
+    assert stop.value.code == 2
+    assert "speed, work_precision" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["speed", "work_precision"])
+def test_quick_runs_write_finite_numbers_and_a_plot(name, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    files = tmp_path / "it.json", tmp_path / "it.png"
+    assert harness.main([name, "--quick", "--json", str(files[0]), "--plot", str(files[1])]) == 0
+    record = json.loads(files[0].read_text())
+    assert (record["benchmark"], record["quick"]) == (name, True)
+    found = numbers(record)
+    assert len(found) > 20
+    assert all(math.isfinite(number) for number in found)
+    assert files[1].stat().st_size > 1000
+    assert capsys.readouterr().out.count("\n") > 5
+
+
+def test_json_refuses_what_is_not_finite(tmp_path):
+    with pytest.raises(ValueError, match="JSON"):
+        harness.write_json({"it": float("nan")}, str(tmp_path / "it.json"))
+
+
+@pytest.mark.parametrize(("exponent", "rate"), [(1.0, 1.0), (2.0, 1.0), (1.5, 2.0)])
+def test_the_reference_has_the_accelerations_of_the_core(make_world, exponent, rate):
+    dt = 1e-3
+    world = make_world(dt, (0, 0, -9.81), integrator="explicit_euler")
+    material = bt.Material(stiffness=500.0, exponent=exponent, damping=2.0, damping_exponent=rate)
+    tendon = world.add_tendon([(0, 0, 0), (0.3, 0, 0)], 1e-3, material, 7)
+    tendon.grip(0)
+    random = np.random.default_rng(3)
+    x, v = tendon.positions, np.zeros((7, 3))
+    x[1:, PLANE] += 0.01 * random.standard_normal((6, 2))
+    v[1:, PLANE] = random.standard_normal((6, 2))
+    tendon.set_positions(x, v)
+    world.step()
+    ode = ChainOde(tendon.masses, np.full(6, 0.05), material, (0,), -9.81)
+    expected = ode.accelerations(x[:, PLANE], v[:, PLANE])
+    got = (tendon.velocities - v)[:, PLANE] / dt
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_reference_oscillator_has_the_exact_period():
+    oscillator = next(q for q in problems.PROBLEMS if q.name == "power-law oscillator")
+    with oscillator.scene(1.0) as scene:
+        tendon = oscillator.start(scene)
+        x = tendon.positions[:, PLANE]
+        period = problems.oscillator_period()
+        times = np.array([0.5, 1.0]) * period
+        half, whole = oscillator.ode(tendon).solve(x, 0 * x, times, "DOP853", 1e-11)
+    amplitude = problems.SPRING["amplitude"]
+    assert half[1, 0] == pytest.approx(problems.LENGTH - amplitude, abs=1e-9)
+    assert whole[1, 0] == pytest.approx(problems.LENGTH + amplitude, abs=1e-9)
+
+
+def test_the_band_matrix_is_positive_definite_and_resists_stretch_and_swing():
+    x = np.zeros((3, 3))
+    x[:, 0] = [0.0, 1.1, 2.2]  # strain 0.1
+    masses, dt, stiffness = np.array([1.0, 2.0, 1.0]), 0.5, 100.0
+    band = speed.band_matrix(x, masses, [(1, np.ones(2), stiffness)], dt)
+    full = np.zeros((9, 9))
+    for below, row in enumerate(band):
+        for column in range(9 - below):
+            full[column + below, column] = full[column, column + below] = row[column]
+    slope, across = stiffness * 2 * 0.1, stiffness * 0.1**2 / 1.1
+    np.testing.assert_allclose(full[3:6, 3:6], np.diag([8 + 2 * slope, 8 + 2 * across, 8 + 2 * across]))
+    np.testing.assert_allclose(full[6:, 3:6], -np.diag([slope, across, across]), atol=1e-12)
+    assert np.linalg.eigvalsh(full).min() > 0
+
+
+def test_time_to_reach_is_interpolated_on_logarithmic_scales():
+    runs = [{"error": e, "seconds": s} for e, s in ((None, 0.1), (1e-1, 1.0), (1e-3, 4.0), (1e-5, 9.0))]
+    assert work_precision.time_to_reach(runs, 1e-2) == pytest.approx(2.0)
+    assert work_precision.time_to_reach(runs, 1.0) == pytest.approx(1.0)
+    assert work_precision.time_to_reach(runs, 1e-6) is None
+
+
+def test_order_is_the_slope_over_the_finest_runs():
+    runs = [{"error": 3 * h**2 if h < 0.3 else None, "time_step_s": h} for h in (0.4, 0.2, 0.1, 0.05)]
+    assert work_precision.order(runs) == pytest.approx(2.0)
+    assert work_precision.order(runs[:2]) is None
