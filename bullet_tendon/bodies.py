@@ -4,6 +4,8 @@ pybullet gives base poses at the centre of mass; the frames of URDFs, which tunn
 use, differ from them by the inertial offset.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import pybullet as p
 
@@ -145,16 +147,20 @@ def _write(row, centre, turn, info, velocity, spin) -> None:
     row[15:18], row[18:21] = velocity, spin
 
 
-def _axes(quaternion) -> np.ndarray:
-    """(3, 3) rotation of a quaternion (x, y, z, w)."""
-    x, y, z, w = np.asarray(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
+@lru_cache(maxsize=1024)
+def _axes(quaternion: tuple) -> np.ndarray:
+    """(3, 3) rotation of a quaternion (x, y, z, w); remembered, because most bodies stand still."""
+    x, y, z, w = quaternion
+    s = 2 / (x * x + y * y + z * z + w * w)
+    axes = np.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
+            [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
+            [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
         ]
     )
+    axes.setflags(write=False)
+    return axes
 
 
 def _free_response(info, inertial_turn) -> np.ndarray:

@@ -72,6 +72,9 @@ constexpr double kRounding = 8.0;
 // Least cosine between a stretch of tendon's segments and its chord for it to count as straight [-].
 constexpr double kStraight = 0.75;
 
+// Leaves of eight segments up to which a stretch is looked at for being straight [-].
+constexpr int kFarthestLeaf = 64;
+
 // Contacts are foreseen over the present motion times this [-]: half as much again, for what the step
 // may add. Larger: more queries and rows. Smaller: what speeds up within a step arrives unforeseen.
 constexpr double kForesight = 1.5;

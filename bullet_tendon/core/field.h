@@ -5,6 +5,15 @@
 
 #include "vec.h"
 
+// Loops over particles and springs are compiled for several vector units, and the machine's own is
+// taken when the module is loaded. Fused multiply-adds stay off (setup.py): all give the same bits.
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__)
+#define BT_VECTOR __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define BT_VECTOR
+#endif
+
 namespace bt {
 
 // `planes` rows of n doubles, each row padded to whole vector registers.

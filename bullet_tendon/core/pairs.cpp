@@ -42,21 +42,38 @@ void BoxTree::refit(const Chain& c, double dt, double threshold) {
     segments[k] = b;
     leaves[k / kLeaf].include(b);
   }
-  for (const Box& b : leaves) all.include(b);
+  branches.assign((leaves.size() + kLeaf - 1) / kLeaf, Box{});
+  for (size_t i = 0; i < leaves.size(); ++i) branches[i / kLeaf].include(leaves[i]);
+  for (const Box& b : branches) all.include(b);
+  arc.resize(c.n());
+  arc[0] = 0;
+  for (int k = 0; k < m; ++k) arc[k + 1] = arc[k] + c.rest[k];
   find_straight(c);
 }
 
+// With every segment of leaf j within the angle t of its heading, and cos(t) >= kStraight = cos(f), all are
+// within f of another heading if that is within f - t of the leaf's: cos(f - t) = cos f cos t + sin f sin t.
 void BoxTree::find_straight(const Chain& c) {
   const int m = c.n() - 1, count = static_cast<int>(leaves.size());
-  straight.assign(count, 1);
+  heading_.resize(count), agrees_.resize(count), straight_to.resize(count);
+  const double across = std::sqrt(1 - kStraight * kStraight);
   for (int i = 0; i < count; ++i) {
-    const int from = i * kLeaf, to = std::min((i + 2) * kLeaf, m);
-    const Vec3 along = unit_or(c.x.at(to) - c.x.at(from), Vec3{});
-    for (int k = from; k < to && straight[i]; ++k) {
+    const int from = i * kLeaf, to = std::min(from + kLeaf, m);
+    heading_[i] = unit_or(c.x.at(to) - c.x.at(from), Vec3{});
+    double least = 1;
+    for (int k = from; k < to; ++k) {
       const Vec3 d = c.x.at(k + 1) - c.x.at(k);
-      const double advance = dot(d, along);
-      straight[i] = advance > 0 && advance * advance >= kStraight * kStraight * dot(d, d);
+      const double size = norm(d);
+      least = std::min(least, size > 0 ? dot(d, heading_[i]) / size : -1.0);
     }
+    agrees_[i] =
+        least >= kStraight ? kStraight * least + across * std::sqrt(std::max(0.0, 1 - least * least)) : 2;
+  }
+  for (int i = 0; i < count; ++i) {
+    int j = i - 1;
+    while (j + 1 < std::min(count, i + kFarthestLeaf) && dot(heading_[i], heading_[j + 1]) >= agrees_[j + 1])
+      ++j;
+    straight_to[i] = j;
   }
 }
 
@@ -74,10 +91,7 @@ struct Finder {
   bool joined(int k, int m) const {
     if (a != b) return false;
     if (m - k <= 1) return true;
-    double arc = 0, enough = kSelfContactArc * a->radius;
-    for (int j = k + 1; j < m; ++j)
-      if ((arc += a->rest[j]) >= enough) return false;
-    return true;
+    return ta->arc[m] - ta->arc[k + 1] < kSelfContactArc * a->radius;
   }
 
   // How much the distance of two segments can shrink in the step [m].
@@ -108,16 +122,29 @@ struct Finder {
                     : std::min(kForesight * dt * norm(ta->mean_velocity - tb->mean_velocity),
                                kFarthest * (a->radius + b->radius));
     if (!overlap(ta->all, tb->all, margin)) return;
+    const int branches_a = static_cast<int>(ta->branches.size()),
+              branches_b = static_cast<int>(tb->branches.size());
+    for (int i = 0; i < branches_a; ++i)
+      for (int j = a == b ? i : 0; j < branches_b; ++j)
+        if (overlap(ta->branches[i], tb->branches[j], margin)) in_branches(i, j);
+  }
+
+  void in_branches(int branch_a, int branch_b) {
     const int L = BoxTree::kLeaf;
     const int la = static_cast<int>(ta->leaves.size()), lb = static_cast<int>(tb->leaves.size());
-    for (int i = 0; i < la; ++i)
-      for (int j = a == b ? i : 0; j < lb; ++j) {
-        if (a == b && j <= i + 1 && ta->straight[i]) continue;
-        if (!overlap(ta->leaves[i], tb->leaves[j], margin)) continue;
-        for (int k = i * L; k < std::min((i + 1) * L, a->n() - 1); ++k)
-          for (int m = a == b ? std::max(j * L, k + 1) : j * L; m < std::min((j + 1) * L, b->n() - 1); ++m)
-            measure(k, m);
-      }
+    for (int i = branch_a * L; i < std::min((branch_a + 1) * L, la); ++i) {
+      // Nothing of a straight stretch touches itself.
+      const int first = a == b ? std::max({branch_b * L, i, ta->straight_to[i] + 1}) : branch_b * L;
+      for (int j = first; j < std::min((branch_b + 1) * L, lb); ++j)
+        if (overlap(ta->leaves[i], tb->leaves[j], margin)) in_leaves(i, j);
+    }
+  }
+
+  void in_leaves(int i, int j) {
+    const int L = BoxTree::kLeaf;
+    for (int k = i * L; k < std::min((i + 1) * L, a->n() - 1); ++k)
+      for (int m = a == b ? std::max(j * L, k + 1) : j * L; m < std::min((j + 1) * L, b->n() - 1); ++m)
+        measure(k, m);
   }
 };
 

@@ -37,10 +37,11 @@ inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the m
 // relative to the chain's mean velocity: one for each, one for every eight, one for all.
 struct BoxTree {
   static constexpr int kLeaf = 8;
-  std::vector<Box> segments, leaves;
-  // Whether a leaf together with the next one runs so straight that it cannot touch itself: points an
-  // arc a apart are then at least kStraight a apart, and kStraight kSelfContactArc radii exceed two.
-  std::vector<char> straight;
+  std::vector<Box> segments, leaves, branches;
+  std::vector<double> arc;  // rest length up to each particle [m]
+  // The last leaf up to which the tendon runs so straight from leaf i on that it cannot touch itself:
+  // points an arc a apart are at least kStraight a apart, and kStraight kSelfContactArc exceeds two.
+  std::vector<int> straight_to;
   Vec3 mean_velocity;
   double skin = 0;  // radius and half the threshold [m]
   Box all;
@@ -48,6 +49,8 @@ struct BoxTree {
 
  private:
   void find_straight(const Chain& c);
+  std::vector<Vec3> heading_;   // of each leaf's chord
+  std::vector<double> agrees_;  // least cosine of another heading with it for all its segments to be straight
 };
 
 struct PairCounts {

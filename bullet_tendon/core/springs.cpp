@@ -15,7 +15,7 @@ void SpringSet::resize(int reach_, int particles) {
   vector.resize(3, count);
 }
 
-void measure(SpringSet& s, const Field& x) {
+BT_VECTOR void measure(SpringSet& s, const Field& x) {
   const int m = s.count, reach = s.reach;
   double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2], *len = s.length.data();
   const double *px = x[0], *py = x[1], *pz = x[2], *rest = s.rest.data();
@@ -106,7 +106,7 @@ void add_axial_damping(SpringSet& s, const Law& law, const double* before, doubl
   }
 }
 
-void vectors(SpringSet& s) {
+BT_VECTOR void vectors(SpringSet& s) {
   for (int c = 0; c < 3; ++c) {
     const double *n = s.direction[c], *force = s.force.data();
     double* f = s.vector[c];
@@ -116,7 +116,7 @@ void vectors(SpringSet& s) {
 }
 
 // inertia: 1/b^2; 0 where compressed springs' transverse part is to be left out altogether.
-double blocks(SpringSet& s, double inertia) {
+BT_VECTOR double blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
   const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.carried.data();
@@ -215,7 +215,7 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
   if (whole) add_whole_damping(s, law, dt, damping_share, true, velocity);
 }
 
-void scatter_forces(const SpringSet& s, Field& residual) {
+BT_VECTOR void scatter_forces(const SpringSet& s, Field& residual) {
   const int m = s.count, reach = s.reach;
   for (int c = 0; c < 3; ++c) {
     const double* f = s.vector[c];
@@ -227,7 +227,7 @@ void scatter_forces(const SpringSet& s, Field& residual) {
   }
 }
 
-void scatter_blocks(const SpringSet& s, Band& matrix) {
+BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
   const int m = s.count, reach = s.reach;
   constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   for (int c = 0; c < 6; ++c) {
@@ -247,7 +247,7 @@ void scatter_blocks(const SpringSet& s, Band& matrix) {
   }
 }
 
-void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand) {
+BT_VECTOR void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand) {
   if (is_linear(law)) return;
   for (int c = 0; c < 3; ++c) {
     const double* n = s.direction[c];
@@ -259,7 +259,7 @@ void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand
   }
 }
 
-void carry(SpringSet& s, const Law& law, const Field& dx) {
+BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
   const int m = s.count, reach = s.reach;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
   const double *ux = dx[0], *uy = dx[1], *uz = dx[2], *force = s.force.data(), *slope = s.slope.data();

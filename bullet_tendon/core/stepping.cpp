@@ -4,7 +4,7 @@
 
 namespace bt {
 
-void begin_step(Chain& c, const StepContext& context, double fraction) {
+BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction) {
   const double dt = context.dt;
   const bool history = c.dt_before > 0;
   const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt && c.smooth;
@@ -41,7 +41,7 @@ void begin_step(Chain& c, const StepContext& context, double fraction) {
   c.iterations = 0, c.converged = true;
 }
 
-void finish_step(Chain& c, const StepContext& context) {
+BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
   // Explicit Euler and a split step leave their velocities in `step`.
   const bool made_known = c.gathered || context.options.integrator == Integrator::explicit_euler;
   for (int k = 0; k < 3; ++k) {

@@ -16,7 +16,7 @@ PLANE = [0, 2]  # x and z
 
 @dataclasses.dataclass(frozen=True)
 class ChainOde:
-    """masses (n,) [kg], rest (n-1,) [m], material, held: particles that do not move, gravity along z [m/s^2]."""
+    """masses (n,) [kg]; rest (n-1,) [m]; held: particles that do not move; gravity along z [m/s^2]."""
 
     masses: np.ndarray
     rest: np.ndarray

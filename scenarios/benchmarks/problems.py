@@ -1,0 +1,136 @@
+"""What work_precision solves: tendons that move in a plane, and their references by scipy.
+
+The tendons are thin, with the density that gives them their mass, so that they do not touch themselves.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pybullet as p
+from bullet_tendon.scenarios.scene import Scene
+
+import bullet_tendon as bt
+
+from .chain_ode import PLANE, ChainOde
+
+RADIUS = 1e-4  # m
+LENGTH = 0.3  # m
+TENDON = 0.0169  # kg: 0.3 m of a tendon of radius 4 mm and 1120 kg/m^3
+STIFF = 3e4  # N
+GRAVITY = 9.81  # m/s^2
+BOB = 1.0  # kg
+ANGLE = math.radians(60)  # of the pendulum with the vertical at the start
+DAMPING_TIME = 1e-4  # s: damping over stiffness, of the stiff tendons
+WHIP = {"length": 0.1, "mass": 0.005}  # m, kg
+SPRING = {"stiffness": 30.0, "amplitude": 0.03}  # N, m
+STRING = {"stiffness": 300.0, "strain": 0.05, "pluck": 0.001}  # N, -, m
+SAMPLES = 8  # times at which a solution is compared
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A tendon released at time 0.
+
+    build: puts it into a scene, and returns it. scale [m]: what errors are relative to. duration [s].
+    held: its gripped particles; bob: what hangs on the last one [kg]. coarsest: steps, at least.
+    reference: scipy's method, and its relative tolerance.
+    """
+
+    name: str
+    build: Callable
+    scale: float
+    duration: float
+    held: tuple[int, ...]
+    reference: tuple[str, float]
+    gravity: float = 0.0
+    bob: float = 0.0
+    coarsest: int = 4 * SAMPLES
+
+    def scene(self, time_step, solver=None) -> Scene:
+        return Scene(time_step=time_step, gravity=self.gravity, solver=solver)
+
+    def start(self, scene):
+        """The tendon in the scene, ready for its first step."""
+        tendon = self.build(scene)
+        for particle in self.held:
+            tendon.grip(particle)
+        return tendon
+
+    def ode(self, tendon) -> ChainOde:
+        """The same tendon's equations; the bob is part of the last particle."""
+        masses = tendon.masses
+        masses[-1] += self.bob
+        rest = np.full(tendon.particles - 1, tendon.rest_length / (tendon.particles - 1))
+        return ChainOde(masses, rest, tendon.material, self.held, self.gravity)
+
+    def solution(self, coarser: float = 1.0) -> np.ndarray:
+        """(SAMPLES, n, 2) the reference [m]; coarser: factor of its tolerance."""
+        method, tolerance = self.reference
+        times = self.duration * np.arange(1, SAMPLES + 1) / SAMPLES
+        with self.scene(self.duration) as scene:
+            tendon = self.start(scene)
+            x = tendon.positions[:, PLANE]
+            return self.ode(tendon).solve(x, np.zeros_like(x), times, method, coarser * tolerance)
+
+
+def _tendon(scene, end, particles, length, mass, **material):
+    density = mass / (math.pi * RADIUS**2 * length)
+    return scene.world.add_tendon(
+        [(0, 0, 0), end], RADIUS, bt.Material(density=density, **material), particles
+    )
+
+
+def _pendulum(scene):
+    """At rest at 60 degrees, as long as the bob's weight along it makes it."""
+    stretch = 1 + BOB * GRAVITY * math.cos(ANGLE) / STIFF
+    end = LENGTH * np.array([math.sin(ANGLE), 0.0, -math.cos(ANGLE)])
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=scene.client)
+    bob = p.createMultiBody(BOB, shape, -1, (stretch * end).tolist(), physicsClientId=scene.client)
+    p.changeDynamics(bob, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
+    tendon = _tendon(scene, end, 12, LENGTH, TENDON, stiffness=STIFF, damping=DAMPING_TIME * STIFF)
+    tendon.set_positions(stretch * tendon.positions)
+    tendon.attach(-1, bob, position=(0, 0, 0))
+    return tendon
+
+
+def _whip(scene):
+    law = {"stiffness": STIFF, "damping": DAMPING_TIME * STIFF}
+    return _tendon(scene, (WHIP["length"], 0, 0), 20, WHIP["length"], WHIP["mass"], **law)
+
+
+def _oscillator(scene):
+    law = {"stiffness": SPRING["stiffness"], "exponent": 2.0}
+    tendon = _tendon(scene, (LENGTH, 0, 0), 2, LENGTH, TENDON, **law)
+    tendon.set_positions([(0, 0, 0), (LENGTH + SPRING["amplitude"], 0, 0)])
+    return tendon
+
+
+def _string(scene):
+    """Pulled aside to half a wave of a sine."""
+    tendon = _tendon(scene, (LENGTH, 0, 0), 20, LENGTH, TENDON, stiffness=STRING["stiffness"])
+    x = tendon.positions
+    x[:, 2] = STRING["pluck"] * np.sin(math.pi * x[:, 0] / LENGTH)
+    x[:, 0] *= 1 + STRING["strain"]
+    x[-1, 2] = 0.0
+    tendon.set_positions(x)
+    return tendon
+
+
+def oscillator_period() -> float:
+    """Period [s] of the oscillator: an exact formula for a power law."""
+    exponent, mass = 2.0, TENDON / 2
+    constant = SPRING["stiffness"] / LENGTH**exponent
+    gammas = math.gamma(1 / (exponent + 1)) / math.gamma(1 / (exponent + 1) + 0.5)
+    shape = math.sqrt(math.pi) / (exponent + 1) * gammas
+    size = SPRING["amplitude"] ** ((1 - exponent) / 2)
+    return 4 * math.sqrt((exponent + 1) * mass / (2 * constant)) * size * shape
+
+
+PROBLEMS = (
+    Problem("stiff pendulum", _pendulum, LENGTH, 1.0, (0,), ("Radau", 1e-7), -GRAVITY, BOB),
+    Problem("released whip", _whip, WHIP["length"], 0.2, (0,), ("Radau", 1e-7), -GRAVITY, coarsest=SAMPLES),
+    Problem("power-law oscillator", _oscillator, SPRING["amplitude"], 1.0, (0,), ("DOP853", 1e-12)),
+    Problem("plucked string", _string, STRING["pluck"], 0.1, (0, -1), ("DOP853", 1e-9), coarsest=SAMPLES),
+)
