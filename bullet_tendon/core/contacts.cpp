@@ -170,6 +170,11 @@ void World::half_space_rows(int chain, int s) {
 
 // Algorithm 1, steps 3 and 4.
 void World::tendon_rows() {
+  const Chain* only = nullptr;
+  int count = 0;
+  for (const Chain* c : slots_)
+    if (c) only = c, ++count;
+  if (count == 0 || (count == 1 && is_straight(*only))) return;  // nothing to touch
   trees_.resize(slots_.size());
   for (size_t c = 0; c < slots_.size(); ++c)
     if (slots_[c]) trees_[c].refit(*slots_[c], context_.dt, options.contact_threshold);

@@ -74,13 +74,10 @@ Assembly residual_of(Group& group, bool at_position) {
 void assemble(Group& group, Linearisation how, bool definite) {
   for (Chain* c : group.chains) {
     const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
-    c->matrix.zero();
-    for (int plane : {0, 3, 5})
-      for (int i = 0; i < c->n(); ++i) c->matrix.diagonal[plane][i] = c->mass[i] * inverse;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
       linearise(*s, c->material.law, how, floor_force, c->b, definite);
-      scatter_blocks(*s, c->matrix);
+      s == &c->structure ? start_matrix(*s, c->mass, inverse, c->matrix) : scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     add_bending_blocks(*c, c->next, definite);

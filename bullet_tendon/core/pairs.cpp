@@ -26,6 +26,21 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
   w = ee > 0 ? clamp01((de * u + er) / ee) : 0;
 }
 
+BT_VECTOR bool is_straight(const Chain& c) {
+  const int m = c.n() - 1;
+  const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
+  const Vec3 chord = c.x.at(m) - c.x.at(0);
+  const double enough = kStraight * kStraight * dot(chord, chord);
+  int bent = dot(chord, chord) > 0 ? 0 : 1;
+#pragma GCC ivdep
+  for (int k = 0; k < m; ++k) {
+    const double dx = x[k + 1] - x[k], dy = y[k + 1] - y[k], dz = z[k + 1] - z[k];
+    const double advance = dx * chord.x + dy * chord.y + dz * chord.z;
+    bent += advance <= 0 || advance * advance < enough * (dx * dx + dy * dy + dz * dz);
+  }
+  return bent == 0;
+}
+
 void BoxTree::refit(const Chain& c, double dt, double threshold) {
   const int m = c.n() - 1;
   segments.resize(m);

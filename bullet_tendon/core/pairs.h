@@ -53,6 +53,9 @@ struct BoxTree {
   std::vector<double> agrees_;  // least cosine of another heading with it for all its segments to be straight
 };
 
+// Whether a tendon as a whole runs so straight that it cannot touch itself.
+bool is_straight(const Chain& c);
+
 struct PairCounts {
   long considered = 0, near = 0;
 };

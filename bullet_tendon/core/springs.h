@@ -78,6 +78,8 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
 // residual -= spring forces.
 void scatter_forces(const SpringSet& s, Field& residual);
+// matrix = inverse M + the blocks of structure springs, inverse = 1/b^2.
+void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse, Band& matrix);
 // matrix += blocks.
 void scatter_blocks(const SpringSet& s, Band& matrix);
 // T_e and T after the displacements dx, as the linearisation predicts them.
