@@ -1,7 +1,5 @@
 """Tendon: what a user holds. Its grips and attachments are in holds.py."""
 
-import weakref
-
 import numpy as np
 
 from . import checks
@@ -22,7 +20,7 @@ class Tendon:
     """
 
     def __init__(self, world, slot: int, name: str, radius: float, material: Material):
-        self._world = weakref.ref(world)
+        self._world = world
         self._core = world._core
         self._slot = slot
         self._name = name
@@ -103,7 +101,7 @@ class Tendon:
         can be held once. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         index = self._free_particle(particle)
-        bodies = self._world()._bodies
+        bodies = self._world._bodies
         bodies.require(bodyUniqueId, linkIndex)
         if position is None:
             origin, axes = bodies.frame(bodyUniqueId, linkIndex)
@@ -111,7 +109,7 @@ class Tendon:
         else:
             local = checks.vector("position", position)
         link = bodies.slot(bodyUniqueId, linkIndex)
-        number = self._world()._next_number()
+        number = self._world._next_number()
         self._core.add_attachment(self._slot, number, index, link, local)
         hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local)
         self._holds[index] = hold
@@ -137,7 +135,7 @@ class Tendon:
         if stiffness is not None:
             stiffness = checks.number("stiffness", stiffness, above=0)
         damping = checks.number("damping", damping, at_least=0)
-        number = self._world()._next_number()
+        number = self._world._next_number()
         self._core.add_grip(self._slot, number, index)
         try:
             hold = Grip(self, index, number, where, stiffness, damping, direction)

@@ -1,0 +1,70 @@
+// From springs to particles: residuals and matrices.
+#include "springs.h"
+
+namespace bt {
+
+BT_VECTOR void scatter_forces(const SpringSet& s, Field& residual) {
+  const int m = s.count, reach = s.reach;
+  for (int c = 0; c < 3; ++c) {
+    const double* f = s.vector[c];
+    double* r = residual[c];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) r[k] -= f[k];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) r[k + reach] += f[k];
+  }
+}
+
+BT_VECTOR void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse,
+                            Band& matrix) {
+  const int n = matrix.n;
+  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+  for (int c = 0; c < 6; ++c) {
+    const double *b = s.block[c], *w = mass.data(), own = c == 0 || c == 3 || c == 5 ? inverse : 0;
+    double* d = matrix.diagonal[c];
+    d[0] = own * w[0] + b[0], d[n - 1] = own * w[n - 1] + b[n - 2];
+#pragma GCC ivdep
+    for (int i = 1; i < n - 1; ++i) d[i] = own * w[i] + b[i] + b[i - 1];
+  }
+  for (int c = 0; c < 9; ++c) {
+    const double* b = s.block[kFull[c]];
+    double* e = matrix.below[0][c];
+#pragma GCC ivdep
+    for (int k = 0; k < n - 1; ++k) e[k] = -b[k];
+  }
+  if (matrix.half == 2) matrix.below[1].zero();
+}
+
+BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
+  const int m = s.count, reach = s.reach;
+  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+  for (int c = 0; c < 6; ++c) {
+    const double* b = s.block[c];
+    double* d = matrix.diagonal[c];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) d[k] += b[k];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) d[k + reach] += b[k];
+  }
+  Planes& off = matrix.below[reach - 1];
+  for (int c = 0; c < 9; ++c) {
+    const double* b = s.block[kFull[c]];
+    double* e = off[c];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) e[k] -= b[k];
+  }
+}
+
+BT_VECTOR void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand) {
+  if (is_linear(law)) return;
+  for (int c = 0; c < 3; ++c) {
+    const double* n = s.direction[c];
+    double* r = right_hand[c];
+    for (int k = 0; k < s.count; ++k) {
+      double more = (s.linear[k] - s.true_elastic[k]) * n[k];
+      r[k] -= more, r[k + s.reach] += more;
+    }
+  }
+}
+
+}  // namespace bt
