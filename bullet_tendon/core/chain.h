@@ -33,6 +33,7 @@ struct Hold {
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
   Vec3 mean_force;       // the same, averaged over the parts of a split step [N]
+  Vec3 kept_force;       // mean_force before the step [N]
 };
 
 class Chain {

@@ -63,6 +63,10 @@ constexpr int kMostExtraRows = 256;
 // Least weight of a free particle for a contact on a segment whose other end is held rigidly [-].
 constexpr double kLeastLever = 0.25;
 
+// A step that takes a particle this many lengths of its tendon away has failed [-]: forces can no longer
+// be told from rounding.
+constexpr double kRunaway = 1e12;
+
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 

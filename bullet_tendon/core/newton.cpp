@@ -126,8 +126,8 @@ void measure_residual(Group& group, Assembly& a) {
     a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
                                                                                           : a.residual;
     constexpr double eps = std::numeric_limits<double>::epsilon();
-    a.rounding =
-        std::max(a.rounding, c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate));
+    const double rounding = c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate);
+    if (!(rounding <= a.rounding)) a.rounding = rounding;  // keeps what is not a number
   }
 }
 

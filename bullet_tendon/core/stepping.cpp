@@ -66,6 +66,20 @@ Vec3 step_mean(const Chain& c, const StepContext& context, Vec3 last_mean, Vec3 
   return c.b < context.dt ? (1.0 / 3) * last_mean + (2.0 / 3) * force : force;
 }
 
+// Finite, and not so far away that lengths could no longer be told from rounding.
+bool is_sane(const Chain& c, const StepContext& context) {
+  // Explicit Euler leaves its velocities in `step`: where they lead is the next step's matter.
+  const bool ahead = context.options.integrator == Integrator::explicit_euler;
+  double length = 0;
+  for (double l : c.rest) length += l;
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < c.n(); ++i)
+      if (!(std::fabs(c.next[k][i] - c.x[k][i]) <= kRunaway * length) ||
+          (ahead && !(context.dt * std::fabs(c.step[k][i]) <= kRunaway * length)))
+        return false;
+  return true;
+}
+
 }  // namespace
 
 void solve(Group& group, const StepContext& context) {
@@ -81,9 +95,7 @@ void solve(Group& group, const StepContext& context) {
     for (Chain* c : group.chains)
       for (Hold& h : c->holds) h.mean_force = step_mean(*c, context, h.mean_force, h.force);
   }
-  for (Chain* c : group.chains)
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i) group.finite &= std::isfinite(c->next[k][i]);
+  for (Chain* c : group.chains) group.finite &= is_sane(*c, context);
 }
 
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where) {

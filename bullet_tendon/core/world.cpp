@@ -1,5 +1,6 @@
 #include "world.h"
 
+#include <limits>
 #include <numeric>
 
 #include "constants.h"
@@ -75,8 +76,10 @@ void World::begin(double dt, Vec3 gravity) {
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;
-    for (const Hold& h : c->holds)
+    for (Hold& h : c->holds) {
+      h.kept_force = h.mean_force;
       if (h.link >= 0) ++links[h.link].touching;
+    }
   }
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);
   for (Chain* c : slots_)
@@ -151,6 +154,7 @@ bool World::solve() {
     if (g.chains.empty()) continue;
     bt::solve(g, context_);
     found_.insert(found_.end(), g.extra.begin(), g.extra.end());
+    if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
     finite &= g.finite;
     ++report_.groups;
     report_.iterations = std::max(report_.iterations, g.iterations);
@@ -169,6 +173,8 @@ bool World::solve() {
   rows_.insert(rows_.end(), found_.begin(), found_.end());
   found_.clear();
   report_.rows = static_cast<long>(rows_.size());
+  if (!finite)
+    for (Group& g : groups_) forget_step(g);
   return finite;
 }
 
