@@ -60,11 +60,16 @@ class Outcome:
 
 def known() -> dict[str, ModuleType]:
     """All scenarios by name."""
+    return modules_with(scenarios, "build")
+
+
+def modules_with(package: ModuleType, attribute: str) -> dict[str, ModuleType]:
+    """A package's modules that have `attribute`, by name."""
     found = {}
-    for entry in pkgutil.iter_modules(scenarios.__path__):
+    for entry in pkgutil.iter_modules(package.__path__):
         if not entry.ispkg and not entry.name.startswith("__"):
-            module = importlib.import_module(f"{scenarios.__name__}.{entry.name}")
-            if hasattr(module, "build"):
+            module = importlib.import_module(f"{package.__name__}.{entry.name}")
+            if hasattr(module, attribute):
                 found[entry.name] = module
     return found
 
@@ -92,7 +97,7 @@ def main(arguments: list[str] | None = None) -> int:
     wanted = parser.parse_args(arguments)
     every = known()
     if wanted.name is None:
-        _list(every)
+        list_modules(every)
         return 0
     if wanted.name not in every:
         parser.error(f"unknown scenario {wanted.name!r}; known: {', '.join(every)}")
@@ -126,7 +131,8 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _list(every: dict[str, ModuleType]) -> None:
+def list_modules(every: dict[str, ModuleType]) -> None:
+    """Print each module's name and the first line of its docstring."""
     width = max(map(len, every), default=0)
     for name, module in every.items():
         print(f"{name:{width}}  {(module.__doc__ or '').strip().partition(chr(10))[0]}")

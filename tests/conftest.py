@@ -2,6 +2,7 @@
 
 import pybullet as p
 import pytest
+from link_scenes import probe_of
 
 import bullet_tendon as bt
 
@@ -36,3 +37,9 @@ def make_world(client):
         return bt.TendonWorld(client, bt.SolverOptions(**options))
 
     return make
+
+
+@pytest.fixture
+def probe(client):
+    """The small sphere with which pybullet's own distances are taken."""
+    return probe_of(client)

@@ -9,7 +9,6 @@ from link_scenes import (
     TETRA,
     check_hull_faces,
     link_frame,
-    probe_of,
     tetra_obj,
     turn,
     urdf_body,
@@ -17,18 +16,6 @@ from link_scenes import (
 
 from bullet_tendon.errors import InvalidValue
 from bullet_tendon.shapes import collision_shapes
-
-
-@pytest.fixture
-def client():
-    number = p.connect(p.DIRECT)
-    yield number
-    p.disconnect(number)
-
-
-@pytest.fixture
-def probe(client):
-    return probe_of(client)
 
 
 def test_urdf_cylinder_made_a_hull_is_a_cylinder(client, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import check_link, probe_of, turn, urdf_body
+from link_scenes import check_link, turn, urdf_body
 
 from bullet_tendon.errors import InvalidValue, UnknownId
 from bullet_tendon.shapes import collision_shapes
@@ -14,18 +14,6 @@ SHAPES = {
     "capsule": {"shapeType": p.GEOM_CAPSULE, "radius": 0.1, "height": 0.4},
     "cylinder": {"shapeType": p.GEOM_CYLINDER, "radius": 0.15, "height": 0.4},
 }
-
-
-@pytest.fixture
-def client():
-    number = p.connect(p.DIRECT)
-    yield number
-    p.disconnect(number)
-
-
-@pytest.fixture
-def probe(client):
-    return probe_of(client)
 
 
 @pytest.mark.parametrize("kind", SHAPES)

@@ -208,7 +208,6 @@ PYBIND11_MODULE(_core, m) {
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })
       .def("set_links", &set_links)
       .def("add_shape", &add_shape)
-      .def("set_shape_friction", [](World& w, int s, double mu) { w.shapes[s].friction = mu; })
       .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
       .def("add_tunnel",
            [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,

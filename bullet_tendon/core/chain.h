@@ -89,8 +89,6 @@ class Chain {
   Planes inverse_blocks;
   double residual_norm = 0;  // largest residual force [N]
   int worst_particle = 0;
-  int iterations = 0;
-  bool converged = true;
 
  private:
   void share_out();

@@ -104,8 +104,8 @@ void World::remember() {
     if (row.normal_force <= 0) continue;
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-    memory_.push_back({row.key, row.normal_force, row.sliding, row.mean_force,
-                       transposed_times(turn, row.displacement), transposed_times(turn, row.normal)});
+    memory_.push_back(
+        {row.key, row.normal_force, row.sliding, row.mean_force, transposed_times(turn, row.displacement)});
   }
   std::sort(memory_.begin(), memory_.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });

@@ -263,7 +263,6 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   for (Row* row : group.rows)
     if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
   group.iterations += used;
-  for (Chain* c : group.chains) c->iterations = group.iterations, c->converged = group.converged;
 }
 
 }  // namespace bt

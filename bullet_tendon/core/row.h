@@ -85,8 +85,7 @@ struct ContactMemory {
   double carried = 0;
   bool sliding = false;
   Vec3 mean_force;
-  Vec3 stuck;   // in the link's frame, or the world's for two tendons
-  Vec3 normal;  // the same
+  Vec3 stuck;  // in the link's frame, or the world's for two tendons
 };
 
 inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other, int other_feature) {

@@ -38,7 +38,6 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
     h.target = fraction == 1 ? h.goal : (1 - fraction) * from.at(h.particle) + fraction * h.goal;
     if (h.rigid) c.next.set(h.particle, h.target);
   }
-  c.iterations = 0, c.converged = true;
 }
 
 BT_VECTOR void finish_step(Chain& c, const StepContext& context) {

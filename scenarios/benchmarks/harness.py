@@ -11,26 +11,19 @@ ratios of times within one run, which a noisy computer disturbs least.
 """
 
 import argparse
-import importlib
 import json
-import pkgutil
 import sys
 from types import ModuleType
 
 from bullet_tendon.scenarios import benchmarks
+from bullet_tendon.scenarios.runner import list_modules, modules_with
 
 from bullet_tendon import errors, view
 
 
 def known() -> dict[str, ModuleType]:
     """All benchmarks by name."""
-    found = {}
-    for entry in pkgutil.iter_modules(benchmarks.__path__):
-        if not entry.ispkg and not entry.name.startswith("__"):
-            module = importlib.import_module(f"{benchmarks.__name__}.{entry.name}")
-            if hasattr(module, "run"):
-                found[entry.name] = module
-    return found
+    return modules_with(benchmarks, "run")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -39,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
     wanted = parser.parse_args(arguments)
     every = known()
     if wanted.name is None:
-        _list(every)
+        list_modules(every)
         return 0
     if wanted.name not in every:
         parser.error(f"unknown benchmark {wanted.name!r}; known: {', '.join(every)}")
@@ -98,9 +91,3 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--plot", metavar="FILE", default="", help="draw the curves into FILE")
     parser.add_argument("--quick", action="store_true", help="a small part of it, to see that it works")
     return parser
-
-
-def _list(every: dict[str, ModuleType]) -> None:
-    width = max(map(len, every), default=0)
-    for name, module in every.items():
-        print(f"{name:{width}}  {(module.__doc__ or '').strip().partition(chr(10))[0]}")
