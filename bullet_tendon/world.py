@@ -14,10 +14,12 @@ from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
 from .relaxation import relax
-from .report import CONTACT, StepReport, contact_table
+from .report import CONTACT, Clock, StepReport, contact_table
 from .sampling import particle_positions
 from .tendon import Tendon
 from .tunnels import Tunnel
+
+_FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
 
 
 class TendonWorld:
@@ -199,21 +201,33 @@ class TendonWorld:
 
     def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
         """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield."""
-        clock = [perf_counter()]
+        clock = Clock()
         if self._bodies.links:
             self._core.set_links(self._bodies.table(dt, gravity, held))
-        self._core.begin(dt, gravity)
-        clock.append(perf_counter())
-        self._obstacles.measure()
-        clock.append(perf_counter())
-        if not self._core.solve():
-            self._fail()
+        self._core.begin(dt, gravity, held)
+        clock.enter("sense")
+        try:
+            self._go_through(clock)
+        except BaseException:
+            self._core.cancel()
+            raise
         self._core.finish()
-        clock.append(perf_counter())
+        clock.enter("solve")
         if self._bodies.links:
             self._wrenches = self._core.wrenches()
-        clock.append(perf_counter())
-        self.report = StepReport.read(self._core.report(), clock, self._names())
+        clock.enter("react")
+        self.report = StepReport.read(self._core.report(), clock.seconds, self._names())
+
+    def _go_through(self, clock) -> None:
+        """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""
+        outcome = _AGAIN
+        while outcome == _AGAIN:
+            self._obstacles.measure()
+            clock.enter("near")
+            outcome = self._core.solve()
+            clock.enter("solve")
+        if outcome == _FAILED:
+            self._fail()
 
     @property
     def contacts(self) -> np.ndarray:

@@ -205,7 +205,7 @@ PYBIND11_MODULE(_core, m) {
              h.clamped = true, h.direction = vec(direction);
            })
       .def("remove_hold", &remove_hold)
-      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })
+      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
       .def("set_links", &set_links)
       .def("add_shape", &add_shape)
       .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
@@ -214,11 +214,14 @@ PYBIND11_MODULE(_core, m) {
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("begin", [](World& w, double dt, const Array& gravity) { w.begin(dt, vec(gravity)); })
+      .def("begin",
+           [](World& w, double dt, const Array& gravity, bool whole) { w.begin(dt, vec(gravity), whole); })
       .def("near", &near_queries)
       .def("answers", [](World& w, const Array& d, const Array& points,
                          const Array& u) { w.answers(d.data(), points.data(), u.data()); })
-      .def("solve", &World::solve, release())
+      .def(
+          "solve", [](World& w) { return static_cast<int>(w.solve()); }, release())
+      .def("cancel", &World::cancel)
       .def("finish", &World::finish, release())
       .def("wrenches", &wrenches)
       .def("report", &report)

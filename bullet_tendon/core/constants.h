@@ -12,6 +12,10 @@ constexpr double kDegenerateLength = 1e-9;
 // step), not how deep a resting contact is. Larger: worse conditioned. Smaller: deeper impacts.
 constexpr double kContactRatio = 10.0;
 
+// Depth that a step pushes out at most, in radii [-]. Depth over the step's length is a velocity, which
+// stays: larger, and a tendon that was put into a bone is shot out of it. Smaller: it takes longer.
+constexpr double kPushOut = 0.5;
+
 // Stiffness of a sticking contact, in units of a particle's own [-]. It sets how far a contact yields
 // before it slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
 // iterations step over it. Smaller: a sticking tendon gives visibly.
@@ -40,9 +44,14 @@ constexpr double kNoCut = 1e300;
 constexpr int kMixedIterations = 10;
 constexpr double kProgress = 0.9;
 
-// Parts that a step can be split into [-], a power of two. More: violent steps cost more before they
-// are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.
-constexpr int kMostParts = 256;
+// Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
+// two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,
+// folded tendon may stay unsolved.
+constexpr int kMostSubsteps = 256;
+
+// Units in which the parts of a world's step are counted [-], a power of two: the shortest part that fast
+// motion near a body or another tendon can ask for.
+constexpr int kUnits = 8192;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
@@ -79,15 +88,22 @@ constexpr double kStraight = 0.75;
 // Leaves of eight segments up to which a stretch is looked at for being straight [-].
 constexpr int kFarthestLeaf = 64;
 
-// Contacts are foreseen over the present motion times this [-]: half as much again, for what the step
-// may add. Larger: more queries and rows. Smaller: what speeds up within a step arrives unforeseen.
-constexpr double kForesight = 1.5;
+// Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
+// What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:
+// more looks.
+constexpr double kSlack = 0.05;
 
-// Radius is taken this much larger where contacts are foreseen [-], for tendons that do not move yet.
-constexpr double kSkin = 1.02;
+// A step looks again for contacts at most this often. Fewer: contacts that appear one after another
+// are met a step late.
+constexpr int kLooks = 6;
 
-// Tendon pairs are foreseen up to this many sums of radii [-]. A row is a plane; far from touching it
-// would hold back what passes beside it.
+// Within a part of a step, what is near something moves by at most this share of the radius (of both
+// radii, for two tendons) relative to it [-]: a centreline that starts outside then cannot get through,
+// wherever the nearest points go. Larger: it can. Smaller: more parts.
+constexpr double kFarthestMove = 0.9;
+
+// Methods that do not split their steps foresee tendon pairs up to this many sums of radii [-]. A row
+// is a plane; far from touching it would hold back what passes beside it.
 constexpr double kFarthest = 2.0;
 
 // A tunnel's bore is taken to reach this many radii beyond its mouths when bone surface is looked

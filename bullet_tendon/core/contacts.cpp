@@ -31,6 +31,7 @@ Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 
 void World::collect_rows() {
   rows_.clear();
+  room_ = 1;
   for (size_t c = 0; c < slots_.size(); ++c) {
     if (!slots_[c]) continue;
     for (size_t t = 0; t < tunnels.size(); ++t)
@@ -40,6 +41,10 @@ void World::collect_rows() {
     for (size_t s = 0; s < shapes.size(); ++s)
       if (shape_alive[s] && shapes[s].half_space) half_space_rows(static_cast<int>(c), static_cast<int>(s));
   }
+  for (size_t c = 0; c < slots_.size(); ++c)
+    for (size_t s = 0; slots_[c] && s < shapes.size(); ++s)
+      if (shape_alive[s] && !shapes[s].half_space)
+        room_ = std::min(room_, room_of(caches_[c][s], slots_[c]->radius));
   bone_rows();
   tendon_rows();
 }
@@ -61,6 +66,16 @@ Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec
   return row;
 }
 
+// Gap, negative where there is depth now, that the part of the step has to leave: it takes its share of
+// what the step is to push out, which is at most `most` [m].
+double World::depth_to_leave(const Row& row, double most) const {
+  Row now = row;
+  now.evaluate(row.reference, true);
+  const double depth = std::max(0.0, -now.gap), share = static_cast<double>(size_) / (kUnits - done_);
+  const double left = most * (kUnits - done_) / kUnits;  // by the rest of the step
+  return -(depth - share * std::min(depth, left));
+}
+
 // Stiffness, softened by how far the link yields within the step, and memory.
 void World::finish_row(Row& row, int chain_slot, int particle) {
   const double at_hand = particle_stiffness(*slots_[chain_slot], particle);
@@ -73,6 +88,7 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
     row.stiffness /= 1 + row.stiffness * w * context_.dt * context_.dt;
     row.grip /= 1 + row.grip * w * context_.dt * context_.dt;
   }
+  row.allowed = depth_to_leave(row, kPushOut * slots_[chain_slot]->radius);
   recall(row);
 }
 
@@ -92,9 +108,10 @@ void World::recall(Row& row) {
   bool carries = converged && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
   row.carried = carries ? found->carried : 0;
   row.multiplier = found->carried;
-  row.mean_force = found->mean_force;
+  row.last_mean = found->mean_force;
   row.limit = row.friction * found->carried;
   row.sliding = found->sliding;
+  row.kept_multiplier = row.multiplier, row.kept_sliding = row.sliding;
 }
 
 void World::remember() {
@@ -174,12 +191,14 @@ void World::tendon_rows() {
   int count = 0;
   for (const Chain* c : slots_)
     if (c) only = c, ++count;
-  if (count == 0 || (count == 1 && is_straight(*only))) return;  // nothing to touch
+  // Nothing to touch, now or at the end of the step.
+  if (count == 0 || (count == 1 && is_straight(*only, only->x) && is_straight(*only, only->foreseen))) return;
   trees_.resize(slots_.size());
   for (size_t c = 0; c < slots_.size(); ++c)
-    if (slots_[c]) trees_[c].refit(*slots_[c], context_.dt, options.contact_threshold);
+    if (slots_[c]) trees_[c].refit(*slots_[c], options.contact_threshold);
   pairs_.clear();
-  report_.pairs = find_pairs(slots_, trees_, context_.dt, pairs_);
+  report_.pairs = find_pairs(slots_, trees_, can_split(), pairs_);
+  room_ = std::min(room_, report_.pairs.room);
   for (const SegmentPair& p : pairs_) {
     const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];
     Row row;

@@ -15,6 +15,10 @@ struct Link {
   int touching = 0;            // the same, counted in this step
   Vec3 force, torque;          // wrench about the centre of mass [N], [N m]
 
+  // The impulse j at the point p changes its motion, as if it was alone.
+  void push(Vec3 j, Vec3 p);
+  // Goes on for dt.
+  void advance(double dt);
   // Displacement of the world point p within dt, were it not for the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Response of the point p to a force there: W = [I, -[r]] R [I, -[r]]^T [1/kg].
@@ -24,6 +28,25 @@ struct Link {
     torque += cross(p - centre, f);
   }
 };
+
+inline void Link::push(Vec3 j, Vec3 p) {
+  if (!yields) return;
+  const Vec3 t = cross(p - centre, j);
+  const double w[6] = {j.x, j.y, j.z, t.x, t.y, t.z};
+  double a[6] = {};
+  for (int r = 0; r < 6; ++r)
+    for (int c = 0; c < 6; ++c) a[r] += response[r][c] * w[c];
+  velocity += Vec3{a[0], a[1], a[2]};
+  spin += Vec3{a[3], a[4], a[5]};
+}
+
+inline void Link::advance(double dt) {
+  const Vec3 arm = transposed_times(pose.rotation, pose.origin - centre);
+  const double angle = dt * norm(spin);
+  if (angle > 0) pose.rotation = rotation_about(unit_or(spin, {0, 0, 1}), angle) * pose.rotation;
+  centre += dt * velocity;
+  pose.origin = centre + pose.rotation * arm;
+}
 
 inline Sym3 Link::mobility(Vec3 p) const {
   if (!yields) return {};

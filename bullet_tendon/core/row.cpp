@@ -39,6 +39,7 @@ void Row::evaluate(Vec3 relative, bool at_position) {
     mouth_gap(*this, relative, curvature, around);
   else
     gap = dot(normal, relative) - offset;
+  gap -= allowed;
   if (!direct) normal_force = std::max(0.0, carried - stiffness * gap);
   if (at_position) multiplier = normal_force;
   // A direct row's normal force is what the constraint supplies: only its friction is a force here.

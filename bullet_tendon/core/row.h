@@ -40,6 +40,7 @@ struct Row {
   int link = -1;
   Vec3 normal;                 // n, of a plane row; of a bore row as last evaluated
   double offset = 0;           // c; of a mouth row, the distance kept from the circle
+  double allowed = 0;          // gap, negative, that may be left at the end of a part of a step [m]
   double beyond = 0;           // by how much the gap stands off the surfaces (threshold) [m]
   Vec3 axis_point, axis;       // of a bore; of a mouth, the circle's centre and axis
   double ring = 0;             // of a bore, R - r; of a mouth, the circle's radius [m]
@@ -64,6 +65,7 @@ struct Row {
   Vec3 raw, displacement;           // z, and z returned to the cone
   Vec3 tangent_force, total_force;  // on the point a
   Vec3 linear_force;                // of the linearisation; total_force where that is at the present state
+  Vec3 last_mean;                   // mean_force of the step before
   Vec3 mean_force;                  // total_force, averaged over the parts of a split step
   Sym3 block;                       // derivative, positive semidefinite
 

@@ -18,8 +18,12 @@
 
 namespace bt {
 
+// Who splits a step that does not converge: the world, where something is touched; else the group.
+enum class Splitting { by_world, by_group, never };
+
 struct StepContext {
   double dt = 0;
+  Splitting splitting = Splitting::by_group;
   Vec3 gravity;
   Options options;
 };
@@ -51,8 +55,6 @@ void finish_step(Chain& c, const StepContext& context);
 
 // Implicit, converged: whole, and where that fails in parts.
 void converged_step(Group& group, const StepContext& context);
-// After a step that is not to be finished: multipliers and history from the state as it is.
-void forget_step(Group& group);
 // One Newton solution at chain.next; the safeguard is used only if asked for.
 void newton(Group& group, const StepContext& context, bool safeguarded);
 void single_linearisation(Group& group, const StepContext& context);  // implicit, as published

@@ -69,6 +69,17 @@ struct Rot3 {
 inline Vec3 operator*(const Rot3& a, Vec3 v) { return {dot(a.r0, v), dot(a.r1, v), dot(a.r2, v)}; }
 inline Vec3 transposed_times(const Rot3& a, Vec3 v) { return v.x * a.r0 + v.y * a.r1 + v.z * a.r2; }
 
+inline Rot3 operator*(const Rot3& a, const Rot3& b) {
+  auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
+  return {row(a.r0), row(a.r1), row(a.r2)};
+}
+// By an angle [rad] about the unit vector n (Rodrigues).
+inline Rot3 rotation_about(Vec3 n, double angle) {
+  const double s = std::sin(angle), c = std::cos(angle);
+  auto row = [&](Vec3 e) { return c * e + (1 - c) * dot(n, e) * n + s * cross(e, n); };
+  return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
+}
+
 // A rigid placement: world = rotation * local + origin.
 struct Pose {
   Rot3 rotation;

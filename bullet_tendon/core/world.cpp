@@ -1,8 +1,5 @@
 #include "world.h"
 
-#include <limits>
-#include <numeric>
-
 #include "constants.h"
 
 namespace bt {
@@ -59,33 +56,34 @@ void World::aim_attachments(Chain& c) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.goal = p + link.drift(p, context_.dt);
+    h.aim = p + link.drift(p, context_.dt);
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
-    Sym3 w = (context_.dt * context_.dt * std::max(1, link.touches)) * link.mobility(p);
+    Sym3 w = (whole_dt_ * whole_dt_ * std::max(1, link.touches)) * link.mobility(p);
     double least = 1e-6 * (w.xx + w.yy + w.zz) + 1e-300;  // a joint yields in some directions only
     h.stiffness = inverse(w + identity(least));
   }
 }
 
-void World::begin(double dt, Vec3 gravity) {
-  context_.dt = dt, context_.gravity = gravity, context_.options = options;
+void World::begin(double dt, Vec3 gravity, bool whole) {
+  context_.gravity = gravity, context_.options = options;
+  whole_dt_ = dt, whole_ = whole, done_ = parts_ = 0, size_ = kUnits;
+  backup_.clear();
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;
+    c->keep_multipliers(c->kept), c->kept_smooth = c->smooth;
     for (Hold& h : c->holds) {
-      h.kept_force = h.mean_force;
+      h.kept_force = h.mean_force, h.sum_force = {};
       if (h.link >= 0) ++links[h.link].touching;
     }
   }
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);
-  for (Chain* c : slots_)
-    if (c) aim_attachments(*c), begin_step(*c, context_);
   report_ = Report{};
-  find_bores();
+  begin_part();
 }
 
 const std::vector<Query>& World::near() {
@@ -115,87 +113,6 @@ void World::answers(const double* distance, const double* points, const double* 
   }
 }
 
-// Tendons that a row joins are solved together (union-find over the rows).
-void World::make_groups() {
-  const int count = static_cast<int>(slots_.size());
-  group_of_.resize(count);
-  std::iota(group_of_.begin(), group_of_.end(), 0);
-  auto root = [&](int c) {
-    while (group_of_[c] != c) c = group_of_[c] = group_of_[group_of_[c]];
-    return c;
-  };
-  for (const Row& row : rows_)
-    if (row.b.chain >= 0)
-      group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
-  groups_.resize(count);
-  for (int c = 0; c < count; ++c) {
-    Group& g = groups_[c];
-    g.chains.clear(), g.rows.clear(), g.extra.clear();
-    g.extra.reserve(kMostExtraRows);
-    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.substeps = 1;
-    g.linear_tolerance = 0;
-  }
-  for (int c = 0; c < count; ++c)
-    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]);
-  for (Row& row : rows_) {
-    Group& g = groups_[root(row.a.chain)];
-    g.rows.push_back(&row);
-    g.coupled |= row.b.chain >= 0;
-  }
-}
-
-bool World::solve() {
-  collect_rows();
-  make_groups();
-  bool finite = true;
-  for (size_t s = 0; s < groups_.size(); ++s) {
-    Group& g = groups_[s];
-    if (g.chains.empty()) continue;
-    bt::solve(g, context_);
-    found_.insert(found_.end(), g.extra.begin(), g.extra.end());
-    if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
-    finite &= g.finite;
-    ++report_.groups;
-    report_.iterations = std::max(report_.iterations, g.iterations);
-    report_.substeps = std::max(report_.substeps, g.substeps);
-    report_.converged &= g.converged;
-    if (!(g.residual <= report_.residual) || report_.worst_chain < 0) {
-      report_.residual = g.residual;
-      const Chain* worst = g.chains[0];
-      for (const Chain* c : g.chains)
-        if (!(c->residual_norm <= worst->residual_norm)) worst = c;
-      for (size_t c = 0; c < slots_.size(); ++c)
-        if (slots_[c] == worst) report_.worst_chain = static_cast<int>(c);
-      report_.worst_particle = worst->worst_particle;
-    }
-  }
-  rows_.insert(rows_.end(), found_.begin(), found_.end());
-  found_.clear();
-  report_.rows = static_cast<long>(rows_.size());
-  if (!finite)
-    for (Group& g : groups_) forget_step(g);
-  return finite;
-}
-
-void World::finish() {
-  for (Row& row : rows_) {
-    if (row.link < 0) continue;
-    Link& link = links[row.link];
-    ++link.touching;
-    // On the centreline's point, not on the surface: particles do not spin.
-    link.apply(-row.mean_force, row.a.of(slots_[row.a.chain]->next));
-  }
-  for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) {
-      const Hold& h = c->holds[i];
-      if (h.link >= 0) links[h.link].apply(h.mean_force, to_world(links[h.link].pose, h.local));
-    }
-  remember();
-  for (Chain* c : slots_)
-    if (c) finish_step(*c, context_);
-}
-
 std::vector<ContactRecord> World::contacts() const {
   std::vector<ContactRecord> out;
   for (const Row& row : rows_) {
@@ -204,7 +121,7 @@ std::vector<ContactRecord> World::contacts() const {
     r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link,
     r.kind = row.kind;
     r.position = row.a.of(c.x), r.normal = row.normal;
-    r.distance = row.gap + row.beyond;
+    r.distance = row.gap + row.allowed + row.beyond;
     r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);
     out.push_back(r);
   }
