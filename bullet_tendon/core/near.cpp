@@ -49,13 +49,14 @@ void consider(Entry& e, Vec3 a, Vec3 b, double motion, double reach, const NearC
               std::vector<Query>& queries, NearCounts& counts) {
   ++counts.considered;
   e.motion = motion;
-  if (e.known && !e.inside) {
+  if (e.known && !e.inside && context.reuse_tolerance > 0) {
     double moved = std::max(norm(a - e.a), norm(b - e.b));
     if (e.distance - moved > reach) {
       ++counts.skipped;
       return;
     }
-    if (moved * moved <= 2 * e.distance * context.reuse_tolerance) {
+    const double aside = std::max(norm(without(a - e.a, e.normal)), norm(without(b - e.b, e.normal)));
+    if (aside * aside <= 2 * (e.distance - moved) * context.reuse_tolerance) {
       ++counts.reused;
       e.wanted = !e.hole;
       e.clearance = e.distance - moved;

@@ -6,8 +6,9 @@
 //   skipped  while d - m > reach, because the feature cannot have come within reach,
 //   reused   while the plane's error is under the reuse tolerance,
 //   queried  otherwise.
-// Distance to a convex body along a displacement m from distance d is at least the plane's value,
-// and at most m^2/(2 d) more; hence reuse up to m = sqrt(2 d tolerance).
+// Distance to a convex body at a displacement from distance d is at least the plane's value; with m the
+// displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is at most
+// sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance).
 #pragma once
 #include <vector>
 
