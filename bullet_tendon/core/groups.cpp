@@ -21,14 +21,14 @@ void World::make_groups() {
   groups_.resize(count);
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
-    g.chains.clear(), g.rows.clear(), g.extra.clear();
+    g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
     g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
     g.residual = 0, g.substeps = 1;
     g.linear_tolerance = 0;
   }
   for (int c = 0; c < count; ++c)
-    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]);
+    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]), groups_[root(c)].numbers.push_back(c);
   for (Row& row : rows_) {
     Group& g = groups_[root(row.a.chain)];
     g.rows.push_back(&row);
