@@ -11,6 +11,8 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
         &anchor_v, &goal, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image, &foreseen})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
+  // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
+  if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
   scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);

@@ -85,6 +85,7 @@ class Chain {
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost or changed since: two-step methods may go on
   uint64_t touching = 0;     // a hash of the contacts with bodies
+  bool touched = false;      // a contact pressed on it in the last step
   double b = 0;              // step weight of this step (stepping.h)
 
   // How contacts are foreseen: where particles are thought to be at the end of the step [m], and by how

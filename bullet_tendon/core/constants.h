@@ -7,19 +7,29 @@ namespace bt {
 // Larger: a collapsed tendon loses forces. Smaller: the direction is rounding noise.
 constexpr double kDegenerateLength = 1e-9;
 
-// Contact stiffness in units of the stiffness a particle already has in the matrix [-]. The contact
-// force itself comes from carried multipliers, so this sets how fast depth vanishes (1/ratio a
-// step), not how deep a resting contact is. Larger: worse conditioned. Smaller: deeper impacts.
-constexpr double kContactRatio = 10.0;
+// Contact stiffness in units of what holds a particle back across its tendon: inertia and tension over
+// length [-]. The contact force itself comes from carried multipliers, so this sets how fast depth
+// vanishes, not how deep a resting contact is. Larger: active contacts are found in more iterations.
+// Smaller: more rounds of stiffening after impacts.
+constexpr double kContactRatio = 30.0;
+
+// Depth, in radii, from which a contact is stiffened within the step, and by how much [-].
+constexpr double kDepth = 5e-4;
+constexpr double kStiffening = 10.0;
 
 // Depth that a step pushes out at most, in radii [-]. Depth over the step's length is a velocity, which
 // stays: larger, and a tendon that was put into a bone is shot out of it. Smaller: it takes longer.
 constexpr double kPushOut = 0.5;
 
-// Stiffness of a sticking contact, in units of a particle's own [-]. It sets how far a contact yields
-// before it slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
+// Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
+// slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
 // iterations step over it. Smaller: a sticking tendon gives visibly.
-constexpr double kGripRatio = 0.1;
+constexpr double kGripRatio = 1.0;
+
+// Both for methods that carry no multipliers, in units of all the stiffness that a particle has [-].
+// Larger: worse conditioned. Smaller: deeper contacts.
+constexpr double kSpringRatio = 10.0;
+constexpr double kSpringGripRatio = 0.1;
 
 // Strain at which the material's tangent is taken for the contact stiffness of a slack tendon [-].
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
@@ -35,6 +45,9 @@ constexpr double kFloorShare = 1e-2;
 // squares: below 1/8 the matrix stays definite whatever the compression.
 constexpr double kInertiaShare = 0.12;
 
+// Shear springs with a smaller share of the stiffness are left out [-].
+constexpr double kLeastShear = 1e-12;
+
 // Stands for an inertia that outweighs every compression [1/s^2].
 constexpr double kNoCut = 1e300;
 
@@ -42,6 +55,9 @@ constexpr double kNoCut = 1e300;
 // best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
 // less patience splits what would converge; more makes violent steps slower.
 constexpr int kMixedIterations = 10;
+// The same for every so many contacts besides, and at most: contacts are made and lost one by one.
+constexpr int kContactsAnIteration = 20;
+constexpr int kMostPatience = 60;
 constexpr double kProgress = 0.9;
 
 // Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
@@ -56,7 +72,7 @@ constexpr int kUnits = 8192;
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
 constexpr int kRounds = 8;
-constexpr double kFrictionAccuracy = 1e-4;
+constexpr double kFrictionAccuracy = 5e-3;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
@@ -84,6 +100,11 @@ constexpr double kRounding = 8.0;
 
 // Least cosine between a stretch of tendon's segments and its chord for it to count as straight [-].
 constexpr double kStraight = 0.75;
+
+// What a surface is nearer to the inside of a segment than to its ends, in radii, for the segment to get
+// a contact of its own [-]. Larger: rounded bones go deeper in between. Smaller: contacts on flat ones
+// come three to a segment, and share the load as rounding has it.
+constexpr double kNoBulge = 1e-5;
 
 // Leaves of eight segments up to which a stretch is looked at for being straight [-].
 constexpr int kFarthestLeaf = 64;

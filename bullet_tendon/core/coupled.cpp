@@ -5,9 +5,14 @@ namespace bt {
 
 namespace {
 
-// Offsets of the chains' blocks, and which blocks are joined: by all contacts, pressed now or not, so that
-// the pattern lasts.
+// Offsets of the chains' blocks, and which blocks are joined: by all contacts that were pressed once in
+// this solution, so that the pattern lasts.
 void find_pattern(Group& group) {
+  bool same = group.factor.blocks() > 0 && group.patterned;
+  for (Row* row : group.rows)
+    if (row->b.chain >= 0 && row->pressed && !row->joins) row->joins = true, same = false;
+  if (same) return;
+  group.patterned = true;
   group.edges.clear(), group.offset.assign(group.slots->size(), 0);
   int count = 0;
   for (size_t k = 0; k < group.chains.size(); ++k) {
@@ -18,7 +23,7 @@ void find_pattern(Group& group) {
     count += c.n();
   }
   for (const Row* row : group.rows) {
-    if (row->b.chain < 0) continue;
+    if (!row->joins) continue;
     const int a = group.offset[row->a.chain] + row->a.first, b = group.offset[row->b.chain] + row->b.first;
     for (int i : {a, a + 1})
       for (int j : {b, b + 1})

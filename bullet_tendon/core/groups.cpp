@@ -25,7 +25,7 @@ void World::make_groups() {
     g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
     g.residual = 0, g.substeps = 1;
-    g.linear_tolerance = 0;
+    g.linear_tolerance = 0, g.patterned = false;
   }
   for (int c = 0; c < count; ++c)
     if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]), groups_[root(c)].numbers.push_back(c);

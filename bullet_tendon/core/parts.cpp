@@ -30,10 +30,7 @@ void aim_grips(Chain& c, double share) {
 
 }  // namespace
 
-bool World::can_split() const {
-  return !whole_ && options.iteration == Iteration::newton &&
-         options.integrator != Integrator::explicit_euler;
-}
+bool World::can_split() const { return !whole_ && can_carry(); }
 
 void World::begin_part() {
   const bool smallest = size_ <= kUnits / kMostSubsteps;

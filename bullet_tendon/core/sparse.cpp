@@ -142,8 +142,8 @@ void SparseFactor::solve(std::vector<Vec3>& b) {
   for (int k = 0; k < n_; ++k)
     for (int a = first_[k]; a < first_[k + 1]; ++a) {
       const double* l = below_[a].v;
-      y[rows_[a]] -= Vec3{dot({l[0], l[1], l[2]}, y[k]), dot({l[3], l[4], l[5]}, y[k]),
-                          dot({l[6], l[7], l[8]}, y[k])};
+      y[rows_[a]] -=
+          Vec3{dot({l[0], l[1], l[2]}, y[k]), dot({l[3], l[4], l[5]}, y[k]), dot({l[6], l[7], l[8]}, y[k])};
     }
   for (int k = n_ - 1; k >= 0; --k) {
     const double* d = diagonal_[k].v;

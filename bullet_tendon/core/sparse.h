@@ -23,6 +23,7 @@ Block3 product(const Block3& a, const Block3& b);
 class SparseFactor {
  public:
   using Edges = std::vector<std::pair<int, int>>;
+  int blocks() const { return n_; }
   // n blocks; edges: pairs of different blocks, each listed once or more.
   void analyse(int n, const Edges& edges);
   void start();  // all blocks zero
@@ -40,12 +41,12 @@ class SparseFactor {
 
   int n_ = 0;
   Edges edges_;
-  std::vector<int> where_, node_;        // place of a block in the elimination, and back
-  std::vector<int> first_, rows_;        // places of the blocks below pivot k: rows_[first_[k] ...]
-  std::vector<int> target_;              // block that each update goes to, in order; diagonals: ~place
+  std::vector<int> where_, node_;         // place of a block in the elimination, and back
+  std::vector<int> first_, rows_;         // places of the blocks below pivot k: rows_[first_[k] ...]
+  std::vector<int> target_;               // block that each update goes to, in order; diagonals: ~place
   std::vector<Block3> diagonal_, below_;  // D^-1 and L once factorised
-  std::vector<Block3> scaled_;           // W of one pivot
-  std::vector<Vec3> right_;              // of a solution, by place
+  std::vector<Block3> scaled_;            // W of one pivot
+  std::vector<Vec3> right_;               // of a solution, by place
 };
 
 }  // namespace bt

@@ -6,7 +6,8 @@ namespace bt {
 
 BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction) {
   const double dt = context.dt;
-  const bool history = c.dt_before > 0;
+  // What touches something has velocities that jump: they are not to be extrapolated.
+  const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt && c.smooth;
   c.smooth = true;
   c.b = two ? 2 * dt / 3 : dt;

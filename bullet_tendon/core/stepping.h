@@ -42,6 +42,7 @@ struct Group {
   SparseFactor factor;
   SparseFactor::Edges edges;
   std::vector<int> offset;
+  bool patterned = false;  // the pattern is of this group
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;

@@ -78,6 +78,7 @@ class World {
   void forget_planes();
   void aim_attachments(Chain& c);
   // parts.cpp
+  bool can_carry() const;
   bool can_split() const;
   void begin_part();
   Outcome shrink(double share);
