@@ -38,6 +38,7 @@ class TendonWorld:
         self._tunnels: dict[int, Tunnel] = {}
         self._count = 0
         self._wrenches = np.zeros((0, 6))
+        self._dt, self._last_gravity = 0.0, np.zeros(3)  # of the last step
         self.options = SolverOptions() if options is None else options
         self.report = StepReport()
 
@@ -170,6 +171,8 @@ class TendonWorld:
             start = perf_counter()
             p.stepSimulation(self._client)
             self.report.seconds["bullet"] = perf_counter() - start
+            if self._core.any_held():
+                self._sense(self._dt, self._last_gravity)
 
     def apply(self) -> None:
         """step without p.stepSimulation, for a script that owns its loop: call it just before.
@@ -203,7 +206,9 @@ class TendonWorld:
         """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield."""
         clock = Clock()
         if self._bodies.links:
-            self._core.set_links(self._bodies.table(dt, gravity, held))
+            self._sense(dt, gravity, held)
+        if not held:
+            self._dt, self._last_gravity = dt, gravity
         self._core.begin(dt, gravity, held)
         clock.enter("sense")
         try:
@@ -217,6 +222,37 @@ class TendonWorld:
             self._wrenches = self._core.wrenches()
         clock.enter("react")
         self.report = StepReport.read(self._core.report(), clock.seconds, self._names())
+
+    def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
+        """Where links are and how they answer; what was let go in the last step is put right."""
+        self._core.set_links(self._bodies.table())
+        self._core.sense(dt, gravity, held)
+        if held:
+            return
+        for slot in self._core.held_links():
+            if not self._bodies.can_be_held(slot):
+                self._core.let_go(slot)
+        self._mend()
+
+    def _mend(self) -> None:
+        """Take back a step that pulled at links as held which had been let go, and put it right.
+
+        The step is solved again with the free response of these links, and they get the difference of
+        the impulses, as if that had acted in the first place.
+        """
+        released = self._core.rewind()
+        if not released:
+            return
+        before = self._wrenches.copy()
+        self._core.begin(self._dt, self._last_gravity, False)
+        self._go_through(Clock())
+        self._core.finish()
+        self._wrenches = self._core.wrenches()
+        for slot in self._core.pushable():
+            self._bodies.exchange(slot, before[slot], self._wrenches[slot], self._dt)
+        self._core.set_links(self._bodies.table())
+        self._core.refresh_links()
+        self._core.sense(self._dt, self._last_gravity, False)
 
     def _go_through(self, clock) -> None:
         """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""

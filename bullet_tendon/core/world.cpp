@@ -50,7 +50,9 @@ void World::forget_contacts() {
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to
 // them as the link does: with W its mobility, a force F moves it by dt^2 W F within the step. Those
-// that touch one link share its response, which is the stable side of counting it once.
+// that touch one link share its response: the wrench w of the last step goes on, and each counts the
+// change of its own force as often as there are others, dt^2 (A w + m W (F - F_last)), which is the stable
+// side and leaves the equilibrium exact.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
@@ -61,8 +63,65 @@ void World::aim_attachments(Chain& c) {
     h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
     Sym3 w = (whole_dt_ * whole_dt_ * std::max(1, link.touches)) * link.mobility(p);
-    double least = 1e-6 * (w.xx + w.yy + w.zz) + 1e-300;  // a joint yields in some directions only
-    h.stiffness = inverse(w + identity(least));
+    if (link.touches > 1) h.aim += (context_.dt * whole_dt_) * link.last_acceleration(p) - w * h.step_force;
+    // Joints, and what holds a link, leave it some directions only.
+    const double least = kRank * whole_dt_ * whole_dt_ * trace(link.free_mobility(p)) + 1e-300;
+    h.stiffness = w + identity(least);
+    invert_definite(h.stiffness);
+  }
+}
+
+void World::sense(double dt, Vec3 gravity, bool held) {
+  context_.dt = dt, context_.gravity = gravity;
+  for (Link& l : links) {
+    if (held || !l.yields) {
+      l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
+      l.yields &= !held;
+      continue;
+    }
+    const Vec3 v = l.now_velocity, w = l.now_spin, g = l.falls ? gravity : Vec3{};
+    Six6 free;
+    std::copy(&l.free[0][0], &l.free[0][0] + 36, &free.m[0][0]);
+    const Vec3 t = l.gyration;  // of the step before
+    l.observer.see({{v.x, v.y, v.z, w.x, w.y, w.z}}, free, {{g.x, g.y, g.z, t.x, t.y, t.z}});
+    l.gyration = l.falls ? l.gyroscopic() : Vec3{};
+    l.foresee(dt, gravity);
+  }
+}
+
+void World::let_go(int link) {
+  links[link].observer.let_go();
+  links[link].foresee(context_.dt, context_.gravity);
+}
+
+bool World::any_held() const {
+  for (const Link& l : links)
+    if (l.observer.held()) return true;
+  return false;
+}
+
+std::vector<int> World::rewind() {
+  std::vector<int> released;
+  for (size_t i = 0; i < links.size(); ++i)
+    if (links[i].observer.released()) released.push_back(static_cast<int>(i));
+  if (released.empty() || before_chains_.size() != chains.size()) return {};
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c] && before_chains_[c]) *chains[c] = *before_chains_[c];
+  memory_ = before_memory_;
+  for (size_t i = 0; i < before_links_.size(); ++i) {
+    const Observer observer = links[i].observer;
+    links[i] = before_links_[i];
+    links[i].observer = observer;
+  }
+  for (int i : released) links[i].observer.let_go(), links[i].foresee(whole_dt_, context_.gravity);
+  rows_.clear();
+  return released;
+}
+
+void World::refresh_links() {
+  for (Link& l : links) {
+    const Vec3 v = l.now_velocity, w = l.now_spin;
+    l.observer.refresh({{v.x, v.y, v.z, w.x, w.y, w.z}});
   }
 }
 
@@ -72,6 +131,8 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   backup_.clear();
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
+  before_chains_.clear();
+  if (any_held()) before_chains_ = copies(), before_memory_ = memory_, before_links_ = links;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;

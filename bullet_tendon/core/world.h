@@ -61,6 +61,16 @@ class World {
   // Forgets contacts, planes and memberships, after things were moved from outside.
   void forget_contacts();
 
+  // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
+  void sense(double dt, Vec3 gravity, bool held);
+  // Links that were let go in the last step, which was solved as if they were held; then everything is
+  // taken back to before that step, with these links free. Empty: nothing has been changed.
+  std::vector<int> rewind();
+  bool any_held() const;
+  // Nothing can hold the link.
+  void let_go(int link);
+  // Their twists were set from outside.
+  void refresh_links();
   // whole: not in parts, whatever happens (for steps whose length means nothing).
   void begin(double dt, Vec3 gravity, bool whole);
   const std::vector<Query>& near();
@@ -82,7 +92,7 @@ class World {
   bool can_split() const;
   void begin_part();
   Outcome shrink(double share);
-  void back_up();
+  std::vector<std::unique_ptr<Chain>> copies() const;
   bool strayed();
   bool take_new_rows();
   void next_part();
@@ -123,6 +133,10 @@ class World {
   bool unsettled_ = false;     // a group with contacts did not converge
   std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
   std::vector<ContactMemory> backup_memory_;
+  // The state before the last step, kept while something holds a link.
+  std::vector<std::unique_ptr<Chain>> before_chains_;
+  std::vector<ContactMemory> before_memory_;
+  std::vector<Link> before_links_;
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
