@@ -174,6 +174,11 @@ PYBIND11_MODULE(_core, m) {
       .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
       .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })
+      .def("set_point_mass",
+           [](World& w, int c, int i, double m) {
+             w.chains[c]->set_point_mass(i, m);
+             w.chains[c]->smooth = false;
+           })
       .def("set_stiffness_scale",
            [](World& w, int c, const Array& scale) { w.chains[c]->set_stiffness_scale(list_of(scale)); })
       .def("tension",

@@ -14,6 +14,7 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
   if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
+  point_mass.assign(n_, 0.0);
   scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);
   slack.assign(n_, 0.0);
@@ -32,12 +33,17 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
 
 void Chain::set_rest(const std::vector<double>& lengths) {
   rest = lengths;
-  std::fill(mass.begin(), mass.end(), 0.0);
+  mass = point_mass;
   for (int k = 0; k + 1 < n_; ++k) {
     double half = 0.5 * material.linear_density * rest[k];
     mass[k] += half, mass[k + 1] += half;
   }
   share_out();
+}
+
+void Chain::set_point_mass(int particle, double kilograms) {
+  point_mass[particle] = kilograms;
+  set_rest(std::vector<double>(rest));
 }
 
 void Chain::set_stiffness_scale(const std::vector<double>& s) {

@@ -52,6 +52,8 @@ class Chain {
   int n() const { return n_; }
   // Rest lengths of the segments [m]; masses and spring constants follow.
   void set_rest(const std::vector<double>& rest);
+  // A weight on a particle beside the tendon's own mass [kg]; 0: none.
+  void set_point_mass(int particle, double kilograms);
   // Shares of the cross-section's stiffness by segment, 1 where uniform.
   void set_stiffness_scale(const std::vector<double>& scale);
   // At rest where it is, its multipliers kept.
@@ -73,7 +75,8 @@ class Chain {
   Material material;
   Field x, v;   // state
   Field force;  // constant external force [N]
-  std::vector<double> mass;
+  std::vector<double> mass;        // of the particles, point masses included
+  std::vector<double> point_mass;  // what was put on them
   std::vector<double> rest;  // of the segments
   std::vector<double> scale;
   SpringSet structure, shear;
