@@ -1,4 +1,4 @@
-"""Weights on particles: in masses, gravity, momentum and energy, whatever is reeled in, and what is refused."""
+"""Weights on particles: in masses, gravity, momentum and energy, when reeled in, and what is refused."""
 
 import math
 

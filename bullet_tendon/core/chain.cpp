@@ -6,9 +6,27 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f :
-       {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual, &anchor_x,
-        &anchor_v, &goal, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image, &foreseen})
+  for (Field* f : {&x,
+                   &v,
+                   &force,
+                   &start_x,
+                   &start_v,
+                   &x_before,
+                   &v_before,
+                   &next,
+                   &step,
+                   &residual,
+                   &anchor_x,
+                   &anchor_v,
+                   &goal,
+                   &cg_remainder,
+                   &cg_preconditioned,
+                   &cg_direction,
+                   &cg_image,
+                   &foreseen,
+                   &acceleration,
+                   &stage_x,
+                   &stage_v})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
