@@ -34,7 +34,7 @@ class Problem:
     """A tendon released at time 0.
 
     build: puts it into a scene, and returns it. scale [m]: what errors are relative to. duration [s].
-    held: its gripped particles; bob: what hangs on the last one [kg]. coarsest: steps, at least.
+    held: its gripped particles; bob: the body that hangs on the last one, if any [kg]. coarsest: steps, at least.
     reference: scipy's method, and its relative tolerance.
     """
 
@@ -83,9 +83,17 @@ def _tendon(scene, end, particles, length, mass, **material):
 
 
 def _pendulum(scene):
-    """At rest at 60 degrees, as long as the bob's weight along it makes it."""
-    stretch = 1 + BOB * GRAVITY * math.cos(ANGLE) / STIFF
-    end = LENGTH * np.array([math.sin(ANGLE), 0.0, -math.cos(ANGLE)])
+    """At rest at 60 degrees, as long as the bob's weight along it makes it; the bob is a point mass."""
+    end, stretch = _hanging_end()
+    tendon = _tendon(scene, end, 12, LENGTH, TENDON, stiffness=STIFF, damping=DAMPING_TIME * STIFF)
+    tendon.set_point_mass(-1, BOB)
+    tendon.set_positions(stretch * tendon.positions)
+    return tendon
+
+
+def _pendulum_with_body(scene):
+    """The same with a pybullet body as its bob, which pybullet's own first-order integrator moves."""
+    end, stretch = _hanging_end()
     shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=scene.client)
     bob = p.createMultiBody(BOB, shape, -1, (stretch * end).tolist(), physicsClientId=scene.client)
     p.changeDynamics(bob, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
@@ -93,6 +101,12 @@ def _pendulum(scene):
     tendon.set_positions(stretch * tendon.positions)
     tendon.attach(-1, bob, position=(0, 0, 0))
     return tendon
+
+
+def _hanging_end():
+    """Where it ends without load (3,) [m], and by how much the bob's weight along it stretches it [-]."""
+    end = LENGTH * np.array([math.sin(ANGLE), 0.0, -math.cos(ANGLE)])
+    return end, 1 + BOB * GRAVITY * math.cos(ANGLE) / STIFF
 
 
 def _whip(scene):
@@ -129,7 +143,17 @@ def oscillator_period() -> float:
 
 
 PROBLEMS = (
-    Problem("stiff pendulum", _pendulum, LENGTH, 1.0, (0,), ("Radau", 1e-7), -GRAVITY, BOB),
+    Problem("stiff pendulum", _pendulum, LENGTH, 1.0, (0,), ("Radau", 1e-7), -GRAVITY),
+    Problem(
+        "pendulum with a pybullet bob",
+        _pendulum_with_body,
+        LENGTH,
+        1.0,
+        (0,),
+        ("Radau", 1e-7),
+        -GRAVITY,
+        BOB,
+    ),
     Problem("released whip", _whip, WHIP["length"], 0.2, (0,), ("Radau", 1e-7), -GRAVITY, coarsest=SAMPLES),
     Problem("power-law oscillator", _oscillator, SPRING["amplitude"], 1.0, (0,), ("DOP853", 1e-12)),
     Problem("plucked string", _string, STRING["pluck"], 0.1, (0, -1), ("DOP853", 1e-9), coarsest=SAMPLES),
