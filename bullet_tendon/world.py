@@ -209,7 +209,7 @@ class TendonWorld:
             self._sense(dt, gravity, held)
         if not held:
             self._dt, self._last_gravity = dt, gravity
-        self._core.begin(dt, gravity, held)
+        self._core.begin(dt, *gravity, held)
         clock.enter("sense")
         try:
             self._go_through(clock)

@@ -34,7 +34,7 @@ class Problem:
     """A tendon released at time 0.
 
     build: puts it into a scene, and returns it. scale [m]: what errors are relative to. duration [s].
-    held: its gripped particles; bob: the body that hangs on the last one, if any [kg]. coarsest: steps, at least.
+    held: its gripped particles; bob: the body on the last one, if any [kg]. coarsest: steps, at least.
     reference: scipy's method, and its relative tolerance.
     """
 
