@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from bullet_tendon.scenarios.benchmarks import harness, peers, problems, speed, work_precision
+from bullet_tendon.scenarios.benchmarks import cylinder, harness, peers, problems, speed, work_precision
 from bullet_tendon.scenarios.benchmarks.chain_ode import PLANE, ChainOde
 
 import bullet_tendon as bt
@@ -129,3 +129,19 @@ def test_the_hanging_curve_is_where_finer_and_finer_chains_hang(make_world):
         away.append(np.abs(tendon.positions[:, PLANE] - curve).max())
     assert away[1] < 2e-4 * peers.LENGTH
     assert away[0] / away[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_over_the_cylinder_the_reference_slides_as_two_weights_do():
+    """Without friction and with a light tendon: (m2 - m1) g / (m1 + m2), both weights alike."""
+    problem = next(q for q in problems.PROBLEMS if q.contact)
+    duration, (left, right) = 0.05, cylinder.WEIGHTS
+    with problem.scene(1.0) as scene:
+        tendon = problem.start(scene)
+        x = tendon.positions[:, PLANE]
+        ode = problem.ode(tendon)
+        moved = ode.solve(x, 0 * x, [duration], "Radau", 1e-5)[0] - x
+    hanging = cylinder.MASS * (x[-1, 1] - x[0, 1]) / cylinder.LENGTH  # less on the right
+    pull = (right - left - hanging) * cylinder.GRAVITY / (left + right + cylinder.MASS)
+    assert np.linalg.norm(x + moved, axis=1).min() > cylinder.CLEAR - 2e-5
+    assert -moved[-1, 1] == pytest.approx(0.5 * pull * duration**2, rel=0.05)
+    assert moved[0, 1] == pytest.approx(-moved[-1, 1], rel=0.05)

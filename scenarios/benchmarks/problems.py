@@ -13,13 +13,13 @@ from bullet_tendon.scenarios.scene import Scene
 
 import bullet_tendon as bt
 
-from .chain_ode import PLANE, ChainOde
+from . import cylinder
+from .chain_ode import GRAVITY, PLANE, ChainOde
 
 RADIUS = 1e-4  # m
 LENGTH = 0.3  # m
 TENDON = 0.0169  # kg: 0.3 m of a tendon of radius 4 mm and 1120 kg/m^3
 STIFF = 3e4  # N
-GRAVITY = 9.81  # m/s^2
 BOB = 1.0  # kg
 ANGLE = math.radians(60)  # of the pendulum with the vertical at the start
 DAMPING_TIME = 1e-4  # s: damping over stiffness, of the stiff tendons
@@ -35,6 +35,7 @@ class Problem:
 
     build: puts it into a scene, and returns it. scale [m]: what errors are relative to. duration [s].
     held: its gripped particles; bob: the body on the last one, if any [kg]. coarsest: steps, at least.
+    contact: forces of what it touches, for the reference (x, v, softer).
     reference: scipy's method, and its relative tolerance.
     """
 
@@ -46,6 +47,7 @@ class Problem:
     reference: tuple[str, float]
     gravity: float = 0.0
     bob: float = 0.0
+    contact: Callable | None = None
     coarsest: int = 4 * SAMPLES
 
     def scene(self, time_step, solver=None) -> Scene:
@@ -58,21 +60,22 @@ class Problem:
             tendon.grip(particle)
         return tendon
 
-    def ode(self, tendon) -> ChainOde:
-        """The same tendon's equations; the bob is part of the last particle."""
+    def ode(self, tendon, softer: float = 1.0) -> ChainOde:
+        """The same tendon's equations; the bob is part of the last particle. softer: contacts."""
         masses = tendon.masses
         masses[-1] += self.bob
         rest = np.full(tendon.particles - 1, tendon.rest_length / (tendon.particles - 1))
-        return ChainOde(masses, rest, tendon.material, self.held, self.gravity)
+        contact = self.contact and (lambda x, v: self.contact(x, v, softer))
+        return ChainOde(masses, rest, tendon.material, self.held, self.gravity, contact)
 
     def solution(self, coarser: float = 1.0) -> np.ndarray:
-        """(SAMPLES, n, 2) the reference [m]; coarser: factor of its tolerance."""
+        """(SAMPLES, n, 2) the reference [m]; coarser: factor of its tolerance, and softer contacts."""
         method, tolerance = self.reference
         times = self.duration * np.arange(1, SAMPLES + 1) / SAMPLES
         with self.scene(self.duration) as scene:
             tendon = self.start(scene)
             x = tendon.positions[:, PLANE]
-            return self.ode(tendon).solve(x, np.zeros_like(x), times, method, coarser * tolerance)
+            return self.ode(tendon, coarser).solve(x, np.zeros_like(x), times, method, coarser * tolerance)
 
 
 def _tendon(scene, end, particles, length, mass, **material):
@@ -157,4 +160,14 @@ PROBLEMS = (
     Problem("released whip", _whip, WHIP["length"], 0.2, (0,), ("Radau", 1e-7), -GRAVITY, coarsest=SAMPLES),
     Problem("power-law oscillator", _oscillator, SPRING["amplitude"], 1.0, (0,), ("DOP853", 1e-12)),
     Problem("plucked string", _string, STRING["pluck"], 0.1, (0, -1), ("DOP853", 1e-9), coarsest=SAMPLES),
+    Problem(
+        "over a cylinder",
+        cylinder.build,
+        cylinder.LENGTH,
+        cylinder.DURATION,
+        (),
+        ("Radau", 1e-7),
+        -GRAVITY,
+        contact=cylinder.contact_forces,
+    ),
 )
