@@ -9,6 +9,7 @@ from bullet_tendon.scenarios.benchmarks import cylinder, harness, peers, problem
 from bullet_tendon.scenarios.benchmarks.chain_ode import PLANE, ChainOde
 
 import bullet_tendon as bt
+from bullet_tendon import _core
 
 
 def numbers(item):
@@ -145,3 +146,12 @@ def test_over_the_cylinder_the_reference_slides_as_two_weights_do():
     assert np.linalg.norm(x + moved, axis=1).min() > cylinder.CLEAR - 2e-5
     assert -moved[-1, 1] == pytest.approx(0.5 * pull * duration**2, rel=0.05)
     assert moved[0, 1] == pytest.approx(-moved[-1, 1], rel=0.05)
+
+
+def test_the_core_counts_what_it_asks_for_and_asks_for_nothing_in_a_step():
+    before = _core.allocated_bytes()
+    with speed.Scene(time_step=speed.TIME_STEP, gravity=-speed.GRAVITY, solver=bt.SolverOptions()) as scene:
+        speed._build(scene, 60, 0.1, 0.004)
+        assert _core.allocated_bytes() - before > 60 * 8 * 30  # it does count
+        scene.world.step(5)
+        assert speed._core_allocated(scene) == 0

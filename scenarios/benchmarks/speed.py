@@ -7,8 +7,8 @@ that are no shorter than thick, so that this search ends at once, at every n. "d
 factorisation and solution, by scipy's LAPACK, of a symmetric positive definite band matrix of the
 same size and bandwidth, assembled from the tendon's own state: mass/dt^2 and the springs' blocks.
 Both are timed by turns in one process. The Python side is all of world.apply() but that room. Bytes
-are what the core asks the heap for in a whole apply() (its operator new counts), and, apart from them,
-what Python holds at most in one beyond what it held before (by tracemalloc).
+are what the core asks the heap for in a step (its operator new counts), and, apart from them, what Python
+holds at most in one apply() beyond what it held before (by tracemalloc).
 """
 
 import tracemalloc
@@ -64,7 +64,7 @@ def table(record) -> list[str]:
         )
     for variant, growth in record["growth_exponent"].items():
         lines.append(f"time of a step grows with n to the power {growth:.3f}: {variant}")
-    lines.append("medians over the steps; bytes: asked for by the core in one apply(); and Python's peak")
+    lines.append("medians over the steps; bytes: asked for by the core in a step; and Python's peak")
     return lines
 
 
@@ -183,9 +183,12 @@ def _time_lapack(tendon, share) -> float:
 
 
 def _core_allocated(scene) -> int:
-    """Bytes that the core asked for in one apply(), freed or not."""
+    """Bytes that the core asked for in one step, freed or not: begin, solve and finish of its world."""
+    core = scene.world._core
     before = _core.allocated_bytes()
-    scene.world.apply()
+    core.begin(TIME_STEP, 0.0, 0.0, -GRAVITY, False)
+    core.solve()
+    core.finish()
     return _core.allocated_bytes() - before
 
 
