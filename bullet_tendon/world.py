@@ -244,7 +244,7 @@ class TendonWorld:
         if not released:
             return
         before = self._wrenches.copy()
-        self._core.begin(self._dt, self._last_gravity, False)
+        self._core.begin(self._dt, *self._last_gravity, False)
         self._go_through(Clock())
         self._core.finish()
         self._wrenches = self._core.wrenches()
