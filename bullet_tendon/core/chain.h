@@ -38,6 +38,7 @@ struct Hold {
   Vec3 kept_force;       // mean_force of the part before [N]
   Vec3 sum_force;        // of the parts that are done, by their share of the step [N]
   Vec3 step_force;       // on the holder, averaged over the last step [N]
+  Vec3 usual_force;      // its slow average over the last steps [N]
 };
 
 // What springs carry over from one step to the next.

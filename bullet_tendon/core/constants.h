@@ -95,6 +95,11 @@ constexpr double kRunaway = 1e12;
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 
+// Share of the last step in the slow averages of wrenches on links with several attachments [-]. Larger:
+// the averages lag behind by less than the links swing, and feed their swing. Smaller: tensions take
+// longer to become exact at rest.
+constexpr double kUsual = 0.02;
+
 // Share of a held link's free answer, along the wrench, by which it has to exceed what was foreseen for
 // it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
 constexpr double kReleased = 0.2;
@@ -128,6 +133,10 @@ constexpr int kFarthestLeaf = 64;
 // What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:
 // more looks.
 constexpr double kSlack = 0.05;
+
+// Motion along a reused plane, over the distance from it [-]. Larger: the normal lags behind what slides
+// over a round bone, and holds it back like friction. Smaller: more queries.
+constexpr double kTilt = 2e-3;
 
 // A step looks again for contacts at most this often. Fewer: contacts that appear one after another
 // are met a step late.

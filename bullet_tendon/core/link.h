@@ -17,17 +17,17 @@ struct Link {
   double response[6][6] = {};   // the same, of what something else leaves free
   Vec3 gyration;                // its gyroscopic acceleration in this step [rad/s^2]
   Observer observer;
-  int touches = 0;               // contacts and attachments that shared the response in the last step
-  int touching = 0;              // the same, counted in this step
-  Vec3 force, torque;            // wrench about the centre of mass [N], [N m]
-  Vec3 last_force, last_torque;  // of the step before
+  int touches = 0;                 // contacts and attachments that shared the response in the last step
+  int touching = 0;                // the same, counted in this step
+  Vec3 force, torque;              // wrench about the centre of mass [N], [N m]
+  Vec3 usual_force, usual_torque;  // their slow averages over the last steps
 
   // Velocity and response of the step, from what was observed of the link.
   void foresee(double dt, Vec3 gravity);
   // -I^-1 (w x I w) of a free body, by the angular block I^-1 of its response [rad/s^2].
   Vec3 gyroscopic() const;
-  // Acceleration of the point p by the wrench of the last step [m/s^2].
-  Vec3 last_acceleration(Vec3 p) const;
+  // Acceleration of the point p by the usual wrench [m/s^2].
+  Vec3 usual_acceleration(Vec3 p) const;
   // The impulse j at the point p changes its motion, as if it was alone.
   void push(Vec3 j, Vec3 p);
   // Goes on for dt.
@@ -61,8 +61,9 @@ inline Vec3 Link::gyroscopic() const {
   return -(turning * cross(now_spin, inverse(turning) * now_spin));
 }
 
-inline Vec3 Link::last_acceleration(Vec3 p) const {
-  const double w[6] = {last_force.x, last_force.y, last_force.z, last_torque.x, last_torque.y, last_torque.z};
+inline Vec3 Link::usual_acceleration(Vec3 p) const {
+  const double w[6] = {usual_force.x,  usual_force.y,  usual_force.z,
+                       usual_torque.x, usual_torque.y, usual_torque.z};
   double a[6] = {};
   for (int r = 0; r < 6; ++r)
     for (int c = 0; c < 6; ++c) a[r] += response[r][c] * w[c];

@@ -153,11 +153,15 @@ void World::finish() {
   report_.substeps = std::max(report_.substeps, parts_);
   for (Link& l : links) {
     const Vec3 f = l.force, t = l.torque;
-    l.last_force = f, l.last_torque = t;
+    l.usual_force += kUsual * (f - l.usual_force), l.usual_torque += kUsual * (t - l.usual_torque);
     l.observer.act({{f.x, f.y, f.z, t.x, t.y, t.z}}, whole_dt_);
   }
   for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      Hold& h = c->holds[i];
+      h.step_force = h.sum_force;
+      h.usual_force += kUsual * (h.step_force - h.usual_force);
+    }
 }
 
 void World::cancel() {

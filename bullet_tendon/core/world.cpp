@@ -50,9 +50,9 @@ void World::forget_contacts() {
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to
 // them as the link does: with W its mobility, a force F moves it by dt^2 W F within the step. Those
-// that touch one link share its response: the wrench w of the last step goes on, and each counts the
-// change of its own force as often as there are others, dt^2 (A w + m W (F - F_last)), which is the stable
-// side and leaves the equilibrium exact.
+// m that touch one link share its response: each counts its own change as often as there are others, and
+// only the slow averages of wrench and force are counted for what they are, dt^2 (A w~ + m W (F - F~)).
+// The equilibrium is exact then; the last wrench in place of its average would be unstable.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
@@ -63,7 +63,7 @@ void World::aim_attachments(Chain& c) {
     h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
     Sym3 w = (whole_dt_ * whole_dt_ * std::max(1, link.touches)) * link.mobility(p);
-    if (link.touches > 1) h.aim += (context_.dt * whole_dt_) * link.last_acceleration(p) - w * h.step_force;
+    if (link.touches > 1) h.aim += (context_.dt * whole_dt_) * link.usual_acceleration(p) - w * h.usual_force;
     // Joints, and what holds a link, leave it some directions only.
     const double least = kRank * whole_dt_ * whole_dt_ * trace(link.free_mobility(p)) + 1e-300;
     h.stiffness = w + identity(least);
