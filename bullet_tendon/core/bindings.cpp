@@ -208,7 +208,7 @@ PYBIND11_MODULE(_core, m) {
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })
       .def("set_links", &set_links)
       .def("add_shape", &add_shape)
-      .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
+      .def("remove_shape", &World::remove_shape)
       .def("add_tunnel",
            [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
@@ -220,6 +220,13 @@ PYBIND11_MODULE(_core, m) {
                          const Array& u) { w.answers(d.data(), points.data(), u.data()); })
       .def("solve", &World::solve, release())
       .def("finish", &World::finish, release())
+      .def("roll_back", &World::roll_back)
+      .def("save",
+           [](World& w) {
+             std::vector<char> state = w.save();
+             return py::bytes(state.data(), state.size());
+           })
+      .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
       .def("wrenches", &wrenches)
       .def("report", &report)
       .def("contacts", &contacts);

@@ -33,7 +33,6 @@ struct Hold {
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
   Vec3 mean_force;       // the same, averaged over the parts of a split step [N]
-  Vec3 kept_force;       // mean_force before the step [N]
 };
 
 class Chain {
@@ -54,8 +53,8 @@ class Chain {
   // the forces of an equilibrium that is far away: a tendon taken to be tight falls into shape.
   void guess_multipliers(Vec3 gravity);
   // Force carried by every cross-section: the sum over the springs that cross segment k [N].
-  void tension(std::vector<double>& out);
-  double energy();  // elastic and kinetic [J]
+  void tension(std::vector<double>& out) const;
+  double energy() const;  // elastic and kinetic [J]
 
   double radius, friction;
   Material material;
@@ -91,6 +90,8 @@ class Chain {
   int worst_particle = 0;
 
  private:
+  template <class A>
+  friend void fields(A& a, Chain& chain);  // state.h
   void share_out();
   int n_;
 };

@@ -91,13 +91,4 @@ void converged_step(Group& group, const StepContext& context) {
   if (!group.converged) in_parts(group, context);
 }
 
-void forget_step(Group& group) {
-  for (Chain* c : group.chains) {
-    c->gathered = c->split = false;
-    c->x_before = c->x, c->v_before = c->v;  // parts of the step may have been taken
-    c->reset_history();
-    for (Hold& h : c->holds) h.mean_force = h.kept_force;
-  }
-}
-
 }  // namespace bt

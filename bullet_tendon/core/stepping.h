@@ -51,8 +51,6 @@ void finish_step(Chain& c, const StepContext& context);
 
 // Implicit, converged: whole, and where that fails in parts.
 void converged_step(Group& group, const StepContext& context);
-// After a step that is not to be finished: multipliers and history from the state as it is.
-void forget_step(Group& group);
 // One Newton solution at chain.next; the safeguard is used only if asked for.
 void newton(Group& group, const StepContext& context, bool safeguarded);
 void single_linearisation(Group& group, const StepContext& context);  // implicit, as published

@@ -6,9 +6,10 @@
 //   solve      each group of touching tendons by itself
 //   finish     new states, memories, and one wrench per touched link
 //
-// Nothing changes before finish: a step that fails leaves the state as it was.
+// A step that fails, or is given up before finish, is taken back (roll_back): all is as it was.
 #pragma once
 #include <memory>
+#include <stdexcept>
 #include <vector>
 
 #include "near.h"
@@ -40,7 +41,7 @@ struct Report {
 class World {
  public:
   Options options;
-  // Slots keep their numbers; a removed one is empty.
+  // Slots keep their numbers; a removed one is empty, and the next addition takes it.
   std::vector<std::unique_ptr<Chain>> chains;
   std::vector<Link> links;
   std::vector<Shape> shapes;
@@ -50,6 +51,7 @@ class World {
   int add_chain(std::unique_ptr<Chain> chain);
   void remove_chain(int slot);
   int add_shape(const Shape& shape);
+  void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
   // Forgets contacts, planes and memberships, after things were moved from outside.
@@ -58,14 +60,29 @@ class World {
   void begin(double dt, Vec3 gravity);
   const std::vector<Query>& near();
   void answers(const double* distance, const double* points, const double* u);
-  // false: not finite, state unchanged.
+  // false: not finite; the step has been rolled back.
   bool solve();
   void finish();
+  // Everything as it was before begin; nothing where no step has begun.
+  void roll_back();
+
+  // All state as bytes (state.h lists it), and back. restore throws std::runtime_error, and changes
+  // nothing, unless the bytes are whole and the world is made of the same parts.
+  std::vector<char> save();
+  void restore(const char* from, size_t size);
 
   const Report& report() const { return report_; }
   std::vector<ContactRecord> contacts() const;
 
  private:
+  template <class A>
+  void moving_fields(A& a);  // state.h
+  template <class A>
+  void all_fields(A& a);
+  void keep();
+  void size_caches();
+  template <class Which>
+  void forget_memory(Which which);
   void forget_planes();
   void aim_attachments(Chain& c);
   // contacts.cpp
@@ -104,6 +121,15 @@ class World {
   std::vector<Group> groups_;
   std::vector<int> group_of_;
   Report report_;
+
+  // As it was before the step that has begun.
+  struct KeptEntry {
+    int chain, shape, feature;
+    Entry entry;
+  };
+  std::vector<char> kept_moving_;
+  std::vector<KeptEntry> kept_entries_;
+  std::vector<Row> kept_rows_;
 };
 
 }  // namespace bt
