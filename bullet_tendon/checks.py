@@ -4,6 +4,7 @@ They run before anything changes, so that a refused call leaves no trace.
 """
 
 import numbers
+import os
 
 import numpy as np
 
@@ -81,6 +82,13 @@ def text(argument: str, value) -> str:
     if not value:
         raise InvalidValue(argument, value, "a non-empty string")
     return value
+
+
+def path(argument: str, value) -> str:
+    """A path, as a string."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise InvalidType(argument, value, "a path")
+    return str(os.fspath(value))
 
 
 def _range_text(what, above, at_least, at_most) -> str:

@@ -94,6 +94,11 @@ class Tendon:
         """Elastic and kinetic energy [J]."""
         return self._core.energy(self._alive())
 
+    @property
+    def holds(self) -> tuple[Grip | Attachment, ...]:
+        """Its grips and attachments that were not released, by particle."""
+        return tuple(self._holds[i] for i in sorted(self._holds))
+
     def attach(self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position=None) -> Attachment:
         """Tie a particle (negative: from the end) to a point of a link.
 
@@ -111,7 +116,7 @@ class Tendon:
         link = bodies.slot(bodyUniqueId, linkIndex)
         number = self._world._next_number()
         self._core.add_attachment(self._slot, number, index, link, local)
-        hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local)
+        hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local, link)
         self._holds[index] = hold
         return hold
 

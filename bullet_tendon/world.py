@@ -1,6 +1,8 @@
 """TendonWorld: the plug-in beside a pybullet client. One step in five rooms (see step)."""
 
 import math
+import warnings
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -8,7 +10,8 @@ import pybullet as p
 
 from . import _core, checks
 from .bodies import Bodies, client_of
-from .errors import InvalidType, InvalidValue, StepFailed, UnknownId
+from .errors import InvalidType, InvalidValue, StepFailed, StepWarning, UnknownId
+from .holds import Attachment
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
@@ -16,6 +19,8 @@ from .options import SolverOptions
 from .relaxation import relax
 from .report import CONTACT, StepReport, contact_table
 from .sampling import particle_positions
+from .snapshot import pack, unpack
+from .state import State, capture, hash_of, put_back
 from .tendon import Tendon
 from .tunnels import Tunnel
 
@@ -29,12 +34,15 @@ class TendonWorld:
 
     def __init__(self, physicsClientId=0, options: SolverOptions | None = None):
         self._client = client_of(physicsClientId)
+        self._connection = physicsClientId  # a BulletClient disconnects when nobody keeps it
         self._core = _core.World()
         self._bodies = Bodies(self._client)
+        self._bodies.in_use = self._links_in_use
         self._obstacles = Obstacles(self._core, self._bodies)
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
         self._count = 0
+        self._states: dict[int, State] = {}
         self._wrenches = np.zeros((0, 6))
         self.options = SolverOptions() if options is None else options
         self.report = StepReport()
@@ -139,7 +147,8 @@ class TendonWorld:
         name = f"tunnel{self._next_number()}" if name is None else checks.text("name", name)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
-        tunnel = Tunnel(int(bodyUniqueId), int(linkIndex), start, end, radius, mu, chamfer, name, slot)
+        where = (int(bodyUniqueId), int(linkIndex), start, end)
+        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link)
         self._tunnels[slot] = tunnel
         return tunnel
 
@@ -174,7 +183,8 @@ class TendonWorld:
 
         Raises StepFailed, with the tendons as they were, where the step has no finite solution.
         """
-        self._solve(p.getPhysicsEngineParameters(self._client)["fixedTimeStep"], self._gravity())
+        if not self._solve(*self._step_and_gravity()):
+            return
         if self._bodies.links:
             start = perf_counter()
             self._bodies.apply(self._wrenches)
@@ -193,27 +203,98 @@ class TendonWorld:
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
         relax(self, tolerance, checks.integer("max_steps", max_steps, at_least=1))
 
-    def _gravity(self) -> np.ndarray:
-        parameters = p.getPhysicsEngineParameters(self._client)
-        return np.array([parameters["gravityAcceleration" + c] for c in "XYZ"])
+    def save_state(self) -> int:
+        """Keep all state of the tendons in memory; returns an id for restore_state and remove_state.
 
-    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
-        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield."""
+        Positions, velocities, the integrator's history, multipliers, friction anchors, contact planes,
+        memberships of tunnels, rest lengths, forces, holds and the last step's contacts. Not: the
+        options, and pybullet's bodies, for which p.saveState stands beside it; that in turn does not
+        keep forces that were applied and not stepped yet, the time step, gravity, motor commands and
+        bodies added or removed since.
+        """
+        number = self._next_number()
+        self._states[number] = capture(self)
+        return number
+
+    def restore_state(self, state: int) -> None:
+        """Put the state of save_state back; it can be put back any number of times.
+
+        Together with p.restoreState the run then goes on with the same bits. Grips and attachments
+        made since are released; those released since hold again, and their handles with them.
+        Raises UnknownId, or StateMismatch where tendons, tunnels or obstacles were added, removed
+        or replaced, or bodies that they refer to removed, since; then nothing has changed.
+        """
+        put_back(self, self._states[self._known_state(state)], "state", state)
+
+    def remove_state(self, state: int) -> None:
+        """Forget a saved state. Raises UnknownId or InvalidType."""
+        del self._states[self._known_state(state)]
+
+    def state_hash(self) -> str:
+        """A hash of the whole state, options included: equal for equal bits."""
+        return hash_of(self)
+
+    def snapshot(self, path=None) -> bytes:
+        """The state (see save_state) as bytes of a numpy npz file, written to `path` unless None.
+
+        Versioned, without pickle. p.saveBullet stands beside it for the bodies.
+        """
+        data = pack(self)
+        if path is not None:
+            Path(checks.path("path", path)).write_bytes(data)
+        return data
+
+    def load_snapshot(self, source) -> None:
+        """Put back a snapshot: the bytes, or the path of its file.
+
+        The world must have been made of the same parts in the same order, as a script does that is
+        run again: tendons (names, particles, materials, radii), tunnels and obstacles, on bodies of
+        the same ids. Holds become those of the snapshot: handles of the same tendon, particle, kind
+        and body go on, others are released, and what is missing is made (Tendon.holds). Raises
+        InvalidType, SnapshotError for what cannot be read, or StateMismatch; then nothing has changed.
+        """
+        unpack(self, source)
+
+    def _known_state(self, state) -> int:
+        number = checks.integer("state", state)
+        if number not in self._states:
+            raise UnknownId("state", state, f"one of save_state, not removed: {list(self._states)}")
+        return number
+
+    def _step_and_gravity(self) -> tuple[float, np.ndarray]:
+        """pybullet's time step [s] and gravity [m/s^2], checked."""
+        self._bodies.require_client()
+        parameters = p.getPhysicsEngineParameters(self._client)
+        gravity = [parameters["gravityAcceleration" + c] for c in "XYZ"]
+        step = checks.number("fixedTimeStep", parameters["fixedTimeStep"], above=0)
+        return step, checks.vector("gravity", gravity)
+
+    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> bool:
+        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield.
+
+        False where it could not be solved and the options say to go on.
+        """
         clock = [perf_counter()]
         if self._bodies.links:
             self._core.set_links(self._bodies.table(dt, gravity, held))
         self._core.begin(dt, gravity)
         clock.append(perf_counter())
-        self._obstacles.measure()
-        clock.append(perf_counter())
-        if not self._core.solve():
-            self._fail()
+        try:
+            self._obstacles.measure()
+            clock.append(perf_counter())
+            solved = self._core.solve()
+        except BaseException:  # an interrupt too
+            self._core.roll_back()
+            raise
+        if not solved:
+            return self._fail(clock)
         self._core.finish()
         clock.append(perf_counter())
         if self._bodies.links:
             self._wrenches = self._core.wrenches()
         clock.append(perf_counter())
         self.report = StepReport.read(self._core.report(), clock, self._names())
+        return True
 
     @property
     def contacts(self) -> np.ndarray:
@@ -235,14 +316,10 @@ class TendonWorld:
         known = slot is not None and slot < len(self._wrenches)
         return self._wrenches[slot].copy() if known else np.zeros(6)
 
-    def _forget_body(self, body: int) -> None:
-        """Take out everything that refers to a body."""
-        for tunnel in [t for t in self.tunnels if t.bodyUniqueId == body]:
-            self.remove_tunnel(tunnel)
-        for tendon in [t for t in self.tendons if t.is_attached_to(body)]:
-            self.remove_tendon(tendon)
-        self._obstacles.forget(body)
-        self._bodies.forget(body)
+    def _links_in_use(self) -> set[int]:
+        """Slots of the links that tunnels, obstacles and attachments refer to."""
+        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
 
     def _names(self) -> dict[int, str]:
         return {slot: t.name for slot, t in self._tendons.items()}
@@ -259,10 +336,14 @@ class TendonWorld:
             raise UnknownId(argument, handle, "one of this world, not removed")
         return slot
 
-    def _fail(self):
-        report = self._core.report()
-        name = self._names().get(report["worst_chain"], "?")
-        raise StepFailed(name, report["worst_particle"], report["residual"], self._options.tolerance)
+    def _fail(self, clock) -> bool:
+        report = StepReport.read({**self._core.report(), "converged": False}, clock, self._names())
+        problem = StepFailed(*report.worst, report.residual, self._options.tolerance)
+        if self._options.on_failure == "raise":
+            raise problem
+        self.report = report
+        warnings.warn(str(problem), StepWarning, stacklevel=4)
+        return False
 
 
 __all__ = ["CONTACT", "TendonWorld"]

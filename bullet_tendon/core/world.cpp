@@ -17,6 +17,7 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
 
 void World::remove_chain(int slot) {
   chains[slot].reset();
+  while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
   forget_memory([&](const KeyParts& k) {
@@ -35,12 +36,19 @@ int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
   return static_cast<int>(slot);
 }
 
+// Leaves no trace: as if the part had never been there.
+template <class Part>
+void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
+  parts[slot] = Part{}, alive[slot] = 0;
+  while (!alive.empty() && !alive.back()) parts.pop_back(), alive.pop_back();
+}
+
 }  // namespace
 
 int World::add_shape(const Shape& shape) { return put(shapes, shape_alive, shape); }
 
 void World::remove_shape(int slot) {
-  shape_alive[slot] = 0;
+  take(shapes, shape_alive, slot);
   rows_.clear();
   for (auto& of_chain : caches_)
     if (slot < static_cast<int>(of_chain.size())) of_chain[slot] = NearCache{};
@@ -54,7 +62,7 @@ int World::add_tunnel(const Tunnel& tunnel) {
 }
 
 void World::remove_tunnel(int slot) {
-  tunnel_alive[slot] = 0;
+  take(tunnels, tunnel_alive, slot);
   rows_.clear();
   forget_planes();
   for (auto& c : chains)
