@@ -160,7 +160,7 @@ class Calls(RuleBasedStateMachine):
         if t is not None:
             try:
                 x = [[a + b for a, b in zip(row, shift, strict=True)] for row in t.positions]
-            except (TypeError, bt.TendonError):
+            except (TypeError, ValueError, bt.TendonError):
                 x = shift
             self.attempt(lambda: t.set_positions(x, v if isinstance(v, list) else None))
 
