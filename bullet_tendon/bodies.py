@@ -98,7 +98,7 @@ class Bodies:
         Raises UnknownId where a body was removed from pybullet that something here refers to, and
         InvalidValue where pybullet has no finite pose or velocity for one.
         """
-        self._drop_unused()
+        self.require_alive()
         for slot, (row, (body, link)) in enumerate(zip(self._table, self.links, strict=True)):
             if slot in self._unused:
                 continue
@@ -115,7 +115,7 @@ class Bodies:
         self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
         self._table[list(slots)] = 0.0
 
-    def _drop_unused(self) -> None:
+    def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
         gone = {s for s in range(len(self.links)) if s not in self._unused and self.is_gone(s)}
         if not gone:

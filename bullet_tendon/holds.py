@@ -90,9 +90,9 @@ class Grip(_Hold):
 
     def __init__(self, tendon, particle, number, target, stiffness, damping, direction=None):
         super().__init__(tendon, particle, number)
-        self._direction = None
+        self._direction = direction
         if direction is not None:
-            self.direction = direction
+            tendon._core.set_clamp(tendon._slot, number, direction)
         self._stiffness = stiffness
         self._damping = damping
         self.target = target
@@ -154,13 +154,18 @@ class Grip(_Hold):
     @direction.setter
     def direction(self, value) -> None:
         self._require()
-        if self.particle not in (0, self._tendon.particles - 1):
-            raise InvalidValue("direction", value, "None, but for the first or the last particle")
-        if self._tendon.material.bending_stiffness == 0:
-            raise InvalidValue("direction", value, "None for a tendon without bending stiffness")
-        vector = checks.vector("direction", value)
-        size = np.linalg.norm(vector)
-        if size == 0:
-            raise InvalidValue("direction", value, "other than zero")
-        self._direction = vector / size
+        self._direction = clamp_direction(self._tendon, self.particle, value)
         self._tendon._core.set_clamp(self._tendon._slot, self._number, self._direction)
+
+
+def clamp_direction(tendon, particle: int, value) -> np.ndarray:
+    """(3,) the unit vector of a direction that the particle can be clamped in; raises where it cannot."""
+    if particle not in (0, tendon.particles - 1):
+        raise InvalidValue("direction", value, "None, but for the first or the last particle")
+    if tendon.material.bending_stiffness == 0:
+        raise InvalidValue("direction", value, "None for a tendon without bending stiffness")
+    vector = checks.vector("direction", value)
+    size = np.linalg.norm(vector / max(np.abs(vector).max(), 1e-300))
+    if not size > 0:
+        raise InvalidValue("direction", value, "other than zero")
+    return vector / np.abs(vector).max() / size

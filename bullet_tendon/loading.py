@@ -7,7 +7,7 @@ import pybullet as p
 
 from .errors import InvalidValue, UrdfError
 from .material import Material
-from .state import capture, put_back
+from .state import capture, take_back
 from .urdf_elements import TendonElement, UrdfElements, read_elements
 
 
@@ -27,7 +27,7 @@ def load_urdf(world, path, args, kwargs, obstacles: bool) -> int:
     except BaseException:  # an interrupt too
         _take_out(world, body, set(world.tendons) - set(tendons), set(world.tunnels) - set(tunnels))
         p.removeBody(body, client)
-        put_back(world, kept, "path", path)
+        take_back(world, kept)
         raise
     return body
 

@@ -5,7 +5,7 @@ import pybullet as p
 
 from . import checks
 from .bodies import Bodies
-from .errors import InvalidValue, UnknownId
+from .errors import InvalidType, InvalidValue, UnknownId
 from .shapes import Shape, collision_shapes
 
 
@@ -22,7 +22,7 @@ class Obstacles:
     def __len__(self) -> int:
         return len(self._shapes)
 
-    def keys(self) -> tuple:
+    def listing(self) -> tuple:
         """Body, link, and the numbers of its shapes, of every link that is an obstacle."""
         return tuple((*key, *numbers) for key, numbers in sorted(self._by_link.items()))
 
@@ -34,6 +34,8 @@ class Obstacles:
         self._bodies.require(body, -1 if link is None else link)
         if convex is not None:
             convex = checks.flag("convex", convex)
+        if not isinstance(meshes, (list, tuple)):
+            raise InvalidType("meshes", meshes, "a list of paths or of vertices and triangles")
         client = self._bodies.client
         links = range(-1, p.getNumJoints(body, client)) if link is None else [link]
         found = {i: collision_shapes(body, i, client, convex, meshes) for i in links}

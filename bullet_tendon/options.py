@@ -59,7 +59,7 @@ class SolverOptions:
             checks.choice(name, getattr(self, name), allowed)
         checks.choice("on_failure", self.on_failure, _ON_FAILURE)
         checks.number("tolerance", self.tolerance, above=0, at_most=1)
-        checks.integer("max_iterations", self.max_iterations, at_least=1)
+        checks.integer("max_iterations", self.max_iterations, at_least=1, at_most=10**6)
         checks.number("linear_tolerance", self.linear_tolerance, above=0, at_most=1)
         if self.contact_stiffness is not None:
             checks.number("contact_stiffness", self.contact_stiffness, above=0)

@@ -10,7 +10,7 @@ from rest, short while particles move by more than a share of the radius and dou
 import numpy as np
 
 from .holds import Attachment
-from .state import capture, put_back
+from .state import capture, take_back
 
 _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FIRST = 1 / 240  # s
@@ -22,6 +22,7 @@ _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 def relax(world, tolerance: float, max_steps: int) -> None:
     """See TendonWorld.relax."""
     _, gravity = world._step_and_gravity()
+    world._bodies.require_alive()
     core = world._core
     kept = capture(world)
     start = {t: t.positions for t in world.tendons}
@@ -37,10 +38,10 @@ def relax(world, tolerance: float, max_steps: int) -> None:
         try:
             if not world._solve(dt, gravity, held=True):
                 settled = False
-                put_back(world, kept, "state", "before relaxing")
+                take_back(world, kept)
                 break
         except BaseException:
-            put_back(world, kept, "state", "before relaxing")
+            take_back(world, kept)
             raise
         iterations += world.report.iterations
         moved = {t: np.abs(t.positions - x).max() for t, x in before.items()}
@@ -49,7 +50,7 @@ def relax(world, tolerance: float, max_steps: int) -> None:
             core.stop(t._slot)
         if any(_lost(t, x) for t, x in start.items()):
             settled = False
-            put_back(world, kept, "state", "before relaxing")
+            take_back(world, kept)
             break
         settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
         if world.report.converged and settled:

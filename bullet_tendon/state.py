@@ -28,7 +28,7 @@ def parts_of(world) -> tuple:
     """What a world is made of, as far as the core does not know it itself (by _PARTS)."""
     tendons = tuple((t._slot, t.name) for t in world.tendons)
     tunnels = tuple((t.slot, t.name, t.bodyUniqueId, t.linkIndex) for t in world.tunnels)
-    return tendons, tunnels, world._obstacles.keys()
+    return tendons, tunnels, world._obstacles.listing()
 
 
 def capture(world) -> State:
@@ -48,6 +48,12 @@ def put_back(world, state: State, argument: str, value) -> None:
     if gone and _refers(world, state, {state.links.index(link) for link in gone}):
         raise StateMismatch(argument, value, f"of bodies that are still there, not {gone[0][:2]}")
     restore_core(world, state.core, argument, value)
+    retake_holds(world, state.holds)
+
+
+def take_back(world, state: State) -> None:
+    """Undo what a call did that is then refused: the parts are what they were, whatever pybullet holds."""
+    restore_core(world, state.core, "state", "before the call")
     retake_holds(world, state.holds)
 
 

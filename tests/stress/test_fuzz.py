@@ -211,7 +211,7 @@ class Calls(RuleBasedStateMachine):
 
     @rule()
     def reset(self):
-        p.resetSimulation(self.client)
+        p.resetSimulation(physicsClientId=self.client)
         self.new_body(0.0)
         p.setGravity(0, 0, -9.81, physicsClientId=self.client)
 
