@@ -84,7 +84,7 @@ def hash_of(world) -> str:
     """Hash of the core's state, of the parts, of all holds and of the options."""
     state = capture(world)
     holds = [(h._tendon.name, h.particle, {k: _plain(v) for k, v in s.items()}) for h, s in state.holds]
-    bodies = [link and link[:2] for link in state.links]
+    bodies = [state.links[slot][:2] for slot in sorted(world._links_in_use())]
     digest = hashlib.blake2b(state.core, digest_size=16)
     digest.update(repr((state.parts, bodies, holds, world.options)).encode())
     return digest.hexdigest()
