@@ -12,7 +12,8 @@ import pybullet as p
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
 
-_WIDTH = 58  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36
+_FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
+_WIDTH = 59  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36, falls 1
 
 
 def client_of(physicsClientId) -> int:
@@ -91,10 +92,9 @@ class Bodies:
             marked.pop()
         return tuple(marked)
 
-    def table(self, dt: float, gravity: np.ndarray, held: bool = False) -> np.ndarray:
-        """(links, 58) what the core needs to know of every link (layout: _WIDTH).
+    def table(self) -> np.ndarray:
+        """(links, 59) what the core needs to know of every link (layout: _WIDTH).
 
-        held: as if nothing moved them.
         Raises UnknownId where a body was removed from pybullet that something here refers to, and
         InvalidValue where pybullet has no finite pose or velocity for one.
         """
@@ -102,11 +102,9 @@ class Bodies:
         for slot, (row, (body, link)) in enumerate(zip(self._table, self.links, strict=True)):
             if slot in self._unused:
                 continue
-            self._read(row, body, link, dt, gravity)
+            self._read(row, body, link)
             if not np.isfinite(row).all():
                 raise InvalidValue("bodyUniqueId", body, "a body with finite pose, velocity and inertia")
-        if held:
-            self._table[:, 15:] = 0.0
         return self._table
 
     def forget(self, slots: set[int]) -> None:
@@ -128,7 +126,7 @@ class Bodies:
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
         row = np.zeros(_WIDTH)
-        self._read(row, int(body), int(link), 0.0, np.zeros(3))
+        self._read(row, int(body), int(link))
         return row[:3].copy(), row[3:12].reshape(3, 3).copy()
 
     def apply(self, wrenches: np.ndarray) -> None:
@@ -139,15 +137,61 @@ class Bodies:
                 p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
                 p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)
 
-    def _read(self, row, body, link, dt, gravity) -> None:
+    def can_be_held(self, slot: int) -> bool:
+        """Whether anything can hold a link: a joint, a contact or a constraint."""
+        body, link = self.links[slot]
+        return bool(
+            p.getNumConstraints(self.client)
+            or p.getContactPoints(bodyA=body, physicsClientId=self.client)
+            or _movable_joints(body, self.client)
+        )
+
+    def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
+        """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
+
+        About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
+        changes too. Of articulated bodies those with a fixed base and hinges or sliders are changed.
+        """
+        body, link = self.links[slot]
+        if link < 0 and p.getNumJoints(body, self.client) == 0:
+            self._push_base(body, dt * (new - old), dt)
+        elif p.getDynamicsInfo(body, -1, self.client)[0] == 0:
+            self._push_joints(body, link, dt * old, dt * new, dt)
+
+    def _push_base(self, body, impulse, dt) -> None:
+        centre, turn = p.getBasePositionAndOrientation(body, self.client)
+        velocity, spin = p.getBaseVelocity(body, self.client)
+        change = _free_response(p.getDynamicsInfo(body, -1, self.client), turn) @ impulse
+        angle = float(np.linalg.norm(change[3:])) * dt
+        if angle > 0:
+            by = p.getQuaternionFromAxisAngle((change[3:] / np.linalg.norm(change[3:])).tolist(), angle)
+            turn = p.multiplyTransforms((0, 0, 0), by, (0, 0, 0), turn)[1]
+        place = (np.array(centre) + dt * change[:3]).tolist()
+        p.resetBasePositionAndOrientation(body, place, turn, self.client)
+        motion = (np.array(velocity) + change[:3]).tolist(), (np.array(spin) + change[3:]).tolist()
+        p.resetBaseVelocity(body, *motion, physicsClientId=self.client)
+
+    def _push_joints(self, body, link, old, new, dt) -> None:
+        joints = _movable_joints(body, self.client)
+        parts = _jacobian_and_mass(body, link, joints, self.client)
+        if parts is None:
+            return
+        took, gives = (np.linalg.solve(parts[1], parts[0].T @ impulse) for impulse in (old, new))
+        states = p.getJointStates(body, joints, self.client)
+        for joint, (angle, rate, *_), a, b in zip(joints, states, took.tolist(), gives.tolist(), strict=True):
+            if abs(rate) > 0.999 * _FASTEST:  # pybullet cut off what the old wrench gave
+                a = max(-abs(rate), min(abs(rate), a))
+            p.resetJointState(body, joint, angle + dt * (b - a), rate + b - a, self.client)
+
+    def _read(self, row, body, link) -> None:
         info = p.getDynamicsInfo(body, link, self.client)
         if link < 0:
             self._read_base(row, body, info)
         else:
             self._read_link(row, body, link, info)
-        row[21] = 0.0
+        row[21] = row[58] = 0.0
         if info[0] > 0:
-            self._respond(row, body, link, info, dt, gravity)
+            self._respond(row, body, link, info)
 
     def _read_base(self, row, body, info) -> None:
         centre, turn = p.getBasePositionAndOrientation(body, self.client)
@@ -158,7 +202,7 @@ class Bodies:
         state = p.getLinkState(body, link, 1, 1, self.client)
         _write(row, state[0], state[1], info, state[6], state[7])
 
-    def _respond(self, row, body, link, info, dt, gravity) -> None:
+    def _respond(self, row, body, link, info) -> None:
         joints = _movable_joints(body, self.client)
         fixed = p.getDynamicsInfo(body, -1, self.client)[0] == 0
         if fixed:
@@ -167,7 +211,7 @@ class Bodies:
             alone = link < 0 and p.getNumJoints(body, self.client) == 0
             turn = self._inertial_turn(body, link)
             response = _free_response(info, turn) if alone else _rigid_response(body, row[12:15], self.client)
-            row[15:18] += dt * gravity
+            row[58] = 1.0
         else:
             response = None
         if response is None:
@@ -268,6 +312,19 @@ def _movable_joints(body, client) -> list[int]:
 def _joint_response(body, link, joints, client) -> np.ndarray | None:
     """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
 
+    None where pybullet's Jacobian does not cover the body (_jacobian_and_mass).
+    """
+    parts = _jacobian_and_mass(body, link, joints, client)
+    if parts is None:
+        return None
+    if link < 0:
+        return np.zeros((6, 6))
+    return parts[0] @ np.linalg.solve(parts[1], parts[0].T)
+
+
+def _jacobian_and_mass(body, link, joints, client) -> tuple[np.ndarray, np.ndarray] | None:
+    """J (6, joints) of a link's centre of mass, world axes, and M (joints, joints), of a fixed base.
+
     None where pybullet's Jacobian does not cover the body: a floating base, or spherical joints.
     """
     simple = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
@@ -278,12 +335,11 @@ def _joint_response(body, link, joints, client) -> np.ndarray | None:
     if len(mass) != len(joints):
         return None
     if link < 0:
-        return np.zeros((6, 6))
+        return np.zeros((6, len(joints))), mass
     zero = [0.0] * len(angles)
     # pybullet takes the point in the link's URDF frame, and answers in the base's inertial axes.
     info = p.getDynamicsInfo(body, link, client)
     at = _axes(info[4]).T @ info[3]
     linear, angular = p.calculateJacobian(body, link, at.tolist(), angles, zero, zero, client)
     base = _axes(p.getBasePositionAndOrientation(body, client)[1])
-    jacobian = np.vstack([base @ linear, base @ angular])
-    return jacobian @ np.linalg.solve(mass, jacobian.T)
+    return np.vstack([base @ linear, base @ angular]), mass

@@ -1,6 +1,7 @@
 """Read-outs of a step: the report and the contact table. Made when somebody asks."""
 
 import dataclasses
+from time import perf_counter
 
 import numpy as np
 
@@ -24,17 +25,33 @@ CONTACT = np.dtype(
 )
 
 
+class Clock:
+    """Wall time of a step by room [s]."""
+
+    def __init__(self):
+        self.seconds = dict.fromkeys(ROOMS, 0.0)
+        self._last = perf_counter()
+
+    def enter(self, room: str) -> None:
+        """The time since the last call was spent in `room`."""
+        now = perf_counter()
+        self.seconds[room] += now - self._last
+        self._last = now
+
+
 @dataclasses.dataclass
 class StepReport:
     """What the last step did and what it skipped.
 
-    iterations: Newton iterations (linear solutions), the most of any group of touching tendons.
+    iterations: Newton iterations (linear solutions), the most of any group of touching tendons, summed
+    over all that was tried where the step was taken in parts.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).
     worst: name of the tendon and particle with that residual. seconds: wall time by room.
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
     boxes, culled, skipped (too far since their last query), reused (last plane) and queried (FCL);
-    tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart.
+    tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:
+    parts that the step was taken in.
     """
 
     iterations: int = 0
@@ -45,9 +62,7 @@ class StepReport:
     counts: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def read(cls, core: dict, clock: list[float], names: dict[int, str]) -> "StepReport":
-        seconds = dict.fromkeys(ROOMS, 0.0)
-        seconds.update(zip(ROOMS, np.diff(clock).tolist(), strict=False))
+    def read(cls, core: dict, seconds: dict[str, float], names: dict[int, str]) -> "StepReport":
         worst = (names.get(core.pop("worst_chain"), ""), core.pop("worst_particle"))
         solved = {key: core.pop(key) for key in ("iterations", "residual", "converged")}
         return cls(**solved, worst=worst, seconds=seconds, counts=core)

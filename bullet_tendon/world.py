@@ -17,10 +17,12 @@ from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
 from .relaxation import relax
-from .report import CONTACT, StepReport, contact_table
+from .report import CONTACT, Clock, StepReport, contact_table
 from .sampling import particle_positions
 from .tendon import Tendon
 from .tunnels import Tunnel
+
+_FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
 
 
 class TendonWorld(KeepsState):
@@ -42,6 +44,7 @@ class TendonWorld(KeepsState):
         self._tunnels: dict[int, Tunnel] = {}
         self._count = 0
         self._wrenches = np.zeros((0, 6))
+        self._dt, self._last_gravity = 0.0, np.zeros(3)  # of the last step
         self.options = SolverOptions() if options is None else options
         self.report = StepReport()
 
@@ -175,6 +178,8 @@ class TendonWorld(KeepsState):
             start = perf_counter()
             p.stepSimulation(self._client)
             self.report.seconds["bullet"] = perf_counter() - start
+            if self._core.any_held():
+                self._sense(self._dt, self._last_gravity)
 
     def apply(self) -> None:
         """step without p.stepSimulation, for a script that owns its loop: call it just before.
@@ -214,27 +219,83 @@ class TendonWorld(KeepsState):
 
         False where it could not be solved and the options say to go on.
         """
-        clock = [perf_counter()]
-        if self._bodies.links:
-            self._core.set_links(self._bodies.table(dt, gravity, held))
-        self._core.begin(dt, gravity)
-        clock.append(perf_counter())
+        clock = Clock()
+        self._core.keep()
         try:
-            self._obstacles.measure()
-            clock.append(perf_counter())
-            solved = self._core.solve()
+            self._step_of(dt, gravity, held, clock)
+        except StepFailed as problem:
+            self._core.roll_back()
+            if self._options.on_failure == "raise":
+                raise
+            self._left_out(problem, clock)
+            return False
         except BaseException:  # an interrupt too
             self._core.roll_back()
             raise
-        if not solved:
-            return self._fail(clock)
+        return True
+
+    def _step_of(self, dt: float, gravity: np.ndarray, held: bool, clock: Clock) -> None:
+        if self._bodies.links:
+            self._sense(dt, gravity, held)
+        if not held:
+            self._dt, self._last_gravity = dt, gravity
+        self._core.begin(dt, gravity, held)
+        clock.enter("sense")
+        self._go_through(clock)
         self._core.finish()
-        clock.append(perf_counter())
+        clock.enter("solve")
         if self._bodies.links:
             self._wrenches = self._core.wrenches()
-        clock.append(perf_counter())
-        self.report = StepReport.read(self._core.report(), clock, self._names())
-        return True
+        clock.enter("react")
+        self.report = StepReport.read(self._core.report(), clock.seconds, self._names())
+
+    def _left_out(self, problem: StepFailed, clock: Clock) -> None:
+        """Report a step without a finite solution, which was rolled back."""
+        core = {**self._core.report(), "converged": False}
+        self.report = StepReport.read(core, clock.seconds, self._names())
+        warnings.warn(str(problem), StepWarning, stacklevel=5)
+
+    def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
+        """Where links are and how they answer; what was let go in the last step is put right."""
+        self._core.set_links(self._bodies.table())
+        self._core.sense(dt, gravity, held)
+        if held:
+            return
+        for slot in self._core.held_links():
+            if not self._bodies.can_be_held(slot):
+                self._core.let_go(slot)
+        self._mend()
+
+    def _mend(self) -> None:
+        """Take back a step that pulled at links as held which had been let go, and put it right.
+
+        The step is solved again with the free response of these links, and they get the difference of
+        the impulses, as if that had acted in the first place.
+        """
+        released = self._core.rewind()
+        if not released:
+            return
+        before = self._wrenches.copy()
+        self._core.begin(self._dt, self._last_gravity, False)
+        self._go_through(Clock())
+        self._core.finish()
+        self._wrenches = self._core.wrenches()
+        for slot in self._core.pushable():
+            self._bodies.exchange(slot, before[slot], self._wrenches[slot], self._dt)
+        self._core.set_links(self._bodies.table())
+        self._core.refresh_links()
+        self._core.sense(self._dt, self._last_gravity, False)
+
+    def _go_through(self, clock) -> None:
+        """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""
+        outcome = _AGAIN
+        while outcome == _AGAIN:
+            self._obstacles.measure()
+            clock.enter("near")
+            outcome = self._core.solve()
+            clock.enter("solve")
+        if outcome == _FAILED:
+            self._fail()
 
     @property
     def contacts(self) -> np.ndarray:
@@ -276,14 +337,10 @@ class TendonWorld(KeepsState):
             raise UnknownId(argument, handle, "one of this world, not removed")
         return slot
 
-    def _fail(self, clock) -> bool:
-        report = StepReport.read({**self._core.report(), "converged": False}, clock, self._names())
-        problem = StepFailed(*report.worst, report.residual, self._options.tolerance)
-        if self._options.on_failure == "raise":
-            raise problem
-        self.report = report
-        warnings.warn(str(problem), StepWarning, stacklevel=4)
-        return False
+    def _fail(self):
+        report = self._core.report()
+        name = self._names().get(report["worst_chain"], "?")
+        raise StepFailed(name, report["worst_particle"], report["residual"], self._options.tolerance)
 
 
 __all__ = ["CONTACT", "TendonWorld"]

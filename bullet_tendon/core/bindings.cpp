@@ -73,17 +73,19 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
 }
 
-// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, yields 1, response 36.
+// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, yields 1, response 36,
+// falls 1.
 void set_links(World& w, const Array& table) {
-  constexpr int kWidth = 58;
+  constexpr int kWidth = 59;
   w.links.resize(table.shape(0));
   for (size_t i = 0; i < w.links.size(); ++i) {
     const double* p = table.data() + kWidth * i;
     Link& l = w.links[i];
     l.pose = {rotation(p + 3), vec(p)};
-    l.centre = vec(p + 12), l.velocity = vec(p + 15), l.spin = vec(p + 18), l.yields = p[21] != 0;
+    l.centre = vec(p + 12), l.now_velocity = vec(p + 15), l.now_spin = vec(p + 18);
+    l.yields = p[21] != 0, l.falls = p[58] != 0;
     for (int r = 0; r < 6; ++r)
-      for (int c = 0; c < 6; ++c) l.response[r][c] = p[22 + 6 * r + c];
+      for (int c = 0; c < 6; ++c) l.free[r][c] = p[22 + 6 * r + c];
   }
 }
 
@@ -205,8 +207,29 @@ PYBIND11_MODULE(_core, m) {
              h.clamped = true, h.direction = vec(direction);
            })
       .def("remove_hold", &remove_hold)
-      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).mean_force); })
+      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
       .def("set_links", &set_links)
+      .def("sense",
+           [](World& w, double dt, const Array& gravity, bool held) { w.sense(dt, vec(gravity), held); })
+      .def("rewind", &World::rewind)
+      .def("any_held", &World::any_held)
+      .def("held_links",
+           [](const World& w) {
+             std::vector<int> held;
+             for (size_t i = 0; i < w.links.size(); ++i)
+               if (w.links[i].observer.held() && !w.links[i].observer.released())
+                 held.push_back(static_cast<int>(i));
+             return held;
+           })
+      .def("let_go", &World::let_go)
+      .def("pushable",
+           [](const World& w) {
+             std::vector<int> free;
+             for (size_t i = 0; i < w.links.size(); ++i)
+               if (w.links[i].yields && !w.links[i].observer.held()) free.push_back(static_cast<int>(i));
+             return free;
+           })
+      .def("refresh_links", &World::refresh_links)
       .def("add_shape", &add_shape)
       .def("remove_shape", &World::remove_shape)
       .def("add_tunnel",
@@ -214,12 +237,16 @@ PYBIND11_MODULE(_core, m) {
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("begin", [](World& w, double dt, const Array& gravity) { w.begin(dt, vec(gravity)); })
+      .def("begin",
+           [](World& w, double dt, const Array& gravity, bool whole) { w.begin(dt, vec(gravity), whole); })
       .def("near", &near_queries)
       .def("answers", [](World& w, const Array& d, const Array& points,
                          const Array& u) { w.answers(d.data(), points.data(), u.data()); })
-      .def("solve", &World::solve, release())
+      .def(
+          "solve", [](World& w) { return static_cast<int>(w.solve()); }, release())
+      .def("cancel", &World::cancel)
       .def("finish", &World::finish, release())
+      .def("keep", &World::keep)
       .def("roll_back", &World::roll_back)
       .def("save",
            [](World& w) {

@@ -6,13 +6,17 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual,
-                   &anchor_x, &anchor_v, &goal, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image})
+  for (Field* f :
+       {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual, &anchor_x,
+        &anchor_v, &goal, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image, &foreseen})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
+  // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
+  if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
   scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);
+  slack.assign(n_, 0.0);
   structure.resize(1, n_);
   bool sheared = material.shear_stiffness > 0 && n_ > 2;
   shear.resize(2, sheared ? n_ : 0);
@@ -67,6 +71,21 @@ void Chain::share_out() {
 void Chain::stop() {
   v.zero(), v_before.zero();
   dt_before = 0;
+}
+
+void Chain::keep_multipliers(Multipliers& to) const {
+  to.carried[0] = structure.carried, to.elastic[0] = structure.elastic;
+  to.carried[1] = shear.carried, to.elastic[1] = shear.elastic;
+}
+
+void Chain::restore_multipliers(const Multipliers& from) {
+  structure.carried = from.carried[0], structure.elastic = from.elastic[0];
+  shear.carried = from.carried[1], shear.elastic = from.elastic[1];
+}
+
+void Chain::foresee() {
+  foreseen = next;
+  std::fill(slack.begin(), slack.end(), kSlack * radius);
 }
 
 void Chain::reset_history() {

@@ -28,11 +28,20 @@ struct Hold {
   bool clamped = false;  // of an end that bends: its direction is held too
   Vec3 direction;        // of the tendon there, in the order of its particles
   Sym3 stiffness;        // [N/m]; unused where rigid
-  Vec3 goal;             // where the point will be at the end of the step [m]
-  Vec3 target;           // the same, at the end of the part of it that is being solved [m]
+  Vec3 goal;             // of a grip: where it is to be at the end of the step [m]
+  Vec3 aim;              // where the point will be at the end of the part that is being solved [m]
+  Vec3 target;           // the same, where a group takes that part in parts again [m]
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
   Vec3 mean_force;       // the same, averaged over the parts of a split step [N]
+  Vec3 kept_force;       // mean_force of the part before [N]
+  Vec3 sum_force;        // of the parts that are done, by their share of the step [N]
+  Vec3 step_force;       // on the holder, averaged over the last step [N]
+};
+
+// What springs carry over from one step to the next.
+struct Multipliers {
+  std::vector<double> carried[2], elastic[2];  // of structure and shear springs [N]
 };
 
 class Chain {
@@ -47,6 +56,10 @@ class Chain {
   void set_stiffness_scale(const std::vector<double>& scale);
   // At rest where it is, its multipliers kept.
   void stop();
+  void keep_multipliers(Multipliers& to) const;
+  void restore_multipliers(const Multipliers& from);
+  // Where contacts are to be looked for: around the end of the step as it is thought to be now.
+  void foresee();
   // Lengths and multipliers at x, after positions were set from outside.
   void reset_history();
   // Raises the multipliers of loose springs to what half of all loads would pull, as a first guess at
@@ -72,11 +85,22 @@ class Chain {
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost or changed since: two-step methods may go on
   uint64_t touching = 0;     // a hash of the contacts with bodies
+  bool touched = false;      // a contact pressed on it in the last step
   double b = 0;              // step weight of this step (stepping.h)
+
+  // How contacts are foreseen: where particles are thought to be at the end of the step [m], and by how
+  // much they may miss it [m].
+  Field foreseen;
+  std::vector<double> slack;
+  // At the start of the step, or of the part of it that is being solved.
+  Multipliers kept;
+  bool kept_smooth = true;
 
   // The state before a step that is being split, and whether it was (splitting.cpp).
   Field start_x, start_v;
-  std::vector<double> start_carried[2], start_elastic[2];
+  Multipliers start;
+  Field start_x_before, start_v_before;
+  double start_dt_before = 0;
   bool split = false;     // parts of the step are being solved
   bool gathered = false;  // next and step hold the positions and velocities at their end
 

@@ -7,15 +7,29 @@ namespace bt {
 // Larger: a collapsed tendon loses forces. Smaller: the direction is rounding noise.
 constexpr double kDegenerateLength = 1e-9;
 
-// Contact stiffness in units of the stiffness a particle already has in the matrix [-]. The contact
-// force itself comes from carried multipliers, so this sets how fast depth vanishes (1/ratio a
-// step), not how deep a resting contact is. Larger: worse conditioned. Smaller: deeper impacts.
-constexpr double kContactRatio = 10.0;
+// Contact stiffness in units of what holds a particle back across its tendon: inertia and tension over
+// length [-]. The contact force itself comes from carried multipliers, so this sets how fast depth
+// vanishes, not how deep a resting contact is. Larger: active contacts are found in more iterations.
+// Smaller: more rounds of stiffening after impacts.
+constexpr double kContactRatio = 30.0;
 
-// Stiffness of a sticking contact, in units of a particle's own [-]. It sets how far a contact yields
-// before it slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
+// Depth, in radii, from which a contact is stiffened within the step, and by how much [-].
+constexpr double kDepth = 5e-4;
+constexpr double kStiffening = 10.0;
+
+// Depth that a step pushes out at most, in radii [-]. Depth over the step's length is a velocity, which
+// stays: larger, and a tendon that was put into a bone is shot out of it. Smaller: it takes longer.
+constexpr double kPushOut = 0.5;
+
+// Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
+// slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
 // iterations step over it. Smaller: a sticking tendon gives visibly.
-constexpr double kGripRatio = 0.1;
+constexpr double kGripRatio = 1.0;
+
+// Both for methods that carry no multipliers, in units of all the stiffness that a particle has [-].
+// Larger: worse conditioned. Smaller: deeper contacts.
+constexpr double kSpringRatio = 10.0;
+constexpr double kSpringGripRatio = 0.1;
 
 // Strain at which the material's tangent is taken for the contact stiffness of a slack tendon [-].
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
@@ -31,6 +45,9 @@ constexpr double kFloorShare = 1e-2;
 // squares: below 1/8 the matrix stays definite whatever the compression.
 constexpr double kInertiaShare = 0.12;
 
+// Shear springs with a smaller share of the stiffness are left out [-].
+constexpr double kLeastShear = 1e-12;
+
 // Stands for an inertia that outweighs every compression [1/s^2].
 constexpr double kNoCut = 1e300;
 
@@ -38,16 +55,24 @@ constexpr double kNoCut = 1e300;
 // best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
 // less patience splits what would converge; more makes violent steps slower.
 constexpr int kMixedIterations = 10;
+// The same for every so many contacts besides, and at most: contacts are made and lost one by one.
+constexpr int kContactsAnIteration = 20;
+constexpr int kMostPatience = 60;
 constexpr double kProgress = 0.9;
 
-// Parts that a step can be split into [-], a power of two. More: violent steps cost more before they
-// are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.
-constexpr int kMostParts = 256;
+// Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
+// two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,
+// folded tendon may stay unsolved.
+constexpr int kMostSubsteps = 256;
+
+// Units in which the parts of a world's step are counted [-], a power of two: the shortest part that fast
+// motion near a body or another tendon can ask for.
+constexpr int kUnits = 8192;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
 constexpr int kRounds = 8;
-constexpr double kFrictionAccuracy = 1e-4;
+constexpr double kFrictionAccuracy = 5e-3;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
@@ -70,24 +95,51 @@ constexpr double kRunaway = 1e12;
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 
+// Share of a held link's free answer, along the wrench, by which it has to exceed what was foreseen for
+// it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
+constexpr double kReleased = 0.2;
+
+// Share of a wrench by which it has to change for something to be learned of its change, share of the free
+// answer to the change by which the link has to miss what was foreseen, and least cosine between both for
+// the one to explain the other [-].
+constexpr double kLeastNews = 1e-3;
+constexpr double kLeastMiss = 0.1;
+constexpr double kLeastCosine = 0.1;
+
+// Share of the largest eigenvalue of a response under which it is nothing [-]: joints yield in some
+// directions only.
+constexpr double kRank = 1e-9;
+
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;
 
 // Least cosine between a stretch of tendon's segments and its chord for it to count as straight [-].
 constexpr double kStraight = 0.75;
 
+// What a surface is nearer to the inside of a segment than to its ends, in radii, for the segment to get
+// a contact of its own [-]. Larger: rounded bones go deeper in between. Smaller: contacts on flat ones
+// come three to a segment, and share the load as rounding has it.
+constexpr double kNoBulge = 1e-5;
+
 // Leaves of eight segments up to which a stretch is looked at for being straight [-].
 constexpr int kFarthestLeaf = 64;
 
-// Contacts are foreseen over the present motion times this [-]: half as much again, for what the step
-// may add. Larger: more queries and rows. Smaller: what speeds up within a step arrives unforeseen.
-constexpr double kForesight = 1.5;
+// Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
+// What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:
+// more looks.
+constexpr double kSlack = 0.05;
 
-// Radius is taken this much larger where contacts are foreseen [-], for tendons that do not move yet.
-constexpr double kSkin = 1.02;
+// A step looks again for contacts at most this often. Fewer: contacts that appear one after another
+// are met a step late.
+constexpr int kLooks = 6;
 
-// Tendon pairs are foreseen up to this many sums of radii [-]. A row is a plane; far from touching it
-// would hold back what passes beside it.
+// Within a part of a step, what is near something moves by at most this share of the radius (of both
+// radii, for two tendons) relative to it [-]: a centreline that starts outside then cannot get through,
+// wherever the nearest points go. Larger: it can. Smaller: more parts.
+constexpr double kFarthestMove = 0.9;
+
+// Methods that do not split their steps foresee tendon pairs up to this many sums of radii [-]. A row
+// is a plane; far from touching it would hold back what passes beside it.
 constexpr double kFarthest = 2.0;
 
 // A tunnel's bore is taken to reach this many radii beyond its mouths when bone surface is looked

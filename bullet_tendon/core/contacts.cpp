@@ -8,21 +8,33 @@ namespace bt {
 
 namespace {
 
-// Slope of a spring of segment k at the reference strain [N/m].
-double reference_slope(const Chain& c, int k) {
-  double force, slope;
-  elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
-  return c.material.stiffness * c.scale[k] * slope / c.rest[k];
-}
-
-// What the matrix holds for a particle, with the material at least at the reference strain [N/m].
-double particle_stiffness(const Chain& c, int i) {
+// What holds a particle back across the tendon, its inertia and the tension on both sides; and besides
+// what its springs have at least at the reference strain [N/m].
+double stiffness_at(const Chain& c, int i, bool along) {
   double sum = c.mass[i] / (c.b * c.b);
   for (int k : {i - 1, i}) {
     if (k < 0 || k >= c.n() - 1) continue;
-    sum += std::max(c.structure.slope[k], reference_slope(c, k)) + c.structure.carried[k] / c.rest[k];
+    sum += std::max(0.0, c.structure.carried[k]) / c.rest[k];
+    if (!along) continue;
+    double force, slope;
+    elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
+    sum += std::max(c.structure.slope[k], c.material.stiffness * c.scale[k] * slope / c.rest[k]);
   }
   return sum;
+}
+
+// Whether a shape comes nearer to the inside of segment k than to its ends, which have rows of their own.
+bool bulges(const NearCache& cache, int n, int k, double radius) {
+  const Entry& e = cache.entries[n + k];
+  if (e.u <= 1e-6 || e.u >= 1 - 1e-6) return false;
+  auto height = [](const Entry& at, Vec3 x) { return dot(at.normal, x - at.point); };
+  const Vec3 a = cache.local[k], b = cache.local[k + 1];
+  const double inside = height(e, (1 - e.u) * a + e.u * b) + kNoBulge * radius;
+  for (int i : {k, k + 1}) {
+    const Entry& end = cache.entries[i];
+    if (end.wanted && height(end, cache.local[i]) <= inside) return false;
+  }
+  return true;
 }
 
 Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
@@ -31,6 +43,7 @@ Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 
 void World::collect_rows() {
   rows_.clear();
+  room_ = 1;
   for (size_t c = 0; c < slots_.size(); ++c) {
     if (!slots_[c]) continue;
     for (size_t t = 0; t < tunnels.size(); ++t)
@@ -40,8 +53,17 @@ void World::collect_rows() {
     for (size_t s = 0; s < shapes.size(); ++s)
       if (shape_alive[s] && shapes[s].half_space) half_space_rows(static_cast<int>(c), static_cast<int>(s));
   }
+  for (size_t c = 0; c < slots_.size(); ++c)
+    for (size_t s = 0; slots_[c] && s < shapes.size(); ++s)
+      if (shape_alive[s] && !shapes[s].half_space)
+        room_ = std::min(room_, room_of(caches_[c][s], slots_[c]->radius));
   bone_rows();
   tendon_rows();
+}
+
+// Whether steps are solved to convergence, with multipliers.
+bool World::can_carry() const {
+  return options.iteration == Iteration::newton && options.integrator != Integrator::explicit_euler;
 }
 
 // A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
@@ -61,18 +83,35 @@ Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec
   return row;
 }
 
+// Gap, negative where there is depth now, that the part of the step has to leave: it takes its share of
+// what the step is to push out, which is at most `most` [m].
+double World::depth_to_leave(const Row& row, double most) const {
+  Row now = row;
+  now.evaluate(row.reference, true);
+  const double depth = std::max(0.0, -now.gap), share = static_cast<double>(size_) / (kUnits - done_);
+  const double left = most * (kUnits - done_) / kUnits;  // by the rest of the step
+  return -(depth - share * std::min(depth, left));
+}
+
 // Stiffness, softened by how far the link yields within the step, and memory.
 void World::finish_row(Row& row, int chain_slot, int particle) {
-  const double at_hand = particle_stiffness(*slots_[chain_slot], particle);
-  row.stiffness = options.contact_stiffness > 0 ? options.contact_stiffness : kContactRatio * at_hand;
-  row.grip = kGripRatio * at_hand;
+  const Chain& c = *slots_[chain_slot];
+  // Without multipliers, contacts have to be stiff by themselves.
+  const bool carries = can_carry(), chosen = options.contact_stiffness > 0;
+  const double at_hand = stiffness_at(c, particle, !carries);
+  row.stiffness = chosen ? options.contact_stiffness : (carries ? kContactRatio : kSpringRatio) * at_hand;
+  row.grip = (carries ? kGripRatio : kSpringGripRatio) * at_hand;
+  row.radius = c.radius + (row.b.chain >= 0 ? slots_[row.b.chain]->radius : 0);
+  row.stiffens = carries && !chosen;
   if (row.link >= 0 && links[row.link].yields) {
     const Link& link = links[row.link];
-    Vec3 at = row.a.of(slots_[chain_slot]->x);
-    double w = dot(row.normal, link.mobility(at) * row.normal) * std::max(1, link.touches);
-    row.stiffness /= 1 + row.stiffness * w * context_.dt * context_.dt;
-    row.grip /= 1 + row.grip * w * context_.dt * context_.dt;
+    const Vec3 at = row.a.of(c.x);
+    const double w = dot(row.normal, link.mobility(at) * row.normal) * std::max(1, link.touches);
+    row.yield = w * context_.dt * context_.dt;
+    row.stiffness /= 1 + row.stiffness * row.yield;
+    row.grip /= 1 + row.grip * row.yield;
   }
+  row.allowed = depth_to_leave(row, kPushOut * c.radius);
   recall(row);
 }
 
@@ -87,21 +126,25 @@ void World::recall(Row& row) {
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
   row.stuck = without(turn * found->stuck, row.normal);
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
-  const bool converged =
-      options.iteration == Iteration::newton && options.integrator != Integrator::explicit_euler;
-  bool carries = converged && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
+  const bool carries =
+      can_carry() && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
   row.carried = carries ? found->carried : 0;
   row.multiplier = found->carried;
-  row.mean_force = found->mean_force;
+  row.last_mean = found->mean_force;
   row.limit = row.friction * found->carried;
   row.sliding = found->sliding;
+  row.kept_multiplier = row.multiplier, row.kept_sliding = row.sliding;
 }
 
 void World::remember() {
   memory_.clear();
   touching_.assign(slots_.size(), 0);
+  for (Chain* c : slots_)
+    if (c) c->touched = false;
   for (const Row& row : rows_) {
     if (row.normal_force <= 0) continue;
+    slots_[row.a.chain]->touched = true;
+    if (row.b.chain >= 0) slots_[row.b.chain]->touched = true;
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
     memory_.push_back(
@@ -129,7 +172,7 @@ void World::bone_rows() {
         const Entry& e = entries[f];
         if (!e.wanted) continue;
         const bool segment = f >= n;
-        if (segment && (e.u <= 1e-6 || e.u >= 1 - 1e-6)) continue;  // its particle has a row
+        if (segment && !bulges(caches_[c][s], n, f - n, slots_[c]->radius)) continue;
         const int first = segment ? f - n : std::min(f, n - 2);
         Spot spot{chain, first,
                   segment      ? 1 - e.u
@@ -174,12 +217,14 @@ void World::tendon_rows() {
   int count = 0;
   for (const Chain* c : slots_)
     if (c) only = c, ++count;
-  if (count == 0 || (count == 1 && is_straight(*only))) return;  // nothing to touch
+  // Nothing to touch, now or at the end of the step.
+  if (count == 0 || (count == 1 && is_straight(*only, only->x) && is_straight(*only, only->foreseen))) return;
   trees_.resize(slots_.size());
   for (size_t c = 0; c < slots_.size(); ++c)
-    if (slots_[c]) trees_[c].refit(*slots_[c], context_.dt, options.contact_threshold);
+    if (slots_[c]) trees_[c].refit(*slots_[c], options.contact_threshold);
   pairs_.clear();
-  report_.pairs = find_pairs(slots_, trees_, context_.dt, pairs_);
+  report_.pairs = find_pairs(slots_, trees_, can_split(), pairs_);
+  room_ = std::min(room_, report_.pairs.room);
   for (const SegmentPair& p : pairs_) {
     const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];
     Row row;

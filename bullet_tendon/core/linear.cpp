@@ -1,8 +1,8 @@
 // Solution of A step = -residual for a group of tendons.
 //
-// A tendon on its own is a band matrix: direct solution. Contacts between tendons couple distant
-// blocks: conjugate gradients, preconditioned by the banded factors (which hold those contacts'
-// diagonal blocks), or by the inverse diagonal blocks where the paper's solver is asked for.
+// A tendon on its own is a band matrix, and tendons that touch each other are a sparse one: direct
+// solutions. Where the paper's solver is asked for: conjugate gradients, preconditioned by the inverse
+// diagonal blocks.
 #include "stepping.h"
 
 namespace bt {
@@ -59,12 +59,8 @@ void prepare_blocks(Chain& c) {
   }
 }
 
-void precondition(Group& group, LinearSolver solver) {
+void precondition(Group& group) {
   for (Chain* c : group.chains) {
-    if (solver == LinearSolver::banded) {
-      c->factor.solve(c->cg_remainder, c->cg_preconditioned);
-      continue;
-    }
     const Planes& q = c->inverse_blocks;
     for (int i = 0; i < c->n(); ++i)
       c->cg_preconditioned.set(
@@ -79,7 +75,7 @@ bool conjugate_gradients(Group& group, const Options& o) {
   constexpr Which P = &Chain::cg_direction, Y = &Chain::cg_image;
   combine(group, 0, &Chain::residual, 0, X);
   combine(group, -1, &Chain::residual, 0, R);
-  precondition(group, o.linear_solver);
+  precondition(group);
   combine(group, 1, Z, 0, P);
   double rz = inner_product(group, R, Z);
   const double relative = std::max(o.linear_tolerance, group.linear_tolerance);
@@ -93,7 +89,7 @@ bool conjugate_gradients(Group& group, const Options& o) {
     double alpha = rz / py;
     combine(group, alpha, P, 1, X);
     combine(group, -alpha, Y, 1, R);
-    precondition(group, o.linear_solver);
+    precondition(group);
     double rz_next = inner_product(group, R, Z);
     combine(group, 1, Z, rz_next / rz, P);
     rz = rz_next;
@@ -111,16 +107,14 @@ void solve_banded(Chain& c) {
 
 bool solve_linear(Group& group, const StepContext& context) {
   const Options& o = context.options;
-  const bool banded = o.linear_solver == LinearSolver::banded;
-  bool definite = true;
-  for (Chain* c : group.chains) {
-    if (banded)
-      definite &= c->factor.factorise(c->matrix);
-    else
-      prepare_blocks(*c);
+  if (o.linear_solver == LinearSolver::pcg) {
+    for (Chain* c : group.chains) prepare_blocks(*c);
+    return conjugate_gradients(group, o);
   }
+  if (group.coupled) return solve_coupled(group);
+  bool definite = true;
+  for (Chain* c : group.chains) definite &= c->factor.factorise(c->matrix);
   if (!definite) return false;
-  if (group.coupled || !banded) return conjugate_gradients(group, o);
   for (Chain* c : group.chains) solve_banded(*c);
   return true;
 }

@@ -5,14 +5,27 @@
 namespace bt {
 
 Pose in_world(const Shape& shape, const Link& link) {
-  const Rot3 &a = link.pose.rotation, &b = shape.local.rotation;
-  auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
-  return {{row(a.r0), row(a.r1), row(a.r2)}, to_world(link.pose, shape.local.origin)};
+  return {link.pose.rotation * shape.local.rotation, to_world(link.pose, shape.local.origin)};
+}
+
+double share_to_go(double clearance, double radius, double motion) {
+  if (motion <= kFarthestMove * radius || clearance - motion > radius) return 1;
+  return std::max(clearance - radius, kFarthestMove * radius) / motion;
+}
+
+double room_of(const NearCache& cache, double radius) {
+  double room = 1;
+  for (const Entry& e : cache.entries)
+    if (e.wanted) room = std::min(room, share_to_go(e.clearance, radius, e.motion));
+  return room;
+}
+
+double motion_of(const Chain& chain, int i, const Link& link, double dt) {
+  return norm(chain.foreseen.at(i) - chain.x.at(i) - link.drift(chain.x.at(i), dt));
 }
 
 double reach_of(const Chain& chain, int i, const Link& link, double dt, double threshold) {
-  Vec3 moves = dt * chain.v.at(i) - link.drift(chain.x.at(i), dt);
-  return chain.radius * kSkin + threshold + kForesight * norm(moves);
+  return chain.radius + threshold + chain.slack[i] + motion_of(chain, i, link, dt);
 }
 
 namespace {
@@ -32,18 +45,21 @@ bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
 }
 
 // Decides for one feature between skipping, reusing and querying.
-void consider(Entry& e, Vec3 a, Vec3 b, double reach, const NearContext& context, Query query,
+void consider(Entry& e, Vec3 a, Vec3 b, double motion, double reach, const NearContext& context, Query query,
               std::vector<Query>& queries, NearCounts& counts) {
   ++counts.considered;
-  if (e.known && !e.inside) {
+  e.motion = motion;
+  if (e.known && !e.inside && context.reuse_tolerance > 0) {
     double moved = std::max(norm(a - e.a), norm(b - e.b));
     if (e.distance - moved > reach) {
       ++counts.skipped;
       return;
     }
-    if (moved * moved <= 2 * e.distance * context.reuse_tolerance) {
+    const double aside = std::max(norm(without(a - e.a, e.normal)), norm(without(b - e.b, e.normal)));
+    if (aside * aside <= 2 * (e.distance - moved) * context.reuse_tolerance) {
       ++counts.reused;
       e.wanted = !e.hole;
+      e.clearance = e.distance - moved;
       return;
     }
   }
@@ -56,6 +72,7 @@ void consider(Entry& e, Vec3 a, Vec3 b, double reach, const NearContext& context
 void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
   const int n = chain.n();
+  cache.motion.resize(n);
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) {
     cache.entries.assign(2 * n - 1, Entry{});
     cache.local.assign(n, Vec3{});
@@ -66,34 +83,36 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
   for (int i = 0; i < n; ++i) {
     cache.local[i] = to_local(pose, chain.x.at(i));
     lo = lowest(lo, cache.local[i]), hi = highest(hi, cache.local[i]);
-    reach = std::max(reach, reach_of(chain, i, link, context.dt, context.threshold));
+    cache.motion[i] = motion_of(chain, i, link, context.dt);
+    reach = std::max(reach, cache.motion[i] + chain.slack[i]);
   }
+  const double skin = chain.radius + context.threshold;
+  reach += skin;
   for (Entry& e : cache.entries) e.wanted = false;
   if (outside(lo, hi, shape, reach)) {
     counts.culled += 2 * n - 1;
     return;
   }
-  auto particle_reach = [&](int i) { return reach_of(chain, i, link, context.dt, context.threshold); };
   auto drilled = [&](int i) { return in_any_bore(chain.x.at(i), *context.bores); };
-  double before = 0;
+  double before = 0;  // reach of the particle before
   bool bored_before = false;
   for (int i = 0; i < n; ++i) {
     const Vec3 here = cache.local[i];
-    const double now = particle_reach(i);
+    const double now = skin + cache.motion[i] + chain.slack[i];
     const bool bored = !context.bores->empty() && drilled(i);
     if (outside(here, here, shape, now) || bored)
       ++counts.culled;
     else
-      consider(cache.entries[i], here, here, now, context, {chain_slot, shape_slot, i, here, here}, queries,
-               counts);
+      consider(cache.entries[i], here, here, cache.motion[i], now, context,
+               {chain_slot, shape_slot, i, here, here}, queries, counts);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
       if (outside(lowest(last, here), highest(last, here), shape, most) || bored || bored_before)
         ++counts.culled;
       else
-        consider(cache.entries[n + i - 1], last, here, most, context,
-                 {chain_slot, shape_slot, n + i - 1, last, here}, queries, counts);
+        consider(cache.entries[n + i - 1], last, here, std::max(cache.motion[i - 1], cache.motion[i]), most,
+                 context, {chain_slot, shape_slot, n + i - 1, last, here}, queries, counts);
     }
     before = now, bored_before = bored;
   }
@@ -107,11 +126,11 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& s
   // primitive. A mesh gives no such point: the last good plane stays.
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
   if (!believed) {
-    e.inside = true;
+    e.inside = true, e.clearance = 0;
     e.wanted = e.known && !e.hole;
     return;
   }
-  e.known = true, e.inside = distance < 0, e.distance = distance;
+  e.known = true, e.inside = distance < 0, e.distance = distance, e.clearance = std::max(0.0, distance);
   e.u = u, e.a = q.a, e.b = q.b, e.point = point;
   double sign = distance < 0 ? -1 : 1;
   if (length > 0) e.normal = (sign / length) * apart;

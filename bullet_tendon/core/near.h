@@ -6,8 +6,9 @@
 //   skipped  while d - m > reach, because the feature cannot have come within reach,
 //   reused   while the plane's error is under the reuse tolerance,
 //   queried  otherwise.
-// Distance to a convex body along a displacement m from distance d is at least the plane's value,
-// and at most m^2/(2 d) more; hence reuse up to m = sqrt(2 d tolerance).
+// Distance to a convex body at a displacement from distance d is at least the plane's value; with m the
+// displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is at most
+// sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance).
 #pragma once
 #include <vector>
 
@@ -30,14 +31,16 @@ struct Shape {
 Pose in_world(const Shape& shape, const Link& link);
 
 struct Entry {
-  bool known = false;   // a plane was answered once
-  bool inside = false;  // the last answer found the centreline inside the shape
-  bool hole = false;    // the nearest surface lies in a bore: it has been drilled away
-  bool wanted = false;  // a row is to be made in this step
-  double distance = 0;  // of the last query [m]
-  double u = 0;         // nearest point of a segment
-  Vec3 point, normal;   // shape frame
-  Vec3 a, b;            // the feature's ends at the last query, shape frame
+  bool known = false;    // a plane was answered once
+  bool inside = false;   // the last answer found the centreline inside the shape
+  bool hole = false;     // the nearest surface lies in a bore: it has been drilled away
+  bool wanted = false;   // a row is to be made in this step
+  double distance = 0;   // of the last query [m]
+  double clearance = 0;  // least distance of the centreline now [m]
+  double motion = 0;     // of the feature in this step, relative to the shape [m]
+  double u = 0;          // nearest point of a segment
+  Vec3 point, normal;    // shape frame
+  Vec3 a, b;             // the feature's ends at the last query, shape frame
 };
 
 struct Query {
@@ -52,6 +55,7 @@ struct NearCounts {
 struct NearCache {
   std::vector<Entry> entries;  // n particles, then n - 1 segments
   std::vector<Vec3> local;     // particles in the shape's frame
+  std::vector<double> motion;  // of particles in this step, relative to the shape, as foreseen [m]
 };
 
 struct NearContext {
@@ -67,6 +71,14 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
 void answer(const Query& query, double distance, Vec3 point, double u, const Pose& shape_pose,
             const std::vector<Bore>& bores, Entry& entry);
 
+// Share of a step that something can go which is `clearance` away from a centreline of this radius, and
+// moves by `motion` relative to it [-]: until it could touch, or by kFarthestMove.
+double share_to_go(double clearance, double radius, double motion);
+// The smallest of those shares, of all features that are near the shape.
+double room_of(const NearCache& cache, double radius);
+
+// Motion of a particle within the step relative to a link, as foreseen [m].
+double motion_of(const Chain& chain, int particle, const Link& link, double dt);
 // How far a feature's end can come towards a body within the step [m].
 double reach_of(const Chain& chain, int particle, const Link& link, double dt, double threshold);
 

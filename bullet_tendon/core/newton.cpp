@@ -174,14 +174,22 @@ void line_search(Group& group) {
 // Whether iterations still get anywhere: contacts along a straight wall are let go one by one, which
 // takes many iterations and is no reason to give up.
 struct Progress {
+  int patience = kMixedIterations;
   double best = std::numeric_limits<double>::infinity();
   int idle = 0;
 };
 
+Progress fresh_progress(const Group& group) {
+  Progress p;
+  p.patience =
+      std::min(kMostPatience, kMixedIterations + static_cast<int>(group.rows.size()) / kContactsAnIteration);
+  return p;
+}
+
 bool stalled(Progress& p, double residual) {
   ++p.idle;
   if (residual < kProgress * p.best) p.best = residual, p.idle = 0;
-  return p.idle > kMixedIterations;
+  return p.idle > p.patience;
 }
 
 // Friction limits follow the normal forces between solutions, each of which minimises a fixed
@@ -195,6 +203,13 @@ bool update_friction(Group& group, double enough) {
     row->limit = limit;
   }
   return moved;
+}
+
+// true: some contact was too deep, and has been made stiffer.
+bool stiffen(Group& group) {
+  bool any = false;
+  for (Row* row : group.rows) any |= row->stiffen();
+  return any;
 }
 
 // The guess was useless: begin at the state that is known to be finite.
@@ -212,7 +227,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
   bool safe = false;
   int used = 0, round = 0;
-  Progress progress;
+  Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
   for (int iteration = 0;; ++iteration) {
@@ -230,9 +245,10 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     if (group.converged) {
       if (round >= kRounds) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);
+      const bool deep = stiffen(group);
       const bool missed = add_missed(group);
-      if (!slid && !missed) break;
-      ++round, progress = Progress{};
+      if (!slid && !deep && !missed) break;
+      ++round, progress = fresh_progress(group);
       continue;
     }
     if (iteration >= o.max_iterations) break;

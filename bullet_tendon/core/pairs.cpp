@@ -1,6 +1,7 @@
 #include "pairs.h"
 
 #include "constants.h"
+#include "near.h"
 
 namespace bt {
 
@@ -26,10 +27,10 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
   w = ee > 0 ? clamp01((de * u + er) / ee) : 0;
 }
 
-BT_VECTOR bool is_straight(const Chain& c) {
+BT_VECTOR bool is_straight(const Chain& c, const Field& at) {
   const int m = c.n() - 1;
-  const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
-  const Vec3 chord = c.x.at(m) - c.x.at(0);
+  const double *x = at[0], *y = at[1], *z = at[2];
+  const Vec3 chord = at.at(m) - at.at(0);
   const double enough = kStraight * kStraight * dot(chord, chord);
   int bent = dot(chord, chord) > 0 ? 0 : 1;
 #pragma GCC ivdep
@@ -41,19 +42,22 @@ BT_VECTOR bool is_straight(const Chain& c) {
   return bent == 0;
 }
 
-void BoxTree::refit(const Chain& c, double dt, double threshold) {
+void BoxTree::refit(const Chain& c, double threshold) {
   const int m = c.n() - 1;
   segments.resize(m);
   leaves.assign((m + kLeaf - 1) / kLeaf, Box{});
   all = Box{};
-  mean_velocity = {};
-  for (int i = 0; i < c.n(); ++i) mean_velocity += (1.0 / c.n()) * c.v.at(i);
-  skin = c.radius * kSkin + 0.5 * threshold;
+  mean_motion = {};
+  for (int i = 0; i < c.n(); ++i) mean_motion += (1.0 / c.n()) * (c.foreseen.at(i) - c.x.at(i));
+  skin = c.radius + 0.5 * threshold;
+  farthest_ = 0;
   for (int k = 0; k < m; ++k) {
-    double speed = std::max(norm(c.v.at(k) - mean_velocity), norm(c.v.at(k + 1) - mean_velocity));
     Box b;
-    b.include(c.x.at(k)), b.include(c.x.at(k + 1));
-    b.grow(skin + std::min(kForesight * dt * speed, kFarthest * c.radius));
+    for (int i : {k, k + 1}) {
+      b.include(c.x.at(i)), b.include(c.foreseen.at(i) - mean_motion);
+      farthest_ = std::max(farthest_, norm(c.foreseen.at(i) - mean_motion - c.x.at(i)));
+    }
+    b.grow(skin + std::max(c.slack[k], c.slack[k + 1]));
     segments[k] = b;
     leaves[k / kLeaf].include(b);
   }
@@ -86,6 +90,8 @@ void BoxTree::find_straight(const Chain& c) {
   }
   for (int i = 0; i < count; ++i) {
     int j = i - 1;
+    straight_to[i] = j;
+    if (farthest_ > kFarthestMove * c.radius) continue;  // may not be straight at the end of the step
     while (j + 1 < std::min(count, i + kFarthestLeaf) && dot(heading_[i], heading_[j + 1]) >= agrees_[j + 1])
       ++j;
     straight_to[i] = j;
@@ -100,7 +106,8 @@ struct Finder {
   int ia, ib;
   std::vector<SegmentPair>& out;
   PairCounts& counts;
-  double dt = 0, margin = 0;
+  bool far;
+  double margin = 0;
 
   // Segments that a spring joins, or so near along the tendon that no bend brings them together.
   bool joined(int k, int m) const {
@@ -109,33 +116,37 @@ struct Finder {
     return ta->arc[m] - ta->arc[k + 1] < kSelfContactArc * a->radius;
   }
 
-  // How much the distance of two segments can shrink in the step [m].
-  double approach(int k, int m) const {
-    double fastest = 0;
+  // How much two segments move relative to each other in the step, as foreseen [m].
+  double motion(int k, int m) const {
+    double farthest = 0;
     for (int i : {k, k + 1})
-      for (int j : {m, m + 1}) fastest = std::max(fastest, norm(a->v.at(i) - b->v.at(j)));
-    return std::min(kForesight * dt * fastest, kFarthest * (a->radius + b->radius));
+      for (int j : {m, m + 1})
+        farthest = std::max(farthest, norm(a->foreseen.at(i) - a->x.at(i) - b->foreseen.at(j) + b->x.at(j)));
+    return farthest;
   }
 
   void measure(int k, int m) {
     if (!overlap(ta->segments[k], tb->segments[m], margin) || joined(k, m)) return;
     ++counts.considered;
     Vec3 p0 = a->x.at(k), p1 = a->x.at(k + 1), q0 = b->x.at(m), q1 = b->x.at(m + 1);
-    double reach = ta->skin + tb->skin + approach(k, m);
+    const double radii = a->radius + b->radius, moves = motion(k, m);
+    const double slack = std::max(a->slack[k], a->slack[k + 1]) + std::max(b->slack[m], b->slack[m + 1]);
+    double reach = ta->skin + tb->skin + slack + (far ? moves : std::min(moves, kFarthest * radii));
     double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
     if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
     SegmentPair s{ia, k, ib, m, 0, 0, {}, 0};
     nearest_parameters(p0, p1, q0, q1, s.u, s.w);  // step 2
     s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
     s.distance = norm(s.apart);
-    if (s.distance < reach) ++counts.near, out.push_back(s);
+    if (s.distance >= reach) return;
+    if (far) counts.room = std::min(counts.room, share_to_go(s.distance, radii, moves));
+    ++counts.near, out.push_back(s);
   }
 
   void run() {
     // Two tendons may move towards each other as wholes.
-    margin = a == b ? 0
-                    : std::min(kForesight * dt * norm(ta->mean_velocity - tb->mean_velocity),
-                               kFarthest * (a->radius + b->radius));
+    margin = a == b ? 0 : norm(ta->mean_motion - tb->mean_motion);
+    if (!far) margin = std::min(margin, kFarthest * (a->radius + b->radius));
     if (!overlap(ta->all, tb->all, margin)) return;
     const int branches_a = static_cast<int>(ta->branches.size()),
               branches_b = static_cast<int>(tb->branches.size());
@@ -165,14 +176,14 @@ struct Finder {
 
 }  // namespace
 
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, double dt,
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, bool far,
                       std::vector<SegmentPair>& out) {
   PairCounts counts;
   const int count = static_cast<int>(chains.size());
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
       if (chains[i] && chains[j])
-        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, dt}.run();
+        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, far}.run();
   return counts;
 }
 

@@ -33,8 +33,9 @@ inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the m
          a.lo.z <= b.hi.z + m && b.lo.z <= a.hi.z + m;
 }
 
-// Boxes of a chain's segments grown by radius, half the threshold and their motion in a step,
-// relative to the chain's mean velocity: one for each, one for every eight, one for all.
+// Boxes around where a chain's segments are and, as foreseen, will be at the end of the step, relative
+// to the chain's mean motion, grown by radius, slack and half the threshold: one for each, one for every
+// eight, one for all.
 struct BoxTree {
   static constexpr int kLeaf = 8;
   std::vector<Box> segments, leaves, branches;
@@ -42,26 +43,29 @@ struct BoxTree {
   // The last leaf up to which the tendon runs so straight from leaf i on that it cannot touch itself:
   // points an arc a apart are at least kStraight a apart, and kStraight kSelfContactArc exceeds two.
   std::vector<int> straight_to;
-  Vec3 mean_velocity;
-  double skin = 0;  // radius and half the threshold [m]
+  Vec3 mean_motion;  // of the particles within the step [m]
+  double skin = 0;   // radius and half the threshold [m]
   Box all;
-  void refit(const Chain& c, double dt, double threshold);
+  void refit(const Chain& c, double threshold);
 
  private:
   void find_straight(const Chain& c);
+  double farthest_ = 0;         // that a particle moves relative to the mean motion [m]
   std::vector<Vec3> heading_;   // of each leaf's chord
   std::vector<double> agrees_;  // least cosine of another heading with it for all its segments to be straight
 };
 
-// Whether a tendon as a whole runs so straight that it cannot touch itself.
-bool is_straight(const Chain& c);
+// Whether a tendon as a whole would run so straight at x that it cannot touch itself.
+bool is_straight(const Chain& c, const Field& x);
 
 struct PairCounts {
   long considered = 0, near = 0;
+  double room = 1;  // share of the step until tendons that are not near could touch, as foreseen [-]
 };
 
 // Appends the pairs of segments that could touch within the step.
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, double dt,
+// far: however far they move; else only what is within kFarthest.
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, bool far,
                       std::vector<SegmentPair>& out);
 
 }  // namespace bt

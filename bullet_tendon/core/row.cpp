@@ -1,5 +1,7 @@
 #include "row.h"
 
+#include "constants.h"
+
 namespace bt {
 
 namespace {
@@ -39,6 +41,7 @@ void Row::evaluate(Vec3 relative, bool at_position) {
     mouth_gap(*this, relative, curvature, around);
   else
     gap = dot(normal, relative) - offset;
+  gap -= allowed;
   if (!direct) normal_force = std::max(0.0, carried - stiffness * gap);
   if (at_position) multiplier = normal_force;
   // A direct row's normal force is what the constraint supplies: only its friction is a force here.
@@ -68,6 +71,15 @@ void Row::evaluate(Vec3 relative, bool at_position) {
     Vec3 along = (1 / stretch) * raw;
     block += (std::min(limit, pull) / stretch) * (across(normal) + (-1.0) * outer(along));
   }
+}
+
+bool Row::stiffen() {
+  if (!stiffens || direct || normal_force <= 0 || -(gap + yield * normal_force) <= kDepth * radius)
+    return false;
+  const double unsoftened = stiffness / (1 - std::min(stiffness * yield, 1 - 1e-6));
+  stiffness = kStiffening * unsoftened / (1 + kStiffening * unsoftened * yield);
+  if (yield == 0) carried = normal_force;
+  return true;
 }
 
 void Row::settle(Vec3 relative) {

@@ -10,7 +10,8 @@
 //
 //
 // With N_0 = 0 it is the paper's spring. With N_0 carried (N_0 <- N after every step) a resting
-// contact has no depth, whatever its load; k only sets how fast that is reached.
+// contact has no depth, whatever its load; k only sets how fast that is reached. Where depth is left by
+// the end of a step, N_0 <- N, k grows and the step is solved on (augmented Lagrangian, Hestenes 1969).
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -40,11 +41,15 @@ struct Row {
   int link = -1;
   Vec3 normal;                 // n, of a plane row; of a bore row as last evaluated
   double offset = 0;           // c; of a mouth row, the distance kept from the circle
+  double allowed = 0;          // gap, negative, that may be left at the end of a part of a step [m]
   double beyond = 0;           // by how much the gap stands off the surfaces (threshold) [m]
   Vec3 axis_point, axis;       // of a bore; of a mouth, the circle's centre and axis
   double ring = 0;             // of a bore, R - r; of a mouth, the circle's radius [m]
   bool through = false;        // a mouth row of a segment that passes through the mouth
-  double stiffness = 0;        // k [N/m]
+  double radius = 0;           // of the tendon, or both [m]
+  double stiffness = 0;        // k, softened by the link's yielding [N/m]
+  double yield = 0;            // of the link within the step, to a force along n [m/N]
+  bool stiffens = false;       // k is not the user's, and grows where depth remains
   double grip = 0;             // k_t, of sticking [N/m]
   double carried = 0;          // N_0 [N]
   double multiplier = 0;       // N as foreseen, in the curvature [N]
@@ -53,6 +58,7 @@ struct Row {
   double limit = 0;            // mu N that friction is limited to [N]
   bool direct = false;         // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;           // a direct row that holds now
+  bool joins = false;          // two tendons, in the pattern of their matrix
   bool pressed = false;        // touches, in the linearisation
   bool sliding = false;        // else it sticks, in the linearisation
   double kept_multiplier = 0;  // both, before a part of a split step was tried
@@ -64,12 +70,15 @@ struct Row {
   Vec3 raw, displacement;           // z, and z returned to the cone
   Vec3 tangent_force, total_force;  // on the point a
   Vec3 linear_force;                // of the linearisation; total_force where that is at the present state
+  Vec3 last_mean;                   // mean_force of the step before
   Vec3 mean_force;                  // total_force, averaged over the parts of a split step
   Sym3 block;                       // derivative, positive semidefinite
 
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
   // block's curvature, are as foreseen, or (at_position) as the position has them.
   void evaluate(Vec3 relative, bool at_position);
+  // k too small: the multiplier takes over the force that there is, and k grows. false: depth is small.
+  bool stiffen();
   // The normal force, and whether the contact slides, in the next iteration, from the relative
   // displacement that this one found. Both are multipliers like those of springs: judged by present
   // positions they are wild, because contacts are stiff. What sticks slides when its force would

@@ -1,7 +1,8 @@
-// A step that Newton's method does not solve is taken in parts: halved until every part converges.
+// A step of tendons by themselves that Newton's method does not solve is taken in parts: halved until
+// every part converges. (Where they touch something, the world splits the step: parts.cpp.)
 //
 // Rotations grow with the step and are what Newton fails on; inertia M/b^2 grows as the step
-// shrinks and makes every part solvable in the end. Parts are counted in units of dt / kMostParts
+// shrinks and makes every part solvable in the end. Parts are counted in units of dt / kMostSubsteps
 // and doubled again when they go well. Forces on holders and bodies are the parts' averages, so that
 // impulses stay exact.
 #include "constants.h"
@@ -11,23 +12,13 @@ namespace bt {
 
 namespace {
 
-SpringSet& spring_set(Chain& c, int which) { return which ? c.shear : c.structure; }
-
 void keep_multipliers(Group& group) {
-  for (Chain* c : group.chains)
-    for (int w : {0, 1}) {
-      c->start_carried[w] = spring_set(*c, w).carried;
-      c->start_elastic[w] = spring_set(*c, w).elastic;
-    }
+  for (Chain* c : group.chains) c->keep_multipliers(c->start);
   for (Row* row : group.rows) row->kept_multiplier = row->multiplier, row->kept_sliding = row->sliding;
 }
 
 void restore_multipliers(Group& group) {
-  for (Chain* c : group.chains)
-    for (int w : {0, 1}) {
-      spring_set(*c, w).carried = c->start_carried[w];
-      spring_set(*c, w).elastic = c->start_elastic[w];
-    }
+  for (Chain* c : group.chains) c->restore_multipliers(c->start);
   for (Row* row : group.rows) row->multiplier = row->kept_multiplier, row->sliding = row->kept_sliding;
 }
 
@@ -47,6 +38,7 @@ void clear_means(Group& group) {
 void gather(Chain& c) {
   c.next = c.x, c.step = c.v;
   c.x = c.start_x, c.v = c.start_v;
+  c.x_before = c.start_x_before, c.v_before = c.start_v_before, c.dt_before = c.start_dt_before;
   c.split = false, c.gathered = true;
 }
 
@@ -54,17 +46,20 @@ void in_parts(Group& group, const StepContext& context) {
   StepContext part = context;
   part.options.integrator = Integrator::implicit_euler;
   for (Chain* c : group.chains) {
-    c->start_x = c->x, c->start_v = c->v, c->split = true, c->dt_before = 0;
+    c->start_x = c->x, c->start_v = c->v, c->split = true;
+    c->start_x_before = c->x_before, c->start_v_before = c->v_before, c->start_dt_before = c->dt_before;
+    c->dt_before = 0;
   }
-  restore_multipliers(group);
+  for (Chain* c : group.chains) c->restore_multipliers(c->kept);
+  for (Row* row : group.rows) row->multiplier = row->kept_multiplier, row->sliding = row->kept_sliding;
   clear_means(group);
   group.substeps = 0;
   bool converged = true;
   double worst = 0;
-  for (int done = 0, size = kMostParts / 2; done < kMostParts;) {
-    part.dt = context.dt * size / kMostParts;
+  for (int done = 0, size = kMostSubsteps / 2; done < kMostSubsteps;) {
+    part.dt = context.dt * size / kMostSubsteps;
     keep_multipliers(group);
-    for (Chain* c : group.chains) begin_step(*c, part, static_cast<double>(done + size) / kMostParts);
+    for (Chain* c : group.chains) begin_step(*c, part, static_cast<double>(done + size) / kMostSubsteps);
     newton(group, part, size == 1);
     if (!group.converged && size > 1) {
       size /= 2;
@@ -73,11 +68,11 @@ void in_parts(Group& group, const StepContext& context) {
     }
     converged &= group.converged;
     worst = std::max(worst, group.residual);
-    add_means(group, static_cast<double>(size) / kMostParts);
+    add_means(group, static_cast<double>(size) / kMostSubsteps);
     for (Chain* c : group.chains) finish_step(*c, part);
     ++group.substeps;
     done += size;
-    if (size < kMostParts / 2 && done % (2 * size) == 0) size *= 2;
+    if (size < kMostSubsteps / 2 && done % (2 * size) == 0) size *= 2;
   }
   group.converged = converged, group.residual = worst;
   for (Chain* c : group.chains) gather(*c);
@@ -86,9 +81,9 @@ void in_parts(Group& group, const StepContext& context) {
 }  // namespace
 
 void converged_step(Group& group, const StepContext& context) {
-  keep_multipliers(group);
-  newton(group, context, false);
-  if (!group.converged) in_parts(group, context);
+  newton(group, context, context.splitting == Splitting::never);
+  const bool by_world = context.splitting == Splitting::by_world && !group.rows.empty();
+  if (!group.converged && !by_world && context.splitting != Splitting::never) in_parts(group, context);
 }
 
 }  // namespace bt

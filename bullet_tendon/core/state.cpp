@@ -24,7 +24,7 @@ void World::keep() {
   kept_moving_.clear(), kept_entries_.clear();
   Writer writer(kept_moving_);
   moving_fields(writer);
-  kept_rows_.swap(rows_);
+  kept_rows_ = rows_;
 }
 
 void World::roll_back() {

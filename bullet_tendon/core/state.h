@@ -21,8 +21,10 @@ namespace bt {
 
 // Kept byte by byte: numbers, and structs that are nothing but doubles.
 template <class T>
-constexpr bool kPlain = std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> ||
-                        std::is_same_v<T, Sym3> || std::is_same_v<T, Rot3> || std::is_same_v<T, Pose>;
+constexpr bool kPlain =
+    std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> || std::is_same_v<T, Sym3> ||
+    std::is_same_v<T, Rot3> || std::is_same_v<T, Six> || std::is_same_v<T, Six6> ||
+    std::is_arithmetic_v<std::remove_all_extents_t<T>> || std::is_same_v<T, Pose>;
 
 struct StateMismatch : std::runtime_error {
   using std::runtime_error::runtime_error;
@@ -99,6 +101,7 @@ class Writer : public Archive<Writer> {
   bool writes(std::vector<T>&, size_t) {
     return true;
   }
+  bool applies() const { return false; }
 
  private:
   std::vector<char>& out_;
@@ -132,6 +135,7 @@ class Reader : public Archive<Reader> {
     if (apply_) list.resize(count);
     return apply_;
   }
+  bool applies() const { return apply_; }
   void finish() const {
     if (at_ != end_) throw StateMismatch("of the length that the world's parts give");
   }
@@ -170,10 +174,10 @@ void same_fields(A& a, Tunnel& tunnel) {
 
 template <class A>
 void fields(A& a, Hold& hold) {
-  auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, target, viscosity, force,
-         mean_force] = hold;
-  a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, target, viscosity, force,
-    mean_force);
+  auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target, viscosity, force,
+         mean_force, kept_force, sum_force, step_force] = hold;
+  a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target, viscosity, force,
+    mean_force, kept_force, sum_force, step_force);
 }
 
 template <class A>
@@ -191,29 +195,40 @@ void fields(A& a, SpringSet& set) {
 template <class A>
 void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, rest, scale, structure, shear, holds, tunnel_of,
-         x_before, v_before, dt_before, smooth, touching, b, start_x, start_v, start_carried, start_elastic,
-         split, gathered, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
-         cg_direction, cg_image, matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+         x_before, v_before, dt_before, smooth, touching, touched, b, foreseen, slack, kept, kept_smooth,
+         start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split, gathered, next,
+         step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image,
+         matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, rest, scale, structure, shear, holds, tunnel_of);
-  a(x_before, v_before, dt_before, smooth, touching, split, gathered);
-  a.scratch(b, start_x, start_v, start_carried, start_elastic, next, step, residual, anchor_x, anchor_v, goal,
-            cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor, inverse_blocks,
-            residual_norm, worst_particle);
+  a(x_before, v_before, dt_before, smooth, touching, touched, split, gathered);
+  a.scratch(b, foreseen, slack, kept, kept_smooth, start_x, start_v, start, start_x_before, start_v_before,
+            start_dt_before, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
+            cg_direction, cg_image, matrix, factor, inverse_blocks, residual_norm, worst_particle);
+}
+
+template <class A>
+void fields(A& a, Observer& observer) {
+  auto& [free, effective, share, twist, wrench, push, last, before, dt, samples, known, acted, held,
+         released] = observer;
+  a(free, effective, share, twist, wrench, push, last.wrench, last.acceleration, before.wrench,
+    before.acceleration, dt, samples, known, acted, held, released);
 }
 
 template <class A>
 void fields(A& a, Link& link) {
-  auto& [pose, centre, velocity, spin, yields, response, touches, touching, force, torque] = link;
-  a(touches, touching, force, torque);
-  a.scratch(pose, centre, velocity, spin, yields, response);  // told before every step
+  auto& [pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response, gyration,
+         observer, touches, touching, force, torque, last_force, last_torque] = link;
+  a(gyration, observer, touches, touching, force, torque, last_force, last_torque);
+  // Told or foreseen before every step.
+  a.scratch(pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response);
 }
 
 template <class A>
 void fields(A& a, Entry& entry) {
-  auto& [known, inside, hole, wanted, distance, u, point, normal, first, second] = entry;
-  a(known, inside, hole, distance, u, point, normal, first, second);
-  a.scratch(wanted);
+  auto& [known, inside, hole, wanted, distance, clearance, motion, u, point, normal, first, second] = entry;
+  a(known, inside, hole, distance, clearance, u, point, normal, first, second);
+  a.scratch(wanted, motion);
 }
 
 template <class A>
@@ -225,20 +240,37 @@ void fields(A& a, ContactMemory& memory) {
 // Rows are of the last step, and only read out after it.
 template <class A>
 void fields(A& a, Row& row) {
-  auto& [key, kind, spot, other, link, normal, offset, beyond, axis_point, axis, ring, through, stiffness,
-         grip, carried, multiplier, friction, stuck, reference, limit, direct, held, pressed, sliding,
-         kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
-         total_force, linear_force, mean_force, block] = row;
+  auto& [key, kind, spot, other, link, normal, offset, allowed, beyond, axis_point, axis, ring, through,
+         radius, stiffness, yield, stiffens, grip, carried, multiplier, friction, stuck, reference, limit,
+         direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, gap, normal_force,
+         raw, displacement, tangent_force, total_force, linear_force, last_mean, mean_force, block] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
-  a.scratch(offset, axis_point, axis, ring, through, stiffness, grip, carried, multiplier, friction, stuck,
-            reference, limit, direct, held, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
-            displacement, total_force, linear_force, mean_force, block);
+  a.scratch(offset, allowed, axis_point, axis, ring, through, radius, stiffness, yield, stiffens, grip,
+            carried, multiplier, friction, stuck, reference, limit, direct, held, joins, pressed, sliding,
+            kept_multiplier, kept_sliding, changes, raw, displacement, total_force, linear_force, last_mean,
+            mean_force, block);
 }
 
 template <class A>
 void fields(A& a, Spot& spot) {
   auto& [chain, first, w0, w1] = spot;
   a(chain, first, w0, w1);
+}
+
+// The tendons in `list`, of which there are as many as tendons of the world, or none.
+template <class A>
+void World::fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list) {
+  const size_t count = a.length(list.size() == chains.size() ? list.size() : 0);
+  if (a.applies()) {
+    if (count == 0) list.clear();
+    if (count > 0 && list.size() != chains.size()) list = copies();
+  }
+  if (count == 0) return;
+  for (auto& c : list.size() == chains.size() ? list : chains) {
+    bool there = c != nullptr;
+    a.same(there);
+    if (there) fields(a, *c);
+  }
 }
 
 // What a step changes, but for planes and rows, which it keeps aside itself (World::begin).
@@ -251,26 +283,31 @@ void World::moving_fields(A& a) {
     a.same(there);
     if (there) fields(a, *c);
   }
-  a(links, memory_);
+  a(links, memory_, whole_dt_, before_memory_, before_links_);
+  fields_of(a, before_chains_);
 }
 
 template <class A>
 void World::all_fields(A& a) {
-  auto& [options_, chains_, links_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context, slots, caches,
-         queries, trees, pairs, rows, found, memory, touching, bores, bores_by_link, groups, group_of, report,
-         kept_moving, kept_entries, kept_rows] = *this;
-  moving_fields(a);  // chains, links, memory
+  auto& [options_, chains_, links_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context, whole_dt, whole,
+         done, size, parts, looks, room, looking, unsettled, backup, backup_memory, before_chains,
+         before_memory, before_links, slots, caches, queries, trees, pairs, rows, found, before, keys, memory,
+         touching, bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries,
+         kept_rows] = *this;
+  moving_fields(a);
+  a.scratch(chains_, links_, memory, whole_dt, before_chains, before_memory, before_links);  // done by it
   a.same(shape_alive_, shapes_, tunnel_alive_, tunnels_);
   for (auto& of_chain : caches)
     for (NearCache& cache : of_chain) {
-      auto& [entries, local] = cache;
+      auto& [entries, local, motion] = cache;
       a(entries);
-      a.scratch(local);
+      a.scratch(local, motion);
     }
   a(rows);
   // Options are the user's, as they are now.
-  a.scratch(options_, chains_, links_, memory, context, slots, queries, trees, pairs, found, touching, bores,
-            bores_by_link, groups, group_of, report, kept_moving, kept_entries, kept_rows);
+  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, backup,
+            backup_memory, slots, queries, trees, pairs, found, before, keys, touching, bores, bores_by_link,
+            groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
 }
 
 }  // namespace bt

@@ -6,7 +6,8 @@ namespace bt {
 
 BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction) {
   const double dt = context.dt;
-  const bool history = c.dt_before > 0;
+  // What touches something has velocities that jump: they are not to be extrapolated.
+  const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt && c.smooth;
   c.smooth = true;
   c.b = two ? 2 * dt / 3 : dt;
@@ -26,16 +27,16 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   }
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0 || c.material.damping == 0) continue;
-    std::swap(s->before, s->start);
+    if (two) measure(*s, c.x_before), s->before = s->length;
     measure(*s, c.x);
     for (int k = 0; k < s->count; ++k) {
       s->start[k] = s->length[k];
-      s->history[k] = now * s->start[k] + last * s->before[k];
+      s->history[k] = now * s->start[k] + (two ? last * s->before[k] : 0);
     }
   }
   const Field& from = c.split ? c.start_x : c.x;
   for (Hold& h : c.holds) {
-    h.target = fraction == 1 ? h.goal : (1 - fraction) * from.at(h.particle) + fraction * h.goal;
+    h.target = fraction == 1 ? h.aim : (1 - fraction) * from.at(h.particle) + fraction * h.aim;
     if (h.rigid) c.next.set(h.particle, h.target);
   }
 }
@@ -82,6 +83,7 @@ bool is_sane(const Chain& c, const StepContext& context) {
 }  // namespace
 
 void solve(Group& group, const StepContext& context) {
+  for (Chain* c : group.chains) c->gathered = false;
   if (context.options.integrator == Integrator::explicit_euler)
     explicit_euler(group, context);
   else if (context.options.iteration == Iteration::single)
@@ -90,9 +92,9 @@ void solve(Group& group, const StepContext& context) {
     converged_step(group, context);
   if (group.substeps == 1) {
     for (Row* row : group.rows)
-      row->mean_force = step_mean(group.at(row->a), context, row->mean_force, row->total_force);
+      row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
     for (Chain* c : group.chains)
-      for (Hold& h : c->holds) h.mean_force = step_mean(*c, context, h.mean_force, h.force);
+      for (Hold& h : c->holds) h.mean_force = step_mean(*c, context, h.kept_force, h.force);
   }
   for (Chain* c : group.chains) group.finite &= is_sane(*c, context);
 }
@@ -181,7 +183,7 @@ bool overruled(const Row& row, const Chain& c) {
     any_free |= !hold && weight >= kLeastLever;
     if (!hold) continue;
     Row at_hold = row;
-    at_hold.evaluate(hold->goal, true);
+    at_hold.evaluate(hold->aim, true);
     if (at_hold.gap < 0) return true;
   }
   return !any_free;

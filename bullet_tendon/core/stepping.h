@@ -15,11 +15,16 @@
 
 #include "options.h"
 #include "row.h"
+#include "sparse.h"
 
 namespace bt {
 
+// Who splits a step that does not converge: the world, where something is touched; else the group.
+enum class Splitting { by_world, by_group, never };
+
 struct StepContext {
   double dt = 0;
+  Splitting splitting = Splitting::by_group;
   Vec3 gravity;
   Options options;
 };
@@ -28,9 +33,18 @@ struct StepContext {
 struct Group {
   const std::vector<Chain*>* slots = nullptr;  // all tendons of the world, as spots name them
   std::vector<Chain*> chains;
+  std::vector<int> numbers;  // of their slots
   std::vector<Row*> rows;
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
+  // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
+  // tendon's blocks begin, by slot, and by block what holds leave free and the right-hand side.
+  SparseFactor factor;
+  SparseFactor::Edges edges;
+  std::vector<int> offset;
+  bool patterned = false;  // the pattern is of this group
+  std::vector<Sym3> free;
+  std::vector<Vec3> right_hand;
   int iterations = 0;
   double residual = 0;  // largest residual force over the largest force at hand
   bool converged = false;
@@ -60,9 +74,10 @@ void explicit_euler(Group& group, const StepContext& context);
 // moved along, get one more row each beside the first (which holds what it held). true: some did.
 bool add_missed(Group& group);
 
-// A step = -residual with all holds applied: banded, or by preconditioned conjugate gradients. false:
-// the matrix is not positive definite.
+// A step = -residual with all holds applied: banded, or sparse where tendons touch, or by preconditioned
+// conjugate gradients. false: the matrix is not positive definite.
 bool solve_linear(Group& group, const StepContext& context);
+bool solve_coupled(Group& group);
 
 // cg_image = A cg_direction.
 void multiply(Group& group);

@@ -40,7 +40,7 @@ void World::bore_rows(int chain, int t) {
   const Link& link = links[tunnels[t].link];
   const double dt = context_.dt;
   for (int i = 0; i < c.n(); ++i) {
-    const Vec3 x = c.x.at(i), ahead = x + kForesight * (dt * c.v.at(i) - link.drift(x, dt));
+    const Vec3 x = c.x.at(i), ahead = c.foreseen.at(i) - link.drift(x, dt);
     const bool inside = c.tunnel_of[i] == t;
     if (!inside && !(bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius)) continue;
     const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
@@ -108,9 +108,10 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   const Vec3 edge = nearest_on_circle(x, centre, bore.axis, radius, sideways);
   const Vec3 apart = x - edge;
   const double distance = norm(apart);
-  const double reach = mouth_reach(chain, t, k);
-  if (distance > reach) return;
+  if (distance > mouth_reach(chain, t, k)) return;
   const Link& link = links[tunnels[t].link];
+  const double motion = std::max(motion_of(c, k, link, context_.dt), motion_of(c, k + 1, link, context_.dt));
+  room_ = std::min(room_, share_to_go(distance, c.radius + bore.chamfer, motion));
   const double dt = context_.dt, za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Row row;
   row.kind = ContactKind::mouth, row.link = tunnels[t].link;

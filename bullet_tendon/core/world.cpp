@@ -1,8 +1,6 @@
 #include "world.h"
 
 #include <algorithm>
-#include <limits>
-#include <numeric>
 
 #include "constants.h"
 
@@ -12,11 +10,13 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
   if (slot == static_cast<int>(chains.size())) chains.emplace_back();
   chains[slot] = std::move(chain);
+  before_chains_.clear();
   return slot;
 }
 
 void World::remove_chain(int slot) {
   chains[slot].reset();
+  before_chains_.clear();
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
@@ -95,39 +95,101 @@ void World::forget_contacts() {
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to
 // them as the link does: with W its mobility, a force F moves it by dt^2 W F within the step. Those
-// that touch one link share its response, which is the stable side of counting it once.
+// that touch one link share its response: the wrench w of the last step goes on, and each counts the
+// change of its own force as often as there are others, dt^2 (A w + m W (F - F_last)), which is the stable
+// side and leaves the equilibrium exact.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.goal = p + link.drift(p, context_.dt);
+    h.aim = p + link.drift(p, context_.dt);
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
-    Sym3 w = (context_.dt * context_.dt * std::max(1, link.touches)) * link.mobility(p);
-    double least = 1e-6 * (w.xx + w.yy + w.zz) + 1e-300;  // a joint yields in some directions only
-    h.stiffness = inverse(w + identity(least));
+    Sym3 w = (whole_dt_ * whole_dt_ * std::max(1, link.touches)) * link.mobility(p);
+    if (link.touches > 1) h.aim += (context_.dt * whole_dt_) * link.last_acceleration(p) - w * h.step_force;
+    // Joints, and what holds a link, leave it some directions only.
+    const double least = kRank * whole_dt_ * whole_dt_ * trace(link.free_mobility(p)) + 1e-300;
+    h.stiffness = w + identity(least);
+    invert_definite(h.stiffness);
   }
 }
 
-void World::begin(double dt, Vec3 gravity) {
-  roll_back();
-  keep();
-  context_.dt = dt, context_.gravity = gravity, context_.options = options;
+void World::sense(double dt, Vec3 gravity, bool held) {
+  context_.dt = dt, context_.gravity = gravity;
+  for (Link& l : links) {
+    if (held || !l.yields) {
+      l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
+      l.yields &= !held;
+      continue;
+    }
+    const Vec3 v = l.now_velocity, w = l.now_spin, g = l.falls ? gravity : Vec3{};
+    Six6 free;
+    std::copy(&l.free[0][0], &l.free[0][0] + 36, &free.m[0][0]);
+    const Vec3 t = l.gyration;  // of the step before
+    l.observer.see({{v.x, v.y, v.z, w.x, w.y, w.z}}, free, {{g.x, g.y, g.z, t.x, t.y, t.z}});
+    l.gyration = l.falls ? l.gyroscopic() : Vec3{};
+    l.foresee(dt, gravity);
+  }
+}
+
+void World::let_go(int link) {
+  links[link].observer.let_go();
+  links[link].foresee(context_.dt, context_.gravity);
+}
+
+bool World::any_held() const {
+  for (const Link& l : links)
+    if (l.observer.held()) return true;
+  return false;
+}
+
+std::vector<int> World::rewind() {
+  std::vector<int> released;
+  for (size_t i = 0; i < links.size(); ++i)
+    if (links[i].observer.released()) released.push_back(static_cast<int>(i));
+  if (released.empty() || before_chains_.size() != chains.size()) return {};
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c] && before_chains_[c]) *chains[c] = *before_chains_[c];
+  memory_ = before_memory_;
+  for (size_t i = 0; i < before_links_.size(); ++i) {
+    const Observer observer = links[i].observer;
+    links[i] = before_links_[i];
+    links[i].observer = observer;
+  }
+  for (int i : released) links[i].observer.let_go(), links[i].foresee(whole_dt_, context_.gravity);
+  rows_.clear();
+  return released;
+}
+
+void World::refresh_links() {
+  for (Link& l : links) {
+    const Vec3 v = l.now_velocity, w = l.now_spin;
+    l.observer.refresh({{v.x, v.y, v.z, w.x, w.y, w.z}});
+  }
+}
+
+void World::begin(double dt, Vec3 gravity, bool whole) {
+  context_.gravity = gravity, context_.options = options;
+  whole_dt_ = dt, whole_ = whole, done_ = parts_ = 0, size_ = kUnits;
+  backup_.clear();
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
+  before_chains_.clear();
+  if (any_held()) before_chains_ = copies(), before_memory_ = memory_, before_links_ = links;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;
-    for (const Hold& h : c->holds)
+    c->keep_multipliers(c->kept), c->kept_smooth = c->smooth;
+    for (Hold& h : c->holds) {
+      h.kept_force = h.mean_force, h.sum_force = {};
       if (h.link >= 0) ++links[h.link].touching;
+    }
   }
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);
-  for (Chain* c : slots_)
-    if (c) aim_attachments(*c), begin_step(*c, context_);
   report_ = Report{};
-  find_bores();
+  begin_part();
 }
 
 // A cache for every tendon and shape that are there, of planes not known yet.
@@ -141,6 +203,7 @@ void World::size_caches() {
       if (caches_[c][s].entries.size() == features) continue;
       caches_[c][s].entries.assign(features, Entry{});
       caches_[c][s].local.assign(n, Vec3{});
+      caches_[c][s].motion.assign(n, 0.0);
     }
   }
 }
@@ -172,87 +235,6 @@ void World::answers(const double* distance, const double* points, const double* 
   }
 }
 
-// Tendons that a row joins are solved together (union-find over the rows).
-void World::make_groups() {
-  const int count = static_cast<int>(slots_.size());
-  group_of_.resize(count);
-  std::iota(group_of_.begin(), group_of_.end(), 0);
-  auto root = [&](int c) {
-    while (group_of_[c] != c) c = group_of_[c] = group_of_[group_of_[c]];
-    return c;
-  };
-  for (const Row& row : rows_)
-    if (row.b.chain >= 0)
-      group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
-  groups_.resize(count);
-  for (int c = 0; c < count; ++c) {
-    Group& g = groups_[c];
-    g.chains.clear(), g.rows.clear(), g.extra.clear();
-    g.extra.reserve(kMostExtraRows);
-    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.substeps = 1;
-    g.linear_tolerance = 0;
-  }
-  for (int c = 0; c < count; ++c)
-    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]);
-  for (Row& row : rows_) {
-    Group& g = groups_[root(row.a.chain)];
-    g.rows.push_back(&row);
-    g.coupled |= row.b.chain >= 0;
-  }
-}
-
-bool World::solve() {
-  collect_rows();
-  make_groups();
-  bool finite = true;
-  for (size_t s = 0; s < groups_.size(); ++s) {
-    Group& g = groups_[s];
-    if (g.chains.empty()) continue;
-    bt::solve(g, context_);
-    found_.insert(found_.end(), g.extra.begin(), g.extra.end());
-    if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
-    finite &= g.finite;
-    ++report_.groups;
-    report_.iterations = std::max(report_.iterations, g.iterations);
-    report_.substeps = std::max(report_.substeps, g.substeps);
-    report_.converged &= g.converged;
-    if (!(g.residual <= report_.residual) || report_.worst_chain < 0) {
-      report_.residual = g.residual;
-      const Chain* worst = g.chains[0];
-      for (const Chain* c : g.chains)
-        if (!(c->residual_norm <= worst->residual_norm)) worst = c;
-      for (size_t c = 0; c < slots_.size(); ++c)
-        if (slots_[c] == worst) report_.worst_chain = static_cast<int>(c);
-      report_.worst_particle = worst->worst_particle;
-    }
-  }
-  rows_.insert(rows_.end(), found_.begin(), found_.end());
-  found_.clear();
-  report_.rows = static_cast<long>(rows_.size());
-  if (!finite) roll_back();
-  return finite;
-}
-
-void World::finish() {
-  for (Row& row : rows_) {
-    if (row.link < 0) continue;
-    Link& link = links[row.link];
-    ++link.touching;
-    // On the centreline's point, not on the surface: particles do not spin.
-    link.apply(-row.mean_force, row.a.of(slots_[row.a.chain]->next));
-  }
-  for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) {
-      const Hold& h = c->holds[i];
-      if (h.link >= 0) links[h.link].apply(h.mean_force, to_world(links[h.link].pose, h.local));
-    }
-  remember();
-  for (Chain* c : slots_)
-    if (c) finish_step(*c, context_);
-  kept_moving_.clear();
-}
-
 std::vector<ContactRecord> World::contacts() const {
   std::vector<ContactRecord> out;
   for (const Row& row : rows_) {
@@ -261,7 +243,7 @@ std::vector<ContactRecord> World::contacts() const {
     r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link,
     r.kind = row.kind;
     r.position = row.a.of(c.x), r.normal = row.normal;
-    r.distance = row.gap + row.beyond;
+    r.distance = row.gap + row.allowed + row.beyond;
     r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);
     out.push_back(r);
   }

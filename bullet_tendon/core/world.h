@@ -2,11 +2,13 @@
 //
 //   begin      starting guess and goals of every tendon
 //   near       which distances are needed (asked of the caller, who answers)
-//   contacts   rows from planes, bores, mouths and tendon pairs, with what they remember
-//   solve      each group of touching tendons by itself
+//   solve      rows from planes, bores, mouths and tendon pairs, with what they remember (contacts.cpp,
+//              tunnels.cpp); each group of touching tendons by itself (groups.cpp)
 //   finish     new states, memories, and one wrench per touched link
 //
-// A step that fails, or is given up before finish, is taken back (roll_back): all is as it was.
+// solve may ask for near and solve once more: because contacts have to be looked for elsewhere, or
+// because the step is taken in parts (parts.cpp). A step that fails or is cancelled leaves the state as
+// it was.
 #pragma once
 #include <memory>
 #include <stdexcept>
@@ -35,8 +37,12 @@ struct Report {
   NearCounts near;
   PairCounts pairs;
   long rows = 0, groups = 0;
-  int substeps = 1;  // parts that the most violent group's step was split into
+  int substeps = 1;  // parts that the step was split into, or that of the most violent group
+  // Adds a part that was solved.
+  void take(const Report& part);
 };
+
+enum class Outcome : int { failed = 0, done = 1, again = 2 };
 
 class World {
  public:
@@ -57,13 +63,27 @@ class World {
   // Forgets contacts, planes and memberships, after things were moved from outside.
   void forget_contacts();
 
-  void begin(double dt, Vec3 gravity);
+  // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
+  void sense(double dt, Vec3 gravity, bool held);
+  // Links that were let go in the last step, which was solved as if they were held; then everything is
+  // taken back to before that step, with these links free. Empty: nothing has been changed.
+  std::vector<int> rewind();
+  bool any_held() const;
+  // Nothing can hold the link.
+  void let_go(int link);
+  // Their twists were set from outside.
+  void refresh_links();
+  // whole: not in parts, whatever happens (for steps whose length means nothing).
+  void begin(double dt, Vec3 gravity, bool whole);
   const std::vector<Query>& near();
   void answers(const double* distance, const double* points, const double* u);
-  // false: not finite; the step has been rolled back.
-  bool solve();
+  // failed: not finite, state as before begin. again: near, answers and solve once more.
+  Outcome solve();
   void finish();
-  // Everything as it was before begin; nothing where no step has begun.
+  // Back to the state before begin, at any time before finish.
+  void cancel();
+  // Keeps all that a step changes, before links are sensed, and puts it back.
+  void keep();
   void roll_back();
 
   // All state as bytes (state.h lists it), and back. restore throws std::runtime_error, and changes
@@ -79,12 +99,26 @@ class World {
   void moving_fields(A& a);  // state.h
   template <class A>
   void all_fields(A& a);
-  void keep();
+  template <class A>
+  void fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list);
   void size_caches();
   template <class Which>
   void forget_memory(Which which);
   void forget_planes();
   void aim_attachments(Chain& c);
+  // parts.cpp
+  bool can_carry() const;
+  bool can_split() const;
+  void begin_part();
+  Outcome shrink(double share);
+  std::vector<std::unique_ptr<Chain>> copies() const;
+  bool strayed();
+  bool take_new_rows();
+  void next_part();
+  void take_part();
+  // groups.cpp
+  bool solve_groups();
+  void read_worst(const Group& group);
   // contacts.cpp
   void collect_rows();
   void bone_rows();
@@ -92,6 +126,7 @@ class World {
   void tendon_rows();
   void finish_row(Row& row, int chain_slot, int particle);
   void add_row(const Row& row);
+  double depth_to_leave(const Row& row, double most) const;
   void recall(Row& row);
   void remember();
   // tunnels.cpp
@@ -108,21 +143,35 @@ class World {
                 double friction);
 
   StepContext context_;
+  double whole_dt_ = 0;        // of the step that begin was asked for [s]
+  bool whole_ = false;         // it must not be taken in parts
+  int done_ = 0, size_ = 0;    // parts finished, and the one being solved [units of the step]
+  int parts_ = 0, looks_ = 0;  // finished; looks for contacts in this one
+  double room_ = 1;            // share of the part that can be gone before something unforeseen touches
+  bool looking_ = false;       // rows_ are solved for, and are only to be added to
+  bool unsettled_ = false;     // a group with contacts did not converge
+  std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
+  std::vector<ContactMemory> backup_memory_;
+  // The state before the last step, kept while something holds a link.
+  std::vector<std::unique_ptr<Chain>> before_chains_;
+  std::vector<ContactMemory> before_memory_;
+  std::vector<Link> before_links_;
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
   std::vector<BoxTree> trees_;
   std::vector<SegmentPair> pairs_;
-  std::vector<Row> rows_, found_;
+  std::vector<Row> rows_, found_, before_;
+  std::vector<uint64_t> keys_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
   std::vector<std::vector<Bore>> bores_by_link_;
   std::vector<Group> groups_;
   std::vector<int> group_of_;
-  Report report_;
+  Report report_, attempt_;  // of the step, and of the last try at a part of it
 
-  // As it was before the step that has begun.
+  // As it was before the step (keep).
   struct KeptEntry {
     int chain, shape, feature;
     Entry entry;

@@ -71,7 +71,7 @@ def test_random_urdfs(client, make_world, probe, tmp_path, count):
 
 
 def check_faces(client, probe, body, link, shapes) -> int:
-    """From beside each shape's faces, where it is the nearest: Bullet rounds the others' edges and corners."""
+    """From beside each shape's faces, where it is the nearest: Bullet rounds others' edges."""
     origin, axes = link_frame(client, body, link)
     compared = 0
     for shape in shapes:

@@ -1,0 +1,95 @@
+// Tendons that touch each other: their bands and what joins them, as one sparse matrix.
+#include "stepping.h"
+
+namespace bt {
+
+namespace {
+
+// Offsets of the chains' blocks, and which blocks are joined: by all contacts that were pressed once in
+// this solution, so that the pattern lasts.
+void find_pattern(Group& group) {
+  bool same = group.factor.blocks() > 0 && group.patterned;
+  for (Row* row : group.rows)
+    if (row->b.chain >= 0 && row->pressed && !row->joins) row->joins = true, same = false;
+  if (same) return;
+  group.patterned = true;
+  group.edges.clear(), group.offset.assign(group.slots->size(), 0);
+  int count = 0;
+  for (size_t k = 0; k < group.chains.size(); ++k) {
+    const Chain& c = *group.chains[k];
+    group.offset[group.numbers[k]] = count;
+    for (int reach = 1; reach <= c.matrix.half; ++reach)
+      for (int i = 0; i + reach < c.n(); ++i) group.edges.push_back({count + i, count + i + reach});
+    count += c.n();
+  }
+  for (const Row* row : group.rows) {
+    if (!row->joins) continue;
+    const int a = group.offset[row->a.chain] + row->a.first, b = group.offset[row->b.chain] + row->b.first;
+    for (int i : {a, a + 1})
+      for (int j : {b, b + 1})
+        if (i != j) group.edges.push_back({i, j});
+  }
+  group.factor.analyse(count, group.edges);
+}
+
+void add_band(Group& group, const Chain& c, int offset) {
+  for (int i = 0; i < c.n(); ++i) group.factor.add(offset + i, offset + i, block_of(c.matrix.block(i)));
+  for (int reach = 1; reach <= c.matrix.half; ++reach)
+    for (int i = 0; i + reach < c.n(); ++i) {
+      Block3 b;
+      for (int e = 0; e < 9; ++e) b.v[e] = c.matrix.below[reach - 1][e][i];
+      group.factor.add(offset + i + reach, offset + i, b);
+    }
+}
+
+// What holds leave free of every particle, as a projector.
+void find_freedom(Group& group) {
+  size_t count = 0;
+  for (const Chain* c : group.chains) count += c->n();
+  group.free.assign(count, identity(1));
+  for (size_t k = 0; k < group.chains.size(); ++k)
+    for (const Hold& h : group.chains[k]->holds)
+      if (h.rigid) group.free[group.offset[group.numbers[k]] + h.particle] = {};
+  for (const Row* row : group.rows)
+    if (row->held) {
+      const int i = row->a.w0 != 0 ? row->a.first : row->a.first + 1;
+      group.free[group.offset[row->a.chain] + i] = across(row->normal);
+    }
+}
+
+// The blocks of a contact between tendons that are beside the bands.
+void add_coupling(Group& group, const Row& row) {
+  const int a = group.offset[row.a.chain] + row.a.first, b = group.offset[row.b.chain] + row.b.first;
+  const Block3 block = block_of(-1.0 * row.block);
+  for (int i : {0, 1})
+    for (int j : {0, 1}) {
+      const double weight = (i ? row.a.w1 : row.a.w0) * (j ? row.b.w1 : row.b.w0);
+      if (weight == 0) continue;
+      Block3 part = product(product(block_of(group.free[a + i]), block), block_of(group.free[b + j]));
+      for (double& v : part.v) v *= weight;
+      group.factor.add(a + i, b + j, part);
+    }
+}
+
+}  // namespace
+
+bool solve_coupled(Group& group) {
+  find_pattern(group);
+  find_freedom(group);
+  group.factor.start();
+  for (size_t k = 0; k < group.chains.size(); ++k)
+    add_band(group, *group.chains[k], group.offset[group.numbers[k]]);
+  for (const Row* row : group.rows)
+    if (row->b.chain >= 0 && row->pressed) add_coupling(group, *row);
+  if (!group.factor.factorise()) return false;
+  group.right_hand.clear();
+  for (const Chain* c : group.chains)
+    for (int i = 0; i < c->n(); ++i) group.right_hand.push_back(-1.0 * c->residual.at(i));
+  group.factor.solve(group.right_hand);
+  const Vec3* from = group.right_hand.data();
+  for (Chain* c : group.chains)
+    for (int i = 0; i < c->n(); ++i) c->step.set(i, *from++);
+  return true;
+}
+
+}  // namespace bt

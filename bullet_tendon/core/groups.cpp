@@ -1,0 +1,82 @@
+// Which tendons are solved together, and their solution.
+#include <limits>
+#include <numeric>
+
+#include "world.h"
+
+namespace bt {
+
+// Tendons that a row joins are solved together (union-find over the rows).
+void World::make_groups() {
+  const int count = static_cast<int>(slots_.size());
+  group_of_.resize(count);
+  std::iota(group_of_.begin(), group_of_.end(), 0);
+  auto root = [&](int c) {
+    while (group_of_[c] != c) c = group_of_[c] = group_of_[group_of_[c]];
+    return c;
+  };
+  for (const Row& row : rows_)
+    if (row.b.chain >= 0)
+      group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
+  groups_.resize(count);
+  for (int c = 0; c < count; ++c) {
+    Group& g = groups_[c];
+    g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
+    g.extra.reserve(kMostExtraRows);
+    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
+    g.residual = 0, g.substeps = 1;
+    g.linear_tolerance = 0, g.patterned = false;
+  }
+  for (int c = 0; c < count; ++c)
+    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]), groups_[root(c)].numbers.push_back(c);
+  for (Row& row : rows_) {
+    Group& g = groups_[root(row.a.chain)];
+    g.rows.push_back(&row);
+    g.coupled |= row.b.chain >= 0;
+  }
+}
+
+// false: some solution is not finite.
+bool World::solve_groups() {
+  bool finite = true;
+  attempt_ = Report{};
+  unsettled_ = false;
+  found_.clear();
+  for (Group& g : groups_) {
+    if (g.chains.empty()) continue;
+    bt::solve(g, context_);
+    found_.insert(found_.end(), g.extra.begin(), g.extra.end());
+    if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
+    finite &= g.finite;
+    unsettled_ |= !g.converged && !g.rows.empty();
+    attempt_.iterations = std::max(attempt_.iterations, g.iterations);
+    attempt_.substeps = std::max(attempt_.substeps, g.substeps);
+    ++attempt_.groups;
+    attempt_.converged &= g.converged;
+    if (!(g.residual <= attempt_.residual) || attempt_.worst_chain < 0) read_worst(g);
+  }
+  rows_.insert(rows_.end(), found_.begin(), found_.end());
+  attempt_.rows = static_cast<long>(rows_.size());
+  report_.iterations += attempt_.iterations;
+  return finite;
+}
+
+void World::read_worst(const Group& g) {
+  attempt_.residual = g.residual;
+  const Chain* worst = g.chains[0];
+  for (const Chain* c : g.chains)
+    if (!(c->residual_norm <= worst->residual_norm)) worst = c;
+  for (size_t c = 0; c < slots_.size(); ++c)
+    if (slots_[c] == worst) attempt_.worst_chain = static_cast<int>(c);
+  attempt_.worst_particle = worst->worst_particle;
+}
+
+void Report::take(const Report& part) {
+  if (!(part.residual <= residual) || worst_chain < 0)
+    residual = part.residual, worst_chain = part.worst_chain, worst_particle = part.worst_particle;
+  converged &= part.converged;
+  substeps = std::max(substeps, part.substeps);
+  rows = part.rows, groups = part.groups;
+}
+
+}  // namespace bt

@@ -1,0 +1,175 @@
+// A step in parts, where it would outrun its contacts or does not converge with them.
+//
+// Contacts are planes at the nearest points at the start of a step, looked for as far around as
+// particles are thought to move. The solution tells whether that was right:
+//
+//   strayed     a particle ends up elsewhere than foreseen: contacts are looked for around there, and
+//               where there are more, the solution goes on with them
+//   room        what is near something moves relative to it by more than its radius: only that share of
+//               the step is taken (share_to_go), and the rest from there
+//   unsettled   a group with contacts does not converge: half of it is taken
+//
+// A part is a step of its own, with contacts of its own. Links go on as they were going, and as the
+// contacts of earlier parts have pushed them; their wrenches are the means over the parts, so that
+// impulses stay exact. A depth that is there at the start of a part goes by the share that the part has of
+// what is left of the step: depth over the length of a short part would be a wild velocity.
+#include <algorithm>
+
+#include "constants.h"
+#include "world.h"
+
+namespace bt {
+
+namespace {
+
+// Where a grip leads its particle by the end of a part: straight to its goal.
+void aim_grips(Chain& c, double share) {
+  for (Hold& h : c.holds)
+    if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
+}
+
+}  // namespace
+
+bool World::can_split() const { return !whole_ && can_carry(); }
+
+void World::begin_part() {
+  const bool smallest = size_ <= kUnits / kMostSubsteps;
+  context_.dt = whole_dt_ * size_ / kUnits;
+  context_.splitting = !can_split() ? Splitting::by_group : smallest ? Splitting::never : Splitting::by_world;
+  looks_ = 0, looking_ = false;
+  for (Chain* c : slots_) {
+    if (!c) continue;
+    aim_attachments(*c);
+    aim_grips(*c, static_cast<double>(size_) / (kUnits - done_));
+    begin_step(*c, context_);
+    c->foresee();
+  }
+  find_bores();
+}
+
+Outcome World::solve() {
+  if (looking_) rows_.swap(before_);
+  collect_rows();
+  if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
+  if (!looking_ || take_new_rows()) {
+    for (Chain* c : slots_)
+      if (c && c->gathered) c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
+    make_groups();
+    const bool finite = solve_groups();
+    if ((!finite || unsettled_) && context_.splitting == Splitting::by_world) return shrink(0.5);
+    if (!finite) return report_.take(attempt_), cancel(), Outcome::failed;
+    if (can_split() && looks_ < kLooks && strayed()) return ++looks_, looking_ = true, Outcome::again;
+  }
+  report_.take(attempt_);
+  if (done_ + size_ == kUnits) return Outcome::done;
+  next_part();
+  return Outcome::again;
+}
+
+// Particles that end elsewhere than foreseen are foreseen where they end.
+bool World::strayed() {
+  bool any = false;
+  for (Chain* c : slots_)
+    for (int i = 0; c && i < c->n(); ++i) {
+      const double off = norm(c->next.at(i) - c->foreseen.at(i));
+      if (!(off > c->slack[i])) continue;
+      any = true;
+      c->slack[i] = kSlack * c->radius + 0.5 * off;
+      c->foreseen.set(i, c->next.at(i));
+    }
+  return any;
+}
+
+// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new.
+bool World::take_new_rows() {
+  keys_.clear();
+  for (const Row& row : before_) keys_.push_back(row.key);
+  std::sort(keys_.begin(), keys_.end());
+  const size_t known = before_.size();
+  for (const Row& row : rows_)
+    if (!std::binary_search(keys_.begin(), keys_.end(), row.key)) before_.push_back(row);
+  rows_.swap(before_);
+  return rows_.size() > known;
+}
+
+Outcome World::shrink(double share) {
+  for (Chain* c : slots_)
+    if (c) c->restore_multipliers(c->kept);
+  if (done_ == 0 && backup_.empty()) backup_ = copies(), backup_memory_ = memory_;
+  do size_ /= 2, share *= 2;
+  while (share < 1 && size_ > 1);
+  begin_part();
+  return Outcome::again;
+}
+
+std::vector<std::unique_ptr<Chain>> World::copies() const {
+  std::vector<std::unique_ptr<Chain>> all;
+  for (const auto& c : chains) all.push_back(c ? std::make_unique<Chain>(*c) : nullptr);
+  return all;
+}
+
+void World::next_part() {
+  take_part();
+  for (Link& l : links) l.advance(context_.dt);
+  done_ += size_;
+  if (done_ % (2 * size_) == 0) size_ *= 2;
+  for (Chain* c : slots_)
+    if (c) c->keep_multipliers(c->kept);
+  begin_part();
+}
+
+// The part that was solved becomes the state, and the links feel it.
+void World::take_part() {
+  const double share = static_cast<double>(size_) / kUnits;
+  for (Link& l : links) l.touching = 0;
+  for (Row& row : rows_) {
+    if (row.link < 0) continue;
+    Link& link = links[row.link];
+    ++link.touching;
+    // On the centreline's point, not on the surface: particles do not spin.
+    const Vec3 at = row.a.of(slots_[row.a.chain]->next), force = -share * row.mean_force;
+    link.apply(force, at);
+    if (size_ < kUnits) link.push(whole_dt_ * force, at);
+  }
+  for (Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      Hold& h = c->holds[i];
+      h.kept_force = h.mean_force;
+      h.sum_force += share * h.mean_force;
+      if (h.link < 0) continue;
+      Link& link = links[h.link];
+      ++link.touching;
+      link.apply(share * h.mean_force, to_world(link.pose, h.local));
+    }
+  remember();
+  for (Chain* c : slots_)
+    if (c) finish_step(*c, context_);
+  ++parts_;
+}
+
+void World::finish() {
+  take_part();
+  report_.substeps = std::max(report_.substeps, parts_);
+  for (Link& l : links) {
+    const Vec3 f = l.force, t = l.torque;
+    l.last_force = f, l.last_torque = t;
+    l.observer.act({{f.x, f.y, f.z, t.x, t.y, t.z}}, whole_dt_);
+  }
+  for (Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
+}
+
+void World::cancel() {
+  for (size_t c = 0; c < slots_.size(); ++c) {
+    if (!slots_[c]) continue;
+    if (!backup_.empty()) *slots_[c] = *backup_[c];
+    slots_[c]->restore_multipliers(slots_[c]->kept);
+    slots_[c]->smooth = slots_[c]->kept_smooth;
+    for (Hold& h : slots_[c]->holds) h.mean_force = h.kept_force;
+  }
+  if (!backup_.empty()) memory_ = backup_memory_;
+  backup_.clear();
+  rows_.clear();
+}
+
+}  // namespace bt

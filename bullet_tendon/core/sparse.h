@@ -1,0 +1,52 @@
+// A symmetric positive definite sparse matrix of 3x3 blocks and its LDL^T factors, for tendons that touch
+// each other: chains of blocks, joined by a few more.
+//
+// Contract: analyse once for a pattern (nothing is done where it is the one before), then start, add,
+// factorise, solve any number of right-hand sides. Blocks are eliminated by least degree, so that long
+// free stretches cost what a band costs and only what touches fills in. With pivot D and blocks A_a below
+//
+//   W_a = A_a D^-1,   A_ba -= W_b A_a^T,   L_a = W_a.
+#pragma once
+#include <utility>
+#include <vector>
+
+#include "vec.h"
+
+namespace bt {
+
+struct Block3 {
+  double v[9];  // row-major
+};
+Block3 block_of(const Sym3& s);
+Block3 product(const Block3& a, const Block3& b);
+
+class SparseFactor {
+ public:
+  using Edges = std::vector<std::pair<int, int>>;
+  int blocks() const { return n_; }
+  // n blocks; edges: pairs of different blocks, each listed once or more.
+  void analyse(int n, const Edges& edges);
+  void start();  // all blocks zero
+  // A(i, j) += B, and A(j, i) += B^T.
+  void add(int i, int j, const Block3& b);
+  // false where a pivot is not positive: the matrix was not definite.
+  bool factorise();
+  // b becomes A^-1 b.
+  void solve(std::vector<Vec3>& b);
+
+ private:
+  void order(std::vector<std::vector<int>>& neighbours);
+  void plan_updates();
+  int slot(int row, int column) const;
+
+  int n_ = 0;
+  Edges edges_;
+  std::vector<int> where_, node_;         // place of a block in the elimination, and back
+  std::vector<int> first_, rows_;         // places of the blocks below pivot k: rows_[first_[k] ...]
+  std::vector<int> target_;               // block that each update goes to, in order; diagonals: ~place
+  std::vector<Block3> diagonal_, below_;  // D^-1 and L once factorised
+  std::vector<Block3> scaled_;            // W of one pivot
+  std::vector<Vec3> right_;               // of a solution, by place
+};
+
+}  // namespace bt
