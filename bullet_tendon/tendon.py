@@ -62,7 +62,7 @@ class Tendon:
 
     @property
     def masses(self) -> np.ndarray:
-        """(n,) particles [kg]: half of the mass of each adjacent segment."""
+        """(n,) particles [kg]: half of the mass of each adjacent segment, and set_point_mass's."""
         return self._core.masses(self._alive())
 
     @property
@@ -157,6 +157,15 @@ class Tendon:
         """A constant external force (3,) [N] on a particle, world frame, until it is set again."""
         index = self._particle(particle)
         self._core.set_force(self._alive(), index, checks.vector("force", force))
+
+    def set_point_mass(self, particle: int, mass: float) -> None:
+        """A weight [kg] on a particle (negative: from the end) beside the tendon's own mass: a bob, a needle.
+
+        It has no size and does not collide; it stays, whatever is reeled in, until it is set again (0: none).
+        Raises InvalidType or InvalidValue; then nothing has changed.
+        """
+        index = self._particle(particle)
+        self._core.set_point_mass(self._alive(), index, checks.number("mass", mass, at_least=0))
 
     def set_positions(self, positions, velocities=None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.

@@ -239,7 +239,7 @@ class TendonWorld(KeepsState):
             self._sense(dt, gravity, held)
         if not held:
             self._dt, self._last_gravity = dt, gravity
-        self._core.begin(dt, gravity, held)
+        self._core.begin(dt, *gravity, held)
         clock.enter("sense")
         self._go_through(clock)
         self._core.finish()
@@ -276,7 +276,7 @@ class TendonWorld(KeepsState):
         if not released:
             return
         before = self._wrenches.copy()
-        self._core.begin(self._dt, self._last_gravity, False)
+        self._core.begin(self._dt, *self._last_gravity, False)
         self._go_through(Clock())
         self._core.finish()
         self._wrenches = self._core.wrenches()

@@ -4,6 +4,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "allocations.h"
+#include "terms.h"
 #include "world.h"
 
 namespace py = pybind11;
@@ -136,6 +138,40 @@ py::list contacts(const World& w) {
   return out;
 }
 
+py::tuple term_of(const Term& term) {
+  const py::ssize_t m = 3 * term.gradient.size();
+  Array matrix({m, m});
+  std::copy(term.matrix.begin(), term.matrix.end(), matrix.mutable_data());
+  return py::make_tuple(term.energy, rows_of(term.gradient), matrix);
+}
+
+Field field_of(const Array& a) {
+  Field f(static_cast<int>(a.shape(0)));
+  fill(f, a);
+  return f;
+}
+
+py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
+  return term_of(spring_term(*w.chains[c], shear, field_of(x), field_of(before), b));
+}
+
+// A contact row at a position, as the position has it.
+py::tuple row_term(int kind, const Array& relative, const Array& normal, double offset, const Array& point,
+                   const Array& axis, double ring, double stiffness, double carried, double grip,
+                   double limit, const Array& stuck) {
+  Row row;
+  row.kind = static_cast<ContactKind>(kind);
+  row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
+  row.ring = ring, row.stiffness = stiffness, row.carried = carried;
+  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.grip = grip, row.stuck = vec(stuck);
+  row.evaluate(vec(relative), true);
+  const Sym3& b = row.block;
+  Array block({3, 3});
+  const double full[9] = {b.xx, b.xy, b.xz, b.xy, b.yy, b.yz, b.xz, b.yz, b.zz};
+  std::copy(full, full + 9, block.mutable_data());
+  return py::make_tuple(row.gap, tuple(row.normal), tuple(row.total_force), block, row.sliding);
+}
+
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
                  double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
                  double contact_threshold, double reuse_tolerance) {
@@ -156,6 +192,8 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
 PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
   using release = py::call_guard<py::gil_scoped_release>;
+  m.def("allocated_bytes", &allocated_bytes);
+  m.def("row_term", &row_term);
   py::class_<World>(m, "World")
       .def(py::init<>())
       .def("set_options", &set_options)
@@ -174,6 +212,11 @@ PYBIND11_MODULE(_core, m) {
       .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
       .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })
+      .def("set_point_mass",
+           [](World& w, int c, int i, double m) {
+             w.chains[c]->set_point_mass(i, m);
+             w.chains[c]->smooth = false;
+           })
       .def("set_stiffness_scale",
            [](World& w, int c, const Array& scale) { w.chains[c]->set_stiffness_scale(list_of(scale)); })
       .def("tension",
@@ -183,6 +226,9 @@ PYBIND11_MODULE(_core, m) {
              return copy_of(t);
            })
       .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
+      .def("spring_term", &spring_term_of)
+      .def("bending_term", [](const World& w, int c,
+                              const Array& x) { return term_of(bending_term(*w.chains[c], field_of(x))); })
       .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
       .def("set_force", [](World& w, int c, int i, const Array& f) { w.chains[c]->force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })
@@ -237,8 +283,8 @@ PYBIND11_MODULE(_core, m) {
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("begin",
-           [](World& w, double dt, const Array& gravity, bool whole) { w.begin(dt, vec(gravity), whole); })
+      .def("begin", [](World& w, double dt, double gx, double gy, double gz,
+                       bool whole) { w.begin(dt, {gx, gy, gz}, whole); })
       .def("near", &near_queries)
       .def("answers", [](World& w, const Array& d, const Array& points,
                          const Array& u) { w.answers(d.data(), points.data(), u.data()); })

@@ -30,6 +30,7 @@ struct Hold {
   Sym3 stiffness;        // [N/m]; unused where rigid
   Vec3 goal;             // of a grip: where it is to be at the end of the step [m]
   Vec3 aim;              // where the point will be at the end of the part that is being solved [m]
+  Vec3 target_before;    // at the end of the last step [m]
   Vec3 target;           // the same, where a group takes that part in parts again [m]
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
@@ -52,6 +53,8 @@ class Chain {
   int n() const { return n_; }
   // Rest lengths of the segments [m]; masses and spring constants follow.
   void set_rest(const std::vector<double>& rest);
+  // A weight on a particle beside the tendon's own mass [kg]; 0: none.
+  void set_point_mass(int particle, double kilograms);
   // Shares of the cross-section's stiffness by segment, 1 where uniform.
   void set_stiffness_scale(const std::vector<double>& scale);
   // At rest where it is, its multipliers kept.
@@ -71,10 +74,11 @@ class Chain {
 
   double radius, friction;
   Material material;
-  Field x, v;   // state
-  Field force;  // constant external force [N]
-  std::vector<double> mass;
-  std::vector<double> rest;  // of the segments
+  Field x, v;                      // state
+  Field force;                     // constant external force [N]
+  std::vector<double> mass;        // of the particles, point masses included
+  std::vector<double> point_mass;  // what was put on them
+  std::vector<double> rest;        // of the segments
   std::vector<double> scale;
   SpringSet structure, shear;
   std::vector<Hold> holds;
@@ -82,6 +86,10 @@ class Chain {
 
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)
+  Field acceleration;        // at x and v (tr_bdf2)
+  bool accelerated = false;  // it is known there
+  bool staged = false;       // goal, anchors and step weight are those of a stage, not of begin_step
+  Field stage_x, stage_v;    // at the end of the first stage
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost or changed since: two-step methods may go on
   uint64_t touching = 0;     // a hash of the contacts with bodies

@@ -53,7 +53,8 @@ Outcome World::solve() {
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
   if (!looking_ || take_new_rows()) {
     for (Chain* c : slots_)
-      if (c && c->gathered) c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
+      if (c && (c->gathered || c->staged))
+        c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
     make_groups();
     const bool finite = solve_groups();
     if ((!finite || unsettled_) && context_.splitting == Splitting::by_world) return shrink(0.5);
