@@ -174,10 +174,10 @@ void same_fields(A& a, Tunnel& tunnel) {
 
 template <class A>
 void fields(A& a, Hold& hold) {
-  auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target, viscosity, force,
-         mean_force, kept_force, sum_force, step_force] = hold;
-  a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target, viscosity, force,
-    mean_force, kept_force, sum_force, step_force);
+  auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
+         viscosity, force, mean_force, kept_force, sum_force, step_force] = hold;
+  a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
+    viscosity, force, mean_force, kept_force, sum_force, step_force);
 }
 
 template <class A>
@@ -194,17 +194,19 @@ void fields(A& a, SpringSet& set) {
 
 template <class A>
 void fields(A& a, Chain& chain) {
-  auto& [radius, friction, material, x, v, force, mass, rest, scale, structure, shear, holds, tunnel_of,
-         x_before, v_before, dt_before, smooth, touching, touched, b, foreseen, slack, kept, kept_smooth,
-         start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split, gathered, next,
-         step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image,
-         matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+  auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
+         tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v, dt_before,
+         smooth, touching, touched, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
+         start_x_before, start_v_before, start_dt_before, split, gathered, next, step, residual, anchor_x,
+         anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor,
+         inverse_blocks, residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
-  a(x, v, force, mass, rest, scale, structure, shear, holds, tunnel_of);
-  a(x_before, v_before, dt_before, smooth, touching, touched, split, gathered);
-  a.scratch(b, foreseen, slack, kept, kept_smooth, start_x, start_v, start, start_x_before, start_v_before,
-            start_dt_before, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
-            cg_direction, cg_image, matrix, factor, inverse_blocks, residual_norm, worst_particle);
+  a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, tunnel_of);
+  a(x_before, v_before, acceleration, accelerated, dt_before, smooth, touching, touched, split, gathered);
+  a.scratch(staged, stage_x, stage_v, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
+            start_x_before, start_v_before, start_dt_before, next, step, residual, anchor_x, anchor_v, goal,
+            cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor, inverse_blocks,
+            residual_norm, worst_particle);
 }
 
 template <class A>
