@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 import pybullet as p
 
-from .errors import UnknownId
+from .errors import InvalidValue, UnknownId
+from .identity import Marks
 
 _FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
 _WIDTH = 59  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36, falls 1
@@ -31,10 +32,19 @@ class Bodies:
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
         self._table = np.zeros((0, _WIDTH))
-        self._forgotten: set[int] = set()
+        self._marks = Marks(client)
+        self._mark_of: list[tuple[int, bytes]] = []
+        self._unused: set[int] = set()
+        self.in_use = lambda: set(range(len(self.links)))
+
+    def require_client(self) -> None:
+        """Raise UnknownId where the client was disconnected."""
+        if not p.isConnected(self.client):
+            raise UnknownId("physicsClientId", self.client, "a connected pybullet client")
 
     def require(self, body: int, link: int, argument: str = "bodyUniqueId") -> None:
         """Raise UnknownId unless the body exists and has that link (-1: its base)."""
+        self.require_client()
         known = [p.getBodyUniqueId(i, self.client) for i in range(p.getNumBodies(self.client))]
         if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
             raise UnknownId(argument, body, f"the id of a body of this client: {known}")
@@ -45,35 +55,73 @@ class Bodies:
     def slot(self, body: int, link: int) -> int:
         """The slot of a link, made where there is none."""
         key = (int(body), int(link))
-        self._forgotten.discard(key[0])
-        if key not in self._slots:
-            self._slots[key] = len(self.links)
+        known = self.find_slot(*key)
+        if known is not None:
+            return known
+        mark = self._marks.mark(key[0])
+        if self._unused:
+            slot = min(self._unused)
+            self._unused.discard(slot)
+            self.links[slot], self._mark_of[slot] = key, mark
+        else:
+            slot = len(self.links)
             self.links.append(key)
+            self._mark_of.append(mark)
             self._table = np.vstack([self._table, np.zeros((1, _WIDTH))])
-        return self._slots[key]
+        self._slots[key] = slot
+        return slot
 
     def find_slot(self, body: int, link: int) -> int | None:
-        return self._slots.get((body, link))
+        """The slot of a link; None where there is none, or it is of a body that had this id before."""
+        slot = self._slots.get((body, link))
+        return None if slot is None or self.is_gone(slot) else slot
+
+    def is_gone(self, slot: int) -> bool:
+        """Whether the body that a slot was made for was removed from pybullet."""
+        return not self._marks.holds(self._mark_of[slot])
+
+    def slots_of(self, body: int) -> set[int]:
+        return {s for (b, _), s in self._slots.items() if b == body and not self.is_gone(s)}
+
+    def marked_links(self) -> tuple:
+        """Body, link and the body's mark by slot; None for slots not in use."""
+        marked = [(*key, mark[1]) for key, mark in zip(self.links, self._mark_of, strict=True)]
+        for slot in self._unused:
+            marked[slot] = None
+        while marked and marked[-1] is None:
+            marked.pop()
+        return tuple(marked)
 
     def table(self) -> np.ndarray:
         """(links, 59) what the core needs to know of every link (layout: _WIDTH).
 
-        Raises UnknownId where a body was removed from pybullet.
+        Raises UnknownId where a body was removed from pybullet that something here refers to, and
+        InvalidValue where pybullet has no finite pose or velocity for one.
         """
-        for row, (body, link) in zip(self._table, self.links, strict=True):
-            if body in self._forgotten:
+        self.require_alive()
+        for slot, (row, (body, link)) in enumerate(zip(self._table, self.links, strict=True)):
+            if slot in self._unused:
                 continue
-            try:
-                self._read(row, body, link)
-            except p.error:
-                raise UnknownId("bodyUniqueId", body, "a body that is still there") from None
+            self._read(row, body, link)
+            if not np.isfinite(row).all():
+                raise InvalidValue("bodyUniqueId", body, "a body with finite pose, velocity and inertia")
         return self._table
 
-    def forget(self, body: int) -> None:
-        """Read and push a body no more: nothing refers to it."""
-        self._forgotten.add(body)
-        for key in [k for k in self._slots if k[0] == body]:
-            del self._slots[key]
+    def forget(self, slots: set[int]) -> None:
+        """Read and push links no more: nothing refers to them."""
+        self._unused |= slots
+        self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
+        self._table[list(slots)] = 0.0
+
+    def require_alive(self) -> None:
+        """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
+        gone = {s for s in range(len(self.links)) if s not in self._unused and self.is_gone(s)}
+        if not gone:
+            return
+        for slot in sorted(gone & self.in_use()):
+            body = self.links[slot][0]
+            raise UnknownId("bodyUniqueId", body, "a body that was not removed: release what refers to it")
+        self.forget(gone)
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
@@ -84,11 +132,7 @@ class Bodies:
     def apply(self, wrenches: np.ndarray) -> None:
         """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
         for row, wrench, (body, link) in zip(self._table, wrenches, self.links, strict=True):
-            if (
-                wrench.any()
-                and body not in self._forgotten
-                and p.getDynamicsInfo(body, link, self.client)[0] > 0
-            ):
+            if wrench.any() and p.getDynamicsInfo(body, link, self.client)[0] > 0:
                 centre = row[12:15]
                 p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
                 p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)

@@ -277,7 +277,7 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("refresh_links", &World::refresh_links)
       .def("add_shape", &add_shape)
-      .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
+      .def("remove_shape", &World::remove_shape)
       .def("add_tunnel",
            [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
@@ -292,6 +292,14 @@ PYBIND11_MODULE(_core, m) {
           "solve", [](World& w) { return static_cast<int>(w.solve()); }, release())
       .def("cancel", &World::cancel)
       .def("finish", &World::finish, release())
+      .def("keep", &World::keep)
+      .def("roll_back", &World::roll_back)
+      .def("save",
+           [](World& w) {
+             std::vector<char> state = w.save();
+             return py::bytes(state.data(), state.size());
+           })
+      .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
       .def("wrenches", &wrenches)
       .def("report", &report)
       .def("contacts", &contacts);

@@ -132,24 +132,23 @@ void Chain::guess_multipliers(Vec3 gravity) {
     }
 }
 
-void Chain::tension(std::vector<double>& out) {
+// Of copies: the multipliers and slopes of the last step are part of the state.
+void Chain::tension(std::vector<double>& out) const {
   out.assign(n_ - 1, 0.0);
-  for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    std::vector<double> carried = s->carried;
-    evaluate_at(*s, material.law, x, v, 1.0, 1.0);
-    s->carried = carried;
-    for (int k = 0; k < s->count; ++k)
-      for (int j = k; j < k + s->reach; ++j) out[j] += s->force[k];
+  for (SpringSet s : {structure, shear}) {
+    if (s.count == 0) continue;
+    evaluate_at(s, material.law, x, v, 1.0, 1.0);
+    for (int k = 0; k < s.count; ++k)
+      for (int j = k; j < k + s.reach; ++j) out[j] += s.force[k];
   }
 }
 
-double Chain::energy() {
+double Chain::energy() const {
   double sum = 0;
-  for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    measure(*s, x);
-    sum += stored_energy(*s, material.law);
+  for (SpringSet s : {structure, shear}) {
+    if (s.count == 0) continue;
+    measure(s, x);
+    sum += stored_energy(s, material.law);
   }
   sum += bending_energy(*this, x);
   for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));

@@ -70,8 +70,8 @@ class Chain {
   // the forces of an equilibrium that is far away: a tendon taken to be tight falls into shape.
   void guess_multipliers(Vec3 gravity);
   // Force carried by every cross-section: the sum over the springs that cross segment k [N].
-  void tension(std::vector<double>& out);
-  double energy();  // elastic and kinetic [J]
+  void tension(std::vector<double>& out) const;
+  double energy() const;  // elastic and kinetic [J]
 
   double radius, friction;
   Material material;
@@ -123,6 +123,8 @@ class Chain {
   int worst_particle = 0;
 
  private:
+  template <class A>
+  friend void fields(A& a, Chain& chain);  // state.h
   void share_out();
   int n_;
 };

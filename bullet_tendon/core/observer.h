@@ -44,6 +44,8 @@ class Observer {
   const Six& push() const { return push_; }  // [m/s^2], [rad/s^2]
 
  private:
+  template <class A>
+  friend void fields(A& a, Observer& observer);  // state.h
   struct Sample {
     Six wrench, acceleration;
   };

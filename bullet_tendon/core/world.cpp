@@ -1,37 +1,82 @@
 #include "world.h"
 
+#include <algorithm>
+
 #include "constants.h"
 
 namespace bt {
 
 int World::add_chain(std::unique_ptr<Chain> chain) {
-  chains.push_back(std::move(chain));
-  return static_cast<int>(chains.size()) - 1;
+  const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
+  if (slot == static_cast<int>(chains.size())) chains.emplace_back();
+  chains[slot] = std::move(chain);
+  before_chains_.clear();
+  return slot;
 }
 
 void World::remove_chain(int slot) {
   chains[slot].reset();
+  before_chains_.clear();
+  while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
+  forget_memory([&](const KeyParts& k) {
+    return k.chain == slot || (k.kind == ContactKind::tendon && k.other == slot);
+  });
 }
 
-int World::add_shape(const Shape& shape) {
-  shapes.push_back(shape);
-  shape_alive.push_back(1);
-  return static_cast<int>(shapes.size()) - 1;
+namespace {
+
+// Into the first slot that is not alive, or a further one.
+template <class Part>
+int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
+  const size_t slot = std::find(alive.begin(), alive.end(), 0) - alive.begin();
+  if (slot == alive.size()) parts.emplace_back(), alive.push_back(0);
+  parts[slot] = part, alive[slot] = 1;
+  return static_cast<int>(slot);
+}
+
+// Leaves no trace: as if the part had never been there.
+template <class Part>
+void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
+  parts[slot] = Part{}, alive[slot] = 0;
+  while (!alive.empty() && !alive.back()) parts.pop_back(), alive.pop_back();
+}
+
+}  // namespace
+
+int World::add_shape(const Shape& shape) { return put(shapes, shape_alive, shape); }
+
+void World::remove_shape(int slot) {
+  take(shapes, shape_alive, slot);
+  rows_.clear();
+  for (auto& of_chain : caches_)
+    if (slot < static_cast<int>(of_chain.size())) of_chain[slot] = NearCache{};
+  forget_memory([&](const KeyParts& k) { return k.kind == ContactKind::bone && k.other == slot; });
 }
 
 int World::add_tunnel(const Tunnel& tunnel) {
-  tunnels.push_back(tunnel);
-  tunnel_alive.push_back(1);
+  const int slot = put(tunnels, tunnel_alive, tunnel);
   forget_planes();
-  return static_cast<int>(tunnels.size()) - 1;
+  return slot;
 }
 
 void World::remove_tunnel(int slot) {
-  tunnel_alive[slot] = 0;
+  take(tunnels, tunnel_alive, slot);
   rows_.clear();
   forget_planes();
+  for (auto& c : chains)
+    if (c) std::replace(c->tunnel_of.begin(), c->tunnel_of.end(), slot, -1);
+  forget_memory([&](const KeyParts& k) {
+    return (k.kind == ContactKind::bore && k.other == slot) ||
+           (k.kind == ContactKind::mouth && k.other / 2 == slot);
+  });
+}
+
+template <class Which>
+void World::forget_memory(Which which) {
+  auto gone = [&](const ContactMemory& m) { return which(parts_of(m.key)); };
+  memory_.erase(std::remove_if(memory_.begin(), memory_.end(), gone), memory_.end());
 }
 
 // What was bone may be bore now, and the other way round.
@@ -147,12 +192,27 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   begin_part();
 }
 
-const std::vector<Query>& World::near() {
-  queries_.clear();
+// A cache for every tendon and shape that are there, of planes not known yet.
+void World::size_caches() {
   caches_.resize(chains.size());
   for (size_t c = 0; c < chains.size(); ++c) {
+    caches_[c].resize(chains[c] ? shapes.size() : 0);
+    for (size_t s = 0; s < caches_[c].size(); ++s) {
+      const bool used = shape_alive[s] && !shapes[s].half_space;
+      const size_t n = used ? chains[c]->n() : 0, features = used ? 2 * n - 1 : 0;
+      if (caches_[c][s].entries.size() == features) continue;
+      caches_[c][s].entries.assign(features, Entry{});
+      caches_[c][s].local.assign(n, Vec3{});
+      caches_[c][s].motion.assign(n, 0.0);
+    }
+  }
+}
+
+const std::vector<Query>& World::near() {
+  queries_.clear();
+  size_caches();
+  for (size_t c = 0; c < chains.size(); ++c) {
     if (!chains[c]) continue;
-    caches_[c].resize(shapes.size());
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
       NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
@@ -168,9 +228,10 @@ void World::answers(const double* distance, const double* points, const double* 
   for (size_t q = 0; q < queries_.size(); ++q) {
     const Query& query = queries_[q];
     const Shape& shape = shapes[query.shape];
+    Entry& entry = caches_[query.chain][query.shape].entries[query.feature];
+    kept_entries_.push_back({query.chain, query.shape, query.feature, entry});
     answer(query, distance[q], {points[3 * q], points[3 * q + 1], points[3 * q + 2]}, u[q],
-           in_world(shape, links[shape.link]), bores_of(shape.link),
-           caches_[query.chain][query.shape].entries[query.feature]);
+           in_world(shape, links[shape.link]), bores_of(shape.link), entry);
   }
 }
 
