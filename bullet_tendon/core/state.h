@@ -175,9 +175,9 @@ void same_fields(A& a, Tunnel& tunnel) {
 template <class A>
 void fields(A& a, Hold& hold) {
   auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
-         viscosity, force, mean_force, kept_force, sum_force, step_force] = hold;
+         viscosity, force, mean_force, kept_force, sum_force, step_force, usual_force] = hold;
   a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
-    viscosity, force, mean_force, kept_force, sum_force, step_force);
+    viscosity, force, mean_force, kept_force, sum_force, step_force, usual_force);
 }
 
 template <class A>
@@ -220,8 +220,8 @@ void fields(A& a, Observer& observer) {
 template <class A>
 void fields(A& a, Link& link) {
   auto& [pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response, gyration,
-         observer, touches, touching, force, torque, last_force, last_torque] = link;
-  a(gyration, observer, touches, touching, force, torque, last_force, last_torque);
+         observer, touches, touching, force, torque, usual_force, usual_torque] = link;
+  a(gyration, observer, touches, touching, force, torque, usual_force, usual_torque);
   // Told or foreseen before every step.
   a.scratch(pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response);
 }

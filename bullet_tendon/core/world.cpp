@@ -6,6 +6,18 @@
 
 namespace bt {
 
+namespace {
+
+bool same_build(const Chain& a, const Chain& b) {
+  if (a.n() != b.n() || a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
+  for (size_t h = 0; h < a.holds.size(); ++h)
+    if (a.holds[h].id != b.holds[h].id) return false;
+  return true;
+}
+
+}  // namespace
+
+
 int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
   if (slot == static_cast<int>(chains.size())) chains.emplace_back();
@@ -145,21 +157,45 @@ bool World::any_held() const {
   return false;
 }
 
+// What the user chose since then stays; where holds were made or lost, there is no way back.
+bool World::take_back_chains() {
+  if (before_chains_.size() != chains.size()) return false;
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c] && !(before_chains_[c] && same_build(*chains[c], *before_chains_[c]))) return false;
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (!chains[c]) continue;
+    Chain& now = *chains[c];
+    Chain& then = *before_chains_[c];
+    then.force = now.force;
+    for (size_t h = 0; h < now.holds.size(); ++h) {
+      const Hold& user = now.holds[h];
+      Hold& hold = then.holds[h];
+      hold.goal = user.goal, hold.rigid = user.rigid, hold.viscosity = user.viscosity;
+      hold.clamped = user.clamped, hold.direction = user.direction;
+      if (user.link < 0) hold.stiffness = user.stiffness;
+    }
+    now = then;
+  }
+  return true;
+}
+
 std::vector<int> World::rewind() {
   std::vector<int> released;
   for (size_t i = 0; i < links.size(); ++i)
     if (links[i].observer.released()) released.push_back(static_cast<int>(i));
-  if (released.empty() || before_chains_.size() != chains.size()) return {};
-  for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c] && before_chains_[c]) *chains[c] = *before_chains_[c];
-  memory_ = before_memory_;
-  for (size_t i = 0; i < before_links_.size(); ++i) {
-    const Observer observer = links[i].observer;
-    links[i] = before_links_[i];
-    links[i].observer = observer;
+  const bool back = !released.empty() && take_back_chains();
+  if (back) {
+    memory_ = before_memory_;
+    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) {
+      const Observer observer = links[i].observer;
+      links[i] = before_links_[i];
+      links[i].observer = observer;
+    }
+    rows_.clear();
   }
-  for (int i : released) links[i].observer.let_go(), links[i].foresee(whole_dt_, context_.gravity);
-  rows_.clear();
+  for (int i : released) links[i].observer.let_go(), links[i].foresee(context_.dt, context_.gravity);
+  before_chains_.clear();
+  if (!back) released.clear();
   return released;
 }
 

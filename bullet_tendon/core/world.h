@@ -105,6 +105,7 @@ class World {
   template <class Which>
   void forget_memory(Which which);
   void forget_planes();
+  bool take_back_chains();
   void aim_attachments(Chain& c);
   // parts.cpp
   bool can_carry() const;
