@@ -134,10 +134,6 @@ constexpr int kFarthestLeaf = 64;
 // more looks.
 constexpr double kSlack = 0.05;
 
-// Motion along a reused plane, over the distance from it [-]. Larger: the normal lags behind what slides
-// over a round bone, and holds it back like friction. Smaller: more queries.
-constexpr double kTilt = 2e-3;
-
 // A step looks again for contacts at most this often. Fewer: contacts that appear one after another
 // are met a step late.
 constexpr int kLooks = 6;

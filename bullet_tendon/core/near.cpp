@@ -56,8 +56,7 @@ void consider(Entry& e, Vec3 a, Vec3 b, double motion, double reach, const NearC
       return;
     }
     const double aside = std::max(norm(without(a - e.a, e.normal)), norm(without(b - e.b, e.normal)));
-    const double height = e.distance - moved;
-    if (aside <= kTilt * height && aside * aside <= 2 * height * context.reuse_tolerance) {
+    if (aside * aside <= 2 * (e.distance - moved) * context.reuse_tolerance) {
       ++counts.reused;
       e.wanted = !e.hole;
       e.clearance = e.distance - moved;
