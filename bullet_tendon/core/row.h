@@ -10,7 +10,8 @@
 //
 //
 // With N_0 = 0 it is the paper's spring. With N_0 carried (N_0 <- N after every step) a resting
-// contact has no depth, whatever its load; k only sets how fast that is reached. Where depth is left by
+// contact has no depth, whatever its load; k only sets how fast that is reached. Carried is what two steps
+// agree on: the force of an impact, repeated by the next step, would push off what it has stopped. Where depth is left by
 // the end of a step, N_0 <- N, k grows and the step is solved on (augmented Lagrangian, Hestenes 1969).
 #pragma once
 #include <cstdint>
@@ -52,6 +53,7 @@ struct Row {
   bool stiffens = false;       // k is not the user's, and grows where depth remains
   double grip = 0;             // k_t, of sticking [N/m]
   double carried = 0;          // N_0 [N]
+  double before = 0;           // N of the step before [N]
   double multiplier = 0;       // N as foreseen, in the curvature [N]
   double friction = 0;         // mu
   Vec3 stuck, reference;       // xi, ref
@@ -91,7 +93,10 @@ struct Row {
 // What a contact remembers from one step to the next.
 struct ContactMemory {
   uint64_t key = 0;
-  double carried = 0;
+  double carried = 0;    // N [N]
+  double confirmed = 0;  // the least of the last two [N]
+  double grip = 0;       // k_t [N/m]
+  double dt = 0;         // of the step [s]
   bool sliding = false;
   Vec3 mean_force;
   Vec3 stuck;  // in the link's frame, or the world's for two tendons
