@@ -7,7 +7,7 @@ collision margin (about a millimetre around meshes) and without the tendon's rad
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from math import inf
 
 import numpy as np
@@ -17,6 +17,7 @@ from . import checks, closed_forms
 from .errors import InvalidValue
 from .link_shapes import LinkShape, read_link
 from .mesh_queries import ConvexQuery, MeshQuery
+from .solids import Interior
 
 
 @dataclass(eq=False)
@@ -35,6 +36,12 @@ class Shape:
     bounds: np.ndarray
     half_space: np.ndarray | None = None
     query: Callable | None = field(default=None, repr=False)  # (a, d) -> (distance, point, u)
+    surface: tuple | None = field(default=None, repr=False)  # vertices and triangles, unless it is a hull
+
+    @cached_property
+    def interior(self) -> Interior | None:
+        """What is inside of a mesh that is not a hull, whose distances have no sign; None of the others."""
+        return None if self.surface is None else Interior(*self.surface)
 
     def measure(self, a, b) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distance of k segments a -> b (k, 3), in the shape's frame [m]; a == b is a point.
@@ -109,7 +116,8 @@ def mesh(vertices, triangles, position=(0, 0, 0), rotation=None) -> Shape:
     triangles = np.asarray(triangles, int)
     used = vertices[np.unique(triangles)]
     query = MeshQuery(vertices, triangles)
-    return Shape("mesh", *_frame(position, rotation), np.array([used.min(0), used.max(0)]), None, query)
+    bounds = np.array([used.min(0), used.max(0)])
+    return Shape("mesh", *_frame(position, rotation), bounds, None, query, (vertices, triangles))
 
 
 def convex_mesh(vertices, position=(0, 0, 0), rotation=None) -> Shape:
