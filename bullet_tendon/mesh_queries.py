@@ -50,20 +50,24 @@ class MeshQuery:
         length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * k
         start = (a[0] - c[0]) * k, (a[1] - c[1]) * k, (a[2] - c[2]) * k
         if length < 1e-12 * UNIT_SIZE:
-            return self._ask(_piece(0.0), start)
+            return self._ask(_piece(0.0), np.array(start), fcl.DistanceResult())
         way = d[0] * k / length, d[1] * k / length, d[2] * k / length
         half = 0.5 ** (2 - frexp(length)[1])  # length / 4 <= half <= length / 2
         piece = _piece(2.0 * half)
         piece.setQuatRotation(_turn(*way))
-        first = self._ask(piece, [s + half * w for s, w in zip(start, way, strict=True)])
+        x, y, z = way
+        result = fcl.DistanceResult()
+        place = np.array((start[0] + half * x, start[1] + half * y, start[2] + half * z))
+        first = self._ask(piece, place, result)
         if first[0] <= 0.0 or length == 2.0 * half:
             return first
+        # The used result keeps its value where that is smaller, and spares FCL all that is farther away.
         rest = length - half
-        return min(first, self._ask(piece, [s + rest * w for s, w in zip(start, way, strict=True)]))
+        place = np.array((start[0] + rest * x, start[1] + rest * y, start[2] + rest * z))
+        return self._ask(piece, place, result)
 
-    def _ask(self, piece, centre) -> tuple:
-        piece.setTranslation(np.array(centre))
-        result = fcl.DistanceResult()  # a used one keeps its old, smaller value
+    def _ask(self, piece, place, result) -> tuple:
+        piece.setTranslation(place)
         distance = fcl.distance(piece, self.model, _REQUEST, result)
         return distance, result.nearest_points[1].tolist()
 
