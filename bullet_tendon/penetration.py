@@ -4,9 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .errors import InvalidValue
 from .shapes import Shape
 from .tunnels import Bores
 
+INSIDE = ("allow", "push_out", "error")  # what to do about a centreline that begins inside an obstacle
 TOUCH = 1e-9  # share of a shape's or segment's size up to which depth is rounding
 END = 1e-6  # share of a segment at its ends that may touch a surface: a particle set on a bone is not inside
 SAMPLES = np.linspace(0.0, 1.0, 9)  # of a segment that crosses a mesh, to find how deep it goes
@@ -134,6 +136,16 @@ class Surroundings:
             if len(rows.segment):
                 found.append((obstacle, rows._replace(segment=asked[rows.segment])))
         return found
+
+    def cleared(self, line, radius: float, inside: str) -> np.ndarray:
+        """The line (n, 3), pushed out if so wanted; InvalidValue where it is inside an obstacle."""
+        line = self.pushed_out(line, radius) if inside == "push_out" else line
+        for obstacle, rows in self.penetrated(line[:-1], line[1:]):
+            link = f"body {obstacle.bodyUniqueId}, link {obstacle.linkIndex}"
+            way = ", or with a short way out of them" if inside == "push_out" else ""
+            where = f"a centreline in {link} at segment {rows.segment[0]}"
+            raise InvalidValue("points", where, f"outside all obstacles{way}")
+        return line
 
     def pushed_out(self, line, radius: float) -> np.ndarray:
         """A centreline (n, 3) of which nothing is inside, by the near way out, where one is found.

@@ -16,7 +16,7 @@ from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
-from .penetration import Surroundings
+from .penetration import INSIDE, Surroundings
 from .relaxation import relax
 from .report import CONTACT, PENETRATION, Clock, StepReport, contact_table, penetration_table
 from .sampling import particle_positions
@@ -95,10 +95,11 @@ class TendonWorld(KeepsState):
         radius = checks.number("radius", radius, above=0)
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
+        if checks.choice("inside", inside, INSIDE) != "allow":
+            line = self._surroundings().cleared(line, radius, inside)
         name = f"tendon{self._next_number()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
-        line = self._cleared(line, radius, inside)
         m = material
         law = (m.stiffness, m.exponent, m.toe, m.tension_only, m.damping, m.damping_exponent)
         density = m.density * math.pi * radius**2
@@ -341,25 +342,13 @@ class TendonWorld(KeepsState):
         normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
         have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
         of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
+        Raises UnknownId where an obstacle's body was removed from pybullet.
         """
         return penetration_table({t.name: t.positions for t in self.tendons}, self._surroundings())
 
     def _surroundings(self) -> Surroundings:
+        self._bodies.require_alive()
         return Surroundings(self._obstacles.placed(), Bores(self.tunnels, self._bodies.frame))
-
-    def _cleared(self, line, radius: float, inside: str) -> np.ndarray:
-        """The line (n, 3) as add_tendon's `inside` wants it, or InvalidValue."""
-        if checks.choice("inside", inside, ("allow", "push_out", "error")) == "allow":
-            return line
-        surroundings = self._surroundings()
-        points = surroundings.pushed_out(line, radius) if inside == "push_out" else line
-        left = penetration_table({"": points}, surroundings)
-        if len(left):
-            segment, body, link = left[["segment", "bodyUniqueId", "linkIndex"]][0]
-            where = f"a centreline in body {body}, link {link} at segment {segment}"
-            way = ", or with a short way out of them" if inside == "push_out" else ""
-            raise InvalidValue("points", where, f"outside all obstacles{way}")
-        return points
 
     def _names(self) -> dict[int, str]:
         return {slot: t.name for slot, t in self._tendons.items()}

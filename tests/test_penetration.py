@@ -193,6 +193,16 @@ def test_obstacles_that_come_later_and_move_are_seen(make_world, client):
     assert len(world.penetrations()) == 0
 
 
+def test_a_removed_body_is_named(make_world, client):
+    world = make_world()
+    body = add_primitive(world, "sphere")
+    p.removeBody(body, client)
+    with pytest.raises(bt.UnknownId, match=f"bodyUniqueId = {body}"):
+        world.penetrations()
+    world.remove_obstacle(body)
+    assert len(world.penetrations()) == 0
+
+
 def test_inside_must_be_one_of_the_choices(make_world):
     with pytest.raises(bt.InvalidValue, match="'allow', 'push_out', 'error'"):
         tendon(make_world(), [[0, 0, 0], [1, 0, 0]], "drop")
