@@ -103,7 +103,10 @@ def _refuse_unreported(link: _Link):
     """No rows: without a shape, a link's box is a point grown by a margin (1 mm); else there is something."""
     low, high = pybullet.getAABB(link.body, link.index, physicsClientId=link.client)
     if max(np.subtract(high, low)) > 0.01:
-        allowed = "a link whose shapes pybullet reports: no height field (use a concave mesh), no SDF shape"
+        allowed = (
+            "a link of boxes, spheres, cylinders, capsules, planes or meshes, which pybullet reports: "
+            "no height field (use a concave mesh), no SDF shape"
+        )
         raise InvalidValue("linkIndex", link.index, allowed)
 
 

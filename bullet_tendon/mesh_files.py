@@ -109,10 +109,11 @@ def clean_triangles(vertices, triangles, smallest_normal: float) -> tuple[np.nda
     """
     vertices, index = np.unique(vertices, axis=0, return_inverse=True)
     triangles = index.reshape(-1)[triangles]
+    count = len(triangles)
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     normal = np.cross(b - a, c - a)
     triangles = triangles[np.einsum("ij,ij->i", normal, normal) > smallest_normal]
     if not len(triangles):
-        raise InvalidValue("triangles", triangles, "with at least one that has an area")
+        raise InvalidValue("triangles", f"{count} without an area", "with at least one that has an area")
     first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
     return vertices, triangles[np.sort(first)]

@@ -6,6 +6,7 @@ import pybullet as p
 from . import checks
 from .bodies import Bodies
 from .errors import InvalidType, InvalidValue, UnknownId
+from .penetration import Obstacle
 from .shapes import Shape, collision_shapes
 
 
@@ -71,6 +72,16 @@ class Obstacles:
         if friction is None:
             return p.getDynamicsInfo(body, link, self._bodies.client)[1]
         return checks.number("friction", friction, at_least=0)
+
+    def placed(self) -> list[Obstacle]:
+        """All shapes where they are now."""
+        found = []
+        for (body, link), numbers in self._by_link.items():
+            origin, axes = self._bodies.frame(body, link)
+            for shape in (self._shapes[k] for k in numbers):
+                there = origin + axes @ shape.position, axes @ shape.rotation
+                found.append(Obstacle(body, link, shape, *there))
+        return found
 
     def measure(self) -> None:
         """Answer what the core asks: distances of points and segments from shapes, by FCL."""

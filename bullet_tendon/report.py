@@ -24,6 +24,18 @@ CONTACT = np.dtype(
     ]
 )
 
+PENETRATION = np.dtype(
+    [
+        ("tendon", "U32"),
+        ("segment", "i4"),
+        ("bodyUniqueId", "i4"),
+        ("linkIndex", "i4"),
+        ("position", "f8", 3),
+        ("normal", "f8", 3),
+        ("depth", "f8"),
+    ]
+)
+
 
 class Clock:
     """Wall time of a step by room [s]."""
@@ -79,3 +91,14 @@ def contact_table(records: list, names: dict[int, str], links: list[tuple[int, i
         for field, value in zip(CONTACT.names[6:], rest, strict=True):
             row[field] = value
     return table
+
+
+def penetration_table(tendons: dict[str, np.ndarray], surroundings) -> np.ndarray:
+    """Structured array of PENETRATION, of centrelines (n, 3) [m] by name."""
+    rows = []
+    for name, line in tendons.items():
+        for obstacle, found in surroundings.penetrated(line[:-1], line[1:]):
+            for k, u, depth, normal in zip(*found, strict=True):
+                place = (1 - u) * line[k] + u * line[k + 1]
+                rows.append((name, k, obstacle.bodyUniqueId, obstacle.linkIndex, place, normal, depth))
+    return np.array(rows, PENETRATION)

@@ -23,3 +23,31 @@ class Tunnel:
     name: str
     slot: int = dataclasses.field(repr=False)
     link_slot: int = dataclasses.field(repr=False)
+
+
+REACH = 2.0  # radii by which a bore goes on beyond its mouths; the core's kBoreReach
+
+
+class Bores:
+    """Where the bone is drilled now. frame(body, link) -> origin (3,) and axes (3, 3) of a link's frame."""
+
+    def __init__(self, tunnels, frame):
+        self._bores = [(t, *frame(t.bodyUniqueId, t.linkIndex)) for t in tunnels]
+
+    def contain(self, bodyUniqueId: int, linkIndex: int, points) -> np.ndarray:
+        """(k,) whether points (k, 3), world frame, are in a bore of that link."""
+        found = np.zeros(len(points), bool)
+        for tunnel, origin, axes in self._bores:
+            if (tunnel.bodyUniqueId, tunnel.linkIndex) == (bodyUniqueId, linkIndex):
+                found |= _in_bore(tunnel, (points - origin) @ axes)
+        return found
+
+
+def _in_bore(tunnel: Tunnel, points) -> np.ndarray:
+    way = tunnel.end - tunnel.start
+    length = np.linalg.norm(way)
+    along = (points - tunnel.start) @ way / length
+    aside = points - tunnel.start - along[:, None] * way / length
+    beyond = REACH * tunnel.radius
+    near = (along >= -beyond) & (along <= length + beyond)
+    return near & (np.linalg.norm(aside, axis=1) <= tunnel.radius)

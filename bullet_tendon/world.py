@@ -16,11 +16,12 @@ from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
+from .penetration import INSIDE, Surroundings
 from .relaxation import relax
-from .report import CONTACT, Clock, StepReport, contact_table
+from .report import CONTACT, PENETRATION, Clock, StepReport, contact_table, penetration_table
 from .sampling import particle_positions
 from .tendon import Tendon
-from .tunnels import Tunnel
+from .tunnels import Bores, Tunnel
 
 _FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
 
@@ -73,17 +74,29 @@ class TendonWorld(KeepsState):
         return tuple(self._tunnels.values())
 
     def add_tendon(
-        self, points, radius: float, material: Material, particles: int | None = None, name: str | None = None
+        self,
+        points,
+        radius: float,
+        material: Material,
+        particles: int | None = None,
+        name: str | None = None,
+        inside: str = "allow",
     ) -> Tendon:
         """A tendon along the polyline points (m, 3) [m], world frame, at rest and without load.
 
         radius [m]; particles: resampled to that many, evenly by arc length (None: the points
-        themselves). Raises InvalidType or InvalidValue; then nothing has changed.
+        themselves). inside: what to do about a centreline that begins inside an obstacle, bores
+        excepted: "allow" it, as for an insertion in a bone; "push_out" what is inside, the near way,
+        until it clears the surface by about the radius; or "error". The last two raise InvalidValue where
+        anything is (left) inside; see penetrations. Raises InvalidType or InvalidValue; then nothing
+        has changed.
         """
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
+        if checks.choice("inside", inside, INSIDE) != "allow":
+            line = self._surroundings().cleared(line, radius, inside)
         name = f"tendon{self._next_number()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
@@ -322,6 +335,21 @@ class TendonWorld(KeepsState):
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
 
+    def penetrations(self) -> np.ndarray:
+        """Structured array of the tendons' segments that are inside an obstacle or cross its surface, now.
+
+        Fields: report.PENETRATION. position (3,): the deepest point of the segment's centreline [m];
+        normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
+        have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
+        of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
+        Raises UnknownId where an obstacle's body was removed from pybullet.
+        """
+        return penetration_table({t.name: t.positions for t in self.tendons}, self._surroundings())
+
+    def _surroundings(self) -> Surroundings:
+        self._bodies.require_alive()
+        return Surroundings(self._obstacles.placed(), Bores(self.tunnels, self._bodies.frame))
+
     def _names(self) -> dict[int, str]:
         return {slot: t.name for slot, t in self._tendons.items()}
 
@@ -343,4 +371,4 @@ class TendonWorld(KeepsState):
         raise StepFailed(name, report["worst_particle"], report["residual"], self._options.tolerance)
 
 
-__all__ = ["CONTACT", "TendonWorld"]
+__all__ = ["CONTACT", "PENETRATION", "TendonWorld"]

@@ -59,6 +59,20 @@ def segment_triangles(a, b, triangles):
     return 0.0 if _crosses(a, b, p, q, r).any() else best
 
 
+class Triangles:
+    """segment_triangles for many segments: triangles whose circles are too far are left out."""
+
+    def __init__(self, triangles):
+        self.triangles = triangles
+        self.centres = triangles.mean(1)
+        self.radii = np.linalg.norm(triangles - self.centres[:, None], axis=2).max(1)
+
+    def distance(self, a, b):
+        way = np.broadcast_to(b - a, self.centres.shape)
+        off = np.linalg.norm(a + _clamped(self.centres - a, way) * way - self.centres, axis=1)
+        return segment_triangles(a, b, self.triangles[off - self.radii <= off.min() * (1 + 1e-9) + 1e-12])
+
+
 def _segment_segments(a, b, p, q):
     """Each end against the other segment, and the lines' common normal where its feet are within both."""
     best = np.full(len(p), np.inf)

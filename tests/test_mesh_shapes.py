@@ -5,7 +5,7 @@ from pathlib import Path
 import fcl
 import numpy as np
 import pytest
-from brute_force import check_pairs, point_triangles, random_segments, segment_triangles, torus
+from brute_force import Triangles, check_pairs, point_triangles, random_segments, segment_triangles, torus
 
 from bullet_tendon.errors import InvalidValue
 from bullet_tendon.mesh_files import read_mesh
@@ -195,3 +195,40 @@ def test_real_bone_against_brute_force(count):
     way *= 0.005 * rng.random((count, 1)) / np.linalg.norm(way, axis=1)[:, None]
     way[::5] = 0.0
     check_mesh(mesh(bone.vertices, bone.triangles), triangles, a, a + way, 1e-10)
+
+
+def near_segments(rng, count, triangles, scale):
+    """Segments of 1e-6 to 1 (times scale) 1e-9 to 0.3 over or under faces, edges and corners."""
+    t = triangles[rng.integers(len(triangles), size=count)]
+    weights = rng.dirichlet(np.ones(3), count)
+    weights[: count // 7] = np.eye(3)[rng.integers(3, size=count // 7)]
+    normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+    size = np.linalg.norm(normal, axis=1)[:, None]
+    normal /= np.where(size > 0, size, 1.0)
+    height = 10 ** rng.uniform(-9, -0.5, (count, 1)) * rng.choice([1, -1], (count, 1))
+    way = rng.normal(size=(count, 3))
+    way[::2] = np.cross(way, normal)[::2]
+    way *= 10 ** rng.uniform(-6, 0, (count, 1)) / np.linalg.norm(way, axis=1)[:, None]
+    foot = np.einsum("ij,ijk->ik", weights, t) + scale * height * normal
+    a = foot - scale * rng.choice([0.0, 0.3, 0.8], (count, 1)) * way
+    return a, a + scale * way
+
+
+@pytest.mark.skipif(not FEMUR.exists(), reason="no real bones beside the project (shared/knee)")
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("bone", ["femur", "tibia", "patella", "whole_femur"])
+@pytest.mark.parametrize("count", [40, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_real_bones_at_all_scales_heights_and_lengths(bone, scale, count):
+    """No error beyond rounding, no false far, and no false near but within rounding of the surface."""
+    file = read_mesh(FEMUR.with_name(f"{bone}.stl"))
+    rng = np.random.default_rng(13)
+    vertices = scale * (file.vertices + rng.choice([0.0, 100.0]))
+    a, b = near_segments(rng, count, vertices[file.triangles], scale)
+    distance, point, u = mesh(vertices, file.triangles).measure(a, b)
+    brute = Triangles(vertices[file.triangles])
+    exact = np.array([brute.distance(p, q) for p, q in zip(a, b, strict=True)])
+    assert np.isfinite(distance).all() and np.isfinite(point).all() and ((u >= 0) & (u <= 1)).all()
+    apart = distance > 0
+    assert np.abs(distance - exact)[apart].max() <= 1e-11 * scale
+    assert (exact[~apart] <= 1e-7 * scale).all()
+    assert (exact > 0).any() and (exact == 0).any()
