@@ -72,7 +72,7 @@ constexpr int kUnits = 8192;
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
 constexpr int kRounds = 8;
-constexpr double kFrictionAccuracy = 5e-3;
+constexpr double kFrictionAccuracy = 5e-4;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;

@@ -181,7 +181,11 @@ void World::bone_rows() {
                   segment      ? e.u
                   : f == first ? 0.0
                                : 1.0};
-        Vec3 point = to_world(pose, e.point), normal = pose.rotation * e.normal;
+        const Vec3 here = spot.of(slots_[c]->x), ahead = spot.of(slots_[c]->foreseen);
+        Vec3 point = e.point, normal = e.normal;
+        lean_ahead(caches_[c][s], f, to_local(pose, ahead - links[shape.link].drift(here, context_.dt)),
+                   point, normal);
+        point = to_world(pose, point), normal = pose.rotation * normal;
         uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
         Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
         row.direct = !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields;
