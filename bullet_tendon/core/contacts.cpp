@@ -100,7 +100,9 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   const bool carries = can_carry(), chosen = options.contact_stiffness > 0;
   const double at_hand = stiffness_at(c, particle, !carries);
   row.stiffness = chosen ? options.contact_stiffness : (carries ? kContactRatio : kSpringRatio) * at_hand;
-  row.grip = (carries ? kGripRatio : kSpringGripRatio) * at_hand;
+  // A particle that lies loose is gripped before it gathers speed.
+  const double inertia = c.mass[particle] / (c.b * c.b);
+  row.grip = carries ? kGripRatio * at_hand + kLooseGripRatio * inertia : kSpringGripRatio * at_hand;
   row.radius = c.radius + (row.b.chain >= 0 ? slots_[row.b.chain]->radius : 0);
   row.stiffens = carries && !chosen;
   if (row.link >= 0 && links[row.link].yields) {
