@@ -53,7 +53,7 @@ def drive(scene, progress) -> None:
         if k == end:
             _measure_slide(scene, h.sliding, (h.sliding.speed() - speed) / SLIDE)
             scene.mark(f"{scene.time:.1f} s")
-            _take_away(scene, h.sliding)
+            scene.world.remove_tendon(h.sliding.tendon)  # before its light weight is at the cylinder
         if k == settled:
             way = h.holding.way()
         scene.step()
@@ -108,13 +108,6 @@ def _weight(scene, tendon, particle, place, mass) -> int:
     p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
     tendon.attach(particle, body, position=(0, 0, 0))
     return body
-
-
-def _take_away(scene, pair) -> None:
-    """Before the light weight is drawn onto the cylinder."""
-    scene.world.remove_tendon(pair.tendon)
-    for weight in pair.weights:
-        p.removeBody(weight, scene.client)
 
 
 def _measure_slide(scene, pair, acceleration) -> None:
