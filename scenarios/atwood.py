@@ -1,7 +1,7 @@
 """Two weights hang from a tendon over a rough cylinder (Atwood's machine without a turning pulley).
 
 With mu = 0.3 and half a turn, friction holds weights up to e^(mu pi) = 2.57 : 1. At 2.3 : 1 they must hang
-still, at 2.9 : 1 slide with a = g (m1 - m2 e^(mu pi)) / (m1 + m2 e^(mu pi)). The weights are bodies of pybullet.
+still, at 2.9 : 1 slide with a = g (m1 - m2 e^(mu pi)) / (m1 + m2 e^(mu pi)). The weights are pybullet's.
 """
 
 from types import SimpleNamespace

@@ -1,7 +1,7 @@
 """Tendons lie on two slopes, one just less and one just more steep than friction holds.
 
-With mu = 0.5, a tendon laid on a slope of 0.499 must not creep, for 10,000 steps; one on a slope of 0.501 slides
-with a = g (sin - mu cos). One tendon on each slope lies across it, one along it.
+With mu = 0.5, a tendon laid on a slope of 0.499 must not creep, for 10,000 steps; one on a slope of 0.501
+slides with a = g (sin - mu cos). One tendon on each slope lies across it, one along it.
 """
 
 from types import SimpleNamespace
