@@ -17,6 +17,12 @@ if not Path(sysconfig.get_paths()["include"], "Python.h").exists():
 
 ParallelCompile(default=os.cpu_count() or 1).install()
 
+# BULLET_TENDON_SANITIZE=address,undefined builds the core with those sanitizers, for tests (README.md).
+sanitize = os.environ.get("BULLET_TENDON_SANITIZE", "")
+sanitizers = [f"-fsanitize={sanitize}", "-fno-omit-frame-pointer", "-g"] if sanitize else []
+if "undefined" in sanitize:
+    sanitizers.append("-fno-sanitize-recover=undefined")
+
 # No -ffast-math and no -march: the same wheel gives the same answers on every x86-64.
 # The two -fno- flags only promise that nobody reads errno or floating-point traps.
 core = Pybind11Extension(
@@ -24,7 +30,8 @@ core = Pybind11Extension(
     sorted(glob("bullet_tendon/core/*.cpp")),
     depends=sorted(glob("bullet_tendon/core/*.h")),
     cxx_std=17,
-    extra_compile_args=["-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"],
+    extra_compile_args=["-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", *sanitizers],
+    extra_link_args=sanitizers,
 )
 
 setup(

@@ -9,9 +9,11 @@ from functools import lru_cache
 import numpy as np
 import pybullet as p
 
-from .errors import UnknownId
+from .errors import InvalidValue, UnknownId
+from .identity import Marks
 
-_WIDTH = 58  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36
+_FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
+_WIDTH = 59  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36, falls 1
 
 
 def client_of(physicsClientId) -> int:
@@ -30,10 +32,19 @@ class Bodies:
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
         self._table = np.zeros((0, _WIDTH))
-        self._forgotten: set[int] = set()
+        self._marks = Marks(client)
+        self._mark_of: list[tuple[int, bytes]] = []
+        self._unused: set[int] = set()
+        self.in_use = lambda: set(range(len(self.links)))
+
+    def require_client(self) -> None:
+        """Raise UnknownId where the client was disconnected."""
+        if not p.isConnected(self.client):
+            raise UnknownId("physicsClientId", self.client, "a connected pybullet client")
 
     def require(self, body: int, link: int, argument: str = "bodyUniqueId") -> None:
         """Raise UnknownId unless the body exists and has that link (-1: its base)."""
+        self.require_client()
         known = [p.getBodyUniqueId(i, self.client) for i in range(p.getNumBodies(self.client))]
         if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
             raise UnknownId(argument, body, f"the id of a body of this client: {known}")
@@ -44,66 +55,143 @@ class Bodies:
     def slot(self, body: int, link: int) -> int:
         """The slot of a link, made where there is none."""
         key = (int(body), int(link))
-        self._forgotten.discard(key[0])
-        if key not in self._slots:
-            self._slots[key] = len(self.links)
+        known = self.find_slot(*key)
+        if known is not None:
+            return known
+        mark = self._marks.mark(key[0])
+        if self._unused:
+            slot = min(self._unused)
+            self._unused.discard(slot)
+            self.links[slot], self._mark_of[slot] = key, mark
+        else:
+            slot = len(self.links)
             self.links.append(key)
+            self._mark_of.append(mark)
             self._table = np.vstack([self._table, np.zeros((1, _WIDTH))])
-        return self._slots[key]
+        self._slots[key] = slot
+        return slot
 
     def find_slot(self, body: int, link: int) -> int | None:
-        return self._slots.get((body, link))
+        """The slot of a link; None where there is none, or it is of a body that had this id before."""
+        slot = self._slots.get((body, link))
+        return None if slot is None or self.is_gone(slot) else slot
 
-    def table(self, dt: float, gravity: np.ndarray, held: bool = False) -> np.ndarray:
-        """(links, 58) what the core needs to know of every link (layout: _WIDTH).
+    def is_gone(self, slot: int) -> bool:
+        """Whether the body that a slot was made for was removed from pybullet."""
+        return not self._marks.holds(self._mark_of[slot])
 
-        held: as if nothing moved them.
-        Raises UnknownId where a body was removed from pybullet.
+    def slots_of(self, body: int) -> set[int]:
+        return {s for (b, _), s in self._slots.items() if b == body and not self.is_gone(s)}
+
+    def marked_links(self) -> tuple:
+        """Body, link and the body's mark by slot; None for slots not in use."""
+        marked = [(*key, mark[1]) for key, mark in zip(self.links, self._mark_of, strict=True)]
+        for slot in self._unused:
+            marked[slot] = None
+        while marked and marked[-1] is None:
+            marked.pop()
+        return tuple(marked)
+
+    def table(self) -> np.ndarray:
+        """(links, 59) what the core needs to know of every link (layout: _WIDTH).
+
+        Raises UnknownId where a body was removed from pybullet that something here refers to, and
+        InvalidValue where pybullet has no finite pose or velocity for one.
         """
-        for row, (body, link) in zip(self._table, self.links, strict=True):
-            if body in self._forgotten:
+        self.require_alive()
+        for slot, (row, (body, link)) in enumerate(zip(self._table, self.links, strict=True)):
+            if slot in self._unused:
                 continue
-            try:
-                self._read(row, body, link, dt, gravity)
-            except p.error:
-                raise UnknownId("bodyUniqueId", body, "a body that is still there") from None
-        if held:
-            self._table[:, 15:] = 0.0
+            self._read(row, body, link)
+            if not np.isfinite(row).all():
+                raise InvalidValue("bodyUniqueId", body, "a body with finite pose, velocity and inertia")
         return self._table
 
-    def forget(self, body: int) -> None:
-        """Read and push a body no more: nothing refers to it."""
-        self._forgotten.add(body)
-        for key in [k for k in self._slots if k[0] == body]:
-            del self._slots[key]
+    def forget(self, slots: set[int]) -> None:
+        """Read and push links no more: nothing refers to them."""
+        self._unused |= slots
+        self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
+        self._table[list(slots)] = 0.0
+
+    def require_alive(self) -> None:
+        """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
+        gone = {s for s in range(len(self.links)) if s not in self._unused and self.is_gone(s)}
+        if not gone:
+            return
+        for slot in sorted(gone & self.in_use()):
+            body = self.links[slot][0]
+            raise UnknownId("bodyUniqueId", body, "a body that was not removed: release what refers to it")
+        self.forget(gone)
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
         row = np.zeros(_WIDTH)
-        self._read(row, int(body), int(link), 0.0, np.zeros(3))
+        self._read(row, int(body), int(link))
         return row[:3].copy(), row[3:12].reshape(3, 3).copy()
 
     def apply(self, wrenches: np.ndarray) -> None:
         """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
         for row, wrench, (body, link) in zip(self._table, wrenches, self.links, strict=True):
-            if (
-                wrench.any()
-                and body not in self._forgotten
-                and p.getDynamicsInfo(body, link, self.client)[0] > 0
-            ):
+            if wrench.any() and p.getDynamicsInfo(body, link, self.client)[0] > 0:
                 centre = row[12:15]
                 p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
                 p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)
 
-    def _read(self, row, body, link, dt, gravity) -> None:
+    def can_be_held(self, slot: int) -> bool:
+        """Whether anything can hold a link: a joint, a contact or a constraint."""
+        body, link = self.links[slot]
+        return bool(
+            p.getNumConstraints(self.client)
+            or p.getContactPoints(bodyA=body, physicsClientId=self.client)
+            or _movable_joints(body, self.client)
+        )
+
+    def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
+        """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
+
+        About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
+        changes too. Of articulated bodies those with a fixed base and hinges or sliders are changed.
+        """
+        body, link = self.links[slot]
+        if link < 0 and p.getNumJoints(body, self.client) == 0:
+            self._push_base(body, dt * (new - old), dt)
+        elif p.getDynamicsInfo(body, -1, self.client)[0] == 0:
+            self._push_joints(body, link, dt * old, dt * new, dt)
+
+    def _push_base(self, body, impulse, dt) -> None:
+        centre, turn = p.getBasePositionAndOrientation(body, self.client)
+        velocity, spin = p.getBaseVelocity(body, self.client)
+        change = _free_response(p.getDynamicsInfo(body, -1, self.client), turn) @ impulse
+        angle = float(np.linalg.norm(change[3:])) * dt
+        if angle > 0:
+            by = p.getQuaternionFromAxisAngle((change[3:] / np.linalg.norm(change[3:])).tolist(), angle)
+            turn = p.multiplyTransforms((0, 0, 0), by, (0, 0, 0), turn)[1]
+        place = (np.array(centre) + dt * change[:3]).tolist()
+        p.resetBasePositionAndOrientation(body, place, turn, self.client)
+        motion = (np.array(velocity) + change[:3]).tolist(), (np.array(spin) + change[3:]).tolist()
+        p.resetBaseVelocity(body, *motion, physicsClientId=self.client)
+
+    def _push_joints(self, body, link, old, new, dt) -> None:
+        joints = _movable_joints(body, self.client)
+        parts = _jacobian_and_mass(body, link, joints, self.client)
+        if parts is None:
+            return
+        took, gives = (np.linalg.solve(parts[1], parts[0].T @ impulse) for impulse in (old, new))
+        states = p.getJointStates(body, joints, self.client)
+        for joint, (angle, rate, *_), a, b in zip(joints, states, took.tolist(), gives.tolist(), strict=True):
+            if abs(rate) > 0.999 * _FASTEST:  # pybullet cut off what the old wrench gave
+                a = max(-abs(rate), min(abs(rate), a))
+            p.resetJointState(body, joint, angle + dt * (b - a), rate + b - a, self.client)
+
+    def _read(self, row, body, link) -> None:
         info = p.getDynamicsInfo(body, link, self.client)
         if link < 0:
             self._read_base(row, body, info)
         else:
             self._read_link(row, body, link, info)
-        row[21] = 0.0
+        row[21] = row[58] = 0.0
         if info[0] > 0:
-            self._respond(row, body, link, info, dt, gravity)
+            self._respond(row, body, link, info)
 
     def _read_base(self, row, body, info) -> None:
         centre, turn = p.getBasePositionAndOrientation(body, self.client)
@@ -114,7 +202,7 @@ class Bodies:
         state = p.getLinkState(body, link, 1, 1, self.client)
         _write(row, state[0], state[1], info, state[6], state[7])
 
-    def _respond(self, row, body, link, info, dt, gravity) -> None:
+    def _respond(self, row, body, link, info) -> None:
         joints = _movable_joints(body, self.client)
         fixed = p.getDynamicsInfo(body, -1, self.client)[0] == 0
         if fixed:
@@ -123,7 +211,7 @@ class Bodies:
             alone = link < 0 and p.getNumJoints(body, self.client) == 0
             turn = self._inertial_turn(body, link)
             response = _free_response(info, turn) if alone else _rigid_response(body, row[12:15], self.client)
-            row[15:18] += dt * gravity
+            row[58] = 1.0
         else:
             response = None
         if response is None:
@@ -224,6 +312,19 @@ def _movable_joints(body, client) -> list[int]:
 def _joint_response(body, link, joints, client) -> np.ndarray | None:
     """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
 
+    None where pybullet's Jacobian does not cover the body (_jacobian_and_mass).
+    """
+    parts = _jacobian_and_mass(body, link, joints, client)
+    if parts is None:
+        return None
+    if link < 0:
+        return np.zeros((6, 6))
+    return parts[0] @ np.linalg.solve(parts[1], parts[0].T)
+
+
+def _jacobian_and_mass(body, link, joints, client) -> tuple[np.ndarray, np.ndarray] | None:
+    """J (6, joints) of a link's centre of mass, world axes, and M (joints, joints), of a fixed base.
+
     None where pybullet's Jacobian does not cover the body: a floating base, or spherical joints.
     """
     simple = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
@@ -234,12 +335,11 @@ def _joint_response(body, link, joints, client) -> np.ndarray | None:
     if len(mass) != len(joints):
         return None
     if link < 0:
-        return np.zeros((6, 6))
+        return np.zeros((6, len(joints))), mass
     zero = [0.0] * len(angles)
     # pybullet takes the point in the link's URDF frame, and answers in the base's inertial axes.
     info = p.getDynamicsInfo(body, link, client)
     at = _axes(info[4]).T @ info[3]
     linear, angular = p.calculateJacobian(body, link, at.tolist(), angles, zero, zero, client)
     base = _axes(p.getBasePositionAndOrientation(body, client)[1])
-    jacobian = np.vstack([base @ linear, base @ angular])
-    return jacobian @ np.linalg.solve(mass, jacobian.T)
+    return np.vstack([base @ linear, base @ angular]), mass

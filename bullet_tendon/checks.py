@@ -4,6 +4,7 @@ They run before anything changes, so that a refused call leaves no trace.
 """
 
 import numbers
+import os
 
 import numpy as np
 
@@ -47,9 +48,12 @@ def vector(argument: str, value, size: int = 3) -> np.ndarray:
 def array(argument: str, value, shape: tuple) -> np.ndarray:
     """A finite float array of the shape given; None in `shape` stands for any length >= 1."""
     try:
-        result = np.array(value, dtype=float)
+        given = np.asarray(value)
     except (TypeError, ValueError):
-        raise InvalidType(argument, value, f"numbers of shape {_shape_text(shape)}") from None
+        given = np.array(None)
+    if given.dtype.kind not in "iuf":  # neither text nor complex numbers, which numpy would convert
+        raise InvalidType(argument, value, f"real numbers of shape {_shape_text(shape)}")
+    result = given.astype(float)
     fits = result.ndim == len(shape) and all(
         have >= 1 if want is None else have == want for have, want in zip(result.shape, shape, strict=True)
     )
@@ -81,6 +85,13 @@ def text(argument: str, value) -> str:
     if not value:
         raise InvalidValue(argument, value, "a non-empty string")
     return value
+
+
+def path(argument: str, value) -> str:
+    """A path, as a string."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise InvalidType(argument, value, "a path")
+    return str(os.fspath(value))
 
 
 def _range_text(what, above, at_least, at_most) -> str:

@@ -40,6 +40,18 @@ class UrdfError(TendonError, ValueError):
         super().__init__(f"{path}: {element}: {attribute} = {_short(value)}: must be {allowed}")
 
 
+class StateMismatch(_BadArgument, ValueError):
+    """A saved state, or a snapshot, that does not fit the world as it is now: made of other parts."""
+
+
+class SnapshotError(_BadArgument, ValueError):
+    """A snapshot that cannot be read: not one, damaged, or of another version."""
+
+
+class StepWarning(RuntimeWarning):
+    """A step that could not be solved was left out (SolverOptions.on_failure = "warn")."""
+
+
 class MissingExtra(TendonError, ImportError):
     """An optional package is needed for what was asked, and is not installed."""
 

@@ -37,6 +37,21 @@ class _Hold:
             self._tendon._holds.pop(self.particle, None)
         self._released = True
 
+    def _settings(self) -> dict:
+        """What a saved state has to know of this handle."""
+        return {"number": self._number}
+
+    def _let_go(self) -> None:
+        """The core has released it already."""
+        self._tendon._holds.pop(self.particle, None)
+        self._released = True
+
+    def _take_again(self, settings: dict) -> None:
+        """The core holds it (again), as `settings` say."""
+        self._number = settings["number"]
+        self._tendon._holds[self.particle] = self
+        self._released = False
+
     def _require(self) -> None:
         if self.released:
             raise UnknownId(type(self).__name__.lower(), self.particle, "one that was not released")
@@ -48,11 +63,21 @@ class Attachment(_Hold):
     force is what the tendon does to the body; its exact opposite acts on the tendon.
     """
 
-    def __init__(self, tendon, particle, number, bodyUniqueId, linkIndex, position):
+    def __init__(self, tendon, particle, number, bodyUniqueId, linkIndex, position, link_slot):
         super().__init__(tendon, particle, number)
         self.bodyUniqueId = bodyUniqueId
         self.linkIndex = linkIndex
-        self.position = position
+        self.link_slot = link_slot
+        self._position = position
+
+    @property
+    def position(self) -> np.ndarray:
+        """(3,) its point in the link's URDF frame [m]."""
+        return self._position.copy()
+
+    def _settings(self) -> dict:
+        where = {"bodyUniqueId": self.bodyUniqueId, "linkIndex": self.linkIndex}
+        return {**super()._settings(), **where, "position": self.position}
 
 
 class Grip(_Hold):
@@ -65,12 +90,36 @@ class Grip(_Hold):
 
     def __init__(self, tendon, particle, number, target, stiffness, damping, direction=None):
         super().__init__(tendon, particle, number)
-        self._direction = None
+        self._direction = direction
         if direction is not None:
-            self.direction = direction
-        self.stiffness = stiffness
-        self.damping = damping
+            tendon._core.set_clamp(tendon._slot, number, direction)
+        self._stiffness = stiffness
+        self._damping = damping
         self.target = target
+
+    @property
+    def stiffness(self) -> float | None:
+        """Of a soft grip [N/m]; None: rigid."""
+        return self._stiffness
+
+    @stiffness.setter
+    def stiffness(self, value) -> None:
+        stiffness = None if value is None else checks.number("stiffness", value, above=0)
+        self._require()
+        self._stiffness = stiffness
+        self._tell()
+
+    @property
+    def damping(self) -> float:
+        """Of a soft grip [N s/m]."""
+        return self._damping
+
+    @damping.setter
+    def damping(self, value) -> None:
+        damping = checks.number("damping", value, at_least=0)
+        self._require()
+        self._damping = damping
+        self._tell()
 
     @property
     def target(self) -> np.ndarray:
@@ -82,9 +131,20 @@ class Grip(_Hold):
         target = checks.vector("target", value)
         self._require()
         self._target = target
-        self._tendon._core.set_grip(
-            self._tendon._slot, self._number, target, self.stiffness or 0.0, self.damping
-        )
+        self._tell()
+
+    def _tell(self) -> None:
+        spring = (self._stiffness or 0.0, self._damping)
+        self._tendon._core.set_grip(self._tendon._slot, self._number, self._target, *spring)
+
+    def _settings(self) -> dict:
+        spring = {"stiffness": self._stiffness, "damping": self._damping}
+        return {**super()._settings(), **spring, "target": self.target, "direction": self.direction}
+
+    def _take_again(self, settings: dict) -> None:
+        super()._take_again(settings)
+        self._stiffness, self._damping = settings["stiffness"], settings["damping"]
+        self._target, self._direction = settings["target"], settings["direction"]
 
     @property
     def direction(self) -> np.ndarray | None:
@@ -94,13 +154,18 @@ class Grip(_Hold):
     @direction.setter
     def direction(self, value) -> None:
         self._require()
-        if self.particle not in (0, self._tendon.particles - 1):
-            raise InvalidValue("direction", value, "None, but for the first or the last particle")
-        if self._tendon.material.bending_stiffness == 0:
-            raise InvalidValue("direction", value, "None for a tendon without bending stiffness")
-        vector = checks.vector("direction", value)
-        size = np.linalg.norm(vector)
-        if size == 0:
-            raise InvalidValue("direction", value, "other than zero")
-        self._direction = vector / size
+        self._direction = clamp_direction(self._tendon, self.particle, value)
         self._tendon._core.set_clamp(self._tendon._slot, self._number, self._direction)
+
+
+def clamp_direction(tendon, particle: int, value) -> np.ndarray:
+    """(3,) the unit vector of a direction that the particle can be clamped in; raises where it cannot."""
+    if particle not in (0, tendon.particles - 1):
+        raise InvalidValue("direction", value, "None, but for the first or the last particle")
+    if tendon.material.bending_stiffness == 0:
+        raise InvalidValue("direction", value, "None for a tendon without bending stiffness")
+    vector = checks.vector("direction", value)
+    size = np.linalg.norm(vector / max(np.abs(vector).max(), 1e-300))
+    if not size > 0:
+        raise InvalidValue("direction", value, "other than zero")
+    return vector / np.abs(vector).max() / size

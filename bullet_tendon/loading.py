@@ -5,8 +5,9 @@ import contextlib
 import numpy as np
 import pybullet as p
 
-from .errors import InvalidValue, TendonError, UrdfError
+from .errors import InvalidValue, UrdfError
 from .material import Material
+from .state import capture, take_back
 from .urdf_elements import TendonElement, UrdfElements, read_elements
 
 
@@ -20,13 +21,25 @@ def load_urdf(world, path, args, kwargs, obstacles: bool) -> int:
         body = p.loadURDF(str(path), *args, physicsClientId=client, **kwargs)
     except p.error as problem:
         raise InvalidValue("path", path, f"a URDF that pybullet can load ({problem})") from None
+    kept, tendons, tunnels = capture(world), world.tendons, world.tunnels
     try:
         _equip(world, path, body, elements, materials, obstacles)
-    except TendonError:
-        world._forget_body(body)
+    except BaseException:  # an interrupt too
+        _take_out(world, body, set(world.tendons) - set(tendons), set(world.tunnels) - set(tunnels))
         p.removeBody(body, client)
+        take_back(world, kept)
         raise
     return body
+
+
+def _take_out(world, body: int, tendons, tunnels) -> None:
+    for tendon in tendons:
+        world.remove_tendon(tendon)
+    for tunnel in tunnels:
+        world.remove_tunnel(tunnel)
+    slots = world._bodies.slots_of(body)
+    world._obstacles.forget(slots)
+    world._bodies.forget(slots)
 
 
 def link_indices(body: int, client: int) -> dict[str, int]:

@@ -5,7 +5,7 @@ import pybullet as p
 
 from . import checks
 from .bodies import Bodies
-from .errors import InvalidValue, UnknownId
+from .errors import InvalidType, InvalidValue, UnknownId
 from .shapes import Shape, collision_shapes
 
 
@@ -17,15 +17,25 @@ class Obstacles:
         self._bodies = bodies
         self._shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
+        self._link_slots: dict[tuple[int, int], int] = {}
 
     def __len__(self) -> int:
         return len(self._shapes)
+
+    def listing(self) -> tuple:
+        """Body, link, and the numbers of its shapes, of every link that is an obstacle."""
+        return tuple((*key, *numbers) for key, numbers in sorted(self._by_link.items()))
+
+    def link_slots(self) -> set[int]:
+        return set(self._link_slots.values())
 
     def add(self, body, link, friction, convex, meshes) -> None:
         """See TendonWorld.add_obstacle."""
         self._bodies.require(body, -1 if link is None else link)
         if convex is not None:
             convex = checks.flag("convex", convex)
+        if not isinstance(meshes, (list, tuple)):
+            raise InvalidType("meshes", meshes, "a list of paths or of vertices and triangles")
         client = self._bodies.client
         links = range(-1, p.getNumJoints(body, client)) if link is None else [link]
         found = {i: collision_shapes(body, i, client, convex, meshes) for i in links}
@@ -33,6 +43,8 @@ class Obstacles:
             where = "bodyUniqueId" if link is None else "linkIndex"
             raise InvalidValue(where, body if link is None else link, "one with a collision shape")
         frictions = {i: self.friction_of(body, i, friction) for i in links}
+        for key in [k for k, slot in self._link_slots.items() if k[0] == body and self._bodies.is_gone(slot)]:
+            self._drop(key)  # of a body that had this id before
         for i, shapes in found.items():
             self._drop((int(body), int(i)))
             if shapes:
@@ -40,15 +52,18 @@ class Obstacles:
 
     def remove(self, body, link) -> None:
         """See TendonWorld.remove_obstacle."""
+        checks.integer("bodyUniqueId", body)
+        if link is not None:
+            checks.integer("linkIndex", link, at_least=-1)
         keys = [k for k in self._by_link if k[0] == body and link in (None, k[1])]
         if not keys:
             raise UnknownId("bodyUniqueId", body, "a body that was added as an obstacle")
         for key in keys:
             self._drop(key)
 
-    def forget(self, body: int) -> None:
-        """Take out a body's shapes, if it has any here."""
-        for key in [k for k in self._by_link if k[0] == body]:
+    def forget(self, slots: set[int]) -> None:
+        """Take out the shapes of links, by their slots."""
+        for key in [k for k, slot in self._link_slots.items() if slot in slots]:
             self._drop(key)
 
     def friction_of(self, body, link, friction) -> float:
@@ -83,8 +98,10 @@ class Obstacles:
             self._shapes[number] = shape
             numbers.append(number)
         self._by_link[body, link] = numbers
+        self._link_slots[body, link] = slot
 
     def _drop(self, key: tuple[int, int]) -> None:
+        self._link_slots.pop(key, None)
         for number in self._by_link.pop(key, ()):
             self._core.remove_shape(number)
             del self._shapes[number]

@@ -9,8 +9,8 @@ from rest, short while particles move by more than a share of the radius and dou
 
 import numpy as np
 
-from .errors import StepFailed
 from .holds import Attachment
+from .state import capture, take_back
 
 _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FIRST = 1 / 240  # s
@@ -21,36 +21,41 @@ _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 
 def relax(world, tolerance: float, max_steps: int) -> None:
     """See TendonWorld.relax."""
-    gravity = world._gravity()
+    _, gravity = world._step_and_gravity()
+    world._bodies.require_alive()
     core = world._core
-    saved = {t: (t.positions, t.velocities) for t in world.tendons}
-    alone = len(saved) == 1 and not world._obstacles and not world.tunnels
+    kept = capture(world)
+    start = {t: t.positions for t in world.tendons}
+    alone = len(start) == 1 and not world._obstacles and not world.tunnels
     for t in world.tendons:
         if alone:
             _lay_out(world, t, gravity)
         core.guess_multipliers(t._slot, gravity)
     dt = _ENDLESS if alone else _FIRST
-    iterations, residual, settled = 0, np.inf, not saved
+    iterations, residual, settled = 0, np.inf, not start
     for _ in range(max_steps):
-        before = {t: t.positions for t in saved}
+        before = {t: t.positions for t in start}
         try:
-            world._solve(dt, gravity, held=True)
-        except StepFailed:
-            _put_back(saved)
+            if not world._solve(dt, gravity, held=True):
+                settled = False
+                take_back(world, kept)
+                break
+        except BaseException:
+            take_back(world, kept)
             raise
         iterations += world.report.iterations
         moved = {t: np.abs(t.positions - x).max() for t, x in before.items()}
-        residual = max([world.report.residual, *(_inertia(t, moved[t], dt, gravity) for t in saved)])
-        for t in saved:
+        residual = max([world.report.residual, *(_inertia(t, moved[t], dt, gravity) for t in start)])
+        for t in start:
             core.stop(t._slot)
-        if any(_lost(t, x) for t, (x, _) in saved.items()):
+        if any(_lost(t, x) for t, x in start.items()):
             settled = False
-            _put_back(saved)
+            take_back(world, kept)
             break
         settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
         if world.report.converged and settled:
             break
-        ratio = max((moved[t] / t.radius for t in saved), default=0.0)
+        ratio = max((moved[t] / t.radius for t in start), default=0.0)
         dt = dt / _GROWTH if ratio > _FARTHEST and not alone else dt
         dt = min(dt * _GROWTH, _ENDLESS) if ratio < _NEAREST else dt
     world.report.iterations, world.report.residual = iterations, float(residual)
@@ -59,11 +64,6 @@ def relax(world, tolerance: float, max_steps: int) -> None:
 
 def _lost(tendon, start) -> bool:
     return np.abs(tendon.positions - start).max() > _LOST * tendon.rest_length
-
-
-def _put_back(saved) -> None:
-    for tendon, state in saved.items():
-        tendon.set_positions(*state)
 
 
 def _inertia(tendon, moved: float, dt: float, gravity) -> float:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from . import checks
-from .errors import InvalidValue, TendonError, UnknownId
-from .holds import Attachment, Grip
+from .errors import InvalidValue, UnknownId
+from .holds import Attachment, Grip, clamp_direction
 from .material import Material
 
 # A segment may be reeled in to, or paid out to, these shares of its first rest length [-]: shorter
@@ -62,7 +62,7 @@ class Tendon:
 
     @property
     def masses(self) -> np.ndarray:
-        """(n,) particles [kg]: half of the mass of each adjacent segment."""
+        """(n,) particles [kg]: half of the mass of each adjacent segment, and set_point_mass's."""
         return self._core.masses(self._alive())
 
     @property
@@ -94,6 +94,11 @@ class Tendon:
         """Elastic and kinetic energy [J]."""
         return self._core.energy(self._alive())
 
+    @property
+    def holds(self) -> tuple[Grip | Attachment, ...]:
+        """Its grips and attachments that were not released, by particle."""
+        return tuple(self._holds[i] for i in sorted(self._holds))
+
     def attach(self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position=None) -> Attachment:
         """Tie a particle (negative: from the end) to a point of a link.
 
@@ -111,7 +116,7 @@ class Tendon:
         link = bodies.slot(bodyUniqueId, linkIndex)
         number = self._world._next_number()
         self._core.add_attachment(self._slot, number, index, link, local)
-        hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local)
+        hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local, link)
         self._holds[index] = hold
         return hold
 
@@ -135,13 +140,11 @@ class Tendon:
         if stiffness is not None:
             stiffness = checks.number("stiffness", stiffness, above=0)
         damping = checks.number("damping", damping, at_least=0)
+        if direction is not None:
+            direction = clamp_direction(self, index, direction)
         number = self._world._next_number()
         self._core.add_grip(self._slot, number, index)
-        try:
-            hold = Grip(self, index, number, where, stiffness, damping, direction)
-        except TendonError:
-            self._core.remove_hold(self._slot, number)
-            raise
+        hold = Grip(self, index, number, where, stiffness, damping, direction)
         self._holds[index] = hold
         return hold
 
@@ -154,6 +157,15 @@ class Tendon:
         """A constant external force (3,) [N] on a particle, world frame, until it is set again."""
         index = self._particle(particle)
         self._core.set_force(self._alive(), index, checks.vector("force", force))
+
+    def set_point_mass(self, particle: int, mass: float) -> None:
+        """A weight [kg] on a particle (negative: from the end) beside the tendon's own mass: a bob, a needle.
+
+        It has no size and does not collide; it stays, whatever is reeled in, until it is set again (0: none).
+        Raises InvalidType or InvalidValue; then nothing has changed.
+        """
+        index = self._particle(particle)
+        self._core.set_point_mass(self._alive(), index, checks.number("mass", mass, at_least=0))
 
     def set_positions(self, positions, velocities=None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.

@@ -22,3 +22,4 @@ class Tunnel:
     chamfer: float
     name: str
     slot: int = dataclasses.field(repr=False)
+    link_slot: int = dataclasses.field(repr=False)

@@ -1,6 +1,7 @@
 """TendonWorld: the plug-in beside a pybullet client. One step in five rooms (see step)."""
 
 import math
+import warnings
 from time import perf_counter
 
 import numpy as np
@@ -8,7 +9,9 @@ import pybullet as p
 
 from . import _core, checks
 from .bodies import Bodies, client_of
-from .errors import InvalidType, InvalidValue, StepFailed, UnknownId
+from .errors import InvalidType, InvalidValue, StepFailed, StepWarning, UnknownId
+from .holds import Attachment
+from .keeping import KeepsState
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
@@ -22,7 +25,7 @@ from .tunnels import Tunnel
 _FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
 
 
-class TendonWorld:
+class TendonWorld(KeepsState):
     """The tendons of one pybullet client.
 
     physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
@@ -31,13 +34,17 @@ class TendonWorld:
 
     def __init__(self, physicsClientId=0, options: SolverOptions | None = None):
         self._client = client_of(physicsClientId)
+        super().__init__()
+        self._connection = physicsClientId  # a BulletClient disconnects when nobody keeps it
         self._core = _core.World()
         self._bodies = Bodies(self._client)
+        self._bodies.in_use = self._links_in_use
         self._obstacles = Obstacles(self._core, self._bodies)
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
         self._count = 0
         self._wrenches = np.zeros((0, 6))
+        self._dt, self._last_gravity = 0.0, np.zeros(3)  # of the last step
         self.options = SolverOptions() if options is None else options
         self.report = StepReport()
 
@@ -141,7 +148,8 @@ class TendonWorld:
         name = f"tunnel{self._next_number()}" if name is None else checks.text("name", name)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
-        tunnel = Tunnel(int(bodyUniqueId), int(linkIndex), start, end, radius, mu, chamfer, name, slot)
+        where = (int(bodyUniqueId), int(linkIndex), start, end)
+        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link)
         self._tunnels[slot] = tunnel
         return tunnel
 
@@ -170,13 +178,16 @@ class TendonWorld:
             start = perf_counter()
             p.stepSimulation(self._client)
             self.report.seconds["bullet"] = perf_counter() - start
+            if self._core.any_held():
+                self._sense(self._dt, self._last_gravity)
 
     def apply(self) -> None:
         """step without p.stepSimulation, for a script that owns its loop: call it just before.
 
         Raises StepFailed, with the tendons as they were, where the step has no finite solution.
         """
-        self._solve(p.getPhysicsEngineParameters(self._client)["fixedTimeStep"], self._gravity())
+        if not self._solve(*self._step_and_gravity()):
+            return
         if self._bodies.links:
             start = perf_counter()
             self._bodies.apply(self._wrenches)
@@ -195,28 +206,85 @@ class TendonWorld:
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
         relax(self, tolerance, checks.integer("max_steps", max_steps, at_least=1))
 
-    def _gravity(self) -> np.ndarray:
+    def _step_and_gravity(self) -> tuple[float, np.ndarray]:
+        """pybullet's time step [s] and gravity [m/s^2], checked."""
+        self._bodies.require_client()
         parameters = p.getPhysicsEngineParameters(self._client)
-        return np.array([parameters["gravityAcceleration" + c] for c in "XYZ"])
+        gravity = [parameters["gravityAcceleration" + c] for c in "XYZ"]
+        step = checks.number("fixedTimeStep", parameters["fixedTimeStep"], above=0)
+        return step, checks.vector("gravity", gravity)
 
-    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
-        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield."""
+    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> bool:
+        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield.
+
+        False where it could not be solved and the options say to go on.
+        """
         clock = Clock()
-        if self._bodies.links:
-            self._core.set_links(self._bodies.table(dt, gravity, held))
-        self._core.begin(dt, gravity, held)
-        clock.enter("sense")
+        self._core.keep()
         try:
-            self._go_through(clock)
-        except BaseException:
-            self._core.cancel()
+            self._step_of(dt, gravity, held, clock)
+        except StepFailed as problem:
+            self._core.roll_back()
+            if self._options.on_failure == "raise":
+                raise
+            self._left_out(problem, clock)
+            return False
+        except BaseException:  # an interrupt too
+            self._core.roll_back()
             raise
+        return True
+
+    def _step_of(self, dt: float, gravity: np.ndarray, held: bool, clock: Clock) -> None:
+        if self._bodies.links:
+            self._sense(dt, gravity, held)
+        if not held:
+            self._dt, self._last_gravity = dt, gravity
+        self._core.begin(dt, *gravity, held)
+        clock.enter("sense")
+        self._go_through(clock)
         self._core.finish()
         clock.enter("solve")
         if self._bodies.links:
             self._wrenches = self._core.wrenches()
         clock.enter("react")
         self.report = StepReport.read(self._core.report(), clock.seconds, self._names())
+
+    def _left_out(self, problem: StepFailed, clock: Clock) -> None:
+        """Report a step without a finite solution, which was rolled back."""
+        core = {**self._core.report(), "converged": False}
+        self.report = StepReport.read(core, clock.seconds, self._names())
+        warnings.warn(str(problem), StepWarning, stacklevel=5)
+
+    def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
+        """Where links are and how they answer; what was let go in the last step is put right."""
+        self._core.set_links(self._bodies.table())
+        self._core.sense(dt, gravity, held)
+        if held:
+            return
+        for slot in self._core.held_links():
+            if not self._bodies.can_be_held(slot):
+                self._core.let_go(slot)
+        self._mend()
+
+    def _mend(self) -> None:
+        """Take back a step that pulled at links as held which had been let go, and put it right.
+
+        The step is solved again with the free response of these links, and they get the difference of
+        the impulses, as if that had acted in the first place.
+        """
+        released = self._core.rewind()
+        if not released:
+            return
+        before = self._wrenches.copy()
+        self._core.begin(self._dt, *self._last_gravity, False)
+        self._go_through(Clock())
+        self._core.finish()
+        self._wrenches = self._core.wrenches()
+        for slot in self._core.pushable():
+            self._bodies.exchange(slot, before[slot], self._wrenches[slot], self._dt)
+        self._core.set_links(self._bodies.table())
+        self._core.refresh_links()
+        self._core.sense(self._dt, self._last_gravity, False)
 
     def _go_through(self, clock) -> None:
         """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""
@@ -249,14 +317,10 @@ class TendonWorld:
         known = slot is not None and slot < len(self._wrenches)
         return self._wrenches[slot].copy() if known else np.zeros(6)
 
-    def _forget_body(self, body: int) -> None:
-        """Take out everything that refers to a body."""
-        for tunnel in [t for t in self.tunnels if t.bodyUniqueId == body]:
-            self.remove_tunnel(tunnel)
-        for tendon in [t for t in self.tendons if t.is_attached_to(body)]:
-            self.remove_tendon(tendon)
-        self._obstacles.forget(body)
-        self._bodies.forget(body)
+    def _links_in_use(self) -> set[int]:
+        """Slots of the links that tunnels, obstacles and attachments refer to."""
+        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
 
     def _names(self) -> dict[int, str]:
         return {slot: t.name for slot, t in self._tendons.items()}

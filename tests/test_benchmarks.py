@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from bullet_tendon.scenarios.benchmarks import harness, problems, speed, work_precision
+from bullet_tendon.scenarios.benchmarks import cylinder, harness, peers, problems, speed, work_precision
 from bullet_tendon.scenarios.benchmarks.chain_ode import PLANE, ChainOde
 
 import bullet_tendon as bt
+from bullet_tendon import _core
 
 
 def numbers(item):
@@ -23,17 +24,17 @@ def numbers(item):
 def test_command_without_a_name_lists_the_benchmarks(capsys):
     assert harness.main([]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert names == ["speed", "work_precision"]
+    assert names == ["peers", "speed", "work_precision"]
 
 
 def test_an_unknown_name_is_refused(capsys):
     with pytest.raises(SystemExit) as stop:
         harness.main(["sped"])
     assert stop.value.code == 2
-    assert "speed, work_precision" in capsys.readouterr().err
+    assert "peers, speed, work_precision" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["speed", "work_precision"])
+@pytest.mark.parametrize("name", ["peers", "speed", "work_precision"])
 def test_quick_runs_write_finite_numbers_and_a_plot(name, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     files = tmp_path / "it.json", tmp_path / "it.png"
@@ -110,3 +111,47 @@ def test_order_is_the_slope_over_the_finest_runs():
     runs = [{"error": 3 * h**2 if h < 0.3 else None, "time_step_s": h} for h in (0.4, 0.2, 0.1, 0.05)]
     assert work_precision.order(runs) == pytest.approx(2.0)
     assert work_precision.order(runs[:2]) is None
+
+
+def test_the_hanging_curve_is_where_finer_and_finer_chains_hang(make_world):
+    """Between the ends that it should have, and approached with the square of the segments' length."""
+    ends = peers.hanging_curve([0.0, peers.LENGTH])
+    np.testing.assert_allclose(ends, [[0, 0], [peers.SPAN, 0]], atol=1e-12)
+    away = []
+    for n in (21, 41):
+        world = make_world(1.0, (0, 0, -peers.GRAVITY))
+        material = bt.Material(stiffness=peers.STIFF, density=peers.DENSITY)
+        depth = math.sqrt(peers.LENGTH**2 - peers.SPAN**2) / 2
+        corners = [(0, 0, 0), (peers.SPAN / 2, 0, -depth), (peers.SPAN, 0, 0)]
+        tendon = world.add_tendon(corners, peers.RADIUS, material, n)
+        tendon.grip(0), tendon.grip(-1)
+        world.relax(1e-12)
+        curve = peers.hanging_curve(np.linspace(0, peers.LENGTH, n))
+        away.append(np.abs(tendon.positions[:, PLANE] - curve).max())
+    assert away[1] < 2e-4 * peers.LENGTH
+    assert away[0] / away[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_over_the_cylinder_the_reference_slides_as_two_weights_do():
+    """Without friction and with a light tendon: (m2 - m1) g / (m1 + m2), both weights alike."""
+    problem = next(q for q in problems.PROBLEMS if q.contact)
+    duration, (left, right) = 0.05, cylinder.WEIGHTS
+    with problem.scene(1.0) as scene:
+        tendon = problem.start(scene)
+        x = tendon.positions[:, PLANE]
+        ode = problem.ode(tendon)
+        moved = ode.solve(x, 0 * x, [duration], "Radau", 1e-5)[0] - x
+    hanging = cylinder.MASS * (x[-1, 1] - x[0, 1]) / cylinder.LENGTH  # less on the right
+    pull = (right - left - hanging) * cylinder.GRAVITY / (left + right + cylinder.MASS)
+    assert np.linalg.norm(x + moved, axis=1).min() > cylinder.CLEAR - 2e-5
+    assert -moved[-1, 1] == pytest.approx(0.5 * pull * duration**2, rel=0.05)
+    assert moved[0, 1] == pytest.approx(-moved[-1, 1], rel=0.05)
+
+
+def test_the_core_counts_what_it_asks_for_and_asks_for_nothing_in_a_step():
+    before = _core.allocated_bytes()
+    with speed.Scene(time_step=speed.TIME_STEP, gravity=-speed.GRAVITY, solver=bt.SolverOptions()) as scene:
+        speed._build(scene, 60, 0.1, 0.004)
+        assert _core.allocated_bytes() - before > 60 * 8 * 30  # it does count
+        scene.world.step(5)
+        assert speed._core_allocated(scene) == 0

@@ -8,7 +8,18 @@ import sys
 import numpy as np
 import pybullet as p
 import pytest
-from bullet_tendon.scenarios import measure, runner, step_limit, table1, twisted_tendon, two_tendons
+from bullet_tendon.scenarios import (
+    hanging_weight,
+    measure,
+    motor_hold,
+    release,
+    runner,
+    step_limit,
+    suspended_plate,
+    table1,
+    twisted_tendon,
+    two_tendons,
+)
 from bullet_tendon.scenarios.scene import Check, CutShort, Options, Scene
 
 import bullet_tendon as bt
@@ -204,6 +215,10 @@ SHORTENED = [
     (twisted_tendon, {}),
     (table1, {"BLOCKS": 4, "FRAMES": 30}),
     (step_limit, {"STEPS": 200, "BISECTIONS": 3}),
+    (hanging_weight, {}),
+    (motor_hold, {}),
+    (release, {}),
+    (suspended_plate, {}),
 ]
 
 

@@ -4,6 +4,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "allocations.h"
+#include "terms.h"
 #include "world.h"
 
 namespace py = pybind11;
@@ -73,17 +75,19 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
 }
 
-// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, yields 1, response 36.
+// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, yields 1, response 36,
+// falls 1.
 void set_links(World& w, const Array& table) {
-  constexpr int kWidth = 58;
+  constexpr int kWidth = 59;
   w.links.resize(table.shape(0));
   for (size_t i = 0; i < w.links.size(); ++i) {
     const double* p = table.data() + kWidth * i;
     Link& l = w.links[i];
     l.pose = {rotation(p + 3), vec(p)};
-    l.centre = vec(p + 12), l.velocity = vec(p + 15), l.spin = vec(p + 18), l.yields = p[21] != 0;
+    l.centre = vec(p + 12), l.now_velocity = vec(p + 15), l.now_spin = vec(p + 18);
+    l.yields = p[21] != 0, l.falls = p[58] != 0;
     for (int r = 0; r < 6; ++r)
-      for (int c = 0; c < 6; ++c) l.response[r][c] = p[22 + 6 * r + c];
+      for (int c = 0; c < 6; ++c) l.free[r][c] = p[22 + 6 * r + c];
   }
 }
 
@@ -134,6 +138,40 @@ py::list contacts(const World& w) {
   return out;
 }
 
+py::tuple term_of(const Term& term) {
+  const py::ssize_t m = 3 * term.gradient.size();
+  Array matrix({m, m});
+  std::copy(term.matrix.begin(), term.matrix.end(), matrix.mutable_data());
+  return py::make_tuple(term.energy, rows_of(term.gradient), matrix);
+}
+
+Field field_of(const Array& a) {
+  Field f(static_cast<int>(a.shape(0)));
+  fill(f, a);
+  return f;
+}
+
+py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
+  return term_of(spring_term(*w.chains[c], shear, field_of(x), field_of(before), b));
+}
+
+// A contact row at a position, as the position has it.
+py::tuple row_term(int kind, const Array& relative, const Array& normal, double offset, const Array& point,
+                   const Array& axis, double ring, double stiffness, double carried, double grip,
+                   double limit, const Array& stuck) {
+  Row row;
+  row.kind = static_cast<ContactKind>(kind);
+  row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
+  row.ring = ring, row.stiffness = stiffness, row.carried = carried;
+  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.grip = grip, row.stuck = vec(stuck);
+  row.evaluate(vec(relative), true);
+  const Sym3& b = row.block;
+  Array block({3, 3});
+  const double full[9] = {b.xx, b.xy, b.xz, b.xy, b.yy, b.yz, b.xz, b.yz, b.zz};
+  std::copy(full, full + 9, block.mutable_data());
+  return py::make_tuple(row.gap, tuple(row.normal), tuple(row.total_force), block, row.sliding);
+}
+
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
                  double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
                  double contact_threshold, double reuse_tolerance) {
@@ -154,6 +192,8 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
 PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
   using release = py::call_guard<py::gil_scoped_release>;
+  m.def("allocated_bytes", &allocated_bytes);
+  m.def("row_term", &row_term);
   py::class_<World>(m, "World")
       .def(py::init<>())
       .def("set_options", &set_options)
@@ -172,6 +212,11 @@ PYBIND11_MODULE(_core, m) {
       .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
       .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })
+      .def("set_point_mass",
+           [](World& w, int c, int i, double m) {
+             w.chains[c]->set_point_mass(i, m);
+             w.chains[c]->smooth = false;
+           })
       .def("set_stiffness_scale",
            [](World& w, int c, const Array& scale) { w.chains[c]->set_stiffness_scale(list_of(scale)); })
       .def("tension",
@@ -181,6 +226,9 @@ PYBIND11_MODULE(_core, m) {
              return copy_of(t);
            })
       .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
+      .def("spring_term", &spring_term_of)
+      .def("bending_term", [](const World& w, int c,
+                              const Array& x) { return term_of(bending_term(*w.chains[c], field_of(x))); })
       .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
       .def("set_force", [](World& w, int c, int i, const Array& f) { w.chains[c]->force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })
@@ -207,15 +255,36 @@ PYBIND11_MODULE(_core, m) {
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
       .def("set_links", &set_links)
+      .def("sense",
+           [](World& w, double dt, const Array& gravity, bool held) { w.sense(dt, vec(gravity), held); })
+      .def("rewind", &World::rewind)
+      .def("any_held", &World::any_held)
+      .def("held_links",
+           [](const World& w) {
+             std::vector<int> held;
+             for (size_t i = 0; i < w.links.size(); ++i)
+               if (w.links[i].observer.held() && !w.links[i].observer.released())
+                 held.push_back(static_cast<int>(i));
+             return held;
+           })
+      .def("let_go", &World::let_go)
+      .def("pushable",
+           [](const World& w) {
+             std::vector<int> free;
+             for (size_t i = 0; i < w.links.size(); ++i)
+               if (w.links[i].yields && !w.links[i].observer.held()) free.push_back(static_cast<int>(i));
+             return free;
+           })
+      .def("refresh_links", &World::refresh_links)
       .def("add_shape", &add_shape)
-      .def("remove_shape", [](World& w, int s) { w.shape_alive[s] = 0; })
+      .def("remove_shape", &World::remove_shape)
       .def("add_tunnel",
            [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("begin",
-           [](World& w, double dt, const Array& gravity, bool whole) { w.begin(dt, vec(gravity), whole); })
+      .def("begin", [](World& w, double dt, double gx, double gy, double gz,
+                       bool whole) { w.begin(dt, {gx, gy, gz}, whole); })
       .def("near", &near_queries)
       .def("answers", [](World& w, const Array& d, const Array& points,
                          const Array& u) { w.answers(d.data(), points.data(), u.data()); })
@@ -223,6 +292,14 @@ PYBIND11_MODULE(_core, m) {
           "solve", [](World& w) { return static_cast<int>(w.solve()); }, release())
       .def("cancel", &World::cancel)
       .def("finish", &World::finish, release())
+      .def("keep", &World::keep)
+      .def("roll_back", &World::roll_back)
+      .def("save",
+           [](World& w) {
+             std::vector<char> state = w.save();
+             return py::bytes(state.data(), state.size());
+           })
+      .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
       .def("wrenches", &wrenches)
       .def("report", &report)
       .def("contacts", &contacts);

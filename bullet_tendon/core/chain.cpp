@@ -6,14 +6,33 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f :
-       {&x, &v, &force, &start_x, &start_v, &x_before, &v_before, &next, &step, &residual, &anchor_x,
-        &anchor_v, &goal, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image, &foreseen})
+  for (Field* f : {&x,
+                   &v,
+                   &force,
+                   &start_x,
+                   &start_v,
+                   &x_before,
+                   &v_before,
+                   &next,
+                   &step,
+                   &residual,
+                   &anchor_x,
+                   &anchor_v,
+                   &goal,
+                   &cg_remainder,
+                   &cg_preconditioned,
+                   &cg_direction,
+                   &cg_image,
+                   &foreseen,
+                   &acceleration,
+                   &stage_x,
+                   &stage_v})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
   if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
+  point_mass.assign(n_, 0.0);
   scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);
   slack.assign(n_, 0.0);
@@ -32,12 +51,17 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
 
 void Chain::set_rest(const std::vector<double>& lengths) {
   rest = lengths;
-  std::fill(mass.begin(), mass.end(), 0.0);
+  mass = point_mass;
   for (int k = 0; k + 1 < n_; ++k) {
     double half = 0.5 * material.linear_density * rest[k];
     mass[k] += half, mass[k + 1] += half;
   }
   share_out();
+}
+
+void Chain::set_point_mass(int particle, double kilograms) {
+  point_mass[particle] = kilograms;
+  set_rest(std::vector<double>(rest));
 }
 
 void Chain::set_stiffness_scale(const std::vector<double>& s) {
@@ -108,24 +132,23 @@ void Chain::guess_multipliers(Vec3 gravity) {
     }
 }
 
-void Chain::tension(std::vector<double>& out) {
+// Of copies: the multipliers and slopes of the last step are part of the state.
+void Chain::tension(std::vector<double>& out) const {
   out.assign(n_ - 1, 0.0);
-  for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    std::vector<double> carried = s->carried;
-    evaluate_at(*s, material.law, x, v, 1.0, 1.0);
-    s->carried = carried;
-    for (int k = 0; k < s->count; ++k)
-      for (int j = k; j < k + s->reach; ++j) out[j] += s->force[k];
+  for (SpringSet s : {structure, shear}) {
+    if (s.count == 0) continue;
+    evaluate_at(s, material.law, x, v, 1.0, 1.0);
+    for (int k = 0; k < s.count; ++k)
+      for (int j = k; j < k + s.reach; ++j) out[j] += s.force[k];
   }
 }
 
-double Chain::energy() {
+double Chain::energy() const {
   double sum = 0;
-  for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    measure(*s, x);
-    sum += stored_energy(*s, material.law);
+  for (SpringSet s : {structure, shear}) {
+    if (s.count == 0) continue;
+    measure(s, x);
+    sum += stored_energy(s, material.law);
   }
   sum += bending_energy(*this, x);
   for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));

@@ -30,6 +30,7 @@ struct Hold {
   Sym3 stiffness;        // [N/m]; unused where rigid
   Vec3 goal;             // of a grip: where it is to be at the end of the step [m]
   Vec3 aim;              // where the point will be at the end of the part that is being solved [m]
+  Vec3 target_before;    // at the end of the last step [m]
   Vec3 target;           // the same, where a group takes that part in parts again [m]
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
@@ -37,6 +38,7 @@ struct Hold {
   Vec3 kept_force;       // mean_force of the part before [N]
   Vec3 sum_force;        // of the parts that are done, by their share of the step [N]
   Vec3 step_force;       // on the holder, averaged over the last step [N]
+  Vec3 usual_force;      // its slow average over the last steps [N]
 };
 
 // What springs carry over from one step to the next.
@@ -52,6 +54,8 @@ class Chain {
   int n() const { return n_; }
   // Rest lengths of the segments [m]; masses and spring constants follow.
   void set_rest(const std::vector<double>& rest);
+  // A weight on a particle beside the tendon's own mass [kg]; 0: none.
+  void set_point_mass(int particle, double kilograms);
   // Shares of the cross-section's stiffness by segment, 1 where uniform.
   void set_stiffness_scale(const std::vector<double>& scale);
   // At rest where it is, its multipliers kept.
@@ -66,15 +70,16 @@ class Chain {
   // the forces of an equilibrium that is far away: a tendon taken to be tight falls into shape.
   void guess_multipliers(Vec3 gravity);
   // Force carried by every cross-section: the sum over the springs that cross segment k [N].
-  void tension(std::vector<double>& out);
-  double energy();  // elastic and kinetic [J]
+  void tension(std::vector<double>& out) const;
+  double energy() const;  // elastic and kinetic [J]
 
   double radius, friction;
   Material material;
-  Field x, v;   // state
-  Field force;  // constant external force [N]
-  std::vector<double> mass;
-  std::vector<double> rest;  // of the segments
+  Field x, v;                      // state
+  Field force;                     // constant external force [N]
+  std::vector<double> mass;        // of the particles, point masses included
+  std::vector<double> point_mass;  // what was put on them
+  std::vector<double> rest;        // of the segments
   std::vector<double> scale;
   SpringSet structure, shear;
   std::vector<Hold> holds;
@@ -82,6 +87,10 @@ class Chain {
 
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)
+  Field acceleration;        // at x and v (tr_bdf2)
+  bool accelerated = false;  // it is known there
+  bool staged = false;       // goal, anchors and step weight are those of a stage, not of begin_step
+  Field stage_x, stage_v;    // at the end of the first stage
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost or changed since: two-step methods may go on
   uint64_t touching = 0;     // a hash of the contacts with bodies
@@ -114,6 +123,8 @@ class Chain {
   int worst_particle = 0;
 
  private:
+  template <class A>
+  friend void fields(A& a, Chain& chain);  // state.h
   void share_out();
   int n_;
 };

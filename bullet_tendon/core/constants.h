@@ -100,6 +100,26 @@ constexpr double kRunaway = 1e12;
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 
+// Share of the last step in the slow averages of wrenches on links with several attachments [-]. Larger:
+// the averages lag behind by less than the links swing, and feed their swing. Smaller: tensions take
+// longer to become exact at rest.
+constexpr double kUsual = 0.02;
+
+// Share of a held link's free answer, along the wrench, by which it has to exceed what was foreseen for
+// it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
+constexpr double kReleased = 0.2;
+
+// Share of a wrench by which it has to change for something to be learned of its change, share of the free
+// answer to the change by which the link has to miss what was foreseen, and least cosine between both for
+// the one to explain the other [-].
+constexpr double kLeastNews = 1e-3;
+constexpr double kLeastMiss = 0.1;
+constexpr double kLeastCosine = 0.1;
+
+// Share of the largest eigenvalue of a response under which it is nothing [-]: joints yield in some
+// directions only.
+constexpr double kRank = 1e-9;
+
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;
 

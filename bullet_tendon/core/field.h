@@ -16,6 +16,9 @@
 
 namespace bt {
 
+// Largest |a| of n numbers; not a number where one of them is not finite.
+double largest_of(const double* a, int n);
+
 // `planes` rows of n doubles, each row padded to whole vector registers.
 class Planes {
  public:

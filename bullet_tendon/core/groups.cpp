@@ -24,7 +24,7 @@ void World::make_groups() {
     g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
     g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.substeps = 1;
+    g.residual = 0, g.substeps = 1, g.staged = false;
     g.linear_tolerance = 0, g.patterned = false;
   }
   for (int c = 0; c < count; ++c)

@@ -8,7 +8,8 @@
 //   queried  otherwise.
 // Distance to a convex body at a displacement from distance d is at least the plane's value; with m the
 // displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is at most
-// sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance).
+// sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal lags
+// behind by the same token, up to sqrt(2 tolerance/d'): tolerance 0 is for what must slide without any loss.
 #pragma once
 #include <vector>
 

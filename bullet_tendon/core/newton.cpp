@@ -17,10 +17,8 @@ double chain_residual(Chain& c) {
   for (int k = 0; k < 3; ++k) {
     const double *x = c.next[k], *y = c.goal[k];
     double* r = c.residual[k];
-    for (int i = 0; i < c.n(); ++i) {
-      r[i] = mass[i] * inverse * (x[i] - y[i]);
-      largest = std::max(largest, std::fabs(r[i]));
-    }
+    for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i]);
+    largest = std::max(largest, largest_of(r, c.n()));
   }
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
@@ -77,7 +75,10 @@ void assemble(Group& group, Linearisation how, bool definite) {
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
       linearise(*s, c->material.law, how, floor_force, c->b, definite);
-      s == &c->structure ? start_matrix(*s, c->mass, inverse, c->matrix) : scatter_blocks(*s, c->matrix);
+      if (s == &c->structure)
+        start_matrix(*s, c->mass, inverse, c->shear.count > 0, c->matrix);
+      else
+        scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     add_bending_blocks(*c, c->next, definite);
@@ -116,18 +117,28 @@ void measure_residual(Group& group, Assembly& a) {
   for (const Row* row : group.rows)
     if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
   for (Chain* c : group.chains) {
-    double coordinate = 0;
-    c->residual_norm = 0;
-    for (int i = 0; i < c->n(); ++i) {
-      double r = max_abs(c->residual.at(i));
-      coordinate = std::max(coordinate, max_abs(c->next.at(i)));
-      if (r > c->residual_norm || !(r == r)) c->residual_norm = r, c->worst_particle = i;
+    double coordinate = 0, residual = 0;
+    for (int k = 0; k < 3; ++k) {
+      coordinate = std::max(coordinate, largest_of(c->next[k], c->n()));
+      const double r = largest_of(c->residual[k], c->n());
+      if (!(r <= residual)) residual = r == r ? std::max(r, residual) : r;
     }
+    c->residual_norm = residual;
     a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
                                                                                           : a.residual;
     constexpr double eps = std::numeric_limits<double>::epsilon();
     const double rounding = c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate);
     if (!(rounding <= a.rounding)) a.rounding = rounding;  // keeps what is not a number
+  }
+}
+
+void find_worst(Group& group) {
+  for (Chain* c : group.chains) {
+    double most = -1;
+    for (int i = 0; i < c->n(); ++i) {
+      const double r = max_abs(c->residual.at(i));
+      if (r > most || !(r == r)) most = r, c->worst_particle = i;
+    }
   }
 }
 
@@ -278,6 +289,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   }
   for (Row* row : group.rows)
     if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
+  find_worst(group);
   group.iterations += used;
 }
 

@@ -3,7 +3,7 @@
 
 namespace bt {
 
-enum class Integrator { implicit_euler, bdf2, explicit_euler };
+enum class Integrator { implicit_euler, bdf2, explicit_euler, tr_bdf2 };
 enum class Iteration { newton, single };
 enum class LinearSolver { banded, pcg };
 enum class BoneContact { spring, constraint };

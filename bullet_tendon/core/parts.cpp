@@ -53,11 +53,12 @@ Outcome World::solve() {
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
   if (!looking_ || take_new_rows()) {
     for (Chain* c : slots_)
-      if (c && c->gathered) c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
+      if (c && (c->gathered || c->staged))
+        c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
     make_groups();
     const bool finite = solve_groups();
     if ((!finite || unsettled_) && context_.splitting == Splitting::by_world) return shrink(0.5);
-    if (!finite) return cancel(), Outcome::failed;
+    if (!finite) return report_.take(attempt_), cancel(), Outcome::failed;
     if (can_split() && looks_ < kLooks && strayed()) return ++looks_, looking_ = true, Outcome::again;
   }
   report_.take(attempt_);
@@ -95,16 +96,17 @@ bool World::take_new_rows() {
 Outcome World::shrink(double share) {
   for (Chain* c : slots_)
     if (c) c->restore_multipliers(c->kept);
-  if (done_ == 0 && backup_.empty()) back_up();
+  if (done_ == 0 && backup_.empty()) backup_ = copies(), backup_memory_ = memory_;
   do size_ /= 2, share *= 2;
   while (share < 1 && size_ > 1);
   begin_part();
   return Outcome::again;
 }
 
-void World::back_up() {
-  for (const Chain* c : slots_) backup_.push_back(c ? std::make_unique<Chain>(*c) : nullptr);
-  backup_memory_ = memory_;
+std::vector<std::unique_ptr<Chain>> World::copies() const {
+  std::vector<std::unique_ptr<Chain>> all;
+  for (const auto& c : chains) all.push_back(c ? std::make_unique<Chain>(*c) : nullptr);
+  return all;
 }
 
 void World::next_part() {
@@ -149,8 +151,17 @@ void World::take_part() {
 void World::finish() {
   take_part();
   report_.substeps = std::max(report_.substeps, parts_);
+  for (Link& l : links) {
+    const Vec3 f = l.force, t = l.torque;
+    l.usual_force += kUsual * (f - l.usual_force), l.usual_torque += kUsual * (t - l.usual_torque);
+    l.observer.act({{f.x, f.y, f.z, t.x, t.y, t.z}}, whole_dt_);
+  }
   for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      Hold& h = c->holds[i];
+      h.step_force = h.sum_force;
+      h.usual_force += kUsual * (h.step_force - h.usual_force);
+    }
 }
 
 void World::cancel() {

@@ -103,4 +103,13 @@ inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other,
          static_cast<uint64_t>(other_feature & 0xffff);
 }
 
+struct KeyParts {
+  ContactKind kind;
+  int chain, other;
+};
+inline KeyParts parts_of(uint64_t key) {
+  return {static_cast<ContactKind>(key >> 60), static_cast<int>(key >> 48 & 0xfff),
+          static_cast<int>(key >> 16 & 0xffff)};
+}
+
 }  // namespace bt

@@ -15,20 +15,10 @@ void subtract_product(Block3& c, const Block3& a, const Block3& b) {
           a.v[3 * i] * b.v[3 * j] + a.v[3 * i + 1] * b.v[3 * j + 1] + a.v[3 * i + 2] * b.v[3 * j + 2];
 }
 
-// The inverse of a symmetric block by its pivots. false: not positive definite.
-bool invert(Block3& block) {
-  const double* a = block.v;
-  const double d1 = a[0];
-  if (!(d1 > 0)) return false;
-  const double l21 = a[3] / d1, l31 = a[6] / d1, d2 = a[4] - l21 * a[3];
-  if (!(d2 > 0)) return false;
-  const double l32 = (a[7] - l31 * a[3]) / d2, d3 = a[8] - l31 * a[6] - l32 * l32 * d2;
-  if (!(d3 > 0)) return false;
-  // L^-1 has -l21, -l32 and l21 l32 - l31 below its ones.
-  const double m = l21 * l32 - l31, i1 = 1 / d1, i2 = 1 / d2, i3 = 1 / d3;
-  const double xx = i1 + l21 * l21 * i2 + m * m * i3, xy = -l21 * i2 - m * l32 * i3, xz = m * i3;
-  const double yy = i2 + l32 * l32 * i3, yz = -l32 * i3;
-  block = {{xx, xy, xz, xy, yy, yz, xz, yz, i3}};
+bool invert(Block3& b) {
+  Sym3 a{b.v[0], b.v[1], b.v[2], b.v[4], b.v[5], b.v[8]};
+  if (!invert_definite(a)) return false;
+  b = block_of(a);
   return true;
 }
 

@@ -81,6 +81,7 @@ void in_parts(Group& group, const StepContext& context) {
 }  // namespace
 
 void converged_step(Group& group, const StepContext& context) {
+  if (two_stages(group, context)) return;
   newton(group, context, context.splitting == Splitting::never);
   const bool by_world = context.splitting == Splitting::by_world && !group.rows.empty();
   if (!group.converged && !by_world && context.splitting != Splitting::never) in_parts(group, context);

@@ -15,7 +15,7 @@ BT_VECTOR void scatter_forces(const SpringSet& s, Field& residual) {
   }
 }
 
-BT_VECTOR void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse,
+BT_VECTOR void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse, bool sheared,
                             Band& matrix) {
   const int n = matrix.n;
   constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
@@ -32,7 +32,7 @@ BT_VECTOR void start_matrix(const SpringSet& s, const std::vector<double>& mass,
 #pragma GCC ivdep
     for (int k = 0; k < n - 1; ++k) e[k] = -b[k];
   }
-  if (matrix.half == 2) matrix.below[1].zero();
+  if (matrix.half == 2 && !sheared) matrix.below[1].zero();
 }
 
 BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
@@ -51,7 +51,7 @@ BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
     const double* b = s.block[kFull[c]];
     double* e = off[c];
 #pragma GCC ivdep
-    for (int k = 0; k < m; ++k) e[k] -= b[k];
+    for (int k = 0; k < m; ++k) e[k] = (reach == 1 ? e[k] : 0.0) - b[k];
   }
 }
 

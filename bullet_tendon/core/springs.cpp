@@ -116,7 +116,7 @@ BT_VECTOR void vectors(SpringSet& s) {
 }
 
 // inertia: 1/b^2; 0 where compressed springs' transverse part is to be left out altogether.
-BT_VECTOR double blocks(SpringSet& s, double inertia) {
+BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
   const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.carried.data();
@@ -135,9 +135,6 @@ BT_VECTOR double blocks(SpringSet& s, double inertia) {
     xx[k] = ax * nx[k] + g, xy[k] = ax * ny[k], xz[k] = ax * nz[k];
     yy[k] = ay * ny[k] + g, yz[k] = ay * nz[k], zz[k] = az * nz[k] + g;
   }
-  double largest = 0;
-  for (int k = 0; k < m; ++k) largest = slope[k] > largest ? slope[k] : largest;
-  return largest;
 }
 
 // C |w|^(q-1) w with w = (v_j - v_i)/l (equation 4 as printed): force vector and, if asked, block.
@@ -177,24 +174,20 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
     s.whole_position = &x, s.whole_anchor = &xh;
     add_whole_damping(s, law, b, 1, false, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
   }
-  double largest = 0;
-  for (int k = 0; k < s.count; ++k) largest = std::max(largest, std::fabs(s.force[k]));
-  return largest;
+  return largest_of(s.force.data(), s.count);
 }
 
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
-                 bool definite) {
+void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b, bool definite) {
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
     by_exponent(law, [&](auto P) { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
-  double largest = blocks(s, definite ? 1 / (b * b) : kNoCut);
+  blocks(s, definite ? 1 / (b * b) : kNoCut);
   if (s.damped && law.whole_velocity) {
     const Field &x = *s.whole_position, &xh = *s.whole_anchor;
     add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
   }
-  return largest;
 }
 
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,

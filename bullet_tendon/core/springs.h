@@ -66,9 +66,8 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
 // Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
 // floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
 // nothing where forces are larger, and couples a slack tendon at once. definite: compressed springs are
-// cut off at what inertia outweighs; else they enter in full. Returns the largest F'.
-double linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
-                 bool definite);
+// cut off at what inertia outweighs; else they enter in full.
+void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b, bool definite);
 // Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
 // linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
@@ -78,9 +77,10 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
 // residual -= spring forces.
 void scatter_forces(const SpringSet& s, Field& residual);
-// matrix = inverse M + the blocks of structure springs, inverse = 1/b^2.
-void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse, Band& matrix);
-// matrix += blocks.
+// matrix = inverse M + the blocks of structure springs, inverse = 1/b^2; sheared: shear springs follow.
+void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse, bool sheared,
+                  Band& matrix);
+// matrix += blocks; the blocks of shear springs beside the diagonal are the first that come there.
 void scatter_blocks(const SpringSet& s, Band& matrix);
 // T_e and T after the displacements dx, as the linearisation predicts them.
 void carry(SpringSet& s, const Law& law, const Field& dx);

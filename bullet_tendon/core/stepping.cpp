@@ -8,8 +8,11 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   const double dt = context.dt;
   // What touches something has velocities that jump: they are not to be extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
-  const bool two = context.options.integrator == Integrator::bdf2 && c.dt_before == dt && c.smooth;
-  c.smooth = true;
+  const Integrator method = context.options.integrator;
+  const bool second_order = method == Integrator::bdf2 || method == Integrator::tr_bdf2;
+  const bool two = second_order && c.dt_before == dt && c.smooth;
+  c.accelerated = method == Integrator::tr_bdf2 && history;
+  c.smooth = true, c.staged = false;
   c.b = two ? 2 * dt / 3 : dt;
   const double now = two ? 4.0 / 3 : 1, last = two ? -1.0 / 3 : 0;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
@@ -41,6 +44,19 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   }
 }
 
+namespace {
+
+BT_VECTOR void read_acceleration(Chain& c) {
+  for (int k = 0; k < 3; ++k) {
+    double* a = c.acceleration[k];
+    const double *v = c.v[k], *vh = c.anchor_v[k];
+#pragma GCC ivdep
+    for (int i = 0; i < c.n(); ++i) a[i] = (v[i] - vh[i]) / c.b;
+  }
+}
+
+}  // namespace
+
 BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
   // Explicit Euler and a split step leave their velocities in `step`.
   const bool made_known = c.gathered || context.options.integrator == Integrator::explicit_euler;
@@ -54,6 +70,8 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
       x[i] = next[i];
     }
   }
+  for (Hold& h : c.holds) h.target_before = h.target;
+  if (context.options.integrator == Integrator::tr_bdf2) read_acceleration(c);
   c.dt_before = c.gathered || c.split ? 0 : context.dt;
   c.gathered = false;
 }
@@ -90,7 +108,7 @@ void solve(Group& group, const StepContext& context) {
     single_linearisation(group, context);
   else
     converged_step(group, context);
-  if (group.substeps == 1) {
+  if (group.substeps == 1 && !group.staged) {
     for (Row* row : group.rows)
       row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
     for (Chain* c : group.chains)

@@ -4,6 +4,7 @@
 //
 //   implicit Euler   b = dt,       xh = x_0,                vh = v_0
 //   BDF2             b = 2 dt/3,   xh = (4 x_0 - x_-1)/3,   vh = (4 v_0 - v_-1)/3
+//   TR-BDF2          in two such stages (stages.cpp)
 //
 // the end of the step solves (7), written for positions, with y = xh + b vh + b^2 M^-1 f_ext:
 //
@@ -50,6 +51,7 @@ struct Group {
   bool converged = false;
   bool finite = true;
   int substeps = 1;
+  bool staged = false;          // the step was taken in two stages, which leave the holds' mean forces
   double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
 
   Chain& at(const Spot& s) const { return *(*slots)[s.chain]; }
@@ -60,6 +62,8 @@ struct Group {
 void begin_step(Chain& c, const StepContext& context, double fraction = 1);
 // One step by the method of the options; fills chain.next and the forces of holds and rows.
 void solve(Group& group, const StepContext& context);
+// One step of TR-BDF2. false: it does not apply or does not converge, and begin_step's state stands.
+bool two_stages(Group& group, const StepContext& context);
 // Takes chain.next as the new state.
 void finish_step(Chain& c, const StepContext& context);
 

@@ -1,37 +1,94 @@
 #include "world.h"
 
+#include <algorithm>
+
 #include "constants.h"
 
 namespace bt {
 
+namespace {
+
+bool same_build(const Chain& a, const Chain& b) {
+  if (a.n() != b.n() || a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
+  for (size_t h = 0; h < a.holds.size(); ++h)
+    if (a.holds[h].id != b.holds[h].id) return false;
+  return true;
+}
+
+}  // namespace
+
+
 int World::add_chain(std::unique_ptr<Chain> chain) {
-  chains.push_back(std::move(chain));
-  return static_cast<int>(chains.size()) - 1;
+  const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
+  if (slot == static_cast<int>(chains.size())) chains.emplace_back();
+  chains[slot] = std::move(chain);
+  before_chains_.clear();
+  return slot;
 }
 
 void World::remove_chain(int slot) {
   chains[slot].reset();
+  before_chains_.clear();
+  while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
+  forget_memory([&](const KeyParts& k) {
+    return k.chain == slot || (k.kind == ContactKind::tendon && k.other == slot);
+  });
 }
 
-int World::add_shape(const Shape& shape) {
-  shapes.push_back(shape);
-  shape_alive.push_back(1);
-  return static_cast<int>(shapes.size()) - 1;
+namespace {
+
+// Into the first slot that is not alive, or a further one.
+template <class Part>
+int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
+  const size_t slot = std::find(alive.begin(), alive.end(), 0) - alive.begin();
+  if (slot == alive.size()) parts.emplace_back(), alive.push_back(0);
+  parts[slot] = part, alive[slot] = 1;
+  return static_cast<int>(slot);
+}
+
+// Leaves no trace: as if the part had never been there.
+template <class Part>
+void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
+  parts[slot] = Part{}, alive[slot] = 0;
+  while (!alive.empty() && !alive.back()) parts.pop_back(), alive.pop_back();
+}
+
+}  // namespace
+
+int World::add_shape(const Shape& shape) { return put(shapes, shape_alive, shape); }
+
+void World::remove_shape(int slot) {
+  take(shapes, shape_alive, slot);
+  rows_.clear();
+  for (auto& of_chain : caches_)
+    if (slot < static_cast<int>(of_chain.size())) of_chain[slot] = NearCache{};
+  forget_memory([&](const KeyParts& k) { return k.kind == ContactKind::bone && k.other == slot; });
 }
 
 int World::add_tunnel(const Tunnel& tunnel) {
-  tunnels.push_back(tunnel);
-  tunnel_alive.push_back(1);
+  const int slot = put(tunnels, tunnel_alive, tunnel);
   forget_planes();
-  return static_cast<int>(tunnels.size()) - 1;
+  return slot;
 }
 
 void World::remove_tunnel(int slot) {
-  tunnel_alive[slot] = 0;
+  take(tunnels, tunnel_alive, slot);
   rows_.clear();
   forget_planes();
+  for (auto& c : chains)
+    if (c) std::replace(c->tunnel_of.begin(), c->tunnel_of.end(), slot, -1);
+  forget_memory([&](const KeyParts& k) {
+    return (k.kind == ContactKind::bore && k.other == slot) ||
+           (k.kind == ContactKind::mouth && k.other / 2 == slot);
+  });
+}
+
+template <class Which>
+void World::forget_memory(Which which) {
+  auto gone = [&](const ContactMemory& m) { return which(parts_of(m.key)); };
+  memory_.erase(std::remove_if(memory_.begin(), memory_.end(), gone), memory_.end());
 }
 
 // What was bone may be bore now, and the other way round.
@@ -50,7 +107,9 @@ void World::forget_contacts() {
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to
 // them as the link does: with W its mobility, a force F moves it by dt^2 W F within the step. Those
-// that touch one link share its response, which is the stable side of counting it once.
+// m that touch one link share its response: each counts its own change as often as there are others, and
+// only the slow averages of wrench and force are counted for what they are, dt^2 (A w~ + m W (F - F~)).
+// The equilibrium is exact then; the last wrench in place of its average would be unstable.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
@@ -61,8 +120,89 @@ void World::aim_attachments(Chain& c) {
     h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
     Sym3 w = (whole_dt_ * whole_dt_ * std::max(1, link.touches)) * link.mobility(p);
-    double least = 1e-6 * (w.xx + w.yy + w.zz) + 1e-300;  // a joint yields in some directions only
-    h.stiffness = inverse(w + identity(least));
+    if (link.touches > 1) h.aim += (context_.dt * whole_dt_) * link.usual_acceleration(p) - w * h.usual_force;
+    // Joints, and what holds a link, leave it some directions only.
+    const double least = kRank * whole_dt_ * whole_dt_ * trace(link.free_mobility(p)) + 1e-300;
+    h.stiffness = w + identity(least);
+    invert_definite(h.stiffness);
+  }
+}
+
+void World::sense(double dt, Vec3 gravity, bool held) {
+  context_.dt = dt, context_.gravity = gravity;
+  for (Link& l : links) {
+    if (held || !l.yields) {
+      l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
+      l.yields &= !held;
+      continue;
+    }
+    const Vec3 v = l.now_velocity, w = l.now_spin, g = l.falls ? gravity : Vec3{};
+    Six6 free;
+    std::copy(&l.free[0][0], &l.free[0][0] + 36, &free.m[0][0]);
+    const Vec3 t = l.gyration;  // of the step before
+    l.observer.see({{v.x, v.y, v.z, w.x, w.y, w.z}}, free, {{g.x, g.y, g.z, t.x, t.y, t.z}});
+    l.gyration = l.falls ? l.gyroscopic() : Vec3{};
+    l.foresee(dt, gravity);
+  }
+}
+
+void World::let_go(int link) {
+  links[link].observer.let_go();
+  links[link].foresee(context_.dt, context_.gravity);
+}
+
+bool World::any_held() const {
+  for (const Link& l : links)
+    if (l.observer.held()) return true;
+  return false;
+}
+
+// What the user chose since then stays; where holds were made or lost, there is no way back.
+bool World::take_back_chains() {
+  if (before_chains_.size() != chains.size()) return false;
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c] && !(before_chains_[c] && same_build(*chains[c], *before_chains_[c]))) return false;
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (!chains[c]) continue;
+    Chain& now = *chains[c];
+    Chain& then = *before_chains_[c];
+    then.force = now.force;
+    for (size_t h = 0; h < now.holds.size(); ++h) {
+      const Hold& user = now.holds[h];
+      Hold& hold = then.holds[h];
+      hold.goal = user.goal, hold.rigid = user.rigid, hold.viscosity = user.viscosity;
+      hold.clamped = user.clamped, hold.direction = user.direction;
+      if (user.link < 0) hold.stiffness = user.stiffness;
+    }
+    now = then;
+  }
+  return true;
+}
+
+std::vector<int> World::rewind() {
+  std::vector<int> released;
+  for (size_t i = 0; i < links.size(); ++i)
+    if (links[i].observer.released()) released.push_back(static_cast<int>(i));
+  const bool back = !released.empty() && take_back_chains();
+  if (back) {
+    memory_ = before_memory_;
+    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) {
+      const Observer observer = links[i].observer;
+      links[i] = before_links_[i];
+      links[i].observer = observer;
+    }
+    rows_.clear();
+  }
+  for (int i : released) links[i].observer.let_go(), links[i].foresee(context_.dt, context_.gravity);
+  before_chains_.clear();
+  if (!back) released.clear();
+  return released;
+}
+
+void World::refresh_links() {
+  for (Link& l : links) {
+    const Vec3 v = l.now_velocity, w = l.now_spin;
+    l.observer.refresh({{v.x, v.y, v.z, w.x, w.y, w.z}});
   }
 }
 
@@ -72,6 +212,8 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   backup_.clear();
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
+  before_chains_.clear();
+  if (any_held()) before_chains_ = copies(), before_memory_ = memory_, before_links_ = links;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;
@@ -86,12 +228,27 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   begin_part();
 }
 
-const std::vector<Query>& World::near() {
-  queries_.clear();
+// A cache for every tendon and shape that are there, of planes not known yet.
+void World::size_caches() {
   caches_.resize(chains.size());
   for (size_t c = 0; c < chains.size(); ++c) {
+    caches_[c].resize(chains[c] ? shapes.size() : 0);
+    for (size_t s = 0; s < caches_[c].size(); ++s) {
+      const bool used = shape_alive[s] && !shapes[s].half_space;
+      const size_t n = used ? chains[c]->n() : 0, features = used ? 2 * n - 1 : 0;
+      if (caches_[c][s].entries.size() == features) continue;
+      caches_[c][s].entries.assign(features, Entry{});
+      caches_[c][s].local.assign(n, Vec3{});
+      caches_[c][s].motion.assign(n, 0.0);
+    }
+  }
+}
+
+const std::vector<Query>& World::near() {
+  queries_.clear();
+  size_caches();
+  for (size_t c = 0; c < chains.size(); ++c) {
     if (!chains[c]) continue;
-    caches_[c].resize(shapes.size());
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
       NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
@@ -107,9 +264,10 @@ void World::answers(const double* distance, const double* points, const double* 
   for (size_t q = 0; q < queries_.size(); ++q) {
     const Query& query = queries_[q];
     const Shape& shape = shapes[query.shape];
+    Entry& entry = caches_[query.chain][query.shape].entries[query.feature];
+    kept_entries_.push_back({query.chain, query.shape, query.feature, entry});
     answer(query, distance[q], {points[3 * q], points[3 * q + 1], points[3 * q + 2]}, u[q],
-           in_world(shape, links[shape.link]), bores_of(shape.link),
-           caches_[query.chain][query.shape].entries[query.feature]);
+           in_world(shape, links[shape.link]), bores_of(shape.link), entry);
   }
 }
 

@@ -11,6 +11,7 @@
 // it was.
 #pragma once
 #include <memory>
+#include <stdexcept>
 #include <vector>
 
 #include "near.h"
@@ -46,7 +47,7 @@ enum class Outcome : int { failed = 0, done = 1, again = 2 };
 class World {
  public:
   Options options;
-  // Slots keep their numbers; a removed one is empty.
+  // Slots keep their numbers; a removed one is empty, and the next addition takes it.
   std::vector<std::unique_ptr<Chain>> chains;
   std::vector<Link> links;
   std::vector<Shape> shapes;
@@ -56,11 +57,22 @@ class World {
   int add_chain(std::unique_ptr<Chain> chain);
   void remove_chain(int slot);
   int add_shape(const Shape& shape);
+  void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
   // Forgets contacts, planes and memberships, after things were moved from outside.
   void forget_contacts();
 
+  // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
+  void sense(double dt, Vec3 gravity, bool held);
+  // Links that were let go in the last step, which was solved as if they were held; then everything is
+  // taken back to before that step, with these links free. Empty: nothing has been changed.
+  std::vector<int> rewind();
+  bool any_held() const;
+  // Nothing can hold the link.
+  void let_go(int link);
+  // Their twists were set from outside.
+  void refresh_links();
   // whole: not in parts, whatever happens (for steps whose length means nothing).
   void begin(double dt, Vec3 gravity, bool whole);
   const std::vector<Query>& near();
@@ -70,19 +82,37 @@ class World {
   void finish();
   // Back to the state before begin, at any time before finish.
   void cancel();
+  // Keeps all that a step changes, before links are sensed, and puts it back.
+  void keep();
+  void roll_back();
+
+  // All state as bytes (state.h lists it), and back. restore throws std::runtime_error, and changes
+  // nothing, unless the bytes are whole and the world is made of the same parts.
+  std::vector<char> save();
+  void restore(const char* from, size_t size);
 
   const Report& report() const { return report_; }
   std::vector<ContactRecord> contacts() const;
 
  private:
+  template <class A>
+  void moving_fields(A& a);  // state.h
+  template <class A>
+  void all_fields(A& a);
+  template <class A>
+  void fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list);
+  void size_caches();
+  template <class Which>
+  void forget_memory(Which which);
   void forget_planes();
+  bool take_back_chains();
   void aim_attachments(Chain& c);
   // parts.cpp
   bool can_carry() const;
   bool can_split() const;
   void begin_part();
   Outcome shrink(double share);
-  void back_up();
+  std::vector<std::unique_ptr<Chain>> copies() const;
   bool strayed();
   bool take_new_rows();
   void next_part();
@@ -123,6 +153,10 @@ class World {
   bool unsettled_ = false;     // a group with contacts did not converge
   std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
   std::vector<ContactMemory> backup_memory_;
+  // The state before the last step, kept while something holds a link.
+  std::vector<std::unique_ptr<Chain>> before_chains_;
+  std::vector<ContactMemory> before_memory_;
+  std::vector<Link> before_links_;
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
@@ -137,6 +171,15 @@ class World {
   std::vector<Group> groups_;
   std::vector<int> group_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
+
+  // As it was before the step (keep).
+  struct KeptEntry {
+    int chain, shape, feature;
+    Entry entry;
+  };
+  std::vector<char> kept_moving_;
+  std::vector<KeptEntry> kept_entries_;
+  std::vector<Row> kept_rows_;
 };
 
 }  // namespace bt

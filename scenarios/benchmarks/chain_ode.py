@@ -6,23 +6,29 @@ stays in the plane of x and z. No shear springs, no toe.
 """
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.sparse import csc_matrix
 
 PLANE = [0, 2]  # x and z
+GRAVITY = 9.81  # m/s^2
 
 
 @dataclasses.dataclass(frozen=True)
 class ChainOde:
-    """masses (n,) [kg]; rest (n-1,) [m]; held: particles that do not move; gravity along z [m/s^2]."""
+    """masses (n,) [kg]; rest (n-1,) [m]; held: particles that do not move; gravity along z [m/s^2].
+
+    contact: further forces (n, 2) [N] at x and v, each from particles that are neighbours at most.
+    """
 
     masses: np.ndarray
     rest: np.ndarray
     material: object
     held: tuple[int, ...]
     gravity: float = 0.0
+    contact: Callable | None = None
 
     def accelerations(self, x, v) -> np.ndarray:
         """(n, 2) [m/s^2] at positions x and velocities v, both (n, 2)."""
@@ -37,6 +43,8 @@ class ChainOde:
         force = np.zeros_like(x)
         force[:-1] += pull[:, None] * axis
         force[1:] -= pull[:, None] * axis
+        if self.contact is not None:
+            force += self.contact(x, v)
         result = force / self.masses[:, None] + [0.0, self.gravity]
         result[list(self.held)] = 0.0
         return result

@@ -13,13 +13,13 @@ from bullet_tendon.scenarios.scene import Scene
 
 import bullet_tendon as bt
 
-from .chain_ode import PLANE, ChainOde
+from . import cylinder
+from .chain_ode import GRAVITY, PLANE, ChainOde
 
 RADIUS = 1e-4  # m
 LENGTH = 0.3  # m
 TENDON = 0.0169  # kg: 0.3 m of a tendon of radius 4 mm and 1120 kg/m^3
 STIFF = 3e4  # N
-GRAVITY = 9.81  # m/s^2
 BOB = 1.0  # kg
 ANGLE = math.radians(60)  # of the pendulum with the vertical at the start
 DAMPING_TIME = 1e-4  # s: damping over stiffness, of the stiff tendons
@@ -34,7 +34,8 @@ class Problem:
     """A tendon released at time 0.
 
     build: puts it into a scene, and returns it. scale [m]: what errors are relative to. duration [s].
-    held: its gripped particles; bob: what hangs on the last one [kg]. coarsest: steps, at least.
+    held: its gripped particles; bob: the body on the last one, if any [kg]. coarsest: steps, at least.
+    options: of the solver, for every method. contact: forces of what it touches (x, v, softer).
     reference: scipy's method, and its relative tolerance.
     """
 
@@ -46,9 +47,12 @@ class Problem:
     reference: tuple[str, float]
     gravity: float = 0.0
     bob: float = 0.0
+    contact: Callable | None = None
+    options: dict = dataclasses.field(default_factory=dict)
     coarsest: int = 4 * SAMPLES
 
     def scene(self, time_step, solver=None) -> Scene:
+        solver = dataclasses.replace(solver or bt.SolverOptions(), **self.options)
         return Scene(time_step=time_step, gravity=self.gravity, solver=solver)
 
     def start(self, scene):
@@ -58,21 +62,22 @@ class Problem:
             tendon.grip(particle)
         return tendon
 
-    def ode(self, tendon) -> ChainOde:
-        """The same tendon's equations; the bob is part of the last particle."""
+    def ode(self, tendon, softer: float = 1.0) -> ChainOde:
+        """The same tendon's equations; the bob is part of the last particle. softer: contacts."""
         masses = tendon.masses
         masses[-1] += self.bob
         rest = np.full(tendon.particles - 1, tendon.rest_length / (tendon.particles - 1))
-        return ChainOde(masses, rest, tendon.material, self.held, self.gravity)
+        contact = self.contact and (lambda x, v: self.contact(x, v, softer))
+        return ChainOde(masses, rest, tendon.material, self.held, self.gravity, contact)
 
     def solution(self, coarser: float = 1.0) -> np.ndarray:
-        """(SAMPLES, n, 2) the reference [m]; coarser: factor of its tolerance."""
+        """(SAMPLES, n, 2) the reference [m]; coarser: factor of its tolerance, and softer contacts."""
         method, tolerance = self.reference
         times = self.duration * np.arange(1, SAMPLES + 1) / SAMPLES
         with self.scene(self.duration) as scene:
             tendon = self.start(scene)
             x = tendon.positions[:, PLANE]
-            return self.ode(tendon).solve(x, np.zeros_like(x), times, method, coarser * tolerance)
+            return self.ode(tendon, coarser).solve(x, np.zeros_like(x), times, method, coarser * tolerance)
 
 
 def _tendon(scene, end, particles, length, mass, **material):
@@ -83,9 +88,17 @@ def _tendon(scene, end, particles, length, mass, **material):
 
 
 def _pendulum(scene):
-    """At rest at 60 degrees, as long as the bob's weight along it makes it."""
-    stretch = 1 + BOB * GRAVITY * math.cos(ANGLE) / STIFF
-    end = LENGTH * np.array([math.sin(ANGLE), 0.0, -math.cos(ANGLE)])
+    """At rest at 60 degrees, as long as the bob's weight along it makes it; the bob is a point mass."""
+    end, stretch = _hanging_end()
+    tendon = _tendon(scene, end, 12, LENGTH, TENDON, stiffness=STIFF, damping=DAMPING_TIME * STIFF)
+    tendon.set_point_mass(-1, BOB)
+    tendon.set_positions(stretch * tendon.positions)
+    return tendon
+
+
+def _pendulum_with_body(scene):
+    """The same with a pybullet body as its bob, which pybullet's own first-order integrator moves."""
+    end, stretch = _hanging_end()
     shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=scene.client)
     bob = p.createMultiBody(BOB, shape, -1, (stretch * end).tolist(), physicsClientId=scene.client)
     p.changeDynamics(bob, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
@@ -93,6 +106,12 @@ def _pendulum(scene):
     tendon.set_positions(stretch * tendon.positions)
     tendon.attach(-1, bob, position=(0, 0, 0))
     return tendon
+
+
+def _hanging_end():
+    """Where it ends without load (3,) [m], and by how much the bob's weight along it stretches it [-]."""
+    end = LENGTH * np.array([math.sin(ANGLE), 0.0, -math.cos(ANGLE)])
+    return end, 1 + BOB * GRAVITY * math.cos(ANGLE) / STIFF
 
 
 def _whip(scene):
@@ -129,8 +148,29 @@ def oscillator_period() -> float:
 
 
 PROBLEMS = (
-    Problem("stiff pendulum", _pendulum, LENGTH, 1.0, (0,), ("Radau", 1e-7), -GRAVITY, BOB),
+    Problem("stiff pendulum", _pendulum, LENGTH, 1.0, (0,), ("Radau", 1e-7), -GRAVITY),
+    Problem(
+        "pendulum with a pybullet bob",
+        _pendulum_with_body,
+        LENGTH,
+        1.0,
+        (0,),
+        ("Radau", 1e-7),
+        -GRAVITY,
+        BOB,
+    ),
     Problem("released whip", _whip, WHIP["length"], 0.2, (0,), ("Radau", 1e-7), -GRAVITY, coarsest=SAMPLES),
     Problem("power-law oscillator", _oscillator, SPRING["amplitude"], 1.0, (0,), ("DOP853", 1e-12)),
     Problem("plucked string", _string, STRING["pluck"], 0.1, (0, -1), ("DOP853", 1e-9), coarsest=SAMPLES),
+    Problem(
+        "over a cylinder",
+        cylinder.build,
+        cylinder.LENGTH,
+        cylinder.DURATION,
+        (),
+        ("Radau", 1e-7),
+        -GRAVITY,
+        contact=cylinder.contact_forces,
+        options={"reuse_tolerance": 0.0},  # a plane that is used again is tilted, which pulls like friction
+    ),
 )

@@ -7,7 +7,8 @@ that are no shorter than thick, so that this search ends at once, at every n. "d
 factorisation and solution, by scipy's LAPACK, of a symmetric positive definite band matrix of the
 same size and bandwidth, assembled from the tendon's own state: mass/dt^2 and the springs' blocks.
 Both are timed by turns in one process. The Python side is all of world.apply() but that room. Bytes
-are those that Python allocates in apply(), by tracemalloc; allocations of the core are not seen.
+are what the core asks the heap for in a step (its operator new counts), and, apart from them, what Python
+holds at most in one apply() beyond what it held before (by tracemalloc).
 """
 
 import tracemalloc
@@ -20,6 +21,7 @@ from bullet_tendon.scenarios.scene import Scene
 from scipy.linalg.lapack import dpbsv
 
 import bullet_tendon as bt
+from bullet_tendon import _core
 
 SIZES, QUICK_SIZES = (20, 60, 200, 600, 2000, 6000), (20, 60)
 FITTED = 60  # particles: the growth is fitted from here on
@@ -52,17 +54,17 @@ def run(quick, progress) -> dict:
 
 def table(record) -> list[str]:
     head = f"{'':18} {'n':>5} {'iter':>5} {'step us':>9} {'min':>9} {'us/iter':>9} {'dpbsv us':>9} {'min':>9}"
-    lines = [head + f" {'step/dpbsv':>10} {'of min':>7} {'python us':>9} {'bytes':>6}"]
+    lines = [head + f" {'step/dpbsv':>10} {'of min':>7} {'python us':>9} {'bytes':>6} {'python':>6}"]
     for row in record["rows"]:
         lines.append(
             f"{row['variant']:18} {row['particles']:5} {row['iterations']:5.3g} {row['step_us']:9.2f} "
             f"{row['step_least_us']:9.2f} {row['iteration_us']:9.2f} {row['dpbsv_us']:9.2f} "
             f"{row['dpbsv_least_us']:9.2f} {row['ratio']:10.3f} {row['ratio_of_least']:7.3f} "
-            f"{row['python_us']:9.2f} {row['python_bytes']:6}"
+            f"{row['python_us']:9.2f} {row['core_bytes']:6} {row['python_bytes']:6}"
         )
     for variant, growth in record["growth_exponent"].items():
         lines.append(f"time of a step grows with n to the power {growth:.3f}: {variant}")
-    lines.append("medians over the steps; bytes: Python's peak in one apply(), the core's are not seen")
+    lines.append("medians over the steps; bytes: asked for by the core in a step; and Python's peak")
     return lines
 
 
@@ -130,7 +132,7 @@ def _measure(particles, share, thin, quick) -> dict:
     with Scene(time_step=TIME_STEP, gravity=-GRAVITY, solver=bt.SolverOptions(tolerance=TOLERANCE)) as scene:
         tendon = _build(scene, particles, share, radius)
         rows = [_one_step(scene, tendon, share) for _ in range(WARM_UP + steps)][WARM_UP:]
-        allocated = _allocated(scene)
+        core_bytes, python_bytes = _core_allocated(scene), _python_allocated(scene)
     step, whole, lapack, iterations, converged = (list(column) for column in zip(*rows, strict=True))
     per_iteration = [s / max(i, 1) for s, i in zip(step, iterations, strict=True)]
     return {
@@ -146,7 +148,8 @@ def _measure(particles, share, thin, quick) -> dict:
         "ratio": median(step) / median(lapack),
         "ratio_of_least": min(step) / min(lapack),
         "python_us": 1e6 * median(w - s for w, s in zip(whole, step, strict=True)),
-        "python_bytes": allocated,
+        "core_bytes": core_bytes,
+        "python_bytes": python_bytes,
     }
 
 
@@ -179,7 +182,17 @@ def _time_lapack(tendon, share) -> float:
     return seconds
 
 
-def _allocated(scene) -> int:
+def _core_allocated(scene) -> int:
+    """Bytes that the core asked for in one step, freed or not: begin, solve and finish of its world."""
+    core = scene.world._core
+    before = _core.allocated_bytes()
+    core.begin(TIME_STEP, 0.0, 0.0, -GRAVITY, False)
+    core.solve()
+    core.finish()
+    return _core.allocated_bytes() - before
+
+
+def _python_allocated(scene) -> int:
     """Most bytes that Python held in one apply() beyond those before it."""
     tracemalloc.start()
     scene.world.apply()

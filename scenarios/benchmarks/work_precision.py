@@ -1,4 +1,4 @@
-"""Run time against error of the paper's method and of the others, on four problems with a reference.
+"""Run time against error of the paper's method and of the others, on problems with a reference.
 
 Errors are the largest distance of a particle from where scipy's solution of the same discrete chain has
 it (chain_ode), RMS over eight times, relative to a length of the problem. Run time is the room `solve`
@@ -24,6 +24,7 @@ METHODS = {
     "single, banded": bt.SolverOptions(iteration="single"),
     "implicit Euler": bt.SolverOptions(),
     "BDF2": bt.SolverOptions(integrator="bdf2"),
+    "TR-BDF2": bt.SolverOptions(integrator="tr_bdf2"),
     "explicit Euler": bt.SolverOptions(integrator="explicit_euler"),
 }
 TARGETS = (1e-2, 1e-3, 1e-4)

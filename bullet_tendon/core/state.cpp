@@ -1,0 +1,43 @@
+// Saving and restoring a world, and taking back a step that failed.
+#include "state.h"
+
+namespace bt {
+
+std::vector<char> World::save() {
+  size_caches();
+  std::vector<char> out;
+  Writer writer(out);
+  all_fields(writer);
+  return out;
+}
+
+void World::restore(const char* from, size_t size) {
+  size_caches();
+  for (bool apply : {false, true}) {
+    Reader reader(from, size, apply);
+    all_fields(reader);
+    reader.finish();
+  }
+}
+
+void World::keep() {
+  kept_moving_.clear(), kept_entries_.clear();
+  Writer writer(kept_moving_);
+  moving_fields(writer);
+  kept_rows_ = rows_;
+}
+
+void World::roll_back() {
+  if (kept_moving_.empty()) return;
+  Reader reader(kept_moving_.data(), kept_moving_.size(), true);
+  moving_fields(reader);
+  // An entry may have been answered twice in one step: the first of its copies is the old one.
+  for (size_t k = kept_entries_.size(); k-- > 0;) {
+    const KeptEntry& e = kept_entries_[k];
+    caches_[e.chain][e.shape].entries[e.feature] = e.entry;
+  }
+  rows_.swap(kept_rows_);
+  kept_moving_.clear();
+}
+
+}  // namespace bt

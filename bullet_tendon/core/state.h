@@ -1,0 +1,315 @@
+// The one list of what a world's state is: fields(archive, struct) for every struct with state.
+//
+// Saving, restoring, checking before a restore, hashing and the roll-back of a failed step all go
+// through it. Each function takes its struct apart by a structured binding with ALL its members, so
+// that a member added to a struct does not compile until somebody has said here what it is:
+//
+//   a(...)        state: what the next step reads before it writes it, and what users read out
+//   a.same(...)   structure: a state can only be restored where it is equal
+//   a.scratch(...) written in every step before it is read, or made from the rest
+//
+// Each call of a(...) leaves its number of fields as a tag, so that bytes of another layout are refused.
+#pragma once
+#include <cstring>
+#include <stdexcept>
+#include <type_traits>
+#include <vector>
+
+#include "world.h"
+
+namespace bt {
+
+// Kept byte by byte: numbers, and structs that are nothing but doubles.
+template <class T>
+constexpr bool kPlain =
+    std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> || std::is_same_v<T, Sym3> ||
+    std::is_same_v<T, Rot3> || std::is_same_v<T, Six> || std::is_same_v<T, Six6> ||
+    std::is_arithmetic_v<std::remove_all_extents_t<T>> || std::is_same_v<T, Pose>;
+
+struct StateMismatch : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// Goes through the fields in order; Derived says what happens to a run of bytes, to a run that has to
+// be equal, and to a length.
+template <class Derived>
+class Archive {
+ public:
+  template <class... T>
+  void operator()(T&... values) {
+    unsigned char tag = sizeof...(T);
+    self().equal(&tag, 1);
+    (one(values), ...);
+  }
+  template <class... T>
+  void same(T&... values) {
+    (same_one(values), ...);
+  }
+  template <class... T>
+  void scratch(T&...) {}
+
+ private:
+  Derived& self() { return static_cast<Derived&>(*this); }
+  template <class T>
+  void one(T& value) {
+    if constexpr (kPlain<T>)
+      self().bytes(&value, sizeof(T));
+    else
+      fields(self(), value);
+  }
+  void one(Field& f) {
+    for (int k = 0; k < 3; ++k) self().bytes(f[k], f.size() * sizeof(double));
+  }
+  template <class T>
+  void one(std::vector<T>& list) {
+    const size_t count = self().length(list.size());
+    if (self().writes(list, count)) {
+      for (T& value : list) one(value);
+    } else {
+      T none{};
+      for (size_t i = 0; i < count; ++i) one(none);
+    }
+  }
+  template <class T>
+  void same_one(T& value) {
+    if constexpr (kPlain<T>)
+      self().equal(&value, sizeof(T));
+    else
+      same_fields(self(), value);
+  }
+  template <class T>
+  void same_one(std::vector<T>& list) {
+    size_t count = list.size();
+    self().equal(&count, sizeof count);
+    for (T& value : list) same_one(value);
+  }
+};
+
+class Writer : public Archive<Writer> {
+ public:
+  explicit Writer(std::vector<char>& out) : out_(out) {}
+  void bytes(const void* p, size_t size) {
+    const char* c = static_cast<const char*>(p);
+    out_.insert(out_.end(), c, c + size);
+  }
+  void equal(const void* p, size_t size) { bytes(p, size); }
+  size_t length(size_t count) {
+    bytes(&count, sizeof count);
+    return count;
+  }
+  template <class T>
+  bool writes(std::vector<T>&, size_t) {
+    return true;
+  }
+  bool applies() const { return false; }
+
+ private:
+  std::vector<char>& out_;
+};
+
+// Reads what Writer wrote. Without `apply` nothing is changed: so a state is looked through to its end
+// before it is taken. Throws StateMismatch.
+class Reader : public Archive<Reader> {
+ public:
+  Reader(const char* from, size_t size, bool apply) : at_(from), end_(from + size), apply_(apply) {}
+  void bytes(void* p, size_t size) {
+    need(size);
+    if (apply_ && size) std::memcpy(p, at_, size);
+    at_ += size;
+  }
+  void equal(const void* p, size_t size) {
+    need(size);
+    if (std::memcmp(p, at_, size) != 0) throw StateMismatch("of a world that is made of the same parts");
+    at_ += size;
+  }
+  size_t length(size_t) {
+    need(sizeof(size_t));
+    size_t count;
+    std::memcpy(&count, at_, sizeof count);
+    at_ += sizeof count;
+    need(count);  // every element is a byte at least
+    return count;
+  }
+  template <class T>
+  bool writes(std::vector<T>& list, size_t count) {
+    if (apply_) list.resize(count);
+    return apply_;
+  }
+  bool applies() const { return apply_; }
+  void finish() const {
+    if (at_ != end_) throw StateMismatch("of the length that the world's parts give");
+  }
+
+ private:
+  void need(size_t size) const {
+    if (size > static_cast<size_t>(end_ - at_)) throw StateMismatch("complete");
+  }
+  const char *at_, *end_;
+  bool apply_;
+};
+
+template <class A>
+void same_fields(A& a, Law& law) {
+  auto& [exponent, toe_strain, tension_only, damping_exponent, whole_velocity] = law;
+  a.same(exponent, toe_strain, tension_only, damping_exponent, whole_velocity);
+}
+
+template <class A>
+void same_fields(A& a, Material& material) {
+  auto& [law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density] = material;
+  a.same(law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density);
+}
+
+template <class A>
+void same_fields(A& a, Shape& shape) {
+  auto& [link, local, lo, hi, half_space, plane_normal, plane_offset, friction] = shape;
+  a.same(link, local, lo, hi, half_space, plane_normal, plane_offset, friction);
+}
+
+template <class A>
+void same_fields(A& a, Tunnel& tunnel) {
+  auto& [link, start, end, radius, chamfer, friction] = tunnel;
+  a.same(link, start, end, radius, chamfer, friction);
+}
+
+template <class A>
+void fields(A& a, Hold& hold) {
+  auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
+         viscosity, force, mean_force, kept_force, sum_force, step_force, usual_force] = hold;
+  a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
+    viscosity, force, mean_force, kept_force, sum_force, step_force, usual_force);
+}
+
+template <class A>
+void fields(A& a, SpringSet& set) {
+  auto& [reach, count, rest, stiffness, damping, carried, elastic, lighter, start, before, history, length,
+         force, slope, true_elastic, linear, elastic_slope, damping_slope, direction, block, vector, damped,
+         whole_position, whole_anchor] = set;
+  a.same(reach, count, damped);
+  // The slope of the last step is what contacts take their stiffness from.
+  a(rest, stiffness, damping, carried, elastic, lighter, start, before, history, slope);
+  a.scratch(length, force, true_elastic, linear, elastic_slope, damping_slope, direction, block, vector,
+            whole_position, whole_anchor);
+}
+
+template <class A>
+void fields(A& a, Chain& chain) {
+  auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
+         tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v, dt_before,
+         smooth, touching, touched, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
+         start_x_before, start_v_before, start_dt_before, split, gathered, next, step, residual, anchor_x,
+         anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor,
+         inverse_blocks, residual_norm, worst_particle, n] = chain;
+  a.same(n, radius, friction, material);
+  a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, tunnel_of);
+  a(x_before, v_before, acceleration, accelerated, dt_before, smooth, touching, touched, split, gathered);
+  a.scratch(staged, stage_x, stage_v, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
+            start_x_before, start_v_before, start_dt_before, next, step, residual, anchor_x, anchor_v, goal,
+            cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor, inverse_blocks,
+            residual_norm, worst_particle);
+}
+
+template <class A>
+void fields(A& a, Observer& observer) {
+  auto& [free, effective, share, twist, wrench, push, last, before, dt, samples, known, acted, held,
+         released] = observer;
+  a(free, effective, share, twist, wrench, push, last.wrench, last.acceleration, before.wrench,
+    before.acceleration, dt, samples, known, acted, held, released);
+}
+
+template <class A>
+void fields(A& a, Link& link) {
+  auto& [pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response, gyration,
+         observer, touches, touching, force, torque, usual_force, usual_torque] = link;
+  a(gyration, observer, touches, touching, force, torque, usual_force, usual_torque);
+  // Told or foreseen before every step.
+  a.scratch(pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response);
+}
+
+template <class A>
+void fields(A& a, Entry& entry) {
+  auto& [known, inside, hole, wanted, distance, clearance, motion, u, point, normal, first, second] = entry;
+  a(known, inside, hole, distance, clearance, u, point, normal, first, second);
+  a.scratch(wanted, motion);
+}
+
+template <class A>
+void fields(A& a, ContactMemory& memory) {
+  auto& [key, carried, sliding, mean_force, stuck] = memory;
+  a(key, carried, sliding, mean_force, stuck);
+}
+
+// Rows are of the last step, and only read out after it.
+template <class A>
+void fields(A& a, Row& row) {
+  auto& [key, kind, spot, other, link, normal, offset, allowed, beyond, axis_point, axis, ring, through,
+         radius, stiffness, yield, stiffens, grip, carried, multiplier, friction, stuck, reference, limit,
+         direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, gap, normal_force,
+         raw, displacement, tangent_force, total_force, linear_force, last_mean, mean_force, block] = row;
+  a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
+  a.scratch(offset, allowed, axis_point, axis, ring, through, radius, stiffness, yield, stiffens, grip,
+            carried, multiplier, friction, stuck, reference, limit, direct, held, joins, pressed, sliding,
+            kept_multiplier, kept_sliding, changes, raw, displacement, total_force, linear_force, last_mean,
+            mean_force, block);
+}
+
+template <class A>
+void fields(A& a, Spot& spot) {
+  auto& [chain, first, w0, w1] = spot;
+  a(chain, first, w0, w1);
+}
+
+// The tendons in `list`, of which there are as many as tendons of the world, or none.
+template <class A>
+void World::fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list) {
+  const size_t count = a.length(list.size() == chains.size() ? list.size() : 0);
+  if (a.applies()) {
+    if (count == 0) list.clear();
+    if (count > 0 && list.size() != chains.size()) list = copies();
+  }
+  if (count == 0) return;
+  for (auto& c : list.size() == chains.size() ? list : chains) {
+    bool there = c != nullptr;
+    a.same(there);
+    if (there) fields(a, *c);
+  }
+}
+
+// What a step changes, but for planes and rows, which it keeps aside itself (World::begin).
+template <class A>
+void World::moving_fields(A& a) {
+  size_t count = chains.size();
+  a.same(count);
+  for (auto& c : chains) {
+    bool there = c != nullptr;
+    a.same(there);
+    if (there) fields(a, *c);
+  }
+  a(links, memory_, whole_dt_, before_memory_, before_links_);
+  fields_of(a, before_chains_);
+}
+
+template <class A>
+void World::all_fields(A& a) {
+  auto& [options_, chains_, links_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context, whole_dt, whole,
+         done, size, parts, looks, room, looking, unsettled, backup, backup_memory, before_chains,
+         before_memory, before_links, slots, caches, queries, trees, pairs, rows, found, before, keys, memory,
+         touching, bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries,
+         kept_rows] = *this;
+  moving_fields(a);
+  a.scratch(chains_, links_, memory, whole_dt, before_chains, before_memory, before_links);  // done by it
+  a.same(shape_alive_, shapes_, tunnel_alive_, tunnels_);
+  for (auto& of_chain : caches)
+    for (NearCache& cache : of_chain) {
+      auto& [entries, local, motion] = cache;
+      a(entries);
+      a.scratch(local, motion);
+    }
+  a(rows);
+  // Options are the user's, as they are now.
+  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, backup,
+            backup_memory, slots, queries, trees, pairs, found, before, keys, touching, bores, bores_by_link,
+            groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
+}
+
+}  // namespace bt

@@ -1,0 +1,194 @@
+"""Snapshots: a world's state as a numpy npz file, versioned and checked when read, without pickle."""
+
+import hashlib
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from . import checks
+from .errors import InvalidType, SnapshotError, StateMismatch
+from .holds import Attachment, Grip
+from .state import parts_of, require_parts, restore_core, retake_holds
+
+VERSION = 1  # raised whenever an array, or the core's layout, changes
+_KINDS = (Grip, Attachment)
+
+# Name: kind of numbers and shape, None for any length.
+_ARRAYS = {
+    "version": ("i", ()),
+    "core": ("u", (None,)),
+    "tendons": ("U", (None,)),
+    "tendon_slots": ("i", (None,)),
+    "tunnels": ("U", (None,)),
+    "tunnel_slots": ("i", (None, 3)),  # slot, body, link
+    "obstacles": ("i", (None, 3)),  # body, link, shape
+    "links": ("i", (None, 2)),  # body, link
+    "hold_places": ("i", (None, 6)),  # tendon, particle, kind, number, body, link
+    "hold_numbers": ("f", (None, 8)),  # point 3, stiffness, damping, direction 3; NaN: none
+    "digest": ("u", (32,)),
+}
+
+
+def pack(world) -> bytes:
+    """See TendonWorld.snapshot."""
+    tendons, tunnels, obstacles = parts_of(world)
+    links = [key[:2] if key else (-1, -2) for key in world._bodies.marked_links()]
+    places, numbers = [], []
+    for index, tendon in enumerate(world.tendons):
+        for hold in tendon.holds:
+            place, values = _packed(hold)
+            places.append((index, hold.particle, *place))
+            numbers.append(values)
+    arrays = {
+        "version": np.array(VERSION),
+        "core": np.frombuffer(world._core.save(), np.uint8),
+        "tendons": np.array([name for _, name in tendons], dtype=str),
+        "tendon_slots": np.array([slot for slot, _ in tendons], dtype=int),
+        "tunnels": np.array([name for _, name, *_ in tunnels], dtype=str),
+        "tunnel_slots": _table([(slot, *where) for slot, _, *where in tunnels], 3),
+        "obstacles": _table([(b, i, shape) for b, i, *shapes in obstacles for shape in shapes], 3),
+        "links": _table(links, 2),
+        "hold_places": _table(places, 6),
+        "hold_numbers": np.array(numbers, dtype=float).reshape(-1, 8),
+    }
+    file = io.BytesIO()
+    np.savez(file, **arrays, digest=_digest(arrays))
+    return file.getvalue()
+
+
+def unpack(world, source) -> None:
+    """See TendonWorld.load_snapshot."""
+    data = _read(source)
+    shown = "bytes" if isinstance(source, (bytes, bytearray)) else source
+    require_parts(world, _parts(data), "source", shown)
+    missing = _missing_links(world, data["links"], shown)
+    restore_core(world, data["core"].tobytes(), "source", shown)
+    for body, link in missing:
+        world._bodies.slot(body, link)
+    retake_holds(
+        world, [_hold(world, *row) for row in zip(data["hold_places"], data["hold_numbers"], strict=True)]
+    )
+    world._count = max([world._count, *data["hold_places"][:, 3].tolist()])
+
+
+def _packed(hold) -> tuple[tuple, np.ndarray]:
+    settings, values = hold._settings(), np.full(8, np.nan)
+    if isinstance(hold, Attachment):
+        values[:3] = settings["position"]
+        return (1, settings["number"], settings["bodyUniqueId"], settings["linkIndex"]), values
+    values[:3], values[4] = settings["target"], settings["damping"]
+    if settings["stiffness"] is not None:
+        values[3] = settings["stiffness"]
+    if settings["direction"] is not None:
+        values[5:] = settings["direction"]
+    return (0, settings["number"], -1, -1), values
+
+
+def _hold(world, place, values):
+    """The handle for a hold of the snapshot: the world's own where it has one, and its settings."""
+    index, particle, kind, number, body, link = map(int, place)
+    tendon = world.tendons[index]
+    own = tendon._holds.get(particle)
+    if kind == 1:
+        fits = isinstance(own, Attachment) and (own.bodyUniqueId, own.linkIndex) == (body, link)
+        where = (body, link, values[:3].copy(), world._bodies.slot(body, link))
+        hold = own if fits else Attachment(tendon, particle, number, *where)
+        hold._position = values[:3].copy()
+        return hold, {"number": number}
+    settings = {
+        "number": number,
+        "stiffness": None if np.isnan(values[3]) else float(values[3]),
+        "damping": float(values[4]),
+        "target": values[:3].copy(),
+        "direction": None if np.isnan(values[5]) else values[5:].copy(),
+    }
+    hold = own if isinstance(own, Grip) else Grip.__new__(Grip)
+    if hold is not own:
+        super(Grip, hold).__init__(tendon, particle, number)
+    return hold, settings
+
+
+def _missing_links(world, links, shown) -> list:
+    """Links of the snapshot that the world does not know yet, in the order of their slots."""
+    have = [key[:2] if key else (-1, -2) for key in world._bodies.marked_links()]
+    want = [tuple(row) for row in links.tolist()]
+    if have[: len(want)] != want[: len(have)] or (-1, -2) in want[len(have) :]:
+        raise StateMismatch(
+            "source", shown, "of a world whose tendons touch the same links, in the same order"
+        )
+    for body, link in want:
+        if body >= 0:
+            world._bodies.require(body, link)
+    return want[len(have) :]
+
+
+def _parts(data) -> tuple:
+    tendons = tuple(zip(data["tendon_slots"].tolist(), data["tendons"].tolist(), strict=True))
+    tunnels = tuple(
+        (slot, name, *where)
+        for name, (slot, *where) in zip(data["tunnels"].tolist(), data["tunnel_slots"].tolist(), strict=True)
+    )
+    shapes: dict[tuple, list] = {}
+    for body, link, shape in data["obstacles"].tolist():
+        shapes.setdefault((body, link), []).append(shape)
+    return tendons, tunnels, tuple((*key, *numbers) for key, numbers in shapes.items())
+
+
+def _read(source) -> dict[str, np.ndarray]:
+    """The arrays of a snapshot, each of its kind and shape, and undamaged; or SnapshotError."""
+    if isinstance(source, (bytes, bytearray)):
+        shown, raw = "bytes", bytes(source)
+    else:
+        try:
+            shown = checks.path("source", source)
+        except InvalidType:
+            raise InvalidType("source", source, "the bytes or the path of a snapshot") from None
+        try:
+            raw = Path(shown).read_bytes()
+        except (OSError, ValueError) as problem:
+            raise SnapshotError("source", shown, f"a file that can be read ({problem})") from None
+    try:
+        with np.load(io.BytesIO(raw), allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+    except (
+        ValueError,
+        OSError,
+        EOFError,
+        KeyError,
+        AttributeError,
+        zipfile.BadZipFile,
+        NotImplementedError,
+    ) as problem:
+        raise SnapshotError("source", shown, f"a snapshot, a numpy npz file ({problem})") from None
+    return _checked(data, shown)
+
+
+def _checked(data, shown) -> dict[str, np.ndarray]:
+    version = data.get("version")
+    if version is None or version.shape != () or version.dtype.kind != "i" or version != VERSION:
+        raise SnapshotError("source", shown, f"a snapshot of version {VERSION}, not {version}")
+    for name, (kind, shape) in _ARRAYS.items():
+        if name not in data:
+            raise SnapshotError("source", shown, f"a snapshot with an array {name!r}")
+        have = data[name]
+        fits = have.dtype.kind == kind and have.ndim == len(shape)
+        if not fits or any(want not in (None, size) for size, want in zip(have.shape, shape, strict=True)):
+            raise SnapshotError("source", shown, f"a snapshot whose {name!r} has the shape {shape}")
+    arrays = {name: data[name] for name in _ARRAYS if name != "digest"}
+    if not np.array_equal(_digest(arrays), data["digest"]):
+        raise SnapshotError("source", shown, "an undamaged snapshot: its digest does not fit its arrays")
+    return arrays
+
+
+def _digest(arrays) -> np.ndarray:
+    digest = hashlib.blake2b(digest_size=32)
+    for name in sorted(arrays):
+        digest.update(repr((name, arrays[name].shape, arrays[name].dtype.str)).encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return np.frombuffer(digest.digest(), np.uint8)
+
+
+def _table(rows, width) -> np.ndarray:
+    return np.array(rows, dtype=np.int64).reshape(-1, width)

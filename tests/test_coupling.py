@@ -1,0 +1,128 @@
+"""What holds a body is felt, what lets it go is mended: tables, motors, limits, constraints."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+LENGTH, RADIUS, LOAD = 0.1, 0.001, 200.0  # m, m, N
+NO_DAMPING = {"linearDamping": 0, "angularDamping": 0}
+
+
+def on_table(client, mass):
+    p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client), physicsClientId=client)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
+    body = p.createMultiBody(mass, box, basePosition=[0, 0, 0.02], physicsClientId=client)
+    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+    return body, -1, np.array([0, 0, 0.02])
+
+
+def on_joint(client, mass, kind, axis, arm):
+    """A link whose centre of mass is `arm` (3,) from its joint, at the origin, without a motor."""
+    link = {"linkMasses": [mass], "linkCollisionShapeIndices": [-1], "linkVisualShapeIndices": [-1]}
+    link |= {"linkPositions": [[0, 0, 0]], "linkOrientations": [[0, 0, 0, 1]]}
+    link |= {"linkInertialFramePositions": [arm], "linkInertialFrameOrientations": [[0, 0, 0, 1]]}
+    link |= {"linkParentIndices": [0], "linkJointTypes": [kind], "linkJointAxis": [axis]}
+    body = p.createMultiBody(0, **link, physicsClientId=client)
+    inertia = {"localInertiaDiagonal": [1e-4 * mass] * 3}
+    p.changeDynamics(body, 0, jointDamping=0, **inertia, **NO_DAMPING, physicsClientId=client)
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    return body, 0, np.array(arm, float)
+
+
+def on_motor(client, mass):
+    body, link, place = on_joint(client, mass, p.JOINT_REVOLUTE, [0, 1, 0], [0.1, 0, 0])
+    p.setJointMotorControl2(body, 0, p.POSITION_CONTROL, targetPosition=0, force=1e5, physicsClientId=client)
+    return body, link, place
+
+
+def on_limit(client, mass):
+    body, link, place = on_joint(client, mass, p.JOINT_REVOLUTE, [0, 1, 0], [0.1, 0, 0])
+    p.changeDynamics(body, 0, jointLowerLimit=-0.5, jointUpperLimit=0.0, physicsClientId=client)
+    return body, link, place
+
+
+def place_of(client, body, link):
+    if link < 0:
+        return np.array(p.getBasePositionAndOrientation(body, client)[0])
+    return np.array(p.getLinkState(body, link, 1, 1, client)[0])
+
+
+def pulled(world, held, stiffness):
+    """A tendon from the held body straight down to a hand."""
+    body, link, place = held
+    material = bt.Material(stiffness=stiffness, damping=1e-4 * stiffness)
+    t = world.add_tendon([place, place - [0, 0, LENGTH]], RADIUS, material, 10)
+    t.attach(0, body, link)
+    return t, t.grip(-1)
+
+
+CASES = [(hold, m, k) for hold in (on_motor, on_limit) for m in (0.02, 0.1, 1.0) for k in (1e3, 1e5, 1e6)]
+CASES += [(hold, 10.0, 1e3) for hold in (on_motor, on_limit, on_table)]
+# Under a stiffer tendon pybullet's own contact gives way for seconds, by more than the tendon stretches.
+CASES += [(on_table, m, 1e3) for m in (0.02, 0.1, 1.0)] + [(on_table, 1.0, 1e5), (on_table, 10.0, 1e5)]
+
+
+@pytest.mark.parametrize(("hold", "mass", "stiffness"), CASES)
+def test_tension_of_a_held_body_is_the_load(make_world, client, hold, mass, stiffness):
+    """Within 1 % ten steps after the load is on, within 0.1 % at rest, by where the body really is."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    held = hold(client, mass)
+    t, hand = pulled(world, held, stiffness)
+    world.step(30)
+    hand.target = hand.target - [0, 0, LOAD / stiffness * LENGTH]
+    misses = []
+    for _ in range(60):
+        world.step()
+        span = np.linalg.norm(place_of(client, *held[:2]) - hand.target)
+        misses.append(abs(t.tension.mean() - stiffness * (span / LENGTH - 1)) / LOAD)
+    assert max(misses[10:]) <= 0.01
+    assert misses[-1] <= 1e-3
+
+
+@pytest.mark.parametrize("mass", [0.005, 0.02, 0.2, 2.0])
+@pytest.mark.parametrize("held_by", ["constraint", "motor"])
+def test_a_released_body_gets_no_more_energy_than_was_stored(make_world, client, held_by, mass):
+    world = make_world(1 / 240)
+    if held_by == "constraint":
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+        body, link = p.createMultiBody(mass, ball, physicsClientId=client), -1
+        p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+        pin = p.createConstraint(body, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 0],
+                                 physicsClientId=client)  # fmt: skip
+        p.changeConstraint(pin, maxForce=1e6, physicsClientId=client)
+    else:
+        body, link, _ = on_joint(client, mass, p.JOINT_PRISMATIC, [0, 0, 1], [0, 0, 0])
+        p.setJointMotorControl2(body, 0, p.POSITION_CONTROL, force=1e6, physicsClientId=client)
+    t, hand = pulled(world, (body, link, np.zeros(3)), 1e4)
+    world.step(5)
+    hand.target = hand.target - [0, 0, LOAD / 1e5]
+    world.step(60)
+    assert t.tension.mean() == pytest.approx(LOAD, rel=1e-3)
+    stored, fastest = t.energy, 0.0
+    if held_by == "constraint":
+        p.removeConstraint(pin, client)
+    else:
+        p.setJointMotorControl2(body, 0, p.POSITION_CONTROL, force=0, physicsClientId=client)
+        p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    for _ in range(240):
+        world.step()
+        state = p.getBaseVelocity(body, client)[0][2] if link < 0 else p.getJointState(body, 0, client)[1]
+        fastest = max(fastest, abs(state))
+    assert 0 < 0.5 * mass * fastest**2 <= 1.05 * stored
+
+
+def test_a_spinning_free_body_is_never_taken_for_held(make_world, client):
+    """Gyroscopic torques are no reaction of anything."""
+    world = make_world(1 / 240)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.02, 0.01], physicsClientId=client)
+    body = p.createMultiBody(0.3, box, physicsClientId=client)
+    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+    p.resetBaseVelocity(body, [0, 0, 0], [9, 14, 5], client)
+    t = world.add_tendon([[0.05, 0, 0], [0.05 + LENGTH, 0, 0]], RADIUS, bt.Material(stiffness=1e3), 8)
+    t.attach(0, body)
+    t.grip(-1)
+    for _ in range(200):
+        world.step()
+        assert not world._core.any_held()

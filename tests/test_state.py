@@ -1,0 +1,175 @@
+"""save_state, restore_state, snapshots: to the bit, and refused where they do not fit."""
+
+import io
+import subprocess
+import sys
+
+import numpy as np
+import pybullet as p
+import pytest
+from state_scenes import build, disturb, run_from
+
+import bullet_tendon as bt
+
+
+@pytest.mark.parametrize(
+    ("options", "bodies"),
+    [
+        ({}, True),
+        ({"integrator": "bdf2"}, True),
+        ({"bone_contact": "constraint"}, False),
+        ({"linear_solver": "pcg"}, False),
+    ],
+)
+def test_a_restored_run_has_the_same_bits(client, options, bodies):
+    world, _ = build(client, bodies, **options)
+    world.step(20)
+    state, bullet = world.save_state(), p.saveState(client)
+    before = world.state_hash()
+    world.step(30)
+    first = world.state_hash()
+    disturb(world)
+    world.restore_state(state)
+    p.restoreState(bullet, physicsClientId=client)
+    assert world.state_hash() == before
+    world.step(30)
+    assert world.state_hash() == first
+
+
+def test_reading_out_changes_nothing(client):
+    world, tendons = build(client, bodies=True)
+    world.step(40)
+    before = world.state_hash()
+    for t in tendons:
+        assert np.isfinite(t.tension).all()
+        assert np.isfinite([t.energy, t.length, *t.strain]).all()
+    assert len(world.contacts)
+    assert world.state_hash() == before
+
+
+@pytest.mark.parametrize("bodies", [False, True])
+def test_a_snapshot_goes_on_with_the_same_bits_in_another_process(client, tmp_path, bodies):
+    world, _ = build(client, bodies)
+    world.step(20)
+    world.snapshot(tmp_path / "state.npz")
+    p.saveBullet(str(tmp_path / "state.bullet"), physicsClientId=client)
+    # pybullet itself goes on with other bits after a file: both runs start from it.
+    p.restoreState(fileName=str(tmp_path / "state.bullet"), physicsClientId=client)
+    world.step(50)
+    command = f"import state_scenes; print(state_scenes.run_from({str(tmp_path)!r}, {bodies}, 50))"
+    other = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, cwd="tests")
+    assert other.stdout.split()[-1:] == [world.state_hash()], other.stderr
+
+
+def test_restoring_in_the_same_process_from_a_snapshot(client):
+    world, _ = build(client, bodies=False)
+    world.step(20)
+    data = world.snapshot()
+    before = world.state_hash()
+    world.step(20)
+    world.load_snapshot(data)
+    assert world.state_hash() == before
+
+
+def test_holds_follow_a_restore(client):
+    world, (t, *_) = build(client, bodies=True)
+    t.grip(3, stiffness=200.0)
+    kept = t.grip(5, target=(0.1, 0.0, 0.2))
+    world.step(3)
+    state = world.save_state()
+    kept.target = (9.0, 9.0, 9.0)
+    kept.release()
+    later = t.grip(7)
+    t.shorten(0.01)
+    t.set_force(8, (0, 0, 1))
+    length = t.rest_length
+    world.restore_state(state)
+    assert later.released
+    assert not kept.released
+    assert kept in t.holds
+    np.testing.assert_array_equal(kept.target, (0.1, 0.0, 0.2))
+    assert t.rest_length == pytest.approx(length + 0.01)
+    t.grip(7)
+    kept.release()
+    world.step(3)
+
+
+def test_refused_where_the_world_is_made_of_other_parts(client):
+    world, (t, *_) = build(client, bodies=True)
+    state, data = world.save_state(), world.snapshot()
+    extra = world.add_tendon([[5, 0, 0], [6, 0, 0]], 0.01, bt.Material(stiffness=1e4), 5)
+    before = world.state_hash()
+    for restore in (lambda: world.restore_state(state), lambda: world.load_snapshot(data)):
+        with pytest.raises(bt.StateMismatch, match="tendons"):
+            restore()
+        assert world.state_hash() == before
+    world.remove_tendon(extra)
+    world.restore_state(state)
+    world.remove_tendon(t)
+    same_name = world.add_tendon([[5, 0, 0], [6, 0, 0]], 0.01, bt.Material(stiffness=1e4), 5, name=t.name)
+    with pytest.raises(bt.StateMismatch):
+        world.restore_state(state)
+    assert not same_name.removed
+
+
+def test_refused_where_a_body_is_gone(client):
+    world, (t, *_) = build(client, bodies=True)
+    hold = next(h for h in t.holds if isinstance(h, bt.Attachment))
+    state = world.save_state()
+    hold.release()
+    p.removeBody(hold.bodyUniqueId, client)
+    world.step()
+    with pytest.raises(bt.StateMismatch, match="still there"):
+        world.restore_state(state)
+    world.step()
+
+
+def test_states_are_known_by_their_ids(client):
+    world, _ = build(client, bodies=False)
+    state = world.save_state()
+    world.remove_state(state)
+    for call in (world.restore_state, world.remove_state):
+        with pytest.raises(bt.UnknownId):
+            call(state)
+        with pytest.raises(bt.InvalidType):
+            call("1")
+
+
+def _changed(data: bytes, **arrays) -> bytes:
+    with np.load(io.BytesIO(data)) as file:
+        content = {**dict(file), **arrays}
+    out = io.BytesIO()
+    np.savez(out, **{k: v for k, v in content.items() if v is not None})
+    return out.getvalue()
+
+
+def test_snapshots_are_checked_when_read(client, tmp_path):
+    world, _ = build(client, bodies=False)
+    world.step(5)
+    data = world.snapshot()
+    before = world.state_hash()
+    bad = {
+        "not a file": tmp_path / "missing.npz",
+        "empty": b"",
+        "no zip": b"PK nothing of the kind",
+        "cut off": data[: len(data) // 2],
+        "version": _changed(data, version=np.array(99)),
+        "without an array": _changed(data, core=None),
+        "of another shape": _changed(data, hold_numbers=np.zeros((3, 2))),
+        "of another kind": _changed(data, core=np.zeros(10)),
+        "damaged": _changed(data, core=np.zeros(10, np.uint8)),
+        "pickled": _changed(data, tendons=np.array([None], dtype=object)),
+    }
+    for what, source in bad.items():
+        with pytest.raises(bt.SnapshotError):
+            world.load_snapshot(source)
+        assert world.state_hash() == before, what
+    for source in (None, 3):
+        with pytest.raises(bt.InvalidType):
+            world.load_snapshot(source)
+        with pytest.raises(bt.InvalidType):
+            world.snapshot(source if source else 3)
+
+
+def test_run_from_is_what_the_other_process_runs():
+    assert callable(run_from)

@@ -1,0 +1,236 @@
+"""Gradient and Hessian of every energy term against central differences, at random states."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import bullet_tendon as bt
+from bullet_tendon import _core
+
+RANDOM = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SEEDS = st.integers(0, 2**32 - 1)
+BONE, BORE, MOUTH = 0, 1, 2
+EXACT = 1e-6  # relative
+REST, STIFFNESS = 0.02, 300.0
+LAWS = {
+    "linear": {},
+    "1.5": {"exponent": 1.5},
+    "square": {"exponent": 2.0},
+    "cube": {"exponent": 3.0},
+    "any": {"exponent": 2.3},
+    "toe": {"exponent": 2.0, "toe_strain": 0.05},
+    "tension only": {"exponent": 2.0, "tension_only": True},
+    "ligament": {"exponent": 2.0, "toe_strain": 0.05, "tension_only": True},
+    "linear, tension only": {"tension_only": True},
+}
+
+
+def slopes(function, x, step):
+    """Derivatives of a number or an array by the entries of x: Richardson's central differences."""
+    columns = []
+    for k in range(x.size):
+
+        def at(h, k=k):
+            moved = x.astype(float).ravel()
+            moved[k] += h
+            return np.asarray(function(moved.reshape(x.shape)))
+
+        coarse = (at(step) - at(-step)) / (2 * step)
+        fine = (at(step / 2) - at(-step / 2)) / step
+        columns.append((4 * fine - coarse) / 3)
+    return np.stack(columns, axis=-1)
+
+
+def agree(found, expected):
+    """Within EXACT of the largest entry."""
+    found = np.reshape(found, np.shape(expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=EXACT * np.abs(expected).max() + 1e-300)
+
+
+def chain(world, n, **material):
+    """n particles along x."""
+    law = {"stiffness": STIFFNESS, **material}
+    points = [[REST * k, 0, 0] for k in range(n)]
+    return world.add_tendon(points, 1e-3, bt.Material(**law))
+
+
+def crooked(random, n):
+    """A chain with strains of both signs, none of them near a corner of a law (0 or the toe)."""
+    strains = random.choice([-1, 1], n - 1) * random.uniform(0.08, 0.3, n - 1)
+    edges = random.standard_normal((n - 1, 3)) + [1.5, 0, 0]
+    edges *= (REST * (1 + strains) / np.linalg.norm(edges, axis=1))[:, None]
+    return np.vstack([np.zeros(3), np.cumsum(edges, axis=0)])
+
+
+def smooth(x, reach):
+    """Whether springs of this reach are away from the corners of the laws."""
+    strain = np.linalg.norm(x[reach:] - x[:-reach], axis=1) / (reach * REST) - 1
+    corners = np.abs(np.subtract.outer(np.abs(strain), [0.0, 0.05]))
+    return corners.min() > 1e-3
+
+
+@pytest.mark.parametrize("shear", [False, True])
+@pytest.mark.parametrize("law", LAWS)
+@RANDOM
+@given(seed=SEEDS)
+def test_springs(make_world, law, shear, seed):
+    random = np.random.default_rng(seed)
+    t = chain(make_world(), 4, shear_stiffness=0.2 * STIFFNESS, **LAWS[law])
+    x = crooked(random, 4)
+    while not smooth(x, 2):
+        x = crooked(random, 4)
+
+    def term(at):
+        return t._core.spring_term(t._slot, shear, at, at, 1.0)
+
+    _, gradient, matrix = term(x)
+    if np.abs(gradient).max() == 0:  # all compressed, and tension-only
+        assert np.abs(matrix).max() == 0
+        return
+    agree(gradient, slopes(lambda at: term(at)[0], x, 1e-6))
+    agree(matrix, slopes(lambda at: term(at)[1].ravel(), x, 1e-6))
+
+
+@pytest.mark.parametrize("form", ["axial", "whole"])
+@pytest.mark.parametrize("power", [1.0, 2.0, 1.5])
+@RANDOM
+@given(seed=SEEDS)
+def test_damping(make_world, form, power, seed):
+    """Its potential is C b l |r|^(q+1)/(q+1) a spring, with its strain rate or relative velocity / l."""
+    random = np.random.default_rng(seed)
+    damping, b = 3.0, 0.01
+    t = chain(make_world(), 4, damping=damping, damping_exponent=power, damping_form=form)
+    x = crooked(random, 4)
+    before = x + REST * random.uniform(0.02, 0.1, (4, 1)) * random.standard_normal((4, 3))
+    elastic = chain(make_world(), 4)
+    lengths = np.linalg.norm(np.diff(before, axis=0), axis=1)
+    rates = (np.linalg.norm(np.diff(x, axis=0), axis=1) - lengths) / (b * REST)
+    if np.abs(rates).min() < 0.05:  # a corner of |r|^q
+        return
+
+    def potential(at):
+        moved = np.diff(at - before, axis=0) / b
+        speed = np.linalg.norm(moved, axis=1)
+        if form == "axial":
+            speed = np.abs(np.linalg.norm(np.diff(at, axis=0), axis=1) - lengths) / b
+        return np.sum(damping * b * REST * (speed / REST) ** (power + 1) / (power + 1))
+
+    def term(at):
+        parts = zip(
+            t._core.spring_term(t._slot, False, at, before, b)[1:],
+            elastic._core.spring_term(elastic._slot, False, at, at, b)[1:],
+            strict=True,
+        )
+        return [both - alone for both, alone in parts]
+
+    gradient, matrix = term(x)
+    agree(gradient, slopes(potential, x, 1e-6))
+    agree(matrix, slopes(lambda at: term(at)[0].ravel(), x, 1e-6))
+
+
+@pytest.mark.parametrize("clamps", [(), (0,), (0, -1)])
+@RANDOM
+@given(seed=SEEDS)
+def test_bending(make_world, clamps, seed):
+    random = np.random.default_rng(seed)
+    t = chain(make_world(), 5, bending_stiffness=1e-3)
+    for end in clamps:
+        t.grip(end, direction=random.standard_normal(3) + [2, 0, 0])
+    x = crooked(random, 5)
+
+    def term(at):
+        return t._core.bending_term(t._slot, at)
+
+    _, gradient, matrix = term(x)
+    agree(gradient, slopes(lambda at: term(at)[0], x, 1e-6))
+    agree(matrix, slopes(lambda at: term(at)[1].ravel(), x, 1e-6))
+
+
+def unit(random):
+    vector = random.standard_normal(3)
+    return vector / np.linalg.norm(vector)
+
+
+def contact(random, kind, ring=0.005, offset=0.001):
+    """A row of a kind around a random axis, and a position that is `depth` inside what it keeps out [m]."""
+    axis, place = unit(random), random.standard_normal(3) * 0.1
+    out = unit(random)
+    out -= axis * (axis @ out)
+    out /= np.linalg.norm(out)
+    depth = random.uniform(1e-4, 8e-4)
+    normal = unit(random)
+    x = {
+        BONE: normal * (offset - depth) + np.cross(normal, unit(random)) * 0.01,
+        BORE: place + out * (ring + depth) + axis * 0.02,
+    }.get(kind)
+    if kind == MOUTH:
+        angle = random.uniform(0.2, 1.2)
+        x = (
+            place
+            + out * (ring - (offset - depth) * math.cos(angle))
+            + axis * (offset - depth) * math.sin(angle)
+        )
+    stiffness, carried = 1e4, 3.0
+
+    def row(at):
+        return _core.row_term(
+            kind, at, normal, offset, place, axis, ring, stiffness, carried, 0.0, 0.0, np.zeros(3)
+        )
+
+    return row, x, stiffness, carried, place, axis
+
+
+@pytest.mark.parametrize("kind", [BONE, BORE, MOUTH])
+@RANDOM
+@given(seed=SEEDS)
+def test_contacts(kind, seed):
+    """The potential is N^2/(2k). Of a mouth, the block leaves out N/d across the edge, which is negative."""
+    random = np.random.default_rng(seed)
+    row, x, stiffness, carried, place, axis = contact(random, kind)
+
+    def potential(at):
+        return max(0.0, carried - stiffness * row(at)[0]) ** 2 / (2 * stiffness)
+
+    _, normal, force, block, _ = row(x)
+    assert np.linalg.norm(force) > carried
+    agree(-np.array(force), slopes(potential, x, 1e-7))
+    hessian = -slopes(lambda at: row(at)[2], x, 1e-7)
+    if kind == MOUTH:
+        out = (x - place) - axis * (axis @ (x - place))
+        along = np.cross(np.cross(axis, out), normal)
+        along /= np.linalg.norm(along)
+        distance = row(x)[0] + 0.001
+        hessian += np.linalg.norm(force) / distance * np.outer(along, along)
+    agree(block, hessian)
+
+
+@pytest.mark.parametrize("slides", [False, True])
+@RANDOM
+@given(seed=SEEDS)
+def test_friction(slides, seed):
+    """Sticking it is a spring; sliding, its potential is the limit times the distance."""
+    random = np.random.default_rng(seed)
+    grip, limit = 50.0, 0.02
+    normal = unit(random)
+    stuck = np.cross(normal, unit(random))
+    stuck *= (10 if slides else 0.3) * limit / grip / np.linalg.norm(stuck)
+    x = normal * 5e-4
+    normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, 1e4, 3.0)
+
+    def row(at, grip=grip, limit=limit):
+        return _core.row_term(BONE, at, normal, *normal_only, grip, limit, stuck)
+
+    def pull(at):
+        return np.subtract(row(at)[2], row(at, 0.0, 0.0)[2])
+
+    def potential(at):
+        away = stuck + at - normal * (normal @ (stuck + at))
+        size = np.linalg.norm(away)
+        return limit * size if slides else 0.5 * grip * size**2
+
+    assert row(x)[4] == slides
+    agree(-pull(x), slopes(potential, x, 1e-7 if slides else 1e-6))
+    agree(row(x)[3] - row(x, 0.0, 0.0)[3], -slopes(pull, x, 1e-6))
