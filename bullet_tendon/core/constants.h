@@ -26,6 +26,11 @@ constexpr double kPushOut = 0.5;
 // iterations step over it. Smaller: a sticking tendon gives visibly.
 constexpr double kGripRatio = 1.0;
 
+// What the particle's inertia adds to that, in units of the inertia [-]. What is laid on a slope gathers
+// g dt before its contacts are stretched: with friction larger than its weight's pull by a share of less than
+// about 1 / this, it slips first. Larger: more iterations. Smaller: tendons that should lie creep first.
+constexpr double kLooseGripRatio = 300.0;
+
 // Both for methods that carry no multipliers, in units of all the stiffness that a particle has [-].
 // Larger: worse conditioned. Smaller: deeper contacts.
 constexpr double kSpringRatio = 10.0;
@@ -72,7 +77,7 @@ constexpr int kUnits = 8192;
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
 constexpr int kRounds = 8;
-constexpr double kFrictionAccuracy = 5e-3;
+constexpr double kFrictionAccuracy = 5e-4;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;

@@ -100,7 +100,9 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   const bool carries = can_carry(), chosen = options.contact_stiffness > 0;
   const double at_hand = stiffness_at(c, particle, !carries);
   row.stiffness = chosen ? options.contact_stiffness : (carries ? kContactRatio : kSpringRatio) * at_hand;
-  row.grip = (carries ? kGripRatio : kSpringGripRatio) * at_hand;
+  // A particle that lies loose is gripped before it gathers speed.
+  const double inertia = c.mass[particle] / (c.b * c.b);
+  row.grip = carries ? kGripRatio * at_hand + kLooseGripRatio * inertia : kSpringGripRatio * at_hand;
   row.radius = c.radius + (row.b.chain >= 0 ? slots_[row.b.chain]->radius : 0);
   row.stiffens = carries && !chosen;
   if (row.link >= 0 && links[row.link].yields) {
@@ -187,7 +189,11 @@ void World::bone_rows() {
                   segment      ? e.u
                   : f == first ? 0.0
                                : 1.0};
-        Vec3 point = to_world(pose, e.point), normal = pose.rotation * e.normal;
+        const Vec3 here = spot.of(slots_[c]->x), ahead = spot.of(slots_[c]->foreseen);
+        Vec3 point = e.point, normal = e.normal;
+        lean_ahead(caches_[c][s], f, to_local(pose, ahead - links[shape.link].drift(here, context_.dt)),
+                   point, normal);
+        point = to_world(pose, point), normal = pose.rotation * normal;
         uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
         Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
         row.direct = !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields;

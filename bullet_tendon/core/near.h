@@ -78,6 +78,10 @@ double share_to_go(double clearance, double radius, double motion);
 // The smallest of those shares, of all features that are near the shape.
 double room_of(const NearCache& cache, double radius);
 
+// Moves a plane along the surface (shape frame), as curved as the planes of the neighbouring features say, to
+// where the feature will be.
+void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Vec3& normal);
+
 // Motion of a particle within the step relative to a link, as foreseen [m].
 double motion_of(const Chain& chain, int particle, const Link& link, double dt);
 // How far a feature's end can come towards a body within the step [m].

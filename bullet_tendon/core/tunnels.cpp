@@ -100,8 +100,13 @@ double World::mouth_reach(int chain, int t, int k) const {
 
 void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3 centre, double radius) {
   const Chain& c = *slots_[chain];
+  const Link& link = links[tunnels[t].link];
+  const double dt = context_.dt;
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
-  const double u = nearest_to_circle(a, b, centre, bore.axis, radius);
+  // The point that is nearest at the end of the step: another one would have slid past the edge by then,
+  // which would push it on.
+  const double u = nearest_to_circle(c.foreseen.at(k) - link.drift(a, dt),
+                                     c.foreseen.at(k + 1) - link.drift(b, dt), centre, bore.axis, radius);
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment starts there
   const Vec3 x = (1 - u) * a + u * b;
   const Vec3 sideways = unit_or(without(x - centre, bore.axis), any_perpendicular(bore.axis));
@@ -109,10 +114,9 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   const Vec3 apart = x - edge;
   const double distance = norm(apart);
   if (distance > mouth_reach(chain, t, k)) return;
-  const Link& link = links[tunnels[t].link];
-  const double motion = std::max(motion_of(c, k, link, context_.dt), motion_of(c, k + 1, link, context_.dt));
+  const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
   room_ = std::min(room_, share_to_go(distance, c.radius + bore.chamfer, motion));
-  const double dt = context_.dt, za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
+  const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Row row;
   row.kind = ContactKind::mouth, row.link = tunnels[t].link;
   row.key = contact_key(row.kind, chain, k, 2 * t + mouth, 0);

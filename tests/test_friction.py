@@ -1,0 +1,86 @@
+"""Friction against exact results: the capstan equation, slopes, two weights over a cylinder."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from bullet_tendon.scenarios import atwood, capstan, curved_tunnel, incline, runner
+
+import bullet_tendon as bt
+
+QUARTER, HALF = np.pi / 2, np.pi
+
+
+def holds(module, monkeypatch, **changes):
+    """Run a scene with changed constants: all its own checks have to hold."""
+    for name, value in changes.items():
+        monkeypatch.setattr(module, name, value)
+    outcome = runner.run(module)
+    assert not outcome.cut and not outcome.failure
+    assert outcome.checks
+    assert outcome.failed == []
+    return outcome.scene
+
+
+def test_capstan(monkeypatch):
+    holds(capstan, monkeypatch, FRICTIONS=(0.05, 0.5), ANGLES=(QUARTER, 4 * HALF))
+
+
+def test_capstan_with_twice_the_particles(monkeypatch):
+    half = capstan.SEGMENT / 2
+    holds(capstan, monkeypatch, FRICTIONS=(0.05, 0.5), ANGLES=(HALF, 4 * HALF), SEGMENT=half, WITHIN=0.003)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("finer", "within"), [(1, 0.01), (2, 0.003)])
+def test_capstan_at_every_coefficient_and_angle(monkeypatch, finer, within):
+    changes = {"SEGMENT": capstan.SEGMENT / finer, "WITHIN": within}
+    angles = np.arange(1, 9) * QUARTER
+    holds(capstan, monkeypatch, FRICTIONS=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5), ANGLES=angles, **changes)
+
+
+def test_drawing_faster_does_not_brake(monkeypatch):
+    """Planes that stay where the step begins would brake by (way in a step) / R, here 2 % a radian."""
+    changes = {"SPEED": 0.16, "TRAVEL": 0.03, "LEG": 0.04, "START": 0.05}
+    holds(capstan, monkeypatch, FRICTIONS=(0.0001, 0.2), ANGLES=(QUARTER, HALF), **changes)
+
+
+def test_curved_tunnel(monkeypatch):
+    holds(curved_tunnel, monkeypatch, FRICTIONS=(0.05, 0.5), ANGLES=(QUARTER, HALF))
+
+
+@pytest.mark.slow
+def test_curved_tunnels_of_every_coefficient_and_angle(monkeypatch):
+    angles = np.arange(1, 4) * QUARTER
+    holds(curved_tunnel, monkeypatch, FRICTIONS=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5), ANGLES=angles)
+
+
+def test_a_slope_just_less_steep_than_friction_holds_and_one_just_steeper_slides(monkeypatch):
+    holds(incline, monkeypatch, STEPS=2000)
+
+
+@pytest.mark.slow
+def test_a_slope_holds_for_all_steps(monkeypatch):
+    holds(incline, monkeypatch)
+
+
+def test_two_weights_over_a_cylinder(monkeypatch):
+    holds(atwood, monkeypatch)
+
+
+def test_sliding_contacts_are_at_their_limits(make_world, client):
+    """Drawn over a cylinder: every contact's friction is mu N."""
+    world = make_world()
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=0.03, height=0.2, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, physicsClientId=client), friction=1.0)
+    turned = np.radians(np.arange(0, 181, 5))
+    arc = np.c_[0.032 * np.cos(turned), 0.032 * np.sin(turned), 0 * turned]
+    points = np.vstack([[0.032, -0.03, 0], arc, [-0.032, -0.03, 0]])
+    t = world.add_tendon(points, 0.002, bt.Material(stiffness=3e4, damping=3.0, friction=0.3), 61)
+    hand = t.grip(-1)
+    t.set_force(0, (0, -5.0, 0))
+    for _ in range(120):
+        hand.target = hand.target + (0, -1e-4, 0)
+        world.step()
+    c = world.contacts[world.contacts["normal_force"] > 1e-3]
+    assert len(c) > 20
+    np.testing.assert_allclose(c["friction_force"], 0.3 * c["normal_force"], rtol=2e-3)
