@@ -126,15 +126,12 @@ void World::recall(Row& row) {
                                 [](const ContactMemory& m, uint64_t key) { return m.key < key; });
   if (found == memory_.end() || found->key != row.key) return;
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-  // Impacts are impulses: in a longer step they are smaller forces. Springs keep their force.
-  const double dt = context_.dt, share = std::min(1.0, found->dt / dt);
-  const double stretch = found->dt == dt ? 1 : found->grip / row.grip;
-  row.stuck = stretch * without(turn * found->stuck, row.normal);
-  row.before = share * found->carried;
+  row.stuck = without(turn * found->stuck, row.normal);
+  row.before = found->carried;
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
   const bool carries =
       can_carry() && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
-  row.carried = carries ? share * found->confirmed : 0;
+  row.carried = carries ? found->confirmed : 0;
   row.multiplier = row.before;
   row.last_mean = found->mean_force;
   row.limit = row.friction * row.before;
@@ -153,10 +150,8 @@ void World::remember() {
     if (row.b.chain >= 0) slots_[row.b.chain]->touched = true;
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-    ContactMemory m{row.key, row.normal_force, std::min(row.normal_force, row.before)};
-    m.grip = row.grip, m.dt = context_.dt, m.sliding = row.sliding, m.mean_force = row.mean_force;
-    m.stuck = transposed_times(turn, row.displacement);
-    memory_.push_back(m);
+    memory_.push_back({row.key, row.normal_force, std::min(row.normal_force, row.before), row.sliding,
+                       row.mean_force, transposed_times(turn, row.displacement)});
   }
   std::sort(memory_.begin(), memory_.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });

@@ -11,8 +11,9 @@
 //
 // With N_0 = 0 it is the paper's spring. With N_0 carried (N_0 <- N after every step) a resting
 // contact has no depth, whatever its load; k only sets how fast that is reached. Carried is what two steps
-// agree on: the force of an impact, repeated by the next step, would push off what it has stopped. Where depth is left by
-// the end of a step, N_0 <- N, k grows and the step is solved on (augmented Lagrangian, Hestenes 1969).
+// agree on: the force of an impact, repeated by the next step, would push off what it has stopped. Where
+// depth is left by the end of a step, N_0 <- N, k grows and the step is solved on (augmented Lagrangian,
+// Hestenes 1969).
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -95,8 +96,6 @@ struct ContactMemory {
   uint64_t key = 0;
   double carried = 0;    // N [N]
   double confirmed = 0;  // the least of the last two [N]
-  double grip = 0;       // k_t [N/m]
-  double dt = 0;         // of the step [s]
   bool sliding = false;
   Vec3 mean_force;
   Vec3 stuck;  // in the link's frame, or the world's for two tendons

@@ -235,22 +235,23 @@ void fields(A& a, Entry& entry) {
 
 template <class A>
 void fields(A& a, ContactMemory& memory) {
-  auto& [key, carried, confirmed, grip, dt, sliding, mean_force, stuck] = memory;
-  a(key, carried, confirmed, grip, dt, sliding, mean_force, stuck);
+  auto& [key, carried, confirmed, sliding, mean_force, stuck] = memory;
+  a(key, carried, confirmed, sliding, mean_force, stuck);
 }
 
 // Rows are of the last step, and only read out after it.
 template <class A>
 void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, normal, offset, allowed, beyond, axis_point, axis, ring, through,
-         radius, stiffness, yield, stiffens, grip, carried, before, multiplier, friction, stuck, reference, limit,
-         direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, gap, normal_force,
-         raw, displacement, tangent_force, total_force, linear_force, last_mean, mean_force, block] = row;
+         radius, stiffness, yield, stiffens, grip, carried, before, multiplier, friction, stuck, reference,
+         limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, gap,
+         normal_force, raw, displacement, tangent_force, total_force, linear_force, last_mean, mean_force,
+         block] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
   a.scratch(offset, allowed, axis_point, axis, ring, through, radius, stiffness, yield, stiffens, grip,
-            carried, before, multiplier, friction, stuck, reference, limit, direct, held, joins, pressed, sliding,
-            kept_multiplier, kept_sliding, changes, raw, displacement, total_force, linear_force, last_mean,
-            mean_force, block);
+            carried, before, multiplier, friction, stuck, reference, limit, direct, held, joins, pressed,
+            sliding, kept_multiplier, kept_sliding, changes, raw, displacement, total_force, linear_force,
+            last_mean, mean_force, block);
 }
 
 template <class A>

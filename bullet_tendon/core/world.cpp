@@ -17,7 +17,6 @@ bool same_build(const Chain& a, const Chain& b) {
 
 }  // namespace
 
-
 int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
   if (slot == static_cast<int>(chains.size())) chains.emplace_back();
