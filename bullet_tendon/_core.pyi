@@ -25,8 +25,20 @@ def row_term(
     grip: float,
     limit: float,
     stuck: ArrayLike,
+    definite: bool,
     /,
 ) -> tuple[float, _Vector, _Vector, _Floats, bool]: ...
+def edge_term(
+    start: ArrayLike,
+    end: ArrayLike,
+    offset: float,
+    centre: ArrayLike,
+    axis: ArrayLike,
+    ring: float,
+    stiffness: float,
+    carried: float,
+    /,
+) -> tuple[float, _Vector, _Vector, _Floats]: ...
 
 class World:
     def __init__(self) -> None: ...

@@ -13,6 +13,7 @@ from .errors import InvalidValue, UnknownId
 from .identity import Marks
 
 _FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
+_TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 _WIDTH = 59  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36, falls 1
 
 
@@ -141,10 +142,13 @@ class Bodies:
         """Whether anything can hold a link: a joint, a contact or a constraint."""
         body, link = self.links[slot]
         return bool(
-            p.getNumConstraints(self.client)
-            or p.getContactPoints(bodyA=body, physicsClientId=self.client)
-            or _movable_joints(body, self.client)
+            p.getNumConstraints(self.client) or self._is_touched(body) or _movable_joints(body, self.client)
         )
+
+    def _is_touched(self, body) -> bool:
+        """Whether another body touches it. pybullet's restoreState leaves contacts of later times behind."""
+        others = {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=self.client)}
+        return any(p.getClosestPoints(body, o, _TOUCHING, physicsClientId=self.client) for o in others)
 
     def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

@@ -175,9 +175,9 @@ def contact(random, kind, ring=0.005, offset=0.001):
         )
     stiffness, carried = 1e4, 3.0
 
-    def row(at):
+    def row(at, definite=False):
         return _core.row_term(
-            kind, at, normal, offset, place, axis, ring, stiffness, carried, 0.0, 0.0, np.zeros(3)
+            kind, at, normal, offset, place, axis, ring, stiffness, carried, 0.0, 0.0, np.zeros(3), definite
         )
 
     return row, x, stiffness, carried, place, axis
@@ -187,7 +187,7 @@ def contact(random, kind, ring=0.005, offset=0.001):
 @RANDOM
 @given(seed=SEEDS)
 def test_contacts(kind, seed):
-    """The potential is N^2/(2k). Of a mouth, the block leaves out N/d across the edge, which is negative."""
+    """The potential is N^2/(2k). What is definite leaves out N/d across a mouth's edge, which is negative."""
     random = np.random.default_rng(seed)
     row, x, stiffness, carried, place, axis = contact(random, kind)
 
@@ -198,13 +198,40 @@ def test_contacts(kind, seed):
     assert np.linalg.norm(force) > carried
     agree(-np.array(force), slopes(potential, x, 1e-7))
     hessian = -slopes(lambda at: row(at)[2], x, 1e-7)
+    agree(block, hessian)
     if kind == MOUTH:
         out = (x - place) - axis * (axis @ (x - place))
         along = np.cross(np.cross(axis, out), normal)
         along /= np.linalg.norm(along)
         distance = row(x)[0] + 0.001
         hessian += np.linalg.norm(force) / distance * np.outer(along, along)
-    agree(block, hessian)
+    agree(row(x, definite=True)[3], hessian)
+
+
+@RANDOM
+@given(seed=SEEDS)
+def test_edges(seed):
+    """A segment across the edge of a mouth: its nearest point goes with it."""
+    random = np.random.default_rng(seed)
+    _, x, stiffness, carried, place, axis = contact(random, MOUTH)
+    out = (x - place) - axis * (axis @ (x - place))
+    out /= np.linalg.norm(out)
+    normal = x - place - 0.005 * out
+    around = np.cross(axis, out)
+    across = np.cross(normal / np.linalg.norm(normal), around)
+    along = across + random.uniform(-0.5, 0.5) * around
+    ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
+
+    def edge(at):
+        return _core.edge_term(at[:3], at[3:], 0.001, place, axis, 0.005, stiffness, carried)
+
+    def potential(at):
+        return max(0.0, carried - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
+
+    force = np.concatenate(edge(ends)[1:3])
+    assert np.linalg.norm(force) > 0
+    agree(-force, slopes(potential, ends, 1e-7))
+    agree(edge(ends)[3], -slopes(lambda at: np.concatenate(edge(at)[1:3]), ends, 1e-7))
 
 
 @pytest.mark.parametrize("slides", [False, True])
@@ -221,7 +248,7 @@ def test_friction(slides, seed):
     normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, 1e4, 3.0)
 
     def row(at, grip=grip, limit=limit):
-        return _core.row_term(BONE, at, normal, *normal_only, grip, limit, stuck)
+        return _core.row_term(BONE, at, normal, *normal_only, grip, limit, stuck, True)
 
     def pull(at):
         return np.subtract(row(at)[2], row(at, 0.0, 0.0)[2])

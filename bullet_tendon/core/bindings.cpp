@@ -158,18 +158,41 @@ py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, cons
 // A contact row at a position, as the position has it.
 py::tuple row_term(int kind, const Array& relative, const Array& normal, double offset, const Array& point,
                    const Array& axis, double ring, double stiffness, double carried, double grip,
-                   double limit, const Array& stuck) {
+                   double limit, const Array& stuck, bool definite) {
   Row row;
   row.kind = static_cast<ContactKind>(kind);
   row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
   row.ring = ring, row.stiffness = stiffness, row.carried = carried;
   row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.grip = grip, row.stuck = vec(stuck);
-  row.evaluate(vec(relative), true);
+  row.evaluate(vec(relative), true, definite);
   const Sym3& b = row.block;
   Array block({3, 3});
   const double full[9] = {b.xx, b.xy, b.xz, b.xy, b.yy, b.yz, b.xz, b.yz, b.zz};
   std::copy(full, full + 9, block.mutable_data());
   return py::make_tuple(row.gap, tuple(row.normal), tuple(row.total_force), block, row.sliding);
+}
+
+// A segment against the edge of a mouth, its point followed: gap, forces on its ends, and all of its block.
+py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
+                    const Array& axis, double ring, double stiffness, double carried) {
+  Row row;
+  row.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
+  row.offset = offset, row.axis_point = vec(centre), row.axis = vec(axis), row.ring = ring;
+  row.stiffness = stiffness, row.carried = carried;
+  const Vec3 a = vec(start), b = vec(end);
+  for (int i = 0; i < 50; ++i) row.follow(a, b);
+  row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
+  row.add_lever(a, b, false);
+  const Sym3& s = row.block;
+  const double block[9] = {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz};
+  const Vec3 la = row.lever_a, lb = row.lever_b;
+  const double lever[6] = {la.x, la.y, la.z, lb.x, lb.y, lb.z}, weight[2] = {row.a.w0, row.a.w1};
+  Array full({6, 6});
+  for (int i = 0; i < 6; ++i)
+    for (int j = 0; j < 6; ++j)
+      full.mutable_at(i, j) =
+          weight[i / 3] * weight[j / 3] * block[3 * (i % 3) + j % 3] + row.lever_share * lever[i] * lever[j];
+  return py::make_tuple(row.gap, tuple(row.a.w0 * row.total_force), tuple(row.a.w1 * row.total_force), full);
 }
 
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
@@ -194,6 +217,7 @@ PYBIND11_MODULE(_core, m) {
   using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
   m.def("row_term", &row_term);
+  m.def("edge_term", &edge_term);
   py::class_<World>(m, "World")
       .def(py::init<>())
       .def("set_options", &set_options)

@@ -13,13 +13,20 @@ constexpr double kDegenerateLength = 1e-9;
 // Smaller: more rounds of stiffening after impacts.
 constexpr double kContactRatio = 30.0;
 
-// Depth, in radii, from which a contact is stiffened within the step, and by how much [-].
+// Depth, in radii, from which a contact is stiffened within the step, by how much, and until when [-].
+// Stiffer: what the sliding of a segment over an edge presses in becomes a wild force.
 constexpr double kDepth = 5e-4;
 constexpr double kStiffening = 10.0;
+constexpr double kMostStiffening = 50.0;
 
 // Depth that a step pushes out at most, in radii [-]. Depth over the step's length is a velocity, which
 // stays: larger, and a tendon that was put into a bone is shot out of it. Smaller: it takes longer.
 constexpr double kPushOut = 0.5;
+
+// Residual over the forces at hand under which the curvature of a mouth's edge, which may make the matrix
+// indefinite, is believed [-]. Larger: wild normal forces throw iterations off. Smaller: what slides over an
+// edge takes more of them.
+constexpr double kNear = 3e-2;
 
 // Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
 // slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
@@ -133,6 +140,10 @@ constexpr double kNoBulge = 1e-5;
 
 // Leaves of eight segments up to which a stretch is looked at for being straight [-].
 constexpr int kFarthestLeaf = 64;
+
+// Steps of the search for a segment's nearest point to an edge, an iteration [-]; it goes on from the last
+// one.
+constexpr int kFollowing = 4;
 
 // Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
 // What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:

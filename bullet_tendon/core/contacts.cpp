@@ -104,7 +104,6 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   const double inertia = c.mass[particle] / (c.b * c.b);
   row.grip = carries ? kGripRatio * at_hand + kLooseGripRatio * inertia : kSpringGripRatio * at_hand;
   row.radius = c.radius + (row.b.chain >= 0 ? slots_[row.b.chain]->radius : 0);
-  row.stiffens = carries && !chosen;
   if (row.link >= 0 && links[row.link].yields) {
     const Link& link = links[row.link];
     const Vec3 at = row.a.of(c.x);
@@ -113,6 +112,7 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
     row.stiffness /= 1 + row.stiffness * row.yield;
     row.grip /= 1 + row.grip * row.yield;
   }
+  row.softest = carries && !chosen ? row.stiffness : 0;
   row.allowed = depth_to_leave(row, kPushOut * c.radius);
   recall(row);
 }

@@ -1,8 +1,9 @@
 // Contacts whose nearest points have moved along within a step.
+#include <algorithm>
+
 #include "constants.h"
 #include "pairs.h"
 #include "stepping.h"
-#include "tunnel.h"
 
 namespace bt {
 
@@ -25,35 +26,33 @@ bool moved_pair(const Group& group, const Row& row, Row& more) {
   return true;
 }
 
-// The same of a segment and the edge of a mouth.
-bool moved_mouth(const Group& group, const Row& row, Row& more) {
-  const Chain& c = group.at(row.a);
-  const int k = row.a.first;
-  double u = nearest_to_circle(c.next.at(k), c.next.at(k + 1), row.axis_point, row.axis, row.ring);
-  more.a.w0 = 1 - u, more.a.w1 = u;
-  if (std::fabs(u - row.a.w1) < kNearlySame) return false;
-  more.evaluate(more.a.of(c.next), true);
-  if (more.gap >= -kPairDepth * row.offset) return false;
-  more.reference = more.a.of(c.split ? c.start_x : c.x);
-  return true;
+constexpr uint64_t kExtra = 1ull << 63;
+
+bool same_place(const Row& a, const Row& b) {
+  return ((a.key ^ b.key) & ~kExtra) == 0 && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
+         std::fabs(a.b.w1 - b.b.w1) < kNearlySame;
 }
 
 }  // namespace
 
 bool add_missed(Group& group) {
   const size_t known = group.rows.size();
+  bool any = false;
   for (size_t r = 0; r < known && group.extra.size() < group.extra.capacity(); ++r) {
-    const Row& row = *group.rows[r];
+    Row& row = *group.rows[r];
+    if (row.b.chain < 0) continue;
     Row more = row;
     more.carried = more.multiplier = more.limit = 0, more.stuck = {}, more.sliding = false;
-    bool missed = row.b.chain >= 0 ? moved_pair(group, row, more)
-                                   : row.kind == ContactKind::mouth && moved_mouth(group, row, more);
-    if (!missed || overruled(more, group.at(more.a))) continue;
-    more.key |= 1ull << 63;
+    if (row.softest > 0) more.stiffness = row.softest;
+    if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
+    auto there = [&](const Row* other) { return same_place(*other, more); };
+    if (std::any_of(group.rows.begin(), group.rows.end(), there)) continue;
+    more.key |= kExtra;
     group.extra.push_back(more);
     group.rows.push_back(&group.extra.back());
+    any = true;
   }
-  return group.rows.size() > known;
+  return any;
 }
 
 }  // namespace bt

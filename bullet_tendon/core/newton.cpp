@@ -55,11 +55,12 @@ bool update_direct(Group& group, Row& row) {
 }
 
 // True residual of the group at chain.next; what holds supply is still in it.
-Assembly residual_of(Group& group, bool at_position) {
+Assembly residual_of(Group& group, bool at_position, bool definite) {
   Assembly a;
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
-    row->evaluate(relative_position(group, *row, &Chain::next), at_position);
+    if (row->kind == ContactKind::mouth) follow_edge(group, *row);
+    row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
     if (row->normal_force <= 0 && !row->held) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
@@ -69,7 +70,8 @@ Assembly residual_of(Group& group, bool at_position) {
 }
 
 // The matrix, and the residual of the linearisation in place of the true one.
-void assemble(Group& group, Linearisation how, bool definite) {
+// definite_rows: the rows' blocks alone.
+void assemble(Group& group, Linearisation how, bool definite, bool definite_rows) {
   for (Chain* c : group.chains) {
     const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
@@ -87,6 +89,7 @@ void assemble(Group& group, Linearisation how, bool definite) {
   for (Row* row : group.rows)
     if (row->pressed || row->held) {
       add_row_block(group, *row);
+      if (row->kind == ContactKind::mouth) add_lever_block(group, *row, definite_rows);
       add_row_linearisation(group, *row);
     }
   project_holds(group, &Chain::residual);
@@ -165,7 +168,7 @@ void line_search(Group& group) {
   for (int trial = 0; trial < 24; ++trial) {
     advance(group, alpha - at);
     at = alpha;
-    Assembly a = residual_of(group, true);
+    Assembly a = residual_of(group, true, true);
     measure_residual(group, a);
     double slope = slope_along(group);
     bool finite = std::isfinite(slope);
@@ -236,13 +239,13 @@ void restart_from_now(Group& group) {
 
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
-  bool safe = false;
+  bool safe = false, far = true;
   int used = 0, round = 0;
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
   for (int iteration = 0;; ++iteration) {
-    Assembly a = residual_of(group, safe);
+    Assembly a = residual_of(group, safe, safe || far);
     bool changed = false;
     for (Row* row : group.rows)
       if (row->direct) changed |= update_direct(group, *row);
@@ -252,12 +255,13 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     // Within a few roundings, what does not shrink any more is rounding.
     const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
     last_residual = a.residual;
+    far = !(a.residual <= kNear * a.scale);
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
     if (group.converged) {
       if (round >= kRounds) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);
-      const bool deep = stiffen(group);
       const bool missed = add_missed(group);
+      const bool deep = stiffen(group);
       if (!slid && !deep && !missed) break;
       ++round, progress = fresh_progress(group);
       continue;
@@ -271,10 +275,10 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     }
     // As exact as this iteration can make use of.
     group.linear_tolerance = std::min(kLoosest, 0.05 * o.tolerance * a.scale / a.residual);
-    assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe);
+    assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe, safe || far);
     if (!solve_linear(group, context)) {  // indefinite: once more, with compression cut off
-      residual_of(group, safe);
-      assemble(group, safe ? Linearisation::position : Linearisation::multiplier, true);
+      residual_of(group, safe, true);
+      assemble(group, safe ? Linearisation::position : Linearisation::multiplier, true, true);
       solve_linear(group, context);
     }
     if (safe) {

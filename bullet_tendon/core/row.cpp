@@ -1,5 +1,7 @@
 #include "row.h"
 
+#include <limits>
+
 #include "constants.h"
 
 namespace bt {
@@ -15,30 +17,16 @@ void bore_gap(Row& row, Vec3 x, double& curvature, Vec3& around) {
   around = cross(row.axis, row.normal);
 }
 
-// The same against the circle of a mouth: d = sqrt((R - rho)^2 + z^2). Moving around the axis
-// by s brings the point nearer to the circle by (R - rho)/(d rho) s^2/2.
-void mouth_gap(Row& row, Vec3 x, double& curvature, Vec3& around) {
-  Vec3 from = x - row.axis_point, radial = without(from, row.axis);
-  double rho = norm(radial), z = dot(from, row.axis), inward = row.ring - rho;
-  Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(row.axis);
-  double d = std::sqrt(inward * inward + z * z);
-  // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
-  double sign = row.through && inward < 0 ? -1 : 1;
-  row.gap = sign * d - row.offset;
-  if (d > 0) row.normal = (sign / d) * (z * row.axis - inward * out);
-  if (d > 0 && rho > 0 && inward > 0) curvature = inward / (d * rho);
-  around = cross(row.axis, out);
-}
-
 }  // namespace
 
-void Row::evaluate(Vec3 relative, bool at_position) {
-  double curvature = 0;  // by which moving around the axis brings the point nearer [1/m]
+void Row::evaluate(Vec3 relative, bool at_position, bool definite) {
+  // By which moving around the axis, and across a mouth's edge, brings the point nearer [1/m].
+  double curvature = 0, across_edge = 0;
   Vec3 around;
   if (kind == ContactKind::bore)
     bore_gap(*this, relative, curvature, around);
   else if (kind == ContactKind::mouth)
-    mouth_gap(*this, relative, curvature, around);
+    mouth_gap(relative, curvature, around, across_edge);
   else
     gap = dot(normal, relative) - offset;
   gap -= allowed;
@@ -51,9 +39,13 @@ void Row::evaluate(Vec3 relative, bool at_position) {
   tangent_force = {};
   block = {};
   if (pressed) block = stiffness * outer(normal);
-  if (curvature > 0 && pressed) block += (multiplier * curvature) * outer(around);
+  if (pressed) {
+    const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
+    block += (multiplier * std::max(curvature, least)) * outer(around);
+    block += (multiplier * std::max(across_edge, least)) * outer(cross(around, normal));
+  }
   if (friction <= 0 || (direct && !held)) return;
-  raw = without(stuck + relative - reference, normal);
+  raw = without(stuck + relative - slid - reference, normal);
   if (at_position) sliding = grip * norm(raw) > limit;
   if (limit <= 0) {
     displacement = {};
@@ -74,11 +66,12 @@ void Row::evaluate(Vec3 relative, bool at_position) {
 }
 
 bool Row::stiffen() {
-  if (!stiffens || direct || normal_force <= 0 || -(gap + yield * normal_force) <= kDepth * radius)
-    return false;
+  if (softest == 0 || direct || normal_force <= 0) return false;
+  if (-(gap + yield * normal_force) <= kDepth * radius) return false;
+  if (yield == 0) carried = normal_force;
+  if (stiffness >= kMostStiffening * softest) return yield == 0;
   const double unsoftened = stiffness / (1 - std::min(stiffness * yield, 1 - 1e-6));
   stiffness = kStiffening * unsoftened / (1 + kStiffening * unsoftened * yield);
-  if (yield == 0) carried = normal_force;
   return true;
 }
 

@@ -51,13 +51,14 @@ struct Row {
   double radius = 0;           // of the tendon, or both [m]
   double stiffness = 0;        // k, softened by the link's yielding [N/m]
   double yield = 0;            // of the link within the step, to a force along n [m/N]
-  bool stiffens = false;       // k is not the user's, and grows where depth remains
+  double softest = 0;          // k to begin with; 0: it is the user's, and does not grow where depth remains
   double grip = 0;             // k_t, of sticking [N/m]
   double carried = 0;          // N_0 [N]
   double before = 0;           // N of the step before [N]
   double multiplier = 0;       // N as foreseen, in the curvature [N]
   double friction = 0;         // mu
   Vec3 stuck, reference;       // xi, ref
+  double stuck_at = 0;         // of a mouth row: the point of the segment that ref is of
   double limit = 0;            // mu N that friction is limited to [N]
   bool direct = false;         // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;           // a direct row that holds now
@@ -75,11 +76,20 @@ struct Row {
   Vec3 linear_force;                // of the linearisation; total_force where that is at the present state
   Vec3 last_mean;                   // mean_force of the step before
   Vec3 mean_force;                  // total_force, averaged over the parts of a split step
-  Sym3 block;                       // derivative, positive semidefinite
+  Vec3 slid;                        // from that point to the one that touches now
+  Sym3 block;                       // derivative
+  // Besides, of a mouth row that touches inside its segment: share (l_a, l_b)(l_a, l_b)^T on both particles.
+  Vec3 lever_a, lever_b;
+  double lever_share = 0;
 
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
-  // block's curvature, are as foreseen, or (at_position) as the position has them.
-  void evaluate(Vec3 relative, bool at_position);
+  // block's curvature, are as foreseen, or (at_position) as the position has them. definite: the block
+  // without what would make it indefinite, like the edge of a mouth that pushes what slides over it.
+  void evaluate(Vec3 relative, bool at_position, bool definite = true);
+  // Of a mouth row: the point of the segment that is nearest to the edge, from the last one.
+  void follow(Vec3 start, Vec3 end);
+  // What that point's motion along the segment adds to the block (see edge.cpp), after evaluate.
+  void add_lever(Vec3 start, Vec3 end, bool definite);
   // k too small: the multiplier takes over the force that there is, and k grows. false: depth is small.
   bool stiffen();
   // The normal force, and whether the contact slides, in the next iteration, from the relative
@@ -87,6 +97,8 @@ struct Row {
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
   void foresee(Vec3 moved);
+  // Gap and normal against the circle of a mouth, and its curvatures (see edge.cpp).
+  void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   // z at the end of a step whose forces were taken at its start.
   void settle(Vec3 relative);
 };

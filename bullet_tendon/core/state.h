@@ -243,15 +243,15 @@ void fields(A& a, ContactMemory& memory) {
 template <class A>
 void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, normal, offset, allowed, beyond, axis_point, axis, ring, through,
-         radius, stiffness, yield, stiffens, grip, carried, before, multiplier, friction, stuck, reference,
-         limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, gap,
+         radius, stiffness, yield, softest, grip, carried, before, multiplier, friction, stuck, reference,
+         stuck_at, limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, gap,
          normal_force, raw, displacement, tangent_force, total_force, linear_force, last_mean, mean_force,
-         block] = row;
+         slid, block, lever_a, lever_b, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
-  a.scratch(offset, allowed, axis_point, axis, ring, through, radius, stiffness, yield, stiffens, grip,
-            carried, before, multiplier, friction, stuck, reference, limit, direct, held, joins, pressed,
-            sliding, kept_multiplier, kept_sliding, changes, raw, displacement, total_force, linear_force,
-            last_mean, mean_force, block);
+  a.scratch(offset, allowed, axis_point, axis, ring, through, radius, stiffness, yield, softest, grip,
+            carried, before, multiplier, friction, stuck, reference, stuck_at, limit, direct, held, joins,
+            pressed, sliding, kept_multiplier, kept_sliding, changes, raw, displacement, total_force,
+            linear_force, last_mean, mean_force, slid, block, lever_a, lever_b, lever_share);
 }
 
 template <class A>

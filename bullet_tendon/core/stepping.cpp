@@ -153,6 +153,21 @@ void add_row_block(Group& group, const Row& row) {
   if (row.b.chain >= 0) add_spot_block(group.at(row.b), row.b, row.block);
 }
 
+void follow_edge(Group& group, Row& row) {
+  const Field& x = group.at(row.a).next;
+  row.follow(x.at(row.a.first), x.at(row.a.first + 1));
+}
+
+void add_lever_block(Group& group, Row& row, bool definite) {
+  Chain& c = group.at(row.a);
+  const int i = row.a.first;
+  row.add_lever(c.next.at(i), c.next.at(i + 1), definite);
+  if (row.lever_share == 0) return;
+  c.matrix.add(i, row.lever_share * outer(row.lever_a));
+  c.matrix.add(i + 1, row.lever_share * outer(row.lever_b));
+  c.matrix.add_below(i, row.lever_share, row.lever_b, row.lever_a);
+}
+
 void add_soft_holds(Chain& c, const Field& x, bool matrix) {
   for (Hold& h : c.holds) {
     if (h.rigid) continue;

@@ -120,7 +120,7 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   Row row;
   row.kind = ContactKind::mouth, row.link = tunnels[t].link;
   row.key = contact_key(row.kind, chain, k, 2 * t + mouth, 0);
-  row.a = {chain, k, 1 - u, u};
+  row.a = {chain, k, 1 - u, u}, row.stuck_at = u;
   row.axis_point = centre + link.drift(centre, dt);
   row.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
   row.ring = radius, row.beyond = options.contact_threshold;
