@@ -116,10 +116,12 @@ constexpr double kUsual = 0.02;
 // it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
 constexpr double kReleased = 0.2;
 
-// Share of a wrench by which it has to change for something to be learned of its change, share of the free
+// Share of a wrench by which it has to change for something to be learned of its change, the same for the link
+// to be thought to yield more than before, share of the free
 // answer to the change by which the link has to miss what was foreseen, and least cosine between both for
 // the one to explain the other [-].
 constexpr double kLeastNews = 1e-3;
+constexpr double kYieldNews = 0.1;
 constexpr double kLeastMiss = 0.1;
 constexpr double kLeastCosine = 0.1;
 

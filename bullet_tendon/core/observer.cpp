@@ -138,13 +138,16 @@ void Observer::learn(const Sample& now) {
   const Six d_wrench = now.wrench - last_.wrench, d_seen = now.acceleration - last_.acceleration;
   const Six d_free = free_ * d_wrench;
   const double news = size2(d_free, free_);
-  if (news <= kLeastNews * kLeastNews * size2(free_ * now.wrench, free_)) return;
+  const double whole = size2(free_ * now.wrench, free_);
+  if (news <= kLeastNews * kLeastNews * whole) return;
   if (size2(d_seen - effective_ * d_wrench, free_) <= kLeastMiss * kLeastMiss * news) return;
   const Six6 root = root_of(free_);
   const Six s = root * d_wrench, e = inverse_root_of(free_) * d_seen - share_ * s;
   const double es = dot(e, s);
   // What the change of the wrench does not explain, something else did.
   if (es * es <= kLeastCosine * kLeastCosine * dot(e, e) * dot(s, s)) return;
+  // What is moved by hand changes its motion whatever the wrench does, by little from step to step.
+  if (es > 0 && news <= kYieldNews * kYieldNews * whole) return;
   for (int i = 0; i < 6; ++i)
     for (int j = 0; j < 6; ++j) share_.m[i][j] += e.v[i] * e.v[j] / es;
   share_ = spectral(share_, [](double value, double) { return std::min(1.0, std::max(0.0, value)); });

@@ -132,9 +132,7 @@ def test_memory_does_not_grow(client):
     assert _resident() - memory < 1e6
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="in a bending knee steps of the graft do not converge")
-@pytest.mark.parametrize("cycles", [3, 4167])
+@pytest.mark.parametrize("cycles", [6, slow(4167)])
 def test_soak(client, cycles):
     """Memory after the warm-up, drift of the graft from cycle to cycle, steps not converged."""
     knee = FlexingKnee(client)
