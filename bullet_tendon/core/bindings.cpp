@@ -228,6 +228,8 @@ PYBIND11_MODULE(_core, m) {
       .def("set_state",
            [](World& w, int c, const Array& x, const Array& v) {
              fill(w.chains[c]->x, x), fill(w.chains[c]->v, v);
+             w.chains[c]->spread_coincident();
+             w.chains[c]->find_overlaid();
              w.chains[c]->reset_history();
            })
       .def("stop", [](World& w, int c) { w.chains[c]->stop(); })

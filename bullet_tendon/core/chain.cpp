@@ -46,6 +46,7 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   std::vector<double> lengths(n_ - 1);
   for (int k = 0; k + 1 < n_; ++k) lengths[k] = norm(points[k + 1] - points[k]);
   set_rest(lengths);
+  find_overlaid();
   reset_history();
 }
 
@@ -110,6 +111,17 @@ void Chain::restore_multipliers(const Multipliers& from) {
 void Chain::foresee() {
   foreseen = next;
   std::fill(slack.begin(), slack.end(), kSlack * radius);
+}
+
+// Directions that fill a sphere evenly, one by the golden angle from the last (Saff and Kuijlaars 1997).
+void Chain::spread_coincident() {
+  const Field given = x;
+  for (int i = 1; i < n_; ++i) {
+    if (norm(given.at(i) - given.at(i - 1)) >= kDegenerateLength * rest[i - 1]) continue;
+    const double height = 1 - (2 * i + 1.0) / (2 * n_ + 1), angle = 2.399963229728653 * i;
+    const double around = std::sqrt(1 - height * height);
+    x.add(i, kSpread * rest[i - 1] * Vec3{around * std::cos(angle), around * std::sin(angle), height});
+  }
 }
 
 void Chain::reset_history() {

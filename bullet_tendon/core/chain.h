@@ -64,6 +64,12 @@ class Chain {
   void restore_multipliers(const Multipliers& from);
   // Where contacts are to be looked for: around the end of the step as it is thought to be now.
   void foresee();
+  // Particles at the place of their neighbour get a direction from it.
+  void spread_coincident();
+  // Pairs of own segments laid through each other, which do not touch until they have parted.
+  void find_overlaid();
+  bool is_overlaid(int k, int m) const;
+  void let_overlaid_part();
   // Lengths and multipliers at x, after positions were set from outside.
   void reset_history();
   // Raises the multipliers of loose springs to what half of all loads would pull, as a first guess at
@@ -83,7 +89,8 @@ class Chain {
   std::vector<double> scale;
   SpringSet structure, shear;
   std::vector<Hold> holds;
-  std::vector<int> tunnel_of;  // tunnel slot a particle is in, or -1
+  std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
+  std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
 
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)

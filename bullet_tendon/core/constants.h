@@ -7,6 +7,9 @@ namespace bt {
 // Larger: a collapsed tendon loses forces. Smaller: the direction is rounding noise.
 constexpr double kDegenerateLength = 1e-9;
 
+// Particles that are put closer together than that are spread by this share of the rest length [-].
+constexpr double kSpread = 1e-6;
+
 // Contact stiffness in units of what holds a particle back across its tendon: inertia and tension over
 // length [-]. The contact force itself comes from carried multipliers, so this sets how fast depth
 // vanishes, not how deep a resting contact is. Larger: active contacts are found in more iterations.
@@ -116,10 +119,9 @@ constexpr double kUsual = 0.02;
 // it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
 constexpr double kReleased = 0.2;
 
-// Share of a wrench by which it has to change for something to be learned of its change, the same for the link
-// to be thought to yield more than before, share of the free
-// answer to the change by which the link has to miss what was foreseen, and least cosine between both for
-// the one to explain the other [-].
+// Share of a wrench by which it has to change for something to be learned of its change, the same for the
+// link to be thought to yield more than before, share of the free answer to the change by which the link has
+// to miss what was foreseen, and least cosine between both for the one to explain the other [-].
 constexpr double kLeastNews = 1e-3;
 constexpr double kYieldNews = 0.1;
 constexpr double kLeastMiss = 0.1;
@@ -139,6 +141,10 @@ constexpr double kStraight = 0.75;
 // a contact of its own [-]. Larger: rounded bones go deeper in between. Smaller: contacts on flat ones
 // come three to a segment, and share the load as rounding has it.
 constexpr double kNoBulge = 1e-5;
+
+// Distance of two stretches of one tendon, in sums of radii, under which they are laid through each other
+// [-]. Larger: what touches at the start gets through itself. Smaller: a crumpled start ties knots.
+constexpr double kOverlaid = 0.5;
 
 // Leaves of eight segments up to which a stretch is looked at for being straight [-].
 constexpr int kFarthestLeaf = 64;

@@ -127,6 +127,7 @@ struct Finder {
 
   void measure(int k, int m) {
     if (!overlap(ta->segments[k], tb->segments[m], margin) || joined(k, m)) return;
+    if (a == b && a->is_overlaid(k, m)) return;
     ++counts.considered;
     Vec3 p0 = a->x.at(k), p1 = a->x.at(k + 1), q0 = b->x.at(m), q1 = b->x.at(m + 1);
     const double radii = a->radius + b->radius, moves = motion(k, m);

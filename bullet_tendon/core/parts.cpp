@@ -144,7 +144,7 @@ void World::take_part() {
     }
   remember();
   for (Chain* c : slots_)
-    if (c) finish_step(*c, context_);
+    if (c) finish_step(*c, context_), c->let_overlaid_part();
   ++parts_;
 }
 

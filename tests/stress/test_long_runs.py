@@ -132,11 +132,11 @@ def test_memory_does_not_grow(client):
     assert _resident() - memory < 1e6
 
 
-@pytest.mark.parametrize("cycles", [6, slow(4167)])
-def test_soak(client, cycles):
-    """Memory after the warm-up, drift of the graft from cycle to cycle, steps not converged."""
+@pytest.mark.parametrize(("cycles", "drifts"), [(30, 1e-4), slow(4167, 1e-6)])
+def test_soak(client, cycles, drifts):
+    """Memory after the warm-up, drift of the graft from cycle to cycle [m], steps not converged."""
     knee = FlexingKnee(client)
-    warm = max(3, cycles // 10)
+    warm = cycles // 3
     failed = sum(knee.cycle() for _ in range(warm))
     start = knee.graft.positions
     gc.collect()
@@ -147,7 +147,7 @@ def test_soak(client, cycles):
     print(f"{240 * cycles} steps: grown by {grown / 1e6:.2f} MB, drift {drift:.2e} m, not converged {failed}")
     assert failed == 0
     assert grown < 1e6
-    assert drift < 1e-6
+    assert drift < drifts
 
 
 def _resident() -> int:

@@ -92,7 +92,7 @@ def between(x, y):
 
 
 def least_distance(before, after):
-    """Of two tendons, on straight ways from where they were to where they are; or less, where they are far."""
+    """Of two tendons on straight ways, or less where they are far."""
     least = between(*before) - sum(
         np.linalg.norm(a - b, axis=1).max() for b, a in zip(before, after, strict=True)
     )
