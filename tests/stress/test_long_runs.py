@@ -79,7 +79,7 @@ def _in_a_process(command, environment=None) -> str:
 class FlexingKnee:
     """A graft in both of the knee's tunnels, held at its ends, and a knee that is bent as told."""
 
-    def __init__(self, client):
+    def __init__(self, client, friction):
         self.client = client
         self.world = bt.TendonWorld(client)
         p.setTimeStep(1 / 240, physicsClientId=client)
@@ -94,7 +94,7 @@ class FlexingKnee:
             c, d = d, c
         out = d + 0.005 * (d - c) / np.linalg.norm(d - c)
         below = a + 0.005 * (a - b) / np.linalg.norm(a - b)
-        material = bt.Material(stiffness=2e3, damping=2.0, tension_only=True, friction=0.1)
+        material = bt.Material(stiffness=2e3, damping=2.0, tension_only=True, friction=friction)
         self.graft = self.world.add_tendon([below, a, b, c, d, out], 0.0035, material, 40)
         self.graft.attach(0, self.knee, self.joints[-1])
         self.graft.set_force(-1, 20.0 * (d - c) / np.linalg.norm(d - c))
@@ -132,10 +132,16 @@ def test_memory_does_not_grow(client):
     assert _resident() - memory < 1e6
 
 
-@pytest.mark.parametrize(("cycles", "drifts"), [(30, 1e-4), slow(4167, 1e-6)])
-def test_soak(client, cycles, drifts):
-    """Memory after the warm-up, drift of the graft from cycle to cycle [m], steps not converged."""
-    knee = FlexingKnee(client)
+@pytest.mark.parametrize(
+    ("cycles", "friction", "drifts"),
+    [(30, 0, 1e-6), (30, 0.1, 1e-4), slow(4167, 0, 1e-6), slow(4167, 0.1, 1e-4)],
+)
+def test_soak(client, cycles, friction, drifts):
+    """Memory after the warm-up, drift of the graft from cycle to cycle [m], steps not converged.
+
+    With friction the graft goes on settling in its tunnels, by nanometres a cycle.
+    """
+    knee = FlexingKnee(client, friction)
     warm = cycles // 3
     failed = sum(knee.cycle() for _ in range(warm))
     start = knee.graft.positions
