@@ -153,6 +153,11 @@ constexpr int kFarthestLeaf = 64;
 // one.
 constexpr int kFollowing = 4;
 
+// Steps for which a plane is reused at most by a feature that has moved along it by more than this share of
+// its distance [-]. More: what has come to rest leans on tilted planes for longer. Fewer: more queries.
+constexpr int kOldest = 24;
+constexpr double kFresh = 1e-2;
+
 // Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
 // What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:
 // more looks.

@@ -131,7 +131,7 @@ void World::recall(Row& row) {
   // A spring as published has no memory; neither has a body that yields, whose own motion answers.
   const bool carries =
       can_carry() && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
-  row.carried = carries ? found->confirmed : 0;
+  row.carried = !carries ? 0 : whole_ ? found->carried : found->confirmed;
   row.multiplier = row.before;
   row.last_mean = found->mean_force;
   row.limit = row.friction * row.before;

@@ -56,7 +56,9 @@ void consider(Entry& e, Vec3 a, Vec3 b, double motion, double reach, const NearC
       return;
     }
     const double aside = std::max(norm(without(a - e.a, e.normal)), norm(without(b - e.b, e.normal)));
-    if (aside * aside <= 2 * (e.distance - moved) * context.reuse_tolerance) {
+    // What has moved is measured now and then all the same, so that what comes to rest rests on true planes.
+    if (aside > kFresh * e.distance) ++e.age;
+    if (aside * aside <= 2 * (e.distance - moved) * context.reuse_tolerance && e.age < kOldest) {
       ++counts.reused;
       e.wanted = !e.hole;
       e.clearance = e.distance - moved;
@@ -131,7 +133,7 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& s
     return;
   }
   e.known = true, e.inside = distance < 0, e.distance = distance, e.clearance = std::max(0.0, distance);
-  e.u = u, e.a = q.a, e.b = q.b, e.point = point;
+  e.age = 0, e.u = u, e.a = q.a, e.b = q.b, e.point = point;
   double sign = distance < 0 ? -1 : 1;
   if (length > 0) e.normal = (sign / length) * apart;
   Vec3 surface = to_world(shape_pose, point);

@@ -9,7 +9,8 @@
 // Distance to a convex body at a displacement from distance d is at least the plane's value; with m the
 // displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is at most
 // sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal lags
-// behind by the same token, up to sqrt(2 tolerance/d'): tolerance 0 is for what must slide without any loss.
+// behind by the same token, up to sqrt(2 tolerance/d'), while a feature slides, and for some steps after.
+// Tolerance 0 is for what must slide without any loss.
 #pragma once
 #include <vector>
 
@@ -39,6 +40,7 @@ struct Entry {
   double distance = 0;   // of the last query [m]
   double clearance = 0;  // least distance of the centreline now [m]
   double motion = 0;     // of the feature in this step, relative to the shape [m]
+  int age = 0;           // how often the plane was reused by a feature that had moved since
   double u = 0;          // nearest point of a segment
   Vec3 point, normal;    // shape frame
   Vec3 a, b;             // the feature's ends at the last query, shape frame

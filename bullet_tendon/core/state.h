@@ -228,8 +228,9 @@ void fields(A& a, Link& link) {
 
 template <class A>
 void fields(A& a, Entry& entry) {
-  auto& [known, inside, hole, wanted, distance, clearance, motion, u, point, normal, first, second] = entry;
-  a(known, inside, hole, distance, clearance, u, point, normal, first, second);
+  auto& [known, inside, hole, wanted, distance, clearance, motion, age, u, point, normal, first, second] =
+      entry;
+  a(known, inside, hole, distance, clearance, age, u, point, normal, first, second);
   a.scratch(wanted, motion);
 }
 
