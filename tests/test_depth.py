@@ -67,3 +67,32 @@ def test_around_the_condyle(monkeypatch):
     anew, many = wrapped(reuse_tolerance=0.0)
     assert np.abs(reused - anew).max() <= 5e-5
     assert many >= 10 * few
+
+
+@pytest.mark.parametrize(
+    ("radius", "first", "second"), [(0.03, 0.08, 0.11), (0.02, 0.06, 0.06), (0.05, 0.07, 0.2)]
+)
+def test_length_around_a_cylinder(make_world, client, radius, first, second):
+    """sqrt(d1^2 - R^2) + sqrt(d2^2 - R^2) + R phi: d1 and d2 from the axis to the ends, R to the line."""
+    world = make_world(1 / 240)
+    cylinder = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.2, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, cylinder, physicsClientId=client))
+    around = radius + 0.002
+    ends = np.array([[-first, -0.3 * first], [second, 0.2 * second]]) / np.hypot(1, [[0.3], [0.2]])
+    ends = np.c_[ends, [0.0, 0.0]]
+    top = np.array([0.0, 2 * around, 0.0])
+    t = world.add_tendon([ends[0], top, ends[1]], 0.002, bt.Material(stiffness=3e4, damping=3.0), 120)
+    t.grip(0)
+    t.grip(-1)
+    angle = np.arccos(ends[0] @ ends[1] / (first * second))
+    angle = 2 * np.pi - angle if np.cross(ends[1], ends[0])[2] < 0 else angle
+    phi = angle - np.arccos(around / first) - np.arccos(around / second)
+    exact = np.sqrt(first**2 - around**2) + np.sqrt(second**2 - around**2) + around * phi
+    by = (t.rest_length - 0.999 * exact) / 240
+    for _ in range(240):
+        t.shorten(by)
+        world.step()
+    world.relax(1e-8)
+    assert world.report.converged
+    assert t.tension.min() > 1.0
+    assert t.length == pytest.approx(exact, rel=1e-3)
