@@ -38,7 +38,10 @@ def test_a_restored_run_has_the_same_bits(client, options, bodies):
 
 def test_reading_out_changes_nothing(client):
     world, tendons = build(client, bodies=True)
-    world.step(40)
+    for _ in range(100):
+        world.step()
+        if len(world.contacts):
+            break
     before = world.state_hash()
     for t in tendons:
         assert np.isfinite(t.tension).all()

@@ -10,7 +10,7 @@ namespace {
 void find_pattern(Group& group) {
   bool same = group.factor.blocks() > 0 && group.patterned;
   for (Row* row : group.rows)
-    if (row->b.chain >= 0 && row->pressed && !row->joins) row->joins = true, same = false;
+    if (row->b.chain >= 0 && row->acts() && !row->joins) row->joins = true, same = false;
   if (same) return;
   group.patterned = true;
   group.edges.clear(), group.offset.assign(group.slots->size(), 0);
@@ -80,7 +80,7 @@ bool solve_coupled(Group& group) {
   for (size_t k = 0; k < group.chains.size(); ++k)
     add_band(group, *group.chains[k], group.offset[group.numbers[k]]);
   for (const Row* row : group.rows)
-    if (row->b.chain >= 0 && row->pressed) add_coupling(group, *row);
+    if (row->b.chain >= 0 && row->acts()) add_coupling(group, *row);
   if (!group.factor.factorise()) return false;
   group.right_hand.clear();
   for (const Chain* c : group.chains)

@@ -12,7 +12,7 @@ namespace {
 // y += (the blocks of coupling rows beside the band) p, for p in directions and y in images.
 void add_coupling(Group& group) {
   for (const Row* row : group.rows) {
-    if (row->b.chain < 0 || !row->pressed) continue;
+    if (row->b.chain < 0 || !row->acts()) continue;
     Chain &ca = group.at(row->a), &cb = group.at(row->b);
     Vec3 pull_a = row->block * row->b.of(cb.cg_direction), pull_b = row->block * row->a.of(ca.cg_direction);
     ca.cg_image.add(row->a.first, -row->a.w0 * pull_a);

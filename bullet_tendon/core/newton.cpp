@@ -61,7 +61,7 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   for (Row* row : group.rows) {
     if (row->kind == ContactKind::mouth) follow_edge(group, *row);
     row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
-    if (row->normal_force <= 0 && !row->held) continue;
+    if (!row->acts()) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
   }
@@ -87,7 +87,7 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
     add_soft_holds(*c, c->next, true);
   }
   for (Row* row : group.rows)
-    if (row->pressed || row->held) {
+    if (row->acts()) {
       add_row_block(group, *row);
       if (row->kind == ContactKind::mouth) add_lever_block(group, *row, definite_rows);
       add_row_linearisation(group, *row);

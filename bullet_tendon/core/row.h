@@ -82,6 +82,9 @@ struct Row {
   Vec3 lever_a, lever_b;
   double lever_share = 0;
 
+  // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew, so that
+  // each solution has a potential without steps.
+  bool acts() const { return pressed || held || (!direct && friction > 0 && limit > 0); }
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
   // block's curvature, are as foreseen, or (at_position) as the position has them. definite: the block
   // without what would make it indefinite, like the edge of a mouth that pushes what slides over it.
