@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bullet_tendon.scenarios import measure, overhand_knot, runner
+from bullet_tendon.scenarios import measure, overhand_knot, reef_knot, runner
 
 import bullet_tendon as bt
 
@@ -25,7 +25,10 @@ def run(module, monkeypatch, changes):
     return runner.run(module)
 
 
-@pytest.mark.parametrize(("module", "changes"), [(overhand_knot, {})], ids=["overhand_knot"])
+SCENES = [(overhand_knot, {}), (reef_knot, {"SNUGGING": 120, "PULLING": 360, "HOLDING": 60})]
+
+
+@pytest.mark.parametrize(("module", "changes"), SCENES, ids=["overhand_knot", "reef_knot"])
 def test_knot_holds_its_own_check(module, changes, monkeypatch):
     outcome = run(module, monkeypatch, changes)
     assert not outcome.cut and not outcome.failure
@@ -37,6 +40,13 @@ def test_a_knot_that_passes_through_itself_is_noticed(monkeypatch):
     with_options(overhand_knot, monkeypatch, contact_stiffness=10.0)
     failed = [check.name for check in runner.run(overhand_knot).failed]
     assert "nearest" in failed and "steps of tightening without the trefoil" in failed
+
+
+def test_a_reef_knot_that_slips_is_noticed(monkeypatch):
+    """With too little friction the first of the two does not hold either."""
+    changes = {"FRICTIONS": (0.1, 0.0), "SNUGGING": 90, "PULLING": 90, "HOLDING": 5}
+    failed = [check.name for check in run(reef_knot, monkeypatch, changes).failed]
+    assert "held without moving" in failed
 
 
 def test_distance_to_itself_counts_neighbours_by_rest_lengths():
