@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bullet_tendon.scenarios import measure, overhand_knot, reef_knot, runner
+from bullet_tendon.scenarios import braid, measure, overhand_knot, reef_knot, runner
 
 import bullet_tendon as bt
 
@@ -25,10 +25,14 @@ def run(module, monkeypatch, changes):
     return runner.run(module)
 
 
-SCENES = [(overhand_knot, {}), (reef_knot, {"SNUGGING": 120, "PULLING": 360, "HOLDING": 60})]
+SCENES = {
+    "overhand_knot": (overhand_knot, {}),
+    "reef_knot": (reef_knot, {"SNUGGING": 120, "PULLING": 360, "HOLDING": 60}),
+    "braid": (braid, {"TWISTING": 300, "PULLING": 180}),
+}
 
 
-@pytest.mark.parametrize(("module", "changes"), SCENES, ids=["overhand_knot", "reef_knot"])
+@pytest.mark.parametrize(("module", "changes"), SCENES.values(), ids=SCENES)
 def test_knot_holds_its_own_check(module, changes, monkeypatch):
     outcome = run(module, monkeypatch, changes)
     assert not outcome.cut and not outcome.failure
@@ -40,6 +44,12 @@ def test_a_knot_that_passes_through_itself_is_noticed(monkeypatch):
     with_options(overhand_knot, monkeypatch, contact_stiffness=10.0)
     failed = [check.name for check in runner.run(overhand_knot).failed]
     assert "nearest" in failed and "steps of tightening without the trefoil" in failed
+
+
+def test_strands_that_pass_through_each_other_are_noticed(monkeypatch):
+    with_options(braid, monkeypatch, contact_stiffness=1.0)
+    failed = [c.name for c in run(braid, monkeypatch, {"TWISTING": 100, "PULLING": 60}).failed]
+    assert "nearest" in failed
 
 
 def test_a_reef_knot_that_slips_is_noticed(monkeypatch):
