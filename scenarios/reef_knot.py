@@ -32,20 +32,22 @@ NEAREST = 0.97  # of the sum of the radii
 NEIGHBOURS = np.pi * RADIUS  # m
 # Half of a loose reef knot from its standing part on, in radii: x, y and height. The other half is this,
 # turned about y by half a turn.
-LAID = [(-10, -3, 1.5), (0, -4.5, -1.5), (9, -6, 1.5), (11, 0, 1.5)]
+LAID = [(-11, -2, 3), (0, -5, -3), (10, -8, 3), (13, 0, 3)]
 LAID += [(x, -y, z) for x, y, z in LAID[2::-1]]
 
 
 def build(options) -> Scene:
     scene = Scene(options, gravity=0)
     scene.handles.knots = [_lay(scene, mu, ASIDE * k) for k, mu in enumerate(FRICTIONS)]
-    scene.camera = {"target": (0, 0.5 * ASIDE, 0), "distance": 0.27, "yaw": 0, "pitch": -70}
+    scene.camera = {"target": (0, 0.5 * ASIDE, 0), "distance": 0.3, "yaw": 0, "pitch": -70}
     scene.labels["ylabel"] = "pull at the standing ends [N]"
     return scene
 
 
 def drive(scene, progress) -> None:
     knots = scene.handles.knots
+    for knot in knots:
+        _measure(scene, knot)
     scene.mark("laid")
     for _ in progress(range(SNUGGING), "drawing snug"):
         _step(scene, SNUG)

@@ -27,7 +27,7 @@ def run(module, monkeypatch, changes):
 
 SCENES = {
     "overhand_knot": (overhand_knot, {}),
-    "reef_knot": (reef_knot, {"SNUGGING": 120, "PULLING": 360, "HOLDING": 60}),
+    "reef_knot": (reef_knot, {"SNUGGING": 120, "PULLING": 400, "HOLDING": 30}),
     "braid": (braid, {"TWISTING": 300, "PULLING": 180}),
 }
 
