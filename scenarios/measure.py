@@ -24,24 +24,46 @@ def segment_distances(a0, a1, b0, b1) -> np.ndarray:
 
 def between(one, other) -> float:
     """Shortest distance [m] between two polylines (n, 3) and (m, 3) [m]."""
-    return float(_table(one, other).min())
+    return _shortest(one, other, np.ones((len(one) - 1, len(other) - 1), dtype=bool))
 
 
-def with_itself(line, aside: float) -> float:
+def with_itself(line, aside: float, rest=None) -> float:
     """Shortest distance [m] of a polyline (n, 3) to itself, apart from neighbours.
 
-    Two segments are neighbours where less than `aside` [m] of the line lies between them. Infinite
-    where all are neighbours.
+    Two segments are neighbours where less than `aside` [m] of the line lies between the end of one and
+    the start of the other; rest: (n-1,) lengths [m] that this is counted by (None: the segments' own).
+    Infinite where all are neighbours.
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    lengths = np.linalg.norm(np.diff(line, axis=0), axis=1) if rest is None else rest
+    arc = np.concatenate([[0.0], np.cumsum(lengths)])
     apart = arc[None, :-1] - arc[1:, None] >= aside  # from the end of one to the start of a later one
-    return float(np.where(apart, _table(line, line), np.inf).min())
+    return _shortest(line, line, apart)
 
 
-def _table(one, other) -> np.ndarray:
-    """(n-1, m-1) distances between all segments."""
+def rest_lengths(tendon) -> np.ndarray:
+    """(n-1,) lengths of a tendon's segments without load [m], from their strains."""
+    return np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1) / (1 + tendon.strain)
+
+
+def _shortest(one, other, wanted) -> float:
+    """Shortest distance between those segments of two polylines that are wanted, (n-1, m-1) bool.
+
+    Middles of segments bound their distance from above, and less half of both lengths from below.
+    """
     one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
-    return segment_distances(one[:-1, None], one[1:, None], other[None, :-1], other[None, 1:])
+    i, j = np.nonzero(wanted)
+    if not len(i):
+        return np.inf
+    middles = (0.5 * (line[1:] + line[:-1]) for line in (one, other))
+    halves = [0.5 * np.linalg.norm(np.diff(line, axis=0), axis=1) for line in (one, other)]
+    apart = _all_distances(*middles)[i, j]
+    near = apart - halves[0][i] - halves[1][j] <= apart.min()
+    i, j = i[near], j[near]
+    return float(segment_distances(one[i], one[i + 1], other[j], other[j + 1]).min())
+
+
+def _all_distances(a, b) -> np.ndarray:
+    return np.sqrt(sum((a[:, None, axis] - b[None, :, axis]) ** 2 for axis in range(3)))
 
 
 def _dot(a, b):
