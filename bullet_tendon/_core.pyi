@@ -39,6 +39,9 @@ def edge_term(
     carried: float,
     /,
 ) -> tuple[float, _Vector, _Vector, _Floats]: ...
+def pair_term(
+    ends: ArrayLike, offset: float, stiffness: float, carried: float, /
+) -> tuple[float, _Floats, _Floats]: ...
 
 class World:
     def __init__(self) -> None: ...

@@ -234,6 +234,38 @@ def test_edges(seed):
     agree(edge(ends)[3], -slopes(lambda at: np.concatenate(edge(at)[1:3]), ends, 1e-7))
 
 
+@pytest.mark.parametrize("shares", [(0.3, 0.6), (0.0, 0.4), (0.7, 1.0), (0.0, 1.0)])
+@RANDOM
+@given(seed=SEEDS)
+def test_pairs(shares, seed):
+    """Two segments that touch inside, or at an end of one or both: their nearest points go with them."""
+    random = np.random.default_rng(seed)
+    normal, along = unit(random), unit(random)
+    along -= normal * (normal @ along)
+    along /= np.linalg.norm(along)
+    angle = random.uniform(0.4, 2.7)
+    other = np.cos(angle) * along + np.sin(angle) * np.cross(normal, along)
+    # At an end, the segment leans away beyond it.
+    lean = [0.5 * (s == 0.0) - 0.5 * (s == 1.0) for s in shares]
+    along, other = along + lean[0] * normal, other - lean[1] * normal
+    apart, (a, b) = random.uniform(1.5e-3, 1.95e-3), random.uniform(2e-3, 4e-3, 2)
+    u, w = shares
+    top, low = 0.1 * random.standard_normal(3) + np.array([apart * normal, 0 * normal])
+    x = np.array(
+        [top - u * a * along, top + (1 - u) * a * along, low - w * b * other, low + (1 - w) * b * other]
+    )
+
+    def pair(at):
+        return _core.pair_term(at, 2e-3, 1e4, 3.0)
+
+    def potential(at):
+        return max(0.0, 3.0 - 1e4 * pair(at)[0]) ** 2 / 2e4
+
+    assert np.linalg.norm(pair(x)[1]) > 0
+    agree(-pair(x)[1], slopes(potential, x, 1e-7))
+    agree(pair(x)[2], -slopes(lambda at: pair(at)[1].ravel(), x, 1e-7))
+
+
 @pytest.mark.parametrize("slides", [False, True])
 @RANDOM
 @given(seed=SEEDS)

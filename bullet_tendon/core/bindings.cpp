@@ -185,14 +185,49 @@ py::tuple edge_term(const Array& start, const Array& end, double offset, const A
   row.add_lever(a, b, false);
   const Sym3& s = row.block;
   const double block[9] = {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz};
-  const Vec3 la = row.lever_a, lb = row.lever_b;
+  const Vec3 la = row.lever[0][0], lb = row.lever[0][1];
   const double lever[6] = {la.x, la.y, la.z, lb.x, lb.y, lb.z}, weight[2] = {row.a.w0, row.a.w1};
   Array full({6, 6});
   for (int i = 0; i < 6; ++i)
     for (int j = 0; j < 6; ++j)
-      full.mutable_at(i, j) =
-          weight[i / 3] * weight[j / 3] * block[3 * (i % 3) + j % 3] + row.lever_share * lever[i] * lever[j];
+      full.mutable_at(i, j) = weight[i / 3] * weight[j / 3] * block[3 * (i % 3) + j % 3] +
+                              (row.levers ? row.lever_share[0] : 0) * lever[i] * lever[j];
   return py::make_tuple(row.gap, tuple(row.a.w0 * row.total_force), tuple(row.a.w1 * row.total_force), full);
+}
+
+// Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
+py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
+  Row row;
+  row.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
+  row.offset = offset, row.stiffness = stiffness, row.carried = carried;
+  const Field f = field_of(ends);
+  const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
+  row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
+  row.follow_pair(x);
+  const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
+  row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
+  row.add_pair_levers(x, false);
+  const Sym3& s = row.block;
+  const double block[9] = {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz};
+  Array full({12, 12});
+  Field force(4);
+  for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.total_force);
+  for (int i = 0; i < 12; ++i)
+    for (int j = 0; j < 12; ++j) {
+      double sum = P[i / 3] * P[j / 3] * block[3 * (i % 3) + j % 3];
+      for (int k = 0; k < row.levers; ++k) {
+        const Vec3 p = row.lever[k][i / 3], q = row.lever[k][j / 3];
+        const double pi = i % 3 == 0   ? p.x
+                          : i % 3 == 1 ? p.y
+                                       : p.z,
+                     qj = j % 3 == 0   ? q.x
+                          : j % 3 == 1 ? q.y
+                                       : q.z;
+        sum += row.lever_share[k] * pi * qj;
+      }
+      full.mutable_at(i, j) = sum;
+    }
+  return py::make_tuple(row.gap, rows_of(force), full);
 }
 
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
@@ -218,6 +253,7 @@ PYBIND11_MODULE(_core, m) {
   m.def("allocated_bytes", &allocated_bytes);
   m.def("row_term", &row_term);
   m.def("edge_term", &edge_term);
+  m.def("pair_term", &pair_term);
   py::class_<World>(m, "World")
       .def(py::init<>())
       .def("set_options", &set_options)

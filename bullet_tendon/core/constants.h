@@ -29,7 +29,9 @@ constexpr double kPushOut = 0.5;
 // Residual over the forces at hand under which the curvature of a mouth's edge, which may make the matrix
 // indefinite, is believed [-]. Larger: wild normal forces throw iterations off. Smaller: what slides over an
 // edge takes more of them.
-constexpr double kNear = 3e-2;
+constexpr double kNear = 0.2;
+// The same from which it is not believed any more.
+constexpr double kLost = 0.5;
 
 // Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
 // slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
@@ -157,6 +159,12 @@ constexpr int kFollowing = 4;
 // its distance [-]. More: what has come to rest leans on tilted planes for longer. Fewer: more queries.
 constexpr int kOldest = 24;
 constexpr double kFresh = 1e-2;
+
+// Square of the sine between two segments over which their nearest points are followed [-]. Smaller: those of
+// nearly parallel ones run to and fro.
+constexpr double kCrossing = 3e-2;
+// Distance of centrelines, in sums of radii, under which their own direction is not believed any more [-].
+constexpr double kNearlyMet = 0.2;
 
 // Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
 // What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:

@@ -245,7 +245,7 @@ void World::tendon_rows() {
     row.offset = a.radius + b.radius + options.contact_threshold;
     row.beyond = options.contact_threshold;
     row.friction = a.friction * b.friction;
-    row.reference = p.apart;
+    row.reference = p.apart, row.side = row.normal, row.stuck_at = p.u, row.stuck_at_other = p.w;
     finish_row(row, p.chain_a, p.segment_a);
     add_row(row);
   }

@@ -69,6 +69,15 @@ void add_coupling(Group& group, const Row& row) {
       for (double& v : part.v) v *= weight;
       group.factor.add(a + i, b + j, part);
     }
+  for (int k = 0; k < row.levers; ++k)
+    for (int i : {0, 1})
+      for (int j : {0, 1}) {
+        const Vec3 p = row.lever_share[k] * (group.free[a + i] * row.lever[k][i]);
+        const Vec3 q = group.free[b + j] * row.lever[k][2 + j];
+        group.factor.add(a + i, b + j,
+                         {p.x * q.x, p.x * q.y, p.x * q.z, p.y * q.x, p.y * q.y, p.y * q.z, p.z * q.x,
+                          p.z * q.y, p.z * q.z});
+      }
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ void Row::follow(Vec3 start, Vec3 end) {
 }
 
 void Row::add_lever(Vec3 start, Vec3 end, bool definite) {
-  lever_share = 0;
+  levers = 0;
   const double u = a.w1;
   if (kind != ContactKind::mouth || !pressed || u <= 0 || u >= 1) return;
   const Vec3 x = (1 - u) * start + u * end, l = end - start;
@@ -56,8 +56,8 @@ void Row::add_lever(Vec3 start, Vec3 end, bool definite) {
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
   const double bent = dot(l, Hl);
   if (bent == 0 || (definite && bent < 0)) return;
-  lever_share = multiplier / bent;
-  lever_a = (1 - u) * Hl - normal, lever_b = u * Hl + normal;
+  levers = 1, lever_share[0] = multiplier / bent;
+  lever[0][0] = (1 - u) * Hl - normal, lever[0][1] = u * Hl + normal;
 }
 
 }  // namespace bt

@@ -43,6 +43,7 @@ bool add_missed(Group& group) {
     if (row.b.chain < 0) continue;
     Row more = row;
     more.carried = more.multiplier = more.limit = 0, more.stuck = {}, more.sliding = false;
+    if (row.follows) continue;  // its points go with it
     if (row.softest > 0) more.stiffness = row.softest;
     if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
     auto there = [&](const Row* other) { return same_place(*other, more); };

@@ -59,7 +59,7 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   Assembly a;
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
-    if (row->kind == ContactKind::mouth) follow_edge(group, *row);
+    if (group.follows && (row->kind == ContactKind::mouth || !definite)) follow(group, *row);
     row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
     if (!row->acts()) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
@@ -88,8 +88,8 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
   }
   for (Row* row : group.rows)
     if (row->acts()) {
+      if (group.follows) add_lever_blocks(group, *row, definite_rows);
       add_row_block(group, *row);
-      if (row->kind == ContactKind::mouth) add_lever_block(group, *row, definite_rows);
       add_row_linearisation(group, *row);
     }
   project_holds(group, &Chain::residual);
@@ -244,6 +244,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
+  group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
     Assembly a = residual_of(group, safe, safe || far);
     bool changed = false;
@@ -255,7 +256,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     // Within a few roundings, what does not shrink any more is rounding.
     const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
     last_residual = a.residual;
-    far = !(a.residual <= kNear * a.scale);
+    far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
     if (group.converged) {
       if (round >= kRounds) break;

@@ -58,7 +58,10 @@ struct Row {
   double multiplier = 0;       // N as foreseen, in the curvature [N]
   double friction = 0;         // mu
   Vec3 stuck, reference;       // xi, ref
-  double stuck_at = 0;         // of a mouth row: the point of the segment that ref is of
+  double stuck_at = 0;         // the point of the segment that ref is of, where that moves
+  double stuck_at_other = 0;   // the same of b
+  Vec3 side;                   // of a pair: n as the step began
+  bool follows = false;        // a pair whose points are the nearest ones
   double limit = 0;            // mu N that friction is limited to [N]
   bool direct = false;         // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;           // a direct row that holds now
@@ -78,9 +81,10 @@ struct Row {
   Vec3 mean_force;                  // total_force, averaged over the parts of a split step
   Vec3 slid;                        // from that point to the one that touches now
   Sym3 block;                       // derivative
-  // Besides, of a mouth row that touches inside its segment: share (l_a, l_b)(l_a, l_b)^T on both particles.
-  Vec3 lever_a, lever_b;
-  double lever_share = 0;
+  // Besides, of rows whose points move along their segments: share l l^T on the ends of a, and of b.
+  int levers = 0;
+  Vec3 lever[2][4];
+  double lever_share[2] = {};
 
   // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew, so that
   // each solution has a potential without steps.
@@ -100,6 +104,9 @@ struct Row {
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
   void foresee(Vec3 moved);
+  // The same of a pair of segments, x their ends (see crossing.cpp).
+  void follow_pair(const Vec3 (&x)[4]);
+  void add_pair_levers(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   // z at the end of a step whose forces were taken at its start.

@@ -153,19 +153,46 @@ void add_row_block(Group& group, const Row& row) {
   if (row.b.chain >= 0) add_spot_block(group.at(row.b), row.b, row.block);
 }
 
-void follow_edge(Group& group, Row& row) {
-  const Field& x = group.at(row.a).next;
-  row.follow(x.at(row.a.first), x.at(row.a.first + 1));
+namespace {
+
+void ends_of(const Group& group, const Row& row, Vec3 (&x)[4]) {
+  const Field &a = group.at(row.a).next, &b = group.at(row.b).next;
+  x[0] = a.at(row.a.first), x[1] = a.at(row.a.first + 1);
+  x[2] = b.at(row.b.first), x[3] = b.at(row.b.first + 1);
 }
 
-void add_lever_block(Group& group, Row& row, bool definite) {
-  Chain& c = group.at(row.a);
+void add_levers(Chain& c, int first, double share, Vec3 one, Vec3 other) {
+  c.matrix.add(first, share * outer(one));
+  c.matrix.add(first + 1, share * outer(other));
+  c.matrix.add_below(first, share, other, one);
+}
+
+}  // namespace
+
+void follow(Group& group, Row& row) {
+  if (row.kind == ContactKind::mouth) {
+    const Field& x = group.at(row.a).next;
+    row.follow(x.at(row.a.first), x.at(row.a.first + 1));
+  } else if (row.b.chain >= 0) {
+    Vec3 x[4];
+    ends_of(group, row, x);
+    row.follow_pair(x);
+  }
+}
+
+void add_lever_blocks(Group& group, Row& row, bool definite) {
+  Vec3 x[4];
+  Chain& a = group.at(row.a);
   const int i = row.a.first;
-  row.add_lever(c.next.at(i), c.next.at(i + 1), definite);
-  if (row.lever_share == 0) return;
-  c.matrix.add(i, row.lever_share * outer(row.lever_a));
-  c.matrix.add(i + 1, row.lever_share * outer(row.lever_b));
-  c.matrix.add_below(i, row.lever_share, row.lever_b, row.lever_a);
+  if (row.kind == ContactKind::mouth)
+    row.add_lever(a.next.at(i), a.next.at(i + 1), definite);
+  else if (row.b.chain >= 0)
+    ends_of(group, row, x), row.add_pair_levers(x, definite);
+  for (int k = 0; k < row.levers; ++k) {
+    const Vec3* l = row.lever[k];
+    add_levers(a, i, row.lever_share[k], l[0], l[1]);
+    if (row.b.chain >= 0) add_levers(group.at(row.b), row.b.first, row.lever_share[k], l[2], l[3]);
+  }
 }
 
 void add_soft_holds(Chain& c, const Field& x, bool matrix) {

@@ -44,6 +44,7 @@ struct Group {
   SparseFactor::Edges edges;
   std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
+  bool follows = true;     // points of rows move along with what they touch
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;
@@ -89,9 +90,10 @@ void multiply(Group& group);
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
 void add_row_force(Group& group, const Row& row);
-// The point of a mouth row's segment that is nearest to its edge now, and the rest of the row's block.
-void follow_edge(Group& group, Row& row);
-void add_lever_block(Group& group, Row& row, bool definite);
+// The points of a row that are nearest now, where they move along; and the rest of its block, before
+// add_row_block.
+void follow(Group& group, Row& row);
+void add_lever_blocks(Group& group, Row& row, bool definite);
 void add_row_block(Group& group, const Row& row);
 // What the row's linearisation adds to its true force, into the residual.
 void add_row_linearisation(Group& group, const Row& row);
