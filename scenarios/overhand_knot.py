@@ -34,7 +34,7 @@ def build(options) -> Scene:
     scene = Scene(options, gravity=0)
     h = scene.handles
     material = bt.Material(
-        stiffness=2e4, damping=0.5, bending_stiffness=1e-4, friction=0.4, damping_form="whole"
+        stiffness=2e4, damping=0.05, bending_stiffness=1e-4, friction=0.4, damping_form="whole"
     )
     h.tendon = scene.world.add_tendon(
         [START, START + (LENGTH, 0, 0)], RADIUS, material, PARTICLES, "overhand"

@@ -90,7 +90,7 @@ def _lay(scene, friction, aside) -> SimpleNamespace:
     line = np.vstack([laid[0] - (STANDING, 0, 0), laid, laid[-1] - (TAIL, 0, 0)])
     line[[0, -1], 2] = 0
     material = bt.Material(
-        stiffness=2e4, damping=0.5, damping_form="whole", bending_stiffness=1e-6, friction=np.sqrt(friction)
+        stiffness=2e4, damping=0.05, damping_form="whole", bending_stiffness=1e-6, friction=np.sqrt(friction)
     )
     tendons = []
     for side in (1, -1):
