@@ -37,7 +37,7 @@ def shoot(tendon, velocity):
 def test_plates(client, count, seed):
     """A plate of 1 mm, hit at up to 70 degrees from its normal."""
     random = np.random.default_rng(seed)
-    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[2, 2, RADIUS], physicsClientId=client)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[20, 20, RADIUS], physicsClientId=client)
     plate = p.createMultiBody(0, box, physicsClientId=client)
     unsolved = steps = 0
     for _ in range(count):
@@ -51,7 +51,7 @@ def test_plates(client, count, seed):
         for _ in range(min(40, int(np.ceil(240 * away / (speed * np.cos(tilt)))) + 4)):
             world.step()
             unsolved, steps = unsolved + (not world.report.converged), steps + 1
-            assert np.abs(t.positions[:, :2]).max() < 2
+            assert np.abs(t.positions[:, :2]).max() < 20
             assert t.positions[:, 2].min() > RADIUS  # the centreline above the plate's face
         world.remove_tendon(t)
     print(f"{count} shots at plates: {unsolved} of {steps} steps not converged")
