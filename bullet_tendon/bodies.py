@@ -4,13 +4,19 @@ pybullet gives base poses at the centre of mass; the frames of URDFs, which tunn
 use, differ from them by the inertial offset.
 """
 
-from functools import lru_cache
-
 import numpy as np
 import pybullet as p
 
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
+from .responses import (
+    axes_of,
+    free_response,
+    jacobian_and_mass,
+    joint_response,
+    movable_joints,
+    rigid_response,
+)
 
 _FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
@@ -142,7 +148,7 @@ class Bodies:
         """Whether anything can hold a link: a joint, a contact or a constraint."""
         body, link = self.links[slot]
         return bool(
-            p.getNumConstraints(self.client) or self._is_touched(body) or _movable_joints(body, self.client)
+            p.getNumConstraints(self.client) or self._is_touched(body) or movable_joints(body, self.client)
         )
 
     def _is_touched(self, body) -> bool:
@@ -165,7 +171,7 @@ class Bodies:
     def _push_base(self, body, impulse, dt) -> None:
         centre, turn = p.getBasePositionAndOrientation(body, self.client)
         velocity, spin = p.getBaseVelocity(body, self.client)
-        change = _free_response(p.getDynamicsInfo(body, -1, self.client), turn) @ impulse
+        change = free_response(p.getDynamicsInfo(body, -1, self.client), turn) @ impulse
         angle = float(np.linalg.norm(change[3:])) * dt
         if angle > 0:
             by = p.getQuaternionFromAxisAngle((change[3:] / np.linalg.norm(change[3:])).tolist(), angle)
@@ -176,8 +182,8 @@ class Bodies:
         p.resetBaseVelocity(body, *motion, physicsClientId=self.client)
 
     def _push_joints(self, body, link, old, new, dt) -> None:
-        joints = _movable_joints(body, self.client)
-        parts = _jacobian_and_mass(body, link, joints, self.client)
+        joints = movable_joints(body, self.client)
+        parts = jacobian_and_mass(body, link, joints, self.client)
         if parts is None:
             return
         took, gives = (np.linalg.solve(parts[1], parts[0].T @ impulse) for impulse in (old, new))
@@ -207,21 +213,21 @@ class Bodies:
         _write(row, state[0], state[1], info, state[6], state[7])
 
     def _respond(self, row, body, link, info) -> None:
-        joints = _movable_joints(body, self.client)
+        joints = movable_joints(body, self.client)
         fixed = p.getDynamicsInfo(body, -1, self.client)[0] == 0
         if fixed:
-            response = _joint_response(body, link, joints, self.client) if joints else np.zeros((6, 6))
+            response = joint_response(body, link, joints, self.client) if joints else np.zeros((6, 6))
         elif not joints:
             alone = link < 0 and p.getNumJoints(body, self.client) == 0
             turn = self._inertial_turn(body, link)
-            response = _free_response(info, turn) if alone else _rigid_response(body, row[12:15], self.client)
+            response = free_response(info, turn) if alone else rigid_response(body, row[12:15], self.client)
             row[58] = 1.0
         else:
             response = None
         if response is None:
             # A link of a floating or spherically jointed body yields at most as it would alone:
             # the stable side.
-            response = _free_response(info, self._inertial_turn(body, link))
+            response = free_response(info, self._inertial_turn(body, link))
         row[21] = float(response.any())
         row[22:58] = response.ravel()
 
@@ -234,116 +240,6 @@ class Bodies:
 def _write(row, centre, turn, info, velocity, spin) -> None:
     # URDF frame = inertial frame x inverse of the local inertial pose; in numpy, because pybullet's
     # own transforms round to single precision.
-    axes = _axes(turn) @ _axes(info[4]).T
+    axes = axes_of(turn) @ axes_of(info[4]).T
     row[0:3], row[3:12], row[12:15] = centre - axes @ info[3], axes.ravel(), centre
     row[15:18], row[18:21] = velocity, spin
-
-
-@lru_cache(maxsize=1024)
-def _axes(quaternion: tuple) -> np.ndarray:
-    """(3, 3) rotation of a quaternion (x, y, z, w); remembered, because most bodies stand still."""
-    x, y, z, w = quaternion
-    s = 2 / (x * x + y * y + z * z + w * w)
-    axes = np.array(
-        [
-            [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-            [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
-            [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
-        ]
-    )
-    axes.setflags(write=False)
-    return axes
-
-
-def _free_response(info, inertial_turn) -> np.ndarray:
-    """(6, 6) inverse inertia of a free rigid body about its centre of mass, world axes."""
-    axes = _axes(inertial_turn)
-    response = np.zeros((6, 6))
-    response[:3, :3] = np.eye(3) / info[0]
-    inertia = np.array(info[2])
-    inverse = np.divide(1.0, inertia, out=np.zeros(3), where=inertia > 0)
-    response[3:, 3:] = (axes * inverse) @ axes.T
-    return response
-
-
-def _rigid_response(body, at, client) -> np.ndarray:
-    """(6, 6) response at the point `at` of a floating body whose links are rigidly joined.
-
-    With total mass M, centre C and inertia I about it, and r = at - C: a force there gives the
-    acceleration F/M + (I^-1 (r x F)) x r, a torque (I^-1 T) x r; both turn by I^-1.
-    """
-    parts = [_mass_of(body, link, client) for link in range(-1, p.getNumJoints(body, client))]
-    mass = sum(m for m, _, _ in parts)
-    centre = sum(m * c for m, c, _ in parts) / mass
-    inertia = sum(i + m * _point_inertia(c - centre) for m, c, i in parts)
-    cross = _cross_matrix(at - centre)
-    inverse = np.linalg.pinv(inertia)
-    response = np.zeros((6, 6))
-    response[:3, :3] = np.eye(3) / mass - cross @ inverse @ cross
-    response[:3, 3:] = -cross @ inverse
-    response[3:, :3] = inverse @ cross
-    response[3:, 3:] = inverse
-    return response
-
-
-def _mass_of(body, link, client) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre (3,) and inertia (3, 3) about it of a link, world frame."""
-    info = p.getDynamicsInfo(body, link, client)
-    if link < 0:
-        centre, turn = p.getBasePositionAndOrientation(body, client)
-    else:
-        centre, turn = p.getLinkState(body, link, physicsClientId=client)[:2]
-    axes = _axes(turn)
-    return info[0], np.array(centre), (axes * info[2]) @ axes.T
-
-
-def _cross_matrix(r) -> np.ndarray:
-    """(3, 3) matrix of v -> r x v."""
-    return np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
-
-
-def _point_inertia(r) -> np.ndarray:
-    """Inertia of a unit mass at r."""
-    return np.dot(r, r) * np.eye(3) - np.outer(r, r)
-
-
-def _movable_joints(body, client) -> list[int]:
-    """Indices of the joints that have a degree of freedom."""
-    kinds = ((j, p.getJointInfo(body, j, client)[2]) for j in range(p.getNumJoints(body, client)))
-    return [j for j, kind in kinds if kind != p.JOINT_FIXED]
-
-
-def _joint_response(body, link, joints, client) -> np.ndarray | None:
-    """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
-
-    None where pybullet's Jacobian does not cover the body (_jacobian_and_mass).
-    """
-    parts = _jacobian_and_mass(body, link, joints, client)
-    if parts is None:
-        return None
-    if link < 0:
-        return np.zeros((6, 6))
-    return parts[0] @ np.linalg.solve(parts[1], parts[0].T)
-
-
-def _jacobian_and_mass(body, link, joints, client) -> tuple[np.ndarray, np.ndarray] | None:
-    """J (6, joints) of a link's centre of mass, world axes, and M (joints, joints), of a fixed base.
-
-    None where pybullet's Jacobian does not cover the body: a floating base, or spherical joints.
-    """
-    simple = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
-    if any(p.getJointInfo(body, j, client)[2] not in simple for j in joints):
-        return None
-    angles = [s[0] for s in p.getJointStates(body, joints, client)]
-    mass = np.array(p.calculateMassMatrix(body, angles, physicsClientId=client))
-    if len(mass) != len(joints):
-        return None
-    if link < 0:
-        return np.zeros((6, len(joints))), mass
-    zero = [0.0] * len(angles)
-    # pybullet takes the point in the link's URDF frame, and answers in the base's inertial axes.
-    info = p.getDynamicsInfo(body, link, client)
-    at = _axes(info[4]).T @ info[3]
-    linear, angular = p.calculateJacobian(body, link, at.tolist(), angles, zero, zero, client)
-    base = _axes(p.getBasePositionAndOrientation(body, client)[1])
-    return np.vstack([base @ linear, base @ angular]), mass

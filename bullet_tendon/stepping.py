@@ -1,0 +1,115 @@
+"""One step of a world by its rooms: sense, near, solve; what was let go is mended, what fails is reported.
+
+Everything here is of TendonWorld, which it is a part of: its core, bodies, obstacles and options.
+"""
+
+import warnings
+
+import numpy as np
+import pybullet as p
+
+from . import checks
+from .errors import StepFailed, StepWarning
+from .report import Clock, StepReport
+
+_FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
+
+
+class TakesSteps:
+    """The part of a TendonWorld that takes its steps."""
+
+    def _step_and_gravity(self) -> tuple[float, np.ndarray]:
+        """pybullet's time step [s] and gravity [m/s^2], checked."""
+        self._bodies.require_client()
+        parameters = p.getPhysicsEngineParameters(self._client)
+        gravity = [parameters["gravityAcceleration" + c] for c in "XYZ"]
+        step = checks.number("fixedTimeStep", parameters["fixedTimeStep"], above=0)
+        return step, checks.vector("gravity", gravity)
+
+    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> bool:
+        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield.
+
+        False where it could not be solved and the options say to go on.
+        """
+        clock = Clock()
+        self._core.keep()
+        try:
+            self._step_of(dt, gravity, held, clock)
+        except StepFailed as problem:
+            self._core.roll_back()
+            if self._options.on_failure == "raise":
+                raise
+            self._left_out(problem, clock)
+            return False
+        except BaseException:  # an interrupt too
+            self._core.roll_back()
+            raise
+        return True
+
+    def _step_of(self, dt: float, gravity: np.ndarray, held: bool, clock: Clock) -> None:
+        if self._bodies.links:
+            self._sense(dt, gravity, held)
+        if not held:
+            self._dt, self._last_gravity = dt, gravity
+        self._core.begin(dt, *gravity, held)
+        clock.enter("sense")
+        self._go_through(clock)
+        self._core.finish()
+        clock.enter("solve")
+        if self._bodies.links:
+            self._wrenches = self._core.wrenches()
+        clock.enter("react")
+        self.report = StepReport.read(self._core.report(), clock.seconds, self._names())
+
+    def _left_out(self, problem: StepFailed, clock: Clock) -> None:
+        """Report a step without a finite solution, which was rolled back."""
+        core = {**self._core.report(), "converged": False}
+        self.report = StepReport.read(core, clock.seconds, self._names())
+        warnings.warn(str(problem), StepWarning, stacklevel=5)
+
+    def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
+        """Where links are and how they answer; what was let go in the last step is put right."""
+        self._core.set_links(self._bodies.table())
+        self._core.sense(dt, gravity, held)
+        if held:
+            return
+        for slot in self._core.held_links():
+            if not self._bodies.can_be_held(slot):
+                self._core.let_go(slot)
+        self._mend()
+
+    def _mend(self) -> None:
+        """Take back a step that pulled at links as held which had been let go, and put it right.
+
+        The step is solved again with the free response of these links, and they get the difference of
+        the impulses, as if that had acted in the first place.
+        """
+        released = self._core.rewind()
+        if not released:
+            return
+        before = self._wrenches.copy()
+        self._core.begin(self._dt, *self._last_gravity, False)
+        self._go_through(Clock())
+        self._core.finish()
+        self._wrenches = self._core.wrenches()
+        for slot in self._core.pushable():
+            self._bodies.exchange(slot, before[slot], self._wrenches[slot], self._dt)
+        self._core.set_links(self._bodies.table())
+        self._core.refresh_links()
+        self._core.sense(self._dt, self._last_gravity, False)
+
+    def _go_through(self, clock) -> None:
+        """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""
+        outcome = _AGAIN
+        while outcome == _AGAIN:
+            self._obstacles.measure()
+            clock.enter("near")
+            outcome = self._core.solve()
+            clock.enter("solve")
+        if outcome == _FAILED:
+            self._fail()
+
+    def _fail(self):
+        report = self._core.report()
+        name = self._names().get(report["worst_chain"], "?")
+        raise StepFailed(name, report["worst_particle"], report["residual"], self._options.tolerance)
