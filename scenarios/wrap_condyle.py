@@ -17,8 +17,8 @@ from bullet_tendon.mesh_files import read_mesh
 
 from .scene import Check, Scene
 
-# The real bone, where it lies beside the project.
-REAL = Path(__file__).resolve().parents[2] / "shared" / "knee" / "femur.stl"
+# The real bone, where it lies beside the folder that this is run in.
+REAL = Path("..") / "shared" / "knee" / "femur.stl"
 RADIUS, SEGMENT = 0.004, 0.002  # m
 FRICTION = 0.2  # both coefficients multiplied: with less it slips off a round condyle
 STIFFNESS = 6e4  # N per strain
