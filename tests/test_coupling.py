@@ -126,3 +126,32 @@ def test_a_spinning_free_body_is_never_taken_for_held(make_world, client):
     for _ in range(200):
         world.step()
         assert not world._core.any_held()
+
+
+@pytest.mark.parametrize("mass", [0.02, 1.0, 50.0])
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
+@pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 60])
+def test_a_flying_body_is_caught_without_overshooting(make_world, client, mass, stiffness, dt):
+    """Exact: T = v sqrt(m K / L) at most, where the tendon has no mass. The body is stopped, or turned back."""
+    length, speed = 0.2, 2.0
+    world = make_world(dt)
+    material = bt.Material(stiffness=stiffness, tension_only=True, density=100.0)
+    t = world.add_tendon([[0, 0, 0], [0, 0, -length]], 1e-3, material, 10)
+    t.grip(0)
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    body = p.createMultiBody(mass, ball, -1, [0, 0, -length], physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    t.attach(-1, body)
+    p.resetBasePositionAndOrientation(body, [0, 0, -0.9 * length], [0, 0, 0, 1], client)
+    p.resetBaseVelocity(body, [0, 0, -speed], [0, 0, 0], client)
+    t.set_positions(t.positions * [1, 1, 0.9])
+    exact = speed * np.sqrt(mass * stiffness / length)
+    tensions = []
+    for _ in range(int(max(0.1, 2 * np.pi * np.sqrt(mass * length / stiffness)) / dt) + 4):
+        world.step()
+        assert world.report.converged
+        tensions.append(t.tension.max())
+        if p.getBaseVelocity(body, client)[0][2] > -1e-3 * speed:
+            break
+    assert p.getBaseVelocity(body, client)[0][2] > -1e-3 * speed
+    assert 0 < max(tensions) <= 1.1 * exact

@@ -1,0 +1,80 @@
+"""A body on a tendon, light or heavy, soft or stiff, in long steps or short: no energy out of nothing."""
+
+import itertools
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+LENGTH, G, PULL = 0.2, 9.81, 2000.0  # m, m/s^2, N
+MASSES = (1e-4, 1e-2, 1.0, 1e2, 1e4)  # kg
+STIFFNESSES = (1e2, 1e4, 1e6, 1e8)  # N per strain
+STEPS = (1 / 1000, 1 / 240, 1 / 60)  # s
+
+
+def slow(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+class Bob:
+    """A ball on a tendon that is held at its other end, and all energy there is, work of the pull apart."""
+
+    def __init__(self, make_world, client, case, mass, stiffness, dt):
+        self.client, self.mass = client, mass
+        self.gravity = G if case == "hanging" else 0.0
+        self.pull = np.array([0, 0, -PULL if case == "pulled" else 0.0])
+        self.world = make_world(dt, (0, 0, -self.gravity))
+        material = bt.Material(stiffness=stiffness, density=100.0)
+        self.tendon = self.world.add_tendon([[0, 0, 0], [0, 0, -LENGTH]], 1e-3, material, 10)
+        self.tendon.grip(0)
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+        self.body = p.createMultiBody(mass, ball, -1, [0, 0, -LENGTH], physicsClientId=client)
+        p.setCollisionFilterGroupMask(self.body, -1, 0, 0, client)
+        p.changeDynamics(self.body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+        self.tendon.attach(-1, self.body)
+        if case == "free":
+            p.resetBaseVelocity(self.body, [1.0, 0, 0], [0, 0, 0], client)
+        self.start = self.energy()
+        self.scale = max(mass * (0.5 + self.gravity * LENGTH), abs(self.pull[2]) * LENGTH)
+
+    def place(self):
+        return np.array(p.getBasePositionAndOrientation(self.body, self.client)[0])
+
+    def energy(self) -> float:
+        """Of motion, elastic, of height, less the work that the pull has done [J]."""
+        speed, lowered = np.array(p.getBaseVelocity(self.body, self.client)[0]), self.place() + [0, 0, LENGTH]
+        t = self.tendon
+        heights = self.mass * lowered[2] + t.masses @ t.positions[:, 2]
+        return 0.5 * self.mass * speed @ speed + t.energy + self.gravity * heights - self.pull @ lowered
+
+    def step(self) -> float:
+        """Energy gained since the start, over the largest that was at hand."""
+        if self.pull.any():
+            at = self.place().tolist()
+            p.applyExternalForce(self.body, -1, self.pull.tolist(), at, p.WORLD_FRAME, self.client)
+        self.world.step()
+        self.scale = max(self.scale, abs(self.pull @ (self.place() + [0, 0, LENGTH])))
+        return (self.energy() - self.start) / self.scale
+
+
+# A pull that comes all at once is not known before it has acted: where it carries a light body farther than
+# the tendon is long within a step, the tendon is stretched by that before it answers.
+@pytest.mark.parametrize(("case", "most"), [("free", 1e-2), ("hanging", 1e-2), ("pulled", 0.6)])
+@pytest.mark.parametrize("seconds", [0.2, slow(10.0)])
+def test_energy_and_convergence(make_world, client, case, most, seconds):
+    gained = {}
+    for values in itertools.product(MASSES, STIFFNESSES, STEPS):
+        bob = Bob(make_world, client, case, *values)
+        gains = []
+        for _ in range(int(seconds / values[-1])):
+            gains.append(bob.step())
+            assert bob.world.report.converged, values
+        assert np.isfinite(gains).all(), values
+        gained[values] = max(gains)
+        bob.world.remove_tendon(bob.tendon)
+        p.removeBody(bob.body, client)
+    worst = max(gained, key=gained.get)
+    print(f"{case}: at most {gained[worst]:.2e} at (mass, stiffness, dt) = {worst}")
+    assert gained[worst] <= most
