@@ -132,7 +132,7 @@ def test_a_spinning_free_body_is_never_taken_for_held(make_world, client):
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
 @pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 60])
 def test_a_flying_body_is_caught_without_overshooting(make_world, client, mass, stiffness, dt):
-    """Exact: T = v sqrt(m K / L) at most, where the tendon has no mass. The body is stopped, or turned back."""
+    """Exact: T = v sqrt(m K / L) at most, where the tendon has no mass. It stops, or turns back."""
     length, speed = 0.2, 2.0
     world = make_world(dt)
     material = bt.Material(stiffness=stiffness, tension_only=True, density=100.0)
