@@ -1,10 +1,15 @@
 """Shared fixtures: a pybullet client without a window, and tendon worlds in it."""
 
+import os
+
 import pybullet as p
 import pytest
 from link_scenes import probe_of
 
 import bullet_tendon as bt
+
+# A sanitizer has an allocator of its own, and keeps what is freed.
+SANITIZED = "libasan" in os.environ.get("LD_PRELOAD", "")
 
 
 def pytest_addoption(parser):
