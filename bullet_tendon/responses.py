@@ -83,7 +83,7 @@ def movable_joints(body, client) -> list[int]:
 def joint_response(body, link, joints, client) -> np.ndarray | None:
     """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
 
-    None where pybullet's Jacobian does not cover the body (_jacobian_and_mass).
+    None where pybullet's Jacobian does not cover the body (jacobian_and_mass).
     """
     parts = jacobian_and_mass(body, link, joints, client)
     if parts is None:

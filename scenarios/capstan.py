@@ -13,6 +13,7 @@ import pybullet as p
 
 import bullet_tendon as bt
 
+from . import lanes
 from .scene import Check, Scene
 
 DRUM, RADIUS = 0.03, 0.001  # m, of the drum and of the tendons
@@ -47,18 +48,9 @@ def build(options) -> Scene:
 
 
 def drive(scene, progress) -> None:
-    steps = round(TRAVEL / SPEED / scene.time_step)
-    for k in progress(range(steps), "drawing"):
-        if k == steps // 2:
-            scene.mark(f"{scene.time:.2f} s")
-        for lane in scene.handles.lanes:
-            _draw(lane, k + 1, steps)
-        scene.step()
-        for lane in scene.handles.lanes:
-            lane.logs.append(np.log(lane.tendon.tension[[0, -1]]))
-    scene.mark(f"{scene.time:.2f} s")
+    lanes.draw(scene, progress, TRAVEL, SPEED, BACK, START)
     for lane in scene.handles.lanes:
-        _measure(scene, lane, SPEED * scene.time_step)
+        lanes.measure(scene, lane, f"T1/T0 beside e^(mu phi), {lane.name}", lane.spacing, SPEED)
 
 
 def check(scene) -> list[Check]:
@@ -86,20 +78,3 @@ def _wrap(scene, friction, angle, aside) -> SimpleNamespace:
         name=name, tendon=tendon, hand=hand, start=hand.target, first=first, last=last,
         exponent=friction * true_angle, spacing=length * SEGMENT, logs=[],
     )  # fmt: skip
-
-
-def _draw(lane, step, steps) -> None:
-    share = step / steps
-    gently = share - START * (1 - np.exp(-share / START))  # from standstill to SPEED
-    lane.tendon.set_force(0, -BACK * min(1.0, 8 * share) * lane.first)
-    lane.hand.target = lane.start + TRAVEL * gently * lane.last
-
-
-def _measure(scene, lane, advance) -> None:
-    """The mean of ln(T1/T0) over the time in which one segment passes."""
-    passing = round(lane.spacing / advance)
-    logs = np.array(lane.logs)[-passing:]
-    gained = (logs[:, 1] - logs[:, 0]).mean()
-    scene.measure(f"T1/T0 beside e^(mu phi), {lane.name}", np.expm1(gained - lane.exponent))
-    scene.record("measured", gained, lane.exponent)
-    scene.record("capstan equation", lane.exponent, lane.exponent)

@@ -12,6 +12,7 @@ import pybullet as p
 
 import bullet_tendon as bt
 
+from . import lanes
 from .scene import Check, Scene
 
 AXIS, BORE, RADIUS = 0.05, 0.004, 0.002  # m: of the tunnels' curve, of the bores, of the tendons
@@ -41,18 +42,9 @@ def build(options) -> Scene:
 
 
 def drive(scene, progress) -> None:
-    steps = round(TRAVEL / SPEED / scene.time_step)
-    for k in progress(range(steps), "drawing"):
-        if k == steps // 2:
-            scene.mark(f"{scene.time:.2f} s")
-        for lane in scene.handles.lanes:
-            _draw(lane, (k + 1) / steps)
-        scene.step()
-        for lane in scene.handles.lanes:
-            lane.logs.append(np.log(lane.tendon.tension[[0, -1]]))
-    scene.mark(f"{scene.time:.2f} s")
+    lanes.draw(scene, progress, TRAVEL, SPEED, BACK, START)
     for lane in scene.handles.lanes:
-        _measure(scene, lane)
+        lanes.measure(scene, lane, lane.title, SPACING, SPEED)
 
 
 def check(scene) -> list[Check]:
@@ -90,19 +82,3 @@ def _polygon(joints, radius, aside) -> np.ndarray:
     """(joints + 2, 3) corners of an arc about y with that many bends [m]."""
     corner = (np.arange(joints + 2) - 0.5 * (joints + 1)) * BEND
     return np.c_[radius * np.sin(corner), np.full(len(corner), aside), radius * np.cos(corner)]
-
-
-def _draw(lane, share) -> None:
-    gently = share - START * (1 - np.exp(-share / START))  # from standstill to SPEED
-    lane.tendon.set_force(0, -BACK * min(1.0, 8 * share) * lane.first)
-    lane.hand.target = lane.start + TRAVEL * gently * lane.last
-
-
-def _measure(scene, lane) -> None:
-    """The mean of ln(T1/T0) over the time in which one segment passes."""
-    passing = round(SPACING / (SPEED * scene.time_step))
-    logs = np.array(lane.logs)[-passing:]
-    gained = (logs[:, 1] - logs[:, 0]).mean()
-    scene.measure(lane.title, np.expm1(gained - lane.exponent))
-    scene.record("measured", gained, lane.exponent)
-    scene.record("capstan equation", lane.exponent, lane.exponent)

@@ -1,4 +1,4 @@
-"""Distances between centrelines, measured apart from the solver's own contact search."""
+"""Distances of centrelines, measured apart from the solver's own contact search."""
 
 import numpy as np
 
@@ -43,6 +43,22 @@ def with_itself(line, aside: float, rest=None) -> float:
 def rest_lengths(tendon) -> np.ndarray:
     """(n-1,) lengths of a tendon's segments without load [m], from their strains."""
     return np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1) / (1 + tendon.strain)
+
+
+def to_triangles(point, triangles) -> float:
+    """Distance [m] of a point (3,) from the nearest of triangles (t, 3, 3).
+
+    Of their edges and, where the point is above a triangle, its plane.
+    """
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    normal = np.cross(b - a, c - a)
+    above = np.ones(len(a), bool)
+    best = np.inf
+    for start, end in ((a, b), (b, c), (c, a)):
+        best = min(best, _point_distances(point, start, end).min())
+        above &= _dot(np.cross(end - start, point - start), normal) >= 0
+    height = np.abs(_dot(point - a, normal)) / np.maximum(np.linalg.norm(normal, axis=1), _TINY)
+    return float(min(best, height[above].min(initial=np.inf)))
 
 
 def _shortest(one, other, wanted) -> float:

@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull
 import bullet_tendon as bt
 from bullet_tendon.mesh_files import read_mesh
 
+from . import measure
 from .scene import Check, Scene
 
 # The real bone, where it lies beside the folder that this is run in.
@@ -98,7 +99,7 @@ def _measure(scene, load) -> None:
     t = scene.handles.tendon
     x = t.positions
     x = np.insert(x, np.arange(1, len(x)), (x[1:] + x[:-1]) / 2, axis=0)
-    depths = 1 - np.array([_distance(point, scene.handles.triangles) for point in x]) / RADIUS
+    depths = 1 - np.array([measure.to_triangles(point, scene.handles.triangles) for point in x]) / RADIUS
     for k, depth in enumerate(depths):
         if depth > -0.5:
             scene.record(f"{load:.0f} N", 100 * depth, 1e3 * SEGMENT / 2 * k)
@@ -108,28 +109,6 @@ def _measure(scene, load) -> None:
     scene.measure("wrapped by", 180 - np.degrees(np.arccos(np.clip(ends[0] @ ends[1], -1, 1))), "degrees")
     scene.measure(f"tension in the drawn end at {load:.0f} N", t.tension[-1], "N")
     scene.measure(f"tension in the held end at {load:.0f} N", t.tension[0], "N")
-
-
-def _distance(point, triangles) -> float:
-    """From a point to the nearest triangle (t, 3, 3): the nearest point by regions (Ericson 2005, 5.1.5)."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    near = np.linalg.norm((a + b + c) / 3 - point, axis=1) < 0.02
-    a, b, c = a[near], b[near], c[near]
-    best = np.inf
-    for start, end in ((a, b), (b, c), (c, a)):
-        along = end - start
-        u = np.clip(_dot(point - start, along) / np.maximum(_dot(along, along), 1e-30), 0, 1)
-        best = min(best, np.linalg.norm(start + u[:, None] * along - point, axis=1).min(initial=np.inf))
-    normal = np.cross(b - a, c - a)
-    inside = np.ones(len(a), bool)
-    for start, end in ((a, b), (b, c), (c, a)):
-        inside &= _dot(np.cross(end - start, point - start), normal) >= 0
-    height = np.abs(_dot(point - a, normal)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
-    return min(best, height[inside].min(initial=np.inf))
-
-
-def _dot(x, y) -> np.ndarray:
-    return np.einsum("...i,...i->...", x, y)
 
 
 def _around(vertices) -> np.ndarray:

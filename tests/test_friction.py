@@ -3,22 +3,12 @@
 import numpy as np
 import pybullet as p
 import pytest
-from bullet_tendon.scenarios import atwood, capstan, curved_tunnel, incline, runner
+from bullet_tendon.scenarios import atwood, capstan, curved_tunnel, incline
+from scene_runs import holds
 
 import bullet_tendon as bt
 
 QUARTER, HALF = np.pi / 2, np.pi
-
-
-def holds(module, monkeypatch, **changes):
-    """Run a scene with changed constants: all its own checks have to hold."""
-    for name, value in changes.items():
-        monkeypatch.setattr(module, name, value)
-    outcome = runner.run(module)
-    assert not outcome.cut and not outcome.failure
-    assert outcome.checks
-    assert outcome.failed == []
-    return outcome.scene
 
 
 def test_capstan(monkeypatch):

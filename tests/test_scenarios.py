@@ -21,6 +21,7 @@ from bullet_tendon.scenarios import (
     two_tendons,
 )
 from bullet_tendon.scenarios.scene import Check, CutShort, Options, Scene
+from scene_runs import holds, with_options
 
 import bullet_tendon as bt
 from bullet_tendon import scenarios
@@ -30,6 +31,7 @@ FAKE = '''"""A tendon that hangs.
 More about it.
 """
 import bullet_tendon as bt
+from scene_runs import holds, with_options
 from bullet_tendon.scenarios.scene import Check, Scene
 
 
@@ -224,25 +226,13 @@ SHORTENED = [
 
 @pytest.mark.parametrize(("module", "changes"), SHORTENED, ids=lambda x: getattr(x, "__name__", "")[24:])
 def test_scenario_holds_its_own_check(module, changes, monkeypatch):
-    for name, value in changes.items():
-        monkeypatch.setattr(module, name, value)
-    outcome = runner.run(module)
-    assert not outcome.cut and not outcome.failure
-    assert outcome.checks
-    assert outcome.failed == []
+    holds(module, monkeypatch, **changes)
 
 
 def test_tendons_that_pass_through_each_other_are_noticed(monkeypatch):
     """The check of the crossing fails where the tendons' contact is far too soft."""
     monkeypatch.setattr(two_tendons, "STEPS", 150)
-    build = two_tendons.build
-
-    def soft(options):
-        scene = build(options)
-        scene.world.options = bt.SolverOptions(contact_stiffness=1.0)
-        return scene
-
-    monkeypatch.setattr(two_tendons, "build", soft)
+    with_options(two_tendons, monkeypatch, contact_stiffness=1.0)
     outcome = runner.run(two_tendons)
     assert "nearest, crosswise" in [check.name for check in outcome.failed]
     assert outcome.status == 1

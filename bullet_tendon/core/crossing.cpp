@@ -58,7 +58,7 @@ void Row::add_pair_levers(const Vec3 (&x)[4], bool definite) {
   if (inside_a) take(va, 1 / aa);
   if (!inside_b) return;
   const double mixed = inside_a ? ab / aa : 0, rest = bb - mixed * ab;  // S by its Cholesky factors
-  for (int i = 0; i < 4; ++i) vb[i] += -mixed * (inside_a ? 1.0 : 0.0) * va[i];
+  for (int i = 0; i < 4; ++i) vb[i] += -mixed * va[i];
   if (rest > 0) take(vb, 1 / rest);
 }
 

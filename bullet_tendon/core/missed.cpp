@@ -40,10 +40,9 @@ bool add_missed(Group& group) {
   bool any = false;
   for (size_t r = 0; r < known && group.extra.size() < group.extra.capacity(); ++r) {
     Row& row = *group.rows[r];
-    if (row.b.chain < 0) continue;
+    if (row.b.chain < 0 || row.follows) continue;  // what follows has its points with it
     Row more = row;
     more.carried = more.multiplier = more.limit = 0, more.stuck = {}, more.sliding = false;
-    if (row.follows) continue;  // its points go with it
     if (row.softest > 0) more.stiffness = row.softest;
     if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
     auto there = [&](const Row* other) { return same_place(*other, more); };

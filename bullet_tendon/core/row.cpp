@@ -39,7 +39,7 @@ void Row::evaluate(Vec3 relative, bool at_position, bool definite) {
   tangent_force = {};
   block = {};
   if (pressed) block = stiffness * outer(normal);
-  if (pressed) {
+  if (pressed && (curvature != 0 || across_edge != 0)) {
     const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
     block += (multiplier * std::max(curvature, least)) * outer(around);
     block += (multiplier * std::max(across_edge, least)) * outer(cross(around, normal));

@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from bullet_tendon.scenarios import measure
 
 import bullet_tendon as bt
 
@@ -74,26 +75,9 @@ class Witness:
         return outcome
 
 
-def nearest(a, b, c, d):
-    """Distances of the segments a-b and c-d, (..., 3) each (Ericson 2005, section 5.1.9)."""
-    u, v, w = b - a, d - c, a - c
-    dot = lambda x, y: (x * y).sum(-1)  # noqa: E731
-    uu, vv, uv, uw, vw = dot(u, u), dot(v, v), dot(u, v), dot(u, w), dot(v, w)
-    denominator = np.maximum(uu * vv - uv**2, 1e-30)
-    s = np.clip((uv * vw - uw * vv) / denominator, 0, 1)
-    t = np.clip((uv * s + vw) / vv, 0, 1)
-    s = np.clip((uv * t - uw) / uu, 0, 1)
-    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-
-
-def between(x, y):
-    """Least distance of the segments of two polylines."""
-    return nearest(x[:-1, None], x[1:, None], y[None, :-1], y[None, 1:]).min()
-
-
 def least_distance(before, after):
     """Of two tendons on straight ways, or less where they are far."""
-    least = between(*before) - sum(
+    least = measure.between(*before) - sum(
         np.linalg.norm(a - b, axis=1).max() for b, a in zip(before, after, strict=True)
     )
     if least > 2 * RADIUS:
@@ -101,7 +85,7 @@ def least_distance(before, after):
     least = np.inf
     for share in SAMPLES:
         x, y = ((1 - share) * b + share * a for b, a in zip(before, after, strict=True))
-        least = min(least, between(x, y))
+        least = min(least, measure.between(x, y))
     return least
 
 
