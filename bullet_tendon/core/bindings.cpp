@@ -1,46 +1,15 @@
 // The Python face of the core (module bullet_tendon._core): arrays in, arrays out, no logic.
 // Python validates before it calls; nothing here is public.
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
+#include "bindings.h"
+
 #include <pybind11/stl.h>
 
 #include "allocations.h"
-#include "terms.h"
 #include "world.h"
 
-namespace py = pybind11;
 using namespace bt;
-using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Ints = py::array_t<int, py::array::c_style | py::array::forcecast>;
 
 namespace {
-
-Vec3 vec(const Array& a) { return {a.data()[0], a.data()[1], a.data()[2]}; }
-Vec3 vec(const double* p) { return {p[0], p[1], p[2]}; }
-py::tuple tuple(Vec3 v) { return py::make_tuple(v.x, v.y, v.z); }
-
-Array rows_of(const std::vector<Vec3>& v) {
-  Array out({static_cast<py::ssize_t>(v.size()), static_cast<py::ssize_t>(3)});
-  double* p = out.mutable_data();
-  for (const Vec3& x : v) *p++ = x.x, *p++ = x.y, *p++ = x.z;
-  return out;
-}
-
-Array rows_of(const Field& f) {
-  std::vector<Vec3> v(f.size());
-  for (int i = 0; i < f.size(); ++i) v[i] = f.at(i);
-  return rows_of(v);
-}
-
-Array copy_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
-
-void fill(Field& f, const Array& a) {
-  for (int i = 0; i < f.size(); ++i) f.set(i, vec(a.data() + 3 * i));
-}
-
-std::vector<double> list_of(const Array& a) { return {a.data(), a.data() + a.size()}; }
-
-Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
 
 int add_chain(World& w, const Array& points, double radius, double friction, double stiffness,
               double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
@@ -138,98 +107,6 @@ py::list contacts(const World& w) {
   return out;
 }
 
-py::tuple term_of(const Term& term) {
-  const py::ssize_t m = 3 * term.gradient.size();
-  Array matrix({m, m});
-  std::copy(term.matrix.begin(), term.matrix.end(), matrix.mutable_data());
-  return py::make_tuple(term.energy, rows_of(term.gradient), matrix);
-}
-
-Field field_of(const Array& a) {
-  Field f(static_cast<int>(a.shape(0)));
-  fill(f, a);
-  return f;
-}
-
-py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
-  return term_of(spring_term(*w.chains[c], shear, field_of(x), field_of(before), b));
-}
-
-// A contact row at a position, as the position has it.
-py::tuple row_term(int kind, const Array& relative, const Array& normal, double offset, const Array& point,
-                   const Array& axis, double ring, double stiffness, double carried, double grip,
-                   double limit, const Array& stuck, bool definite) {
-  Row row;
-  row.kind = static_cast<ContactKind>(kind);
-  row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
-  row.ring = ring, row.stiffness = stiffness, row.carried = carried;
-  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.grip = grip, row.stuck = vec(stuck);
-  row.evaluate(vec(relative), true, definite);
-  const Sym3& b = row.block;
-  Array block({3, 3});
-  const double full[9] = {b.xx, b.xy, b.xz, b.xy, b.yy, b.yz, b.xz, b.yz, b.zz};
-  std::copy(full, full + 9, block.mutable_data());
-  return py::make_tuple(row.gap, tuple(row.normal), tuple(row.total_force), block, row.sliding);
-}
-
-// A segment against the edge of a mouth, its point followed: gap, forces on its ends, and all of its block.
-py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
-                    const Array& axis, double ring, double stiffness, double carried) {
-  Row row;
-  row.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
-  row.offset = offset, row.axis_point = vec(centre), row.axis = vec(axis), row.ring = ring;
-  row.stiffness = stiffness, row.carried = carried;
-  const Vec3 a = vec(start), b = vec(end);
-  for (int i = 0; i < 50; ++i) row.follow(a, b);
-  row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
-  row.add_lever(a, b, false);
-  const Sym3& s = row.block;
-  const double block[9] = {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz};
-  const Vec3 la = row.lever[0][0], lb = row.lever[0][1];
-  const double lever[6] = {la.x, la.y, la.z, lb.x, lb.y, lb.z}, weight[2] = {row.a.w0, row.a.w1};
-  Array full({6, 6});
-  for (int i = 0; i < 6; ++i)
-    for (int j = 0; j < 6; ++j)
-      full.mutable_at(i, j) = weight[i / 3] * weight[j / 3] * block[3 * (i % 3) + j % 3] +
-                              (row.levers ? row.lever_share[0] : 0) * lever[i] * lever[j];
-  return py::make_tuple(row.gap, tuple(row.a.w0 * row.total_force), tuple(row.a.w1 * row.total_force), full);
-}
-
-// Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
-py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
-  Row row;
-  row.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
-  row.offset = offset, row.stiffness = stiffness, row.carried = carried;
-  const Field f = field_of(ends);
-  const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
-  row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
-  row.follow_pair(x);
-  const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
-  row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
-  row.add_pair_levers(x, false);
-  const Sym3& s = row.block;
-  const double block[9] = {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz};
-  Array full({12, 12});
-  Field force(4);
-  for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.total_force);
-  for (int i = 0; i < 12; ++i)
-    for (int j = 0; j < 12; ++j) {
-      double sum = P[i / 3] * P[j / 3] * block[3 * (i % 3) + j % 3];
-      for (int k = 0; k < row.levers; ++k) {
-        const Vec3 p = row.lever[k][i / 3], q = row.lever[k][j / 3];
-        const double pi = i % 3 == 0   ? p.x
-                          : i % 3 == 1 ? p.y
-                                       : p.z,
-                     qj = j % 3 == 0   ? q.x
-                          : j % 3 == 1 ? q.y
-                                       : q.z;
-        sum += row.lever_share[k] * pi * qj;
-      }
-      full.mutable_at(i, j) = sum;
-    }
-  return py::make_tuple(row.gap, rows_of(force), full);
-}
-
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
                  double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
                  double contact_threshold, double reuse_tolerance) {
@@ -251,11 +128,9 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
   using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
-  m.def("row_term", &row_term);
-  m.def("edge_term", &edge_term);
-  m.def("pair_term", &pair_term);
-  py::class_<World>(m, "World")
-      .def(py::init<>())
+  py::class_<World> world(m, "World");
+  bind_terms(m, world);
+  world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)
       .def("remove_chain", &World::remove_chain)
@@ -288,9 +163,6 @@ PYBIND11_MODULE(_core, m) {
              return copy_of(t);
            })
       .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
-      .def("spring_term", &spring_term_of)
-      .def("bending_term", [](const World& w, int c,
-                              const Array& x) { return term_of(bending_term(*w.chains[c], field_of(x))); })
       .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
       .def("set_force", [](World& w, int c, int i, const Array& f) { w.chains[c]->force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })

@@ -1,0 +1,52 @@
+// Arrays and tuples of Python, and what they are in the core.
+#pragma once
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include "world.h"
+
+namespace py = pybind11;
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Ints = py::array_t<int, py::array::c_style | py::array::forcecast>;
+
+namespace bt {
+
+inline Vec3 vec(const Array& a) { return {a.data()[0], a.data()[1], a.data()[2]}; }
+inline Vec3 vec(const double* p) { return {p[0], p[1], p[2]}; }
+inline py::tuple tuple(Vec3 v) { return py::make_tuple(v.x, v.y, v.z); }
+
+inline Array rows_of(const std::vector<Vec3>& v) {
+  Array out({static_cast<py::ssize_t>(v.size()), static_cast<py::ssize_t>(3)});
+  double* p = out.mutable_data();
+  for (const Vec3& x : v) *p++ = x.x, *p++ = x.y, *p++ = x.z;
+  return out;
+}
+
+inline Array rows_of(const Field& f) {
+  std::vector<Vec3> v(f.size());
+  for (int i = 0; i < f.size(); ++i) v[i] = f.at(i);
+  return rows_of(v);
+}
+
+inline Array copy_of(const std::vector<double>& v) {
+  return Array(static_cast<py::ssize_t>(v.size()), v.data());
+}
+
+inline void fill(Field& f, const Array& a) {
+  for (int i = 0; i < f.size(); ++i) f.set(i, vec(a.data() + 3 * i));
+}
+
+inline std::vector<double> list_of(const Array& a) { return {a.data(), a.data() + a.size()}; }
+
+inline Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
+
+inline Field field_of(const Array& a) {
+  Field f(static_cast<int>(a.shape(0)));
+  fill(f, a);
+  return f;
+}
+
+// Single terms of a step's potential (term_bindings.cpp).
+void bind_terms(py::module_& m, py::class_<World>& world);
+
+}  // namespace bt
