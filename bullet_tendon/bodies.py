@@ -9,18 +9,12 @@ import pybullet as p
 
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
-from .responses import (
-    axes_of,
-    free_response,
-    jacobian_and_mass,
-    joint_response,
-    movable_joints,
-    rigid_response,
-)
+from .movers import movers_of
+from .responses import axes_of, free_response, jacobian_and_mass, movable_joints
 
 _FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
-_WIDTH = 59  # origin 3, rotation 9, centre 3, velocity 3, spin 3, yields 1, response 36, falls 1
+_WIDTH = 22  # origin 3, rotation 9, centre 3, velocity 3, spin 3, slot of its mover 1 (-1: none)
 
 
 def client_of(physicsClientId) -> int:
@@ -99,26 +93,54 @@ class Bodies:
             marked.pop()
         return tuple(marked)
 
-    def table(self) -> np.ndarray:
-        """(links, 59) what the core needs to know of every link (layout: _WIDTH).
+    def table(self) -> tuple[np.ndarray, list, list]:
+        """What the core needs to know of every link: (links, 22) numbers (layout: _WIDTH), Jacobians, movers.
 
-        Raises UnknownId where a body was removed from pybullet that something here refers to, and
-        InvalidValue where pybullet has no finite pose or velocity for one.
+        Jacobians by link, (6, n) or None for the identity; movers by the slot of their first link: (falls, rates,
+        response) as of movers.Mover, or None. Raises UnknownId where a body was removed from pybullet that
+        something here refers to, and InvalidValue where pybullet has no finite pose or velocity for one.
         """
         self.require_alive()
+        by_body: dict[int, list[int]] = {}
         for slot, (row, (body, link)) in enumerate(zip(self._table, self.links, strict=True)):
             if slot in self._unused:
                 continue
-            self._read(row, body, link)
-            if not np.isfinite(row).all():
-                raise InvalidValue("bodyUniqueId", body, "a body with finite pose, velocity and inertia")
-        return self._table
+            info = p.getDynamicsInfo(body, link, self.client)
+            self._read(row, body, link, info)
+            row[21] = -1
+            if info[0] > 0:
+                by_body.setdefault(body, []).append(slot)
+        jacobians, movers = [None] * len(self.links), [None] * len(self.links)
+        for body, slots in by_body.items():
+            self._move(body, slots, jacobians, movers)
+        self._require_finite(movers)
+        return self._table, jacobians, movers
+
+    def _move(self, body: int, slots: list[int], jacobians: list, movers: list) -> None:
+        slot_of = {self.links[s][1]: s for s in slots}
+        rows = {link: self._table[s] for link, s in slot_of.items()}
+        for links, mover in movers_of(body, list(slot_of), rows, self.client):
+            first = slot_of[links[0]]
+            movers[first] = mover[:3]
+            for link, jacobian in zip(links, mover.jacobians, strict=True):
+                self._table[slot_of[link], 21] = first
+                jacobians[slot_of[link]] = jacobian
+
+    def _require_finite(self, movers: list) -> None:
+        fine = np.isfinite(self._table).all(axis=1)
+        for slot, mover in enumerate(movers):
+            if mover is not None and not (np.isfinite(mover[1]).all() and np.isfinite(mover[2]).all()):
+                fine[slot] = False
+        if not fine.all():
+            body = self.links[int(np.argmin(fine))][0]
+            raise InvalidValue("bodyUniqueId", body, "a body with finite pose, velocity and inertia")
 
     def forget(self, slots: set[int]) -> None:
         """Read and push links no more: nothing refers to them."""
         self._unused |= slots
         self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
         self._table[list(slots)] = 0.0
+        self._table[list(slots), -1] = -1
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
@@ -133,7 +155,7 @@ class Bodies:
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
         row = np.zeros(_WIDTH)
-        self._read(row, int(body), int(link))
+        self._read(row, int(body), int(link), p.getDynamicsInfo(int(body), int(link), self.client))
         return row[:3].copy(), row[3:12].reshape(3, 3).copy()
 
     def apply(self, wrenches: np.ndarray) -> None:
@@ -193,48 +215,14 @@ class Bodies:
                 a = max(-abs(rate), min(abs(rate), a))
             p.resetJointState(body, joint, angle + dt * (b - a), rate + b - a, self.client)
 
-    def _read(self, row, body, link) -> None:
-        info = p.getDynamicsInfo(body, link, self.client)
+    def _read(self, row, body, link, info) -> None:
         if link < 0:
-            self._read_base(row, body, info)
+            centre, turn = p.getBasePositionAndOrientation(body, self.client)
+            _write(row, centre, turn, info, *p.getBaseVelocity(body, self.client))
         else:
-            self._read_link(row, body, link, info)
-        row[21] = row[58] = 0.0
-        if info[0] > 0:
-            self._respond(row, body, link, info)
-
-    def _read_base(self, row, body, info) -> None:
-        centre, turn = p.getBasePositionAndOrientation(body, self.client)
-        _write(row, centre, turn, info, *p.getBaseVelocity(body, self.client))
-
-    def _read_link(self, row, body, link, info) -> None:
-        # The link frame that getLinkState reports itself is rounded to single precision.
-        state = p.getLinkState(body, link, 1, 1, self.client)
-        _write(row, state[0], state[1], info, state[6], state[7])
-
-    def _respond(self, row, body, link, info) -> None:
-        joints = movable_joints(body, self.client)
-        fixed = p.getDynamicsInfo(body, -1, self.client)[0] == 0
-        if fixed:
-            response = joint_response(body, link, joints, self.client) if joints else np.zeros((6, 6))
-        elif not joints:
-            alone = link < 0 and p.getNumJoints(body, self.client) == 0
-            turn = self._inertial_turn(body, link)
-            response = free_response(info, turn) if alone else rigid_response(body, row[12:15], self.client)
-            row[58] = 1.0
-        else:
-            response = None
-        if response is None:
-            # A link of a floating or spherically jointed body yields at most as it would alone:
-            # the stable side.
-            response = free_response(info, self._inertial_turn(body, link))
-        row[21] = float(response.any())
-        row[22:58] = response.ravel()
-
-    def _inertial_turn(self, body, link):
-        if link < 0:
-            return p.getBasePositionAndOrientation(body, self.client)[1]
-        return p.getLinkState(body, link, physicsClientId=self.client)[1]
+            # The link frame that getLinkState reports itself is rounded to single precision.
+            state = p.getLinkState(body, link, 1, 1, self.client)
+            _write(row, state[0], state[1], info, state[6], state[7])
 
 
 def _write(row, centre, turn, info, velocity, spin) -> None:

@@ -33,24 +33,22 @@ def free_response(info, inertial_turn) -> np.ndarray:
     return response
 
 
-def rigid_response(body, at, client) -> np.ndarray:
-    """(6, 6) response at the point `at` of a floating body whose links are rigidly joined.
-
-    With total mass M, centre C and inertia I about it, and r = at - C: a force there gives the
-    acceleration F/M + (I^-1 (r x F)) x r, a torque (I^-1 T) x r; both turn by I^-1.
-    """
+def rigid_response(body, client) -> tuple[np.ndarray, np.ndarray]:
+    """(6, 6) inverse inertia of a floating body whose links are rigidly joined, about its centre of mass (3,)."""
     parts = [_mass_of(body, link, client) for link in range(-1, p.getNumJoints(body, client))]
     mass = sum(m for m, _, _ in parts)
     centre = sum(m * c for m, c, _ in parts) / mass
-    inertia = sum(i + m * _point_inertia(c - centre) for m, c, i in parts)
-    cross = _cross_matrix(at - centre)
-    inverse = np.linalg.pinv(inertia)
     response = np.zeros((6, 6))
-    response[:3, :3] = np.eye(3) / mass - cross @ inverse @ cross
-    response[:3, 3:] = -cross @ inverse
-    response[3:, :3] = inverse @ cross
-    response[3:, 3:] = inverse
-    return response
+    response[:3, :3] = np.eye(3) / mass
+    response[3:, 3:] = np.linalg.pinv(sum(i + m * _point_inertia(c - centre) for m, c, i in parts))
+    return response, centre
+
+
+def shifted(by) -> np.ndarray:
+    """(6, 6) Jacobian of the point `by` (3,) away on a rigid body: velocity and spin there."""
+    jacobian = np.eye(6)
+    jacobian[:3, 3:] = -_cross_matrix(by)
+    return jacobian
 
 
 def _mass_of(body, link, client) -> tuple[float, np.ndarray, np.ndarray]:
@@ -78,19 +76,6 @@ def movable_joints(body, client) -> list[int]:
     """Indices of the joints that have a degree of freedom."""
     kinds = ((j, p.getJointInfo(body, j, client)[2]) for j in range(p.getNumJoints(body, client)))
     return [j for j, kind in kinds if kind != p.JOINT_FIXED]
-
-
-def joint_response(body, link, joints, client) -> np.ndarray | None:
-    """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
-
-    None where pybullet's Jacobian does not cover the body (jacobian_and_mass).
-    """
-    parts = jacobian_and_mass(body, link, joints, client)
-    if parts is None:
-        return None
-    if link < 0:
-        return np.zeros((6, 6))
-    return parts[0] @ np.linalg.solve(parts[1], parts[0].T)
 
 
 def jacobian_and_mass(body, link, joints, client) -> tuple[np.ndarray, np.ndarray] | None:

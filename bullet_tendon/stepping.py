@@ -69,11 +69,11 @@ class TakesSteps:
 
     def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
         """Where links are and how they answer; what was let go in the last step is put right."""
-        self._core.set_links(self._bodies.table())
+        self._core.set_links(*self._bodies.table())
         self._core.sense(dt, gravity, held)
         if held:
             return
-        for slot in self._core.held_links():
+        for slot in self._core.held_movers():
             if not self._bodies.can_be_held(slot):
                 self._core.let_go(slot)
         self._mend()
@@ -94,8 +94,8 @@ class TakesSteps:
         self._wrenches = self._core.wrenches()
         for slot in self._core.pushable():
             self._bodies.exchange(slot, before[slot], self._wrenches[slot], self._dt)
-        self._core.set_links(self._bodies.table())
-        self._core.refresh_links()
+        self._core.set_links(*self._bodies.table())
+        self._core.refresh_movers()
         self._core.sense(self._dt, self._last_gravity, False)
 
     def _go_through(self, clock) -> None:

@@ -24,6 +24,12 @@ int add_chain(World& w, const Array& points, double radius, double friction, dou
   return w.add_chain(std::make_unique<Chain>(p, radius, friction, m));
 }
 
+void set_list(std::vector<double>& list, const py::handle& from) {
+  if (from.is_none()) return list.clear();
+  const Array numbers = py::cast<Array>(from);
+  list.assign(numbers.data(), numbers.data() + numbers.size());
+}
+
 Hold& hold_of(World& w, int chain, int id) {
   for (Hold& h : w.chains[chain]->holds)
     if (h.id == id) return h;
@@ -44,19 +50,27 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
 }
 
-// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, yields 1, response 36,
-// falls 1.
-void set_links(World& w, const Array& table) {
-  constexpr int kWidth = 59;
-  w.links.resize(table.shape(0));
+// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, slot of its mover 1 (-1: none).
+// Jacobians by link: (6, n), or none for the identity. Movers by slot: whether it falls, rates (n), response
+// (n, n), or none.
+void set_links(World& w, const Array& table, const py::list& jacobians, const py::list& movers) {
+  constexpr int kWidth = 22;
+  w.links.resize(table.shape(0)), w.movers.resize(table.shape(0));
   for (size_t i = 0; i < w.links.size(); ++i) {
     const double* p = table.data() + kWidth * i;
     Link& l = w.links[i];
     l.pose = {rotation(p + 3), vec(p)};
     l.centre = vec(p + 12), l.now_velocity = vec(p + 15), l.now_spin = vec(p + 18);
-    l.yields = p[21] != 0, l.falls = p[58] != 0;
-    for (int r = 0; r < 6; ++r)
-      for (int c = 0; c < 6; ++c) l.free[r][c] = p[22 + 6 * r + c];
+    l.mover = static_cast<int>(p[21]);
+    set_list(l.jacobian, jacobians[i]);
+    Mover& m = w.movers[i];
+    if (movers[i].is_none()) {
+      if (m.n() > 0) m = Mover{};
+      continue;
+    }
+    const py::tuple parts = movers[i];
+    m.falls = parts[0].cast<bool>();
+    set_list(m.rates, parts[1]), set_list(m.free, parts[2]);
   }
 }
 
@@ -193,11 +207,11 @@ PYBIND11_MODULE(_core, m) {
            [](World& w, double dt, const Array& gravity, bool held) { w.sense(dt, vec(gravity), held); })
       .def("rewind", &World::rewind)
       .def("any_held", &World::any_held)
-      .def("held_links",
+      .def("held_movers",
            [](const World& w) {
              std::vector<int> held;
-             for (size_t i = 0; i < w.links.size(); ++i)
-               if (w.links[i].observer.held() && !w.links[i].observer.released())
+             for (size_t i = 0; i < w.movers.size(); ++i)
+               if (w.movers[i].observer.held() && !w.movers[i].observer.released())
                  held.push_back(static_cast<int>(i));
              return held;
            })
@@ -206,10 +220,11 @@ PYBIND11_MODULE(_core, m) {
            [](const World& w) {
              std::vector<int> free;
              for (size_t i = 0; i < w.links.size(); ++i)
-               if (w.links[i].yields && !w.links[i].observer.held()) free.push_back(static_cast<int>(i));
+               if (w.links[i].yields() && !w.movers[w.links[i].mover].observer.held())
+                 free.push_back(static_cast<int>(i));
              return free;
            })
-      .def("refresh_links", &World::refresh_links)
+      .def("refresh_movers", &World::refresh_movers)
       .def("add_shape", &add_shape)
       .def("remove_shape", &World::remove_shape)
       .def("add_tunnel",

@@ -25,6 +25,7 @@ struct Hold {
   int link = -1;  // of an attachment
   Vec3 local;     // its point in the link's frame [m]
   bool rigid = true;
+  bool moves = false;    // rigid, and its point goes with its body's unknowns
   bool clamped = false;  // of an end that bends: its direction is held too
   Vec3 direction;        // of the tendon there, in the order of its particles
   Sym3 stiffness;        // [N/m]; unused where rigid
@@ -38,7 +39,6 @@ struct Hold {
   Vec3 kept_force;       // mean_force of the part before [N]
   Vec3 sum_force;        // of the parts that are done, by their share of the step [N]
   Vec3 step_force;       // on the holder, averaged over the last step [N]
-  Vec3 usual_force;      // its slow average over the last steps [N]
 };
 
 // What springs carry over from one step to the next.
@@ -122,7 +122,7 @@ class Chain {
 
   // Work space of a step.
   Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
-      cg_image;
+      cg_image, column, solved;
   Band matrix;
   BandFactor factor;
   Planes inverse_blocks;

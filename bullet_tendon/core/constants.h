@@ -112,11 +112,6 @@ constexpr double kRunaway = 1e12;
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 
-// Share of the last step in the slow averages of wrenches on links with several attachments [-]. Larger:
-// the averages lag behind by less than the links swing, and feed their swing. Smaller: tensions take
-// longer to become exact at rest.
-constexpr double kUsual = 0.02;
-
 // Share of a held link's free answer, along the wrench, by which it has to exceed what was foreseen for
 // it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
 constexpr double kReleased = 0.2;
@@ -132,6 +127,12 @@ constexpr double kLeastCosine = 0.1;
 // Share of the largest eigenvalue of a response under which it is nothing [-]: joints yield in some
 // directions only.
 constexpr double kRank = 1e-9;
+
+// Share of a diagonal number under which the pivot it leaves is nothing [-]: coordinates that nothing moves.
+constexpr double kNoPivot = 1e-12;
+
+// Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
+constexpr int kSweeps = 12;
 
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;

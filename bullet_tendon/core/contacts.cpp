@@ -93,7 +93,18 @@ double World::depth_to_leave(const Row& row, double most) const {
   return -(depth - share * std::min(depth, left));
 }
 
-// Stiffness, softened by how far the link yields within the step, and memory.
+// A link that contacts push at: they go with its body's unknowns. Where those are not solved for (explicit
+// steps), all that touch it are taken to push alike.
+void World::soften(Row& row, const Link& link, Vec3 at) const {
+  row.arm = at - link.centre;
+  if (options.integrator != Integrator::explicit_euler) return;
+  const double w = dot(row.normal, link.mobility(at) * row.normal) * std::max(1, link.touches);
+  const double yield = w * context_.dt * context_.dt;  // [m/N]
+  row.stiffness /= 1 + row.stiffness * yield;
+  row.grip /= 1 + row.grip * yield;
+}
+
+// Stiffness and memory.
 void World::finish_row(Row& row, int chain_slot, int particle) {
   const Chain& c = *slots_[chain_slot];
   // Without multipliers, contacts have to be stiff by themselves.
@@ -104,14 +115,7 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   const double inertia = c.mass[particle] / (c.b * c.b);
   row.grip = carries ? kGripRatio * at_hand + kLooseGripRatio * inertia : kSpringGripRatio * at_hand;
   row.radius = c.radius + (row.b.chain >= 0 ? slots_[row.b.chain]->radius : 0);
-  if (row.link >= 0 && links[row.link].yields) {
-    const Link& link = links[row.link];
-    const Vec3 at = row.a.of(c.x);
-    const double w = dot(row.normal, link.mobility(at) * row.normal) * std::max(1, link.touches);
-    row.yield = w * context_.dt * context_.dt;
-    row.stiffness /= 1 + row.stiffness * row.yield;
-    row.grip /= 1 + row.grip * row.yield;
-  }
+  if (row.link >= 0 && links[row.link].yields()) soften(row, links[row.link], row.a.of(c.x));
   row.softest = carries && !chosen ? row.stiffness : 0;
   row.allowed = depth_to_leave(row, kPushOut * c.radius);
   recall(row);
@@ -128,9 +132,7 @@ void World::recall(Row& row) {
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
   row.stuck = without(turn * found->stuck, row.normal);
   row.before = found->carried;
-  // A spring as published has no memory; neither has a body that yields, whose own motion answers.
-  const bool carries =
-      can_carry() && options.contact_stiffness == 0 && !(row.link >= 0 && links[row.link].yields);
+  const bool carries = can_carry() && options.contact_stiffness == 0;  // a spring as published has no memory
   row.carried = !carries ? 0 : whole_ ? found->carried : found->confirmed;
   row.multiplier = row.before;
   row.last_mean = found->mean_force;
@@ -191,7 +193,8 @@ void World::bone_rows() {
         point = to_world(pose, point), normal = pose.rotation * normal;
         uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
         Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
-        row.direct = !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields;
+        row.direct =
+            !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields();
         add_row(row);
       }
     }
@@ -213,7 +216,7 @@ void World::half_space_rows(int chain, int s) {
     Spot spot{chain, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     Row row = plane_row(ContactKind::bone, spot, shape.link, x - height * normal, normal,
                         contact_key(ContactKind::bone, chain, i, s, 0), shape.friction);
-    row.direct = options.bone_contact == BoneContact::constraint && !link.yields;
+    row.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_row(row);
   }
 }

@@ -82,7 +82,7 @@ void add_coupling(Group& group, const Row& row) {
 
 }  // namespace
 
-bool solve_coupled(Group& group) {
+bool factorise_coupled(Group& group) {
   find_pattern(group);
   find_freedom(group);
   group.factor.start();
@@ -90,15 +90,17 @@ bool solve_coupled(Group& group) {
     add_band(group, *group.chains[k], group.offset[group.numbers[k]]);
   for (const Row* row : group.rows)
     if (row->b.chain >= 0 && row->acts()) add_coupling(group, *row);
-  if (!group.factor.factorise()) return false;
+  return group.factor.factorise();
+}
+
+void solve_coupled(Group& group, Which b, Which x) {
   group.right_hand.clear();
   for (const Chain* c : group.chains)
-    for (int i = 0; i < c->n(); ++i) group.right_hand.push_back(-1.0 * c->residual.at(i));
+    for (int i = 0; i < c->n(); ++i) group.right_hand.push_back((c->*b).at(i));
   group.factor.solve(group.right_hand);
   const Vec3* from = group.right_hand.data();
   for (Chain* c : group.chains)
-    for (int i = 0; i < c->n(); ++i) c->step.set(i, *from++);
-  return true;
+    for (int i = 0; i < c->n(); ++i) (c->*x).set(i, *from++);
 }
 
 }  // namespace bt

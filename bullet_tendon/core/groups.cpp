@@ -6,18 +6,21 @@
 
 namespace bt {
 
-// Tendons that a row joins are solved together (union-find over the rows).
+int World::group_root(int chain) {
+  while (group_of_[chain] != chain) chain = group_of_[chain] = group_of_[group_of_[chain]];
+  return chain;
+}
+
+void World::join_groups(int a, int b) { group_of_[group_root(std::max(a, b))] = group_root(std::min(a, b)); }
+
+// Tendons that a row or a body joins are solved together (union-find).
 void World::make_groups() {
   const int count = static_cast<int>(slots_.size());
   group_of_.resize(count);
   std::iota(group_of_.begin(), group_of_.end(), 0);
-  auto root = [&](int c) {
-    while (group_of_[c] != c) c = group_of_[c] = group_of_[group_of_[c]];
-    return c;
-  };
   for (const Row& row : rows_)
-    if (row.b.chain >= 0)
-      group_of_[root(std::max(row.a.chain, row.b.chain))] = root(std::min(row.a.chain, row.b.chain));
+    if (row.b.chain >= 0) join_groups(row.a.chain, row.b.chain);
+  find_bodies();
   groups_.resize(count);
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
@@ -26,14 +29,26 @@ void World::make_groups() {
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
     g.residual = 0, g.substeps = 1, g.staged = false;
     g.linear_tolerance = 0, g.patterned = false;
+    g.movers = &movers, g.links = &links, g.part_root = 1, g.freedom = 0;
+    g.bodies.clear(), g.carried.clear();
   }
   for (int c = 0; c < count; ++c)
-    if (slots_[c]) groups_[root(c)].chains.push_back(slots_[c]), groups_[root(c)].numbers.push_back(c);
+    if (slots_[c])
+      groups_[group_root(c)].chains.push_back(slots_[c]), groups_[group_root(c)].numbers.push_back(c);
   for (Row& row : rows_) {
-    Group& g = groups_[root(row.a.chain)];
+    Group& g = groups_[group_root(row.a.chain)];
     g.rows.push_back(&row);
     g.coupled |= row.b.chain >= 0;
   }
+  for (size_t m = 0; m < movers.size(); ++m)
+    if (movers[m].unknown) {
+      Group& g = groups_[group_root(touches_[m])];
+      g.bodies.push_back(static_cast<int>(m));
+      movers[m].first = g.freedom, g.freedom += movers[m].n();
+    }
+  for (size_t l = 0; l < links.size(); ++l)
+    if (links[l].yields() && movers[links[l].mover].unknown)
+      groups_[group_root(touches_[links[l].mover])].carried.push_back(static_cast<int>(l));
 }
 
 // false: some solution is not finite.

@@ -1,8 +1,8 @@
-// Solution of A step = -residual for a group of tendons.
+// Solution of A step = -residual for a group of tendons, and for the unknowns of bodies beside them.
 //
 // A tendon on its own is a band matrix, and tendons that touch each other are a sparse one: direct
 // solutions. Where the paper's solver is asked for: conjugate gradients, preconditioned by the inverse
-// diagonal blocks.
+// diagonal blocks. Bodies border the matrix (border.cpp).
 #include "stepping.h"
 
 namespace bt {
@@ -32,8 +32,6 @@ void multiply(Group& group) {
 }
 
 namespace {
-
-using Which = Field Chain::*;
 
 double inner_product(const Group& group, Which a, Which b) {
   double sum = 0;
@@ -68,13 +66,13 @@ void precondition(Group& group) {
   }
 }
 
-// Preconditioned conjugate gradients from zero, to the linear tolerance in the preconditioned norm.
-// false: a direction of no or negative curvature was met.
-bool conjugate_gradients(Group& group, const Options& o) {
-  constexpr Which X = &Chain::step, R = &Chain::cg_remainder, Z = &Chain::cg_preconditioned;
+// x = A^-1 b by preconditioned conjugate gradients from zero, to the linear tolerance in the preconditioned
+// norm. false: a direction of no or negative curvature was met.
+bool conjugate_gradients(Group& group, const Options& o, Which b, Which x) {
+  constexpr Which R = &Chain::cg_remainder, Z = &Chain::cg_preconditioned;
   constexpr Which P = &Chain::cg_direction, Y = &Chain::cg_image;
-  combine(group, 0, &Chain::residual, 0, X);
-  combine(group, -1, &Chain::residual, 0, R);
+  combine(group, 1, b, 0, R);
+  combine(group, 0, R, 0, x);
   precondition(group);
   combine(group, 1, Z, 0, P);
   double rz = inner_product(group, R, Z);
@@ -87,7 +85,7 @@ bool conjugate_gradients(Group& group, const Options& o) {
     double py = inner_product(group, P, Y);
     if (!(py > 0)) return false;
     double alpha = rz / py;
-    combine(group, alpha, P, 1, X);
+    combine(group, alpha, P, 1, x);
     combine(group, -alpha, Y, 1, R);
     precondition(group);
     double rz_next = inner_product(group, R, Z);
@@ -97,25 +95,82 @@ bool conjugate_gradients(Group& group, const Options& o) {
   return true;
 }
 
-void solve_banded(Chain& c) {
-  c.factor.solve(c.residual, c.step);
-  for (int k = 0; k < 3; ++k)
-    for (int i = 0; i < c.n(); ++i) c.step[k][i] = -c.step[k][i];
+bool factorise(Group& group, const Options& o) {
+  if (o.linear_solver == LinearSolver::pcg) {
+    for (Chain* c : group.chains) prepare_blocks(*c);
+    return true;
+  }
+  if (group.coupled) return factorise_coupled(group);
+  bool definite = true;
+  for (Chain* c : group.chains) definite &= c->factor.factorise(c->matrix);
+  return definite;
+}
+
+bool apply_inverse(Group& group, const Options& o, Which b, Which x) {
+  if (o.linear_solver == LinearSolver::pcg) return conjugate_gradients(group, o, b, x);
+  if (group.coupled) return solve_coupled(group, b, x), true;
+  for (Chain* c : group.chains) c->factor.solve(c->*b, c->*x);
+  return true;
+}
+
+double bordered(const Group& group, int column, Which x) {
+  double sum = 0;
+  for (size_t c = 0; c < group.chains.size(); ++c) sum += inner(group.border[column][c], group.chains[c]->*x);
+  return sum;
+}
+
+// The Schur complement of the tendons, in the corner, and what bodies need of the right-hand side; A^-1 C
+// takes the border's place. chain.step is A^-1 r_x.
+bool complement(Group& group, const Options& o) {
+  const int n = group.freedom;
+  for (int k = 0; k < n; ++k) {
+    for (size_t c = 0; c < group.chains.size(); ++c) group.chains[c]->column = group.border[k][c];
+    if (!apply_inverse(group, o, &Chain::column, &Chain::solved)) return false;
+    group.corner_side[k] -= bordered(group, k, &Chain::step);
+    for (int i = k; i < n; ++i) {
+      group.corner[i * n + k] -= bordered(group, i, &Chain::solved);
+      group.corner[k * n + i] = group.corner[i * n + k];
+    }
+    for (size_t c = 0; c < group.chains.size(); ++c) group.border[k][c] = group.chains[c]->solved;
+  }
+  return true;
+}
+
+// The step of the bodies, and what it makes of that of the tendons (all of opposite sign).
+bool solve_bodies(Group& group, const Options& o) {
+  const int n = group.freedom;
+  group.corner_side.resize(n);
+  for (int m : group.bodies) {
+    const Mover& mover = (*group.movers)[m];
+    std::copy(mover.residual.begin(), mover.residual.end(), group.corner_side.begin() + mover.first);
+  }
+  if (!complement(group, o)) return false;
+  dense::root(n, group.corner, group.corner_root);
+  for (int k = 0; k < n; ++k)
+    if (!(group.corner_root[k * n + k] > 0)) return false;
+  dense::forward(group.corner_root, group.corner_side);
+  dense::backward(group.corner_root, group.corner_side);
+  for (int k = 0; k < n; ++k)
+    for (size_t c = 0; c < group.chains.size(); ++c) {
+      Field& step = group.chains[c]->step;
+      const Field& by_one = group.border[k][c];
+      for (int e = 0; e < 3; ++e)
+        for (int i = 0; i < step.size(); ++i) step[e][i] -= group.corner_side[k] * by_one[e][i];
+    }
+  return true;
 }
 
 }  // namespace
 
 bool solve_linear(Group& group, const StepContext& context) {
   const Options& o = context.options;
-  if (o.linear_solver == LinearSolver::pcg) {
-    for (Chain* c : group.chains) prepare_blocks(*c);
-    return conjugate_gradients(group, o);
-  }
-  if (group.coupled) return solve_coupled(group);
-  bool definite = true;
-  for (Chain* c : group.chains) definite &= c->factor.factorise(c->matrix);
-  if (!definite) return false;
-  for (Chain* c : group.chains) solve_banded(*c);
+  if (!factorise(group, o)) return false;
+  if (!apply_inverse(group, o, &Chain::residual, &Chain::step)) return false;
+  if (!group.bodies.empty() && !solve_bodies(group, o)) return false;
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i) c->step[k][i] = -c->step[k][i];
+  step_bodies(group);
   return true;
 }
 

@@ -57,6 +57,7 @@ bool update_direct(Group& group, Row& row) {
 // True residual of the group at chain.next; what holds supply is still in it.
 Assembly residual_of(Group& group, bool at_position, bool definite) {
   Assembly a;
+  clear_loads(group);
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
     if (group.follows && (row->kind == ContactKind::mouth || !definite)) follow(group, *row);
@@ -66,12 +67,15 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
     add_row_force(group, *row);
   }
   for (Chain* c : group.chains) read_holds(*c);
+  load_carried(group);
+  start_body_residual(group);
   return a;
 }
 
 // The matrix, and the residual of the linearisation in place of the true one.
 // definite_rows: the rows' blocks alone.
 void assemble(Group& group, Linearisation how, bool definite, bool definite_rows) {
+  clear_loads(group);
   for (Chain* c : group.chains) {
     const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
@@ -92,6 +96,9 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
       add_row_block(group, *row);
       add_row_linearisation(group, *row);
     }
+  load_carried(group);
+  add_body_residual(group);
+  make_border(group);
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
 }
@@ -116,7 +123,7 @@ double stiffness_at_hand(const Chain& c) {
 // Residual norms, once what holds supply has been taken out.
 void measure_residual(Group& group, Assembly& a) {
   project_holds(group, &Chain::residual);
-  double contact = 0;
+  double contact = 0, finest = std::numeric_limits<double>::infinity();
   for (const Row* row : group.rows)
     if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
   for (Chain* c : group.chains) {
@@ -132,7 +139,12 @@ void measure_residual(Group& group, Assembly& a) {
     constexpr double eps = std::numeric_limits<double>::epsilon();
     const double rounding = c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate);
     if (!(rounding <= a.rounding)) a.rounding = rounding;  // keeps what is not a number
+    finest = std::min(finest, eps * (stiffness_at_hand(*c) + contact) * coordinate);
   }
+  // What is not a number stays.
+  const double body = body_residual(group);
+  if (body > a.residual || body != body) a.residual = body;
+  if (body > finest * a.rounding || body != body) a.rounding = body / finest;
 }
 
 void find_worst(Group& group) {
@@ -152,10 +164,11 @@ void advance(Group& group, double alpha) {
       const double* d = c->step[k];
       for (int i = 0; i < c->n(); ++i) x[i] += alpha * d[i];
     }
+  advance_bodies(group, alpha);
 }
 
 double slope_along(Group& group) {
-  double sum = 0;
+  double sum = body_slope(group);
   for (Chain* c : group.chains) sum += inner(c->residual, c->step);
   return sum;
 }
@@ -233,6 +246,7 @@ void restart_from_now(Group& group) {
     for (const Hold& h : c->holds)
       if (h.rigid) c->next.set(h.particle, h.target);
   }
+  forget_bodies(group);
 }
 
 }  // namespace
@@ -244,6 +258,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
+  start_bodies(group);
   group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
     Assembly a = residual_of(group, safe, safe || far);

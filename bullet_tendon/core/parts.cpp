@@ -9,11 +9,13 @@
 //               the step is taken (share_to_go), and the rest from there
 //   unsettled   a group with contacts does not converge: half of it is taken
 //
-// A part is a step of its own, with contacts of its own. Links go on as they were going, and as the
-// contacts of earlier parts have pushed them; their wrenches are the means over the parts, so that
-// impulses stay exact. A depth that is there at the start of a part goes by the share that the part has of
-// what is left of the step: depth over the length of a short part would be a wild velocity.
+// A part is a step of its own, with contacts of its own. Links go as they were going, and as earlier parts
+// have pushed them, from the start of the step on: pybullet moves them by the step's length times the
+// velocity that all of it gives them. Their wrenches are the means over the parts, so that impulses stay
+// exact. A depth that is there at the start of a part goes by the share that the part has of what is left of
+// the step: depth over the length of a short part would be a wild velocity.
 #include <algorithm>
+#include <cmath>
 
 #include "constants.h"
 #include "world.h"
@@ -37,6 +39,7 @@ void World::begin_part() {
   context_.dt = whole_dt_ * size_ / kUnits;
   context_.splitting = !can_split() ? Splitting::by_group : smallest ? Splitting::never : Splitting::by_world;
   looks_ = 0, looking_ = false;
+  for (Link& l : links) l.reach = std::sqrt(time_of_part() * context_.dt);
   for (Chain* c : slots_) {
     if (!c) continue;
     aim_attachments(*c);
@@ -52,9 +55,13 @@ Outcome World::solve() {
   collect_rows();
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
   if (!looking_ || take_new_rows()) {
-    for (Chain* c : slots_)
-      if (c && (c->gathered || c->staged))
+    const bool other_unknowns = find_unknowns();
+    for (Chain* c : slots_) {
+      if (!c) continue;
+      if (other_unknowns) aim_attachments(*c);
+      if (other_unknowns || c->gathered || c->staged)
         c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
+    }
     make_groups();
     const bool finite = solve_groups();
     if ((!finite || unsettled_) && context_.splitting == Splitting::by_world) return shrink(0.5);
@@ -111,7 +118,8 @@ std::vector<std::unique_ptr<Chain>> World::copies() const {
 
 void World::next_part() {
   take_part();
-  for (Link& l : links) l.advance(context_.dt);
+  push_bodies();
+  for (Link& l : links) l.advance_to(time_of_part());
   done_ += size_;
   if (done_ % (2 * size_) == 0) size_ *= 2;
   for (Chain* c : slots_)
@@ -122,15 +130,13 @@ void World::next_part() {
 // The part that was solved becomes the state, and the links feel it.
 void World::take_part() {
   const double share = static_cast<double>(size_) / kUnits;
-  for (Link& l : links) l.touching = 0;
+  for (Link& l : links) l.touching = 0, l.before_force = l.force, l.before_torque = l.torque;
   for (Row& row : rows_) {
     if (row.link < 0) continue;
     Link& link = links[row.link];
     ++link.touching;
     // On the centreline's point, not on the surface: particles do not spin.
-    const Vec3 at = row.a.of(slots_[row.a.chain]->next), force = -share * row.mean_force;
-    link.apply(force, at);
-    if (size_ < kUnits) link.push(whole_dt_ * force, at);
+    link.apply(-share * row.mean_force, row.a.of(slots_[row.a.chain]->next));
   }
   for (Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) {
@@ -151,17 +157,13 @@ void World::take_part() {
 void World::finish() {
   take_part();
   report_.substeps = std::max(report_.substeps, parts_);
-  for (Link& l : links) {
-    const Vec3 f = l.force, t = l.torque;
-    l.usual_force += kUsual * (f - l.usual_force), l.usual_torque += kUsual * (t - l.usual_torque);
-    l.observer.act({{f.x, f.y, f.z, t.x, t.y, t.z}}, whole_dt_);
-  }
+  for (Mover& m : movers) m.forces.assign(m.n(), 0.0);
+  for (Link& l : links)
+    if (l.yields()) l.add_generalized(l.jacobian, {l.force, l.torque}, movers[l.mover].forces);
+  for (Mover& m : movers)
+    if (m.n() > 0) m.observer.act(m.forces, whole_dt_);
   for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) {
-      Hold& h = c->holds[i];
-      h.step_force = h.sum_force;
-      h.usual_force += kUsual * (h.step_force - h.usual_force);
-    }
+    for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
 }
 
 void World::cancel() {

@@ -137,6 +137,9 @@ void explicit_euler(Group& group, const StepContext& context) {
 // solved for is w = u - u_0 from A w = right-hand side - A u_0.
 void single_linearisation(Group& group, const StepContext& context) {
   const double dt = context.dt;
+  start_bodies(group);
+  forget_bodies(group);
+  clear_loads(group);
   for (Chain* c : group.chains) {
     c->b = dt;
     forces_now(*c, context, true, 1 - c->material.law.damping_exponent);
@@ -154,6 +157,12 @@ void single_linearisation(Group& group, const StepContext& context) {
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->residual[k][i] += c->cg_image[k][i];
   for (Chain* c : group.chains) c->goal = c->cg_direction;  // u_0
+  load_carried(group);
+  for (Row* row : group.rows)
+    if (row->moves && row->normal_force > 0)
+      load_body(group, *row, -1.0 * (row->block * row->a.of(group.at(row->a).goal)));
+  start_body_residual(group);
+  make_border(group);
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
   solve_linear(group, context);
@@ -164,6 +173,7 @@ void single_linearisation(Group& group, const StepContext& context) {
         c->next[k][i] = c->x[k][i] + c->step[k][i];
       }
   }
+  advance_bodies(group, 1);
   for (Row* row : group.rows) predict(group, *row);
   settle_rows(group);
   for (Chain* c : group.chains)

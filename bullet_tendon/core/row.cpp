@@ -67,11 +67,9 @@ void Row::evaluate(Vec3 relative, bool at_position, bool definite) {
 
 bool Row::stiffen() {
   if (softest == 0 || direct || normal_force <= 0) return false;
-  if (-(gap + yield * normal_force) <= kDepth * radius) return false;
-  if (yield == 0) carried = normal_force;
-  if (stiffness >= kMostStiffening * softest) return yield == 0;
-  const double unsoftened = stiffness / (1 - std::min(stiffness * yield, 1 - 1e-6));
-  stiffness = kStiffening * unsoftened / (1 + kStiffening * unsoftened * yield);
+  if (-gap <= kDepth * radius) return false;
+  carried = normal_force;
+  if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
   return true;
 }
 

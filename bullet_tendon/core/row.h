@@ -41,6 +41,8 @@ struct Row {
   ContactKind kind = ContactKind::bone;
   Spot a, b;  // b.chain = -1: against a link
   int link = -1;
+  bool moves = false;          // the link goes with its body's unknowns,
+  Vec3 arm;                    // by its point at this from the centre of mass [m]
   Vec3 normal;                 // n, of a plane row; of a bore row as last evaluated
   double offset = 0;           // c; of a mouth row, the distance kept from the circle
   double allowed = 0;          // gap, negative, that may be left at the end of a part of a step [m]
@@ -49,8 +51,7 @@ struct Row {
   double ring = 0;             // of a bore, R - r; of a mouth, the circle's radius [m]
   bool through = false;        // a mouth row of a segment that passes through the mouth
   double radius = 0;           // of the tendon, or both [m]
-  double stiffness = 0;        // k, softened by the link's yielding [N/m]
-  double yield = 0;            // of the link within the step, to a force along n [m/N]
+  double stiffness = 0;        // k [N/m]
   double softest = 0;          // k to begin with; 0: it is the user's, and does not grow where depth remains
   double grip = 0;             // k_t, of sticking [N/m]
   double carried = 0;          // N_0 [N]

@@ -5,6 +5,8 @@
 // shrinks and makes every part solvable in the end. Parts are counted in units of dt / kMostSubsteps
 // and doubled again when they go well. Forces on holders and bodies are the parts' averages, so that
 // impulses stay exact.
+#include <cmath>
+
 #include "constants.h"
 #include "stepping.h"
 
@@ -59,6 +61,7 @@ void in_parts(Group& group, const StepContext& context) {
   for (int done = 0, size = kMostSubsteps / 2; done < kMostSubsteps;) {
     part.dt = context.dt * size / kMostSubsteps;
     keep_multipliers(group);
+    group.part_root = std::sqrt(static_cast<double>(done + size) / kMostSubsteps);
     for (Chain* c : group.chains) begin_step(*c, part, static_cast<double>(done + size) / kMostSubsteps);
     newton(group, part, size == 1);
     if (!group.converged && size > 1) {
@@ -74,7 +77,7 @@ void in_parts(Group& group, const StepContext& context) {
     done += size;
     if (size < kMostSubsteps / 2 && done % (2 * size) == 0) size *= 2;
   }
-  group.converged = converged, group.residual = worst;
+  group.converged = converged, group.residual = worst, group.part_root = 1;
   for (Chain* c : group.chains) gather(*c);
 }
 

@@ -23,7 +23,7 @@ bool applies(const Group& group) {
   for (const Chain* c : group.chains) {
     if (!c->accelerated) return false;
     for (const Hold& h : c->holds)
-      if (h.link >= 0 && !h.rigid) return false;
+      if (h.link >= 0 && (!h.rigid || h.moves)) return false;
   }
   return true;
 }

@@ -21,10 +21,8 @@ namespace bt {
 
 // Kept byte by byte: numbers, and structs that are nothing but doubles.
 template <class T>
-constexpr bool kPlain =
-    std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> || std::is_same_v<T, Sym3> ||
-    std::is_same_v<T, Rot3> || std::is_same_v<T, Six> || std::is_same_v<T, Six6> ||
-    std::is_arithmetic_v<std::remove_all_extents_t<T>> || std::is_same_v<T, Pose>;
+constexpr bool kPlain = std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> ||
+                        std::is_same_v<T, Sym3> || std::is_same_v<T, Rot3> || std::is_same_v<T, Pose>;
 
 struct StateMismatch : std::runtime_error {
   using std::runtime_error::runtime_error;
@@ -174,10 +172,10 @@ void same_fields(A& a, Tunnel& tunnel) {
 
 template <class A>
 void fields(A& a, Hold& hold) {
-  auto& [id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
-         viscosity, force, mean_force, kept_force, sum_force, step_force, usual_force] = hold;
-  a(id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before, target,
-    viscosity, force, mean_force, kept_force, sum_force, step_force, usual_force);
+  auto& [id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before,
+         target, viscosity, force, mean_force, kept_force, sum_force, step_force] = hold;
+  a(id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before, target,
+    viscosity, force, mean_force, kept_force, sum_force, step_force);
 }
 
 template <class A>
@@ -198,32 +196,44 @@ void fields(A& a, Chain& chain) {
          overlaid, tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v,
          dt_before, smooth, touching, touched, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
          start_x_before, start_v_before, start_dt_before, split, gathered, next, step, residual, anchor_x,
-         anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor,
-         inverse_blocks, residual_norm, worst_particle, n] = chain;
+         anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix,
+         factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, accelerated, dt_before, smooth, touching, touched, split, gathered);
   a.scratch(staged, stage_x, stage_v, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
             start_x_before, start_v_before, start_dt_before, next, step, residual, anchor_x, anchor_v, goal,
-            cg_remainder, cg_preconditioned, cg_direction, cg_image, matrix, factor, inverse_blocks,
-            residual_norm, worst_particle);
+            cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
+            inverse_blocks, residual_norm, worst_particle);
 }
 
 template <class A>
 void fields(A& a, Observer& observer) {
-  auto& [free, effective, share, twist, wrench, push, last, before, dt, samples, known, acted, held,
-         released] = observer;
-  a(free, effective, share, twist, wrench, push, last.wrench, last.acceleration, before.wrench,
-    before.acceleration, dt, samples, known, acted, held, released);
+  auto& [n, root, effective_root, share, share_root, rates, forces, push, last, before, dt, samples, known,
+         acted, held, released, now, s, e, one, other, turned, vectors] = observer;
+  a(n, root, effective_root, share, share_root, rates, forces, push, last.forces, last.acceleration,
+    before.forces, before.acceleration, dt, samples, known, acted, held, released);
+  a.scratch(now, s, e, one, other, turned, vectors);
+}
+
+template <class A>
+void fields(A& a, Mover& mover) {
+  auto& [rates, free, falls, gyration, observer, change, forces, unknown, y, step, residual, first, lever,
+         known, half] = mover;
+  // What is told before every step is state where a step may be taken back to (before_movers_).
+  a(rates, free, falls, gyration, observer, change, unknown);
+  a.scratch(forces, y, step, residual, first, lever, known, half);
 }
 
 template <class A>
 void fields(A& a, Link& link) {
-  auto& [pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response, gyration,
-         observer, touches, touching, force, torque, usual_force, usual_torque] = link;
-  a(gyration, observer, touches, touching, force, torque, usual_force, usual_torque);
-  // Told or foreseen before every step.
-  a.scratch(pose, centre, velocity, spin, now_velocity, now_spin, yields, falls, free, response);
+  auto& [pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, jacobian,
+         root, free_root, touches, touching, force, torque, before_force, before_torque, given, stepped, load,
+         reach] = link;
+  // As with movers.
+  a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, jacobian, root,
+    free_root, touches, touching, force, torque);
+  a.scratch(before_force, before_torque, given, stepped, load, reach);
 }
 
 template <class A>
@@ -243,13 +253,13 @@ void fields(A& a, ContactMemory& memory) {
 // Rows are of the last step, and only read out after it.
 template <class A>
 void fields(A& a, Row& row) {
-  auto& [key, kind, spot, other, link, normal, offset, allowed, beyond, axis_point, axis, ring, through,
-         radius, stiffness, yield, softest, grip, carried, before, multiplier, friction, stuck, reference,
+  auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
+         through, radius, stiffness, softest, grip, carried, before, multiplier, friction, stuck, reference,
          stuck_at, stuck_at_other, side, follows, limit, direct, held, joins, pressed, sliding,
          kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
          total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
-  a.scratch(offset, allowed, axis_point, axis, ring, through, radius, stiffness, yield, softest, grip,
+  a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
             limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
             displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers, lever,
@@ -288,19 +298,21 @@ void World::moving_fields(A& a) {
     a.same(there);
     if (there) fields(a, *c);
   }
-  a(links, memory_, whole_dt_, before_memory_, before_links_);
+  a(links, movers, memory_, whole_dt_, before_memory_, before_links_, before_movers_);
   fields_of(a, before_chains_);
 }
 
 template <class A>
 void World::all_fields(A& a) {
-  auto& [options_, chains_, links_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context, whole_dt, whole,
-         done, size, parts, looks, room, looking, unsettled, backup, backup_memory, before_chains,
-         before_memory, before_links, slots, caches, queries, trees, pairs, rows, found, before, keys, memory,
-         touching, bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries,
-         kept_rows] = *this;
+  auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
+         whole_dt, whole, done, size, parts, looks, room, looking, unsettled, backup, backup_memory,
+         before_chains, before_memory, before_links, before_movers, slots, caches, queries, trees, pairs,
+         touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
+         attempt, kept_moving, kept_entries, kept_rows] = *this;
   moving_fields(a);
-  a.scratch(chains_, links_, memory, whole_dt, before_chains, before_memory, before_links);  // done by it
+  // Done by it.
+  a.scratch(chains_, links_, movers_, memory, whole_dt, before_chains, before_memory, before_links,
+            before_movers);
   a.same(shape_alive_, shapes_, tunnel_alive_, tunnels_);
   for (auto& of_chain : caches)
     for (NearCache& cache : of_chain) {
@@ -311,8 +323,8 @@ void World::all_fields(A& a) {
   a(rows);
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, backup,
-            backup_memory, slots, queries, trees, pairs, found, before, keys, touching, bores, bores_by_link,
-            groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
+            backup_memory, slots, queries, trees, pairs, touches, found, before, keys, touching, bores,
+            bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
 }
 
 }  // namespace bt

@@ -118,8 +118,9 @@ void solve(Group& group, const StepContext& context) {
 }
 
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where) {
-  Vec3 a = row.a.of(group.at(row.a).*where);
-  return row.b.chain < 0 ? a : a - row.b.of(group.at(row.b).*where);
+  const Vec3 a = row.a.of(group.at(row.a).*where);
+  if (row.b.chain >= 0) return a - row.b.of(group.at(row.b).*where);
+  return row.moves && where != &Chain::x ? a - body_moved(group, row, where == &Chain::step) : a;
 }
 
 namespace {
@@ -140,12 +141,14 @@ void add_spot_block(Chain& c, const Spot& s, const Sym3& block) {
 void add_row_force(Group& group, const Row& row) {
   add_spot_force(group.at(row.a), row.a, 1, row.total_force);
   if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, row.total_force);
+  if (row.moves) load_body(group, row, row.total_force);
 }
 
 void add_row_linearisation(Group& group, const Row& row) {
   const Vec3 more = row.linear_force - row.total_force;
   add_spot_force(group.at(row.a), row.a, 1, more);
   if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, more);
+  if (row.moves) load_body(group, row, more);
 }
 
 void add_row_block(Group& group, const Row& row) {
@@ -172,7 +175,8 @@ void add_levers(Chain& c, int first, double share, Vec3 one, Vec3 other) {
 void follow(Group& group, Row& row) {
   if (row.kind == ContactKind::mouth) {
     const Field& x = group.at(row.a).next;
-    row.follow(x.at(row.a.first), x.at(row.a.first + 1));
+    const Vec3 moved = row.moves ? body_moved(group, row, false) : Vec3{};
+    row.follow(x.at(row.a.first) - moved, x.at(row.a.first + 1) - moved);
   } else if (row.b.chain >= 0) {
     Vec3 x[4];
     ends_of(group, row, x);
@@ -184,8 +188,9 @@ void add_lever_blocks(Group& group, Row& row, bool definite) {
   Vec3 x[4];
   Chain& a = group.at(row.a);
   const int i = row.a.first;
+  const Vec3 moved = row.moves ? body_moved(group, row, false) : Vec3{};
   if (row.kind == ContactKind::mouth)
-    row.add_lever(a.next.at(i), a.next.at(i + 1), definite);
+    row.add_lever(a.next.at(i) - moved, a.next.at(i + 1) - moved, definite);
   else if (row.b.chain >= 0)
     ends_of(group, row, x), row.add_pair_levers(x, definite);
   for (int k = 0; k < row.levers; ++k) {
@@ -230,7 +235,8 @@ void hold_in_matrix(Group& group) {
 }
 
 // That is a row whose particles are all held (or nearly so: what is free would have to move far for
-// what is not), or one that a held end violates where it is taken.
+// what is not), or one that a held end violates where it is taken. Where attachments are taken is for their
+// bodies, but near there.
 bool overruled(const Row& row, const Chain& c) {
   if (row.b.chain >= 0) return false;
   bool any_free = false;
@@ -239,7 +245,7 @@ bool overruled(const Row& row, const Chain& c) {
     if (weight == 0) continue;
     const Hold* hold = nullptr;
     for (const Hold& h : c.holds)
-      if (h.rigid && h.particle == row.a.first + e) hold = &h;
+      if ((h.rigid || h.link >= 0) && h.particle == row.a.first + e) hold = &h;
     any_free |= !hold && weight >= kLeastLever;
     if (!hold) continue;
     Row at_hold = row;

@@ -14,6 +14,7 @@
 #pragma once
 #include <vector>
 
+#include "link.h"
 #include "options.h"
 #include "row.h"
 #include "sparse.h"
@@ -36,6 +37,13 @@ struct Group {
   std::vector<Chain*> chains;
   std::vector<int> numbers;  // of their slots
   std::vector<Row*> rows;
+  // Bodies that are unknown, the links of them that are touched, and how many unknowns that makes
+  // (border.cpp).
+  std::vector<Mover>* movers = nullptr;
+  std::vector<Link>* links = nullptr;
+  std::vector<int> bodies, carried;
+  int freedom = 0;
+  double part_root = 1;    // root of the share of the step at whose end its part is (splitting.cpp)
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
@@ -54,6 +62,10 @@ struct Group {
   int substeps = 1;
   bool staged = false;          // the step was taken in two stages, which leave the holds' mean forces
   double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
+  // By unknown of the bodies: what they pull at the tendons, by tendon; the matrix and right-hand side of
+  // the rest.
+  std::vector<std::vector<Field>> border;
+  dense::Numbers corner, corner_root, corner_side;
 
   Chain& at(const Spot& s) const { return *(*slots)[s.chain]; }
 };
@@ -80,9 +92,32 @@ void explicit_euler(Group& group, const StepContext& context);
 bool add_missed(Group& group);
 
 // A step = -residual with all holds applied: banded, or sparse where tendons touch, or by preconditioned
-// conjugate gradients. false: the matrix is not positive definite.
+// conjugate gradients; and with the unknowns of bodies. false: the matrix is not positive definite.
 bool solve_linear(Group& group, const StepContext& context);
-bool solve_coupled(Group& group);
+using Which = Field Chain::*;
+// The sparse one: its factors, and x = A^-1 b.
+bool factorise_coupled(Group& group);
+void solve_coupled(Group& group, Which b, Which x);
+
+// Bodies that are unknown (border.cpp). Their first guess, and where they take tendons by y:
+void start_bodies(Group& group);
+void forget_bodies(Group& group);  // y = 0
+void advance_bodies(Group& group, double alpha);
+// The step of the unknowns, opposite to corner_side, and where it takes the particles.
+void step_bodies(Group& group);
+// Forces on them: of a row, more than those known before; and those on the particles they carry.
+void load_body(Group& group, const Row& row, Vec3 force);
+void load_carried(Group& group);
+// Residual, from the loads since they were cleared; added to what there is.
+void clear_loads(Group& group);
+void start_body_residual(Group& group);
+void add_body_residual(Group& group);
+// Largest residual, as a force at the point of theirs that yields most [N].
+double body_residual(const Group& group);
+double body_slope(const Group& group);
+// Their part of the matrix, before holds are taken out of the tendons' part.
+void make_border(Group& group);
+Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
 // cg_image = A cg_direction.
 void multiply(Group& group);

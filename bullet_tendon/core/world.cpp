@@ -104,25 +104,23 @@ void World::forget_contacts() {
     if (c) std::fill(c->tunnel_of.begin(), c->tunnel_of.end(), -1);
 }
 
-// An attachment's point goes where the link takes it but for the tendons' forces, and yields to
-// them as the link does: with W its mobility, a force F moves it by dt^2 W F within the step. Those
-// m that touch one link share its response: each counts its own change as often as there are others, and
-// only the slow averages of wrench and force are counted for what they are, dt^2 (A w~ + m W (F - F~)).
-// The equilibrium is exact then; the last wrench in place of its average would be unstable.
+// An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as
+// the link does: with W its mobility, a force F moves it by s^2 W F (mover.h). Where the body's unknowns are
+// solved for, the particle goes with them; an attachment that has its body for itself is a spring.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
     h.aim = p + link.drift(p, context_.dt);
+    h.moves = link.yields() && movers[link.mover].unknown;
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
-    h.rigid = !link.yields || options.integrator == Integrator::explicit_euler;
+    h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
-    Sym3 w = (whole_dt_ * whole_dt_ * std::max(1, link.touches)) * link.mobility(p);
-    if (link.touches > 1) h.aim += (context_.dt * whole_dt_) * link.usual_acceleration(p) - w * h.usual_force;
+    const double square = link.reach * link.reach;
     // Joints, and what holds a link, leave it some directions only.
-    const double least = kRank * whole_dt_ * whole_dt_ * trace(link.free_mobility(p)) + 1e-300;
-    h.stiffness = w + identity(least);
+    const double least = kRank * square * trace(link.free_mobility(p)) + 1e-300;
+    h.stiffness = square * link.mobility(p) + identity(least);
     invert_definite(h.stiffness);
   }
 }
@@ -130,29 +128,34 @@ void World::aim_attachments(Chain& c) {
 void World::sense(double dt, Vec3 gravity, bool held) {
   context_.dt = dt, context_.gravity = gravity;
   for (Link& l : links) {
-    if (held || !l.yields) {
-      l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
-      l.yields &= !held;
-      continue;
-    }
-    const Vec3 v = l.now_velocity, w = l.now_spin, g = l.falls ? gravity : Vec3{};
-    Six6 free;
-    std::copy(&l.free[0][0], &l.free[0][0] + 36, &free.m[0][0]);
-    const Vec3 t = l.gyration;  // of the step before
-    l.observer.see({{v.x, v.y, v.z, w.x, w.y, w.z}}, free, {{g.x, g.y, g.z, t.x, t.y, t.z}});
-    l.gyration = l.falls ? l.gyroscopic() : Vec3{};
-    l.foresee(dt, gravity);
+    l.start_pose = l.pose, l.start_centre = l.centre;
+    if (held) l.mover = -1;
+    if (l.yields()) continue;
+    l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
   }
+  if (held) return;
+  for (Mover& m : movers)
+    if (m.n() > 0) m.sense(gravity);
+  for (size_t m = 0; m < movers.size(); ++m) foresee(static_cast<int>(m));
 }
 
-void World::let_go(int link) {
-  links[link].observer.let_go();
-  links[link].foresee(context_.dt, context_.gravity);
+// The motion of a mover, and of its links.
+void World::foresee(int mover) {
+  Mover& m = movers[mover];
+  if (m.n() == 0) return;
+  m.foresee(context_.dt, context_.gravity);
+  for (Link& l : links)
+    if (l.mover == mover) l.follow(m), l.respond(m);
+}
+
+void World::let_go(int mover) {
+  movers[mover].observer.let_go();
+  foresee(mover);
 }
 
 bool World::any_held() const {
-  for (const Link& l : links)
-    if (l.observer.held()) return true;
+  for (const Mover& m : movers)
+    if (m.observer.held()) return true;
   return false;
 }
 
@@ -180,29 +183,26 @@ bool World::take_back_chains() {
 
 std::vector<int> World::rewind() {
   std::vector<int> released;
-  for (size_t i = 0; i < links.size(); ++i)
-    if (links[i].observer.released()) released.push_back(static_cast<int>(i));
+  for (size_t i = 0; i < movers.size(); ++i)
+    if (movers[i].observer.released()) released.push_back(static_cast<int>(i));
   const bool back = !released.empty() && take_back_chains();
   if (back) {
     memory_ = before_memory_;
-    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) {
-      const Observer observer = links[i].observer;
-      links[i] = before_links_[i];
-      links[i].observer = observer;
+    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) links[i] = before_links_[i];
+    for (size_t i = 0; i < std::min(movers.size(), before_movers_.size()); ++i) {
+      std::swap(movers[i], before_movers_[i]);
+      movers[i].observer = before_movers_[i].observer;
     }
     rows_.clear();
   }
-  for (int i : released) links[i].observer.let_go(), links[i].foresee(context_.dt, context_.gravity);
+  for (int i : released) let_go(i);
   before_chains_.clear();
   if (!back) released.clear();
   return released;
 }
 
-void World::refresh_links() {
-  for (Link& l : links) {
-    const Vec3 v = l.now_velocity, w = l.now_spin;
-    l.observer.refresh({{v.x, v.y, v.z, w.x, w.y, w.z}});
-  }
+void World::refresh_movers() {
+  for (Mover& m : movers) m.observer.refresh(m.rates);
 }
 
 void World::begin(double dt, Vec3 gravity, bool whole) {
@@ -212,7 +212,8 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
   before_chains_.clear();
-  if (any_held()) before_chains_ = copies(), before_memory_ = memory_, before_links_ = links;
+  if (any_held())
+    before_chains_ = copies(), before_memory_ = memory_, before_links_ = links, before_movers_ = movers;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;

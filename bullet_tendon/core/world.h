@@ -50,6 +50,7 @@ class World {
   // Slots keep their numbers; a removed one is empty, and the next addition takes it.
   std::vector<std::unique_ptr<Chain>> chains;
   std::vector<Link> links;
+  std::vector<Mover> movers;  // of the bodies, each in the slot of one of its links; empty in the others
   std::vector<Shape> shapes;
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive, tunnel_alive;
@@ -65,14 +66,14 @@ class World {
 
   // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
   void sense(double dt, Vec3 gravity, bool held);
-  // Links that were let go in the last step, which was solved as if they were held; then everything is
-  // taken back to before that step, with these links free. Empty: nothing has been changed.
+  // Movers that were let go in the last step, which was solved as if they were held; then everything is
+  // taken back to before that step, with these free. Empty: nothing has been changed.
   std::vector<int> rewind();
   bool any_held() const;
-  // Nothing can hold the link.
-  void let_go(int link);
-  // Their twists were set from outside.
-  void refresh_links();
+  // Nothing can hold the mover.
+  void let_go(int mover);
+  // Their rates were set from outside.
+  void refresh_movers();
   // whole: not in parts, whatever happens (for steps whose length means nothing).
   void begin(double dt, Vec3 gravity, bool whole);
   const std::vector<Query>& near();
@@ -107,6 +108,7 @@ class World {
   void forget_planes();
   bool take_back_chains();
   void aim_attachments(Chain& c);
+  void foresee(int mover);
   // parts.cpp
   bool can_carry() const;
   bool can_split() const;
@@ -117,6 +119,13 @@ class World {
   bool take_new_rows();
   void next_part();
   void take_part();
+  double time_of_part() const { return whole_dt_ * (done_ + size_) / kUnits; }
+  // unknowns.cpp
+  template <class Do>
+  void each_touch(Do what) const;
+  bool find_unknowns();
+  void find_bodies();
+  void push_bodies();
   // groups.cpp
   bool solve_groups();
   void read_worst(const Group& group);
@@ -126,6 +135,7 @@ class World {
   void half_space_rows(int chain, int shape);
   void tendon_rows();
   void finish_row(Row& row, int chain_slot, int particle);
+  void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
   double depth_to_leave(const Row& row, double most) const;
   void recall(Row& row);
@@ -140,6 +150,8 @@ class World {
 
   const std::vector<Bore>& bores_of(int link) const { return bores_by_link_[link]; }
   void make_groups();
+  int group_root(int chain);
+  void join_groups(int a, int b);
   Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, uint64_t key,
                 double friction);
 
@@ -157,11 +169,13 @@ class World {
   std::vector<std::unique_ptr<Chain>> before_chains_;
   std::vector<ContactMemory> before_memory_;
   std::vector<Link> before_links_;
+  std::vector<Mover> before_movers_;
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
   std::vector<BoxTree> trees_;
   std::vector<SegmentPair> pairs_;
+  std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;
   std::vector<uint64_t> keys_;
   std::vector<ContactMemory> memory_;

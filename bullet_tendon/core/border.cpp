@@ -1,0 +1,253 @@
+// Bodies as unknowns beside the tendons' particles.
+//
+// With x the particles and y the unknowns of the bodies (mover.h), what is solved is stationary in both:
+//
+//   r_x = as ever (stepping.h), rows at x_a - (p + B y), attached particles at p + B y
+//   r_y = y + sum B^T (residual force of attached particles + force of the tendons' rows on the body)
+//
+// Newton's matrix is that of the tendons, A, with a border C and a corner D of one row and column by unknown
+// of the bodies, of which there are few. By the Schur complement, with factors of A only,
+//
+//   (D - C^T A^-1 C) dy = -(r_y - C^T A^-1 r_x),     dx = -A^-1 (r_x + C dy).
+//
+// Both column of the border and column of the corner are what Newton's matrix makes of the motion of one
+// unknown, attached particles going along.
+#include <algorithm>
+
+#include "stepping.h"
+
+namespace bt {
+
+namespace {
+
+// s B of a link, shortened where a part of the step is solved for.
+Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
+
+template <class Do>
+void each_body(const Group& group, Do what) {
+  for (int m : group.bodies) what((*group.movers)[m]);
+}
+
+template <class Do>
+void each_carried(Group& group, Do what) {
+  for (Chain* c : group.chains)
+    for (const Hold& h : c->holds)
+      if (h.moves) {
+        Link& link = (*group.links)[h.link];
+        what(*c, h, link, to_world(link.pose, h.local) - link.centre);
+      }
+}
+
+void add_load(Link& link, Vec3 force, Vec3 arm) {
+  link.load.linear += force, link.load.angular += cross(arm, force);
+}
+
+// B^T of the loads on links, added to the numbers of their movers.
+template <class Numbers>
+void add_generalized_loads(const Group& group, Numbers numbers_of) {
+  for (int l : group.carried) {
+    const Link& link = (*group.links)[l];
+    link.add_generalized(link.root, scaled(group.part_root * link.reach, link.load), numbers_of(link.mover));
+  }
+}
+
+void place(Group& group) {
+  for (int l : group.carried) {
+    Link& link = (*group.links)[l];
+    const Mover& m = (*group.movers)[link.mover];
+    link.given = scaled(group.part_root, link.twist_of(m.y));
+  }
+  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    c.next.set(h.particle, h.target + link.given.at(arm));
+  });
+}
+
+// The last step's forces are the first guess at this one's.
+void guess(const Group& group, Mover& m) {
+  m.y.assign(m.n(), 0.0), m.step.assign(m.n(), 0.0), m.residual.assign(m.n(), 0.0);
+  if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
+  for (int l : group.carried)
+    if (&(*group.movers)[(*group.links)[l].mover] == &m) {
+      dense::multiply_transposed(m.observer.root(), m.observer.forces(), m.y);
+      for (double& v : m.y) v *= group.part_root * (*group.links)[l].reach;
+      return;
+    }
+}
+
+}  // namespace
+
+void start_bodies(Group& group) {
+  if (group.bodies.empty()) return;
+  each_body(group, [&](Mover& m) { guess(group, m), m.lever = 0; });
+  auto reach_to = [&](Link& link, Vec3 arm) {
+    double& lever = (*group.movers)[link.mover].lever;
+    lever = std::max(lever, link.reach * std::sqrt(trace(link.mobility(link.centre + arm))));
+  };
+  each_carried(group, [&](Chain&, const Hold&, Link& link, Vec3 arm) { reach_to(link, arm); });
+  for (const Row* row : group.rows)
+    if (row->moves) reach_to((*group.links)[row->link], row->arm);
+  place(group);
+}
+
+void forget_bodies(Group& group) {
+  if (group.bodies.empty()) return;
+  each_body(group, [](Mover& m) { m.y.assign(m.n(), 0.0); });
+  place(group);
+}
+
+void advance_bodies(Group& group, double alpha) {
+  if (group.bodies.empty()) return;
+  each_body(group, [&](Mover& m) {
+    for (int k = 0; k < m.n(); ++k) m.y[k] += alpha * m.step[k];
+  });
+  place(group);
+}
+
+void step_bodies(Group& group) {
+  if (group.bodies.empty()) return;
+  each_body(group, [&](Mover& m) {
+    for (int k = 0; k < m.n(); ++k) m.step[k] = -group.corner_side[m.first + k];
+  });
+  for (int l : group.carried) {
+    Link& link = (*group.links)[l];
+    link.stepped = scaled(group.part_root, link.twist_of((*group.movers)[link.mover].step));
+  }
+  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    c.step.set(h.particle, link.stepped.at(arm));
+  });
+}
+
+Vec3 body_moved(const Group& group, const Row& row, bool by_step) {
+  const Link& link = (*group.links)[row.link];
+  return (by_step ? link.stepped : link.given).at(row.arm);
+}
+
+void clear_loads(Group& group) {
+  for (int l : group.carried) (*group.links)[l].load = {};
+}
+
+void load_body(Group& group, const Row& row, Vec3 force) {
+  add_load((*group.links)[row.link], force, row.arm);
+}
+
+void load_carried(Group& group) {
+  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    add_load(link, c.residual.at(h.particle), arm);
+  });
+}
+
+void start_body_residual(Group& group) {
+  each_body(group, [](Mover& m) { m.residual = m.y; });
+  add_body_residual(group);
+}
+
+void add_body_residual(Group& group) {
+  add_generalized_loads(group, [&](int m) -> dense::Numbers& { return (*group.movers)[m].residual; });
+}
+
+double body_residual(const Group& group) {
+  double most = 0;
+  each_body(group, [&](const Mover& m) {
+    const double size = std::sqrt(dense::dot(m.residual, m.residual));
+    const double force = m.lever > 0 ? size / (group.part_root * m.lever) : 0 * size;
+    if (!(force <= most)) most = force;
+  });
+  return most;
+}
+
+double body_slope(const Group& group) {
+  double sum = 0;
+  each_body(group, [&](const Mover& m) { sum += dense::dot(m.residual, m.step); });
+  return sum;
+}
+
+namespace {
+
+// What a row makes of the motion d of the tendons (in cg_direction) and of its body (stepped), beside the
+// block that it has in the tendons' own matrices.
+void couple(Group& group, const Row& row) {
+  Chain& a = group.at(row.a);
+  Link* link = row.moves ? &(*group.links)[row.link] : nullptr;
+  Chain* b = row.b.chain >= 0 ? &group.at(row.b) : nullptr;
+  const Vec3 moved_b = link ? link->stepped.at(row.arm) : row.b.of(b->cg_direction);
+  const Vec3 moved_a = row.a.of(a.cg_direction);
+  const Vec3 pull_a = row.block * moved_b;
+  a.cg_image.add(row.a.first, -row.a.w0 * pull_a);
+  a.cg_image.add(row.a.first + 1, -row.a.w1 * pull_a);
+  const Vec3 pull_b = row.block * moved_a;
+  if (link) {
+    add_load(*link, row.block * moved_b - pull_b, row.arm);
+  } else {
+    b->cg_image.add(row.b.first, -row.b.w0 * pull_b);
+    b->cg_image.add(row.b.first + 1, -row.b.w1 * pull_b);
+  }
+}
+
+// The same of the levers of a mouth's row: its edge moves as the ends of the segment do, the other way.
+void couple_levers(Group& group, const Row& row) {
+  Chain& a = group.at(row.a);
+  Link& link = (*group.links)[row.link];
+  const Vec3 x0 = a.cg_direction.at(row.a.first), x1 = a.cg_direction.at(row.a.first + 1);
+  const Vec3 u = link.stepped.at(row.arm);
+  for (int k = 0; k < row.levers; ++k) {
+    const Vec3 l0 = row.lever[k][0], l1 = row.lever[k][1], edge = -(l0 + l1);
+    const double by_edge = row.lever_share[k] * dot(edge, u);
+    a.cg_image.add(row.a.first, by_edge * l0), a.cg_image.add(row.a.first + 1, by_edge * l1);
+    add_load(link, (by_edge + row.lever_share[k] * (dot(l0, x0) + dot(l1, x1))) * edge, row.arm);
+  }
+}
+
+// The motion of unknown k of mover m, attached particles going along.
+void move_one(Group& group, int m, int k) {
+  for (Chain* c : group.chains)
+    for (int e = 0; e < 3; ++e) std::fill_n(c->cg_direction[e], c->n(), 0.0);
+  for (int l : group.carried) {
+    Link& link = (*group.links)[l];
+    link.stepped = link.load = {};
+    if (link.mover != m) continue;
+    const size_t n = (*group.movers)[m].y.size();
+    auto at = [&](int row) { return group.part_root * link.reach * link.root[row * n + k]; };
+    link.stepped = {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
+  }
+  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    c.cg_direction.set(h.particle, link.stepped.at(arm));
+  });
+}
+
+void multiply_all(Group& group) {
+  for (Chain* c : group.chains) c->matrix.multiply(c->cg_direction, c->cg_image);
+  for (const Row* row : group.rows) {
+    if (!row->acts()) continue;
+    if (row->moves || row->b.chain >= 0) couple(group, *row);
+    if (row->moves && row->kind == ContactKind::mouth) couple_levers(group, *row);
+  }
+}
+
+}  // namespace
+
+void make_border(Group& group) {
+  if (group.bodies.empty()) return;
+  const int n = group.freedom;
+  group.corner.assign(static_cast<size_t>(n) * n, 0.0);
+  if (static_cast<int>(group.border.size()) < n) group.border.resize(n);
+  int column = 0;
+  for (int m : group.bodies)
+    for (int k = 0; k < (*group.movers)[m].n(); ++k, ++column) {
+      move_one(group, m, k);
+      multiply_all(group);
+      each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+        add_load(link, c.cg_image.at(h.particle), arm);
+      });
+      each_body(group, [](Mover& other) { other.step.assign(other.n(), 0.0); });
+      (*group.movers)[m].step[k] = 1;
+      add_generalized_loads(group, [&](int other) -> dense::Numbers& { return (*group.movers)[other].step; });
+      each_body(group, [&](const Mover& other) {
+        for (int i = 0; i < other.n(); ++i) group.corner[(other.first + i) * n + column] = other.step[i];
+      });
+      project_holds(group, &Chain::cg_image);
+      group.border[column].resize(group.chains.size());
+      for (size_t c = 0; c < group.chains.size(); ++c) group.border[column][c] = group.chains[c]->cg_image;
+    }
+}
+
+}  // namespace bt

@@ -1,0 +1,112 @@
+#include "dense.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "constants.h"
+
+namespace bt::dense {
+
+void set_identity(int n, Numbers& a) {
+  a.assign(static_cast<size_t>(n) * n, 0.0);
+  for (int i = 0; i < n; ++i) a[i * n + i] = 1;
+}
+
+void multiply(const Numbers& a, const Numbers& x, Numbers& y) {
+  const size_t n = x.size(), rows = n ? a.size() / n : 0;
+  y.assign(rows, 0.0);
+  for (size_t i = 0; i < rows; ++i)
+    for (size_t j = 0; j < n; ++j) y[i] += a[i * n + j] * x[j];
+}
+
+void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y) {
+  const size_t rows = x.size(), n = rows ? a.size() / rows : 0;
+  y.assign(n, 0.0);
+  for (size_t i = 0; i < rows; ++i)
+    for (size_t j = 0; j < n; ++j) y[j] += a[i * n + j] * x[i];
+}
+
+void product_transposed(int n, const Numbers& a, const Numbers& b, Numbers& c) {
+  const size_t rows = a.size() / n, columns = b.size() / n;
+  c.assign(rows * columns, 0.0);
+  for (size_t i = 0; i < rows; ++i)
+    for (size_t j = 0; j < columns; ++j)
+      for (int k = 0; k < n; ++k) c[i * columns + j] += a[i * n + k] * b[j * n + k];
+}
+
+void product(int n, const Numbers& a, const Numbers& b, Numbers& c) {
+  const size_t rows = a.size() / n;
+  c.assign(a.size(), 0.0);
+  for (size_t i = 0; i < rows; ++i)
+    for (int k = 0; k < n; ++k)
+      for (int j = 0; j < n; ++j) c[i * n + j] += a[i * n + k] * b[k * n + j];
+}
+
+void root(int n, const Numbers& a, Numbers& l) {
+  l.assign(a.size(), 0.0);
+  for (int j = 0; j < n; ++j) {
+    double pivot = a[j * n + j];
+    for (int k = 0; k < j; ++k) pivot -= l[j * n + k] * l[j * n + k];
+    if (!(pivot > kNoPivot * a[j * n + j])) continue;
+    const double d = l[j * n + j] = std::sqrt(pivot);
+    for (int i = j + 1; i < n; ++i) {
+      double sum = a[i * n + j];
+      for (int k = 0; k < j; ++k) sum -= l[i * n + k] * l[j * n + k];
+      l[i * n + j] = sum / d;
+    }
+  }
+}
+
+void forward(const Numbers& l, Numbers& x) {
+  const int n = static_cast<int>(x.size());
+  for (int i = 0; i < n; ++i) {
+    for (int k = 0; k < i; ++k) x[i] -= l[i * n + k] * x[k];
+    x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
+  }
+}
+
+void backward(const Numbers& l, Numbers& x) {
+  const int n = static_cast<int>(x.size());
+  for (int i = n - 1; i >= 0; --i) {
+    for (int k = i + 1; k < n; ++k) x[i] -= l[k * n + i] * x[k];
+    x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
+  }
+}
+
+namespace {
+
+// One rotation that makes a[p][q] zero.
+void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
+  const double off = a[p * n + q];
+  const double theta = (a[q * n + q] - a[p * n + p]) / (2 * off);
+  const double t = (theta < 0 ? -1 : 1) / (std::fabs(theta) + std::sqrt(theta * theta + 1));
+  const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+  for (int k = 0; k < n; ++k) {
+    const double x = a[k * n + p], y = a[k * n + q];
+    a[k * n + p] = c * x - s * y, a[k * n + q] = s * x + c * y;
+  }
+  for (int k = 0; k < n; ++k) {
+    const double x = a[p * n + k], y = a[q * n + k];
+    a[p * n + k] = c * x - s * y, a[q * n + k] = s * x + c * y;
+    const double v = u[k * n + p], w = u[k * n + q];
+    u[k * n + p] = c * v - s * w, u[k * n + q] = s * v + c * w;
+  }
+}
+
+}  // namespace
+
+void eigen(int n, Numbers& a, Numbers& u) {
+  set_identity(n, u);
+  for (int sweep = 0; sweep < kSweeps; ++sweep)
+    for (int p = 0; p < n; ++p)
+      for (int q = p + 1; q < n; ++q)
+        if (a[p * n + q] != 0) rotate(n, a, u, p, q);
+}
+
+double dot(const Numbers& a, const Numbers& b) {
+  double sum = 0;
+  for (size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+}  // namespace bt::dense

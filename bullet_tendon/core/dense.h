@@ -1,0 +1,26 @@
+// Small dense matrices, by rows in vectors of n n numbers: what bodies' coordinates need.
+#pragma once
+#include <vector>
+
+namespace bt::dense {
+
+using Numbers = std::vector<double>;
+
+void set_identity(int n, Numbers& a);
+// y = A x, and y = A^T x.
+void multiply(const Numbers& a, const Numbers& x, Numbers& y);
+void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y);
+// c = A B^T of matrices with rows of n numbers.
+void product_transposed(int n, const Numbers& a, const Numbers& b, Numbers& c);
+// c = A B, both n x n.
+void product(int n, const Numbers& a, const Numbers& b, Numbers& c);
+// L of a positive semidefinite A = L L^T; columns of pivots that are nothing are zero.
+void root(int n, const Numbers& a, Numbers& l);
+// x <- L^-1 x and L^-T x; zero where a pivot is nothing.
+void forward(const Numbers& l, Numbers& x);
+void backward(const Numbers& l, Numbers& x);
+// Eigenvalues, and eigenvectors in the columns of u, of a symmetric matrix, which is overwritten (Jacobi).
+void eigen(int n, Numbers& a, Numbers& u);
+double dot(const Numbers& a, const Numbers& b);
+
+}  // namespace bt::dense

@@ -1,0 +1,71 @@
+#include "link.h"
+
+namespace bt {
+
+namespace {
+
+// Row r of a matrix (6 n), at the numbers x.
+double row_at(const dense::Numbers& a, int r, const dense::Numbers& x) {
+  const size_t n = x.size();
+  double sum = 0;
+  for (size_t k = 0; k < n; ++k) sum += a[r * n + k] * x[k];
+  return sum;
+}
+
+Twist times(const dense::Numbers& a, const dense::Numbers& x) {
+  return {{row_at(a, 0, x), row_at(a, 1, x), row_at(a, 2, x)},
+          {row_at(a, 3, x), row_at(a, 4, x), row_at(a, 5, x)}};
+}
+
+}  // namespace
+
+void Link::follow(const Mover& m) {
+  const dense::Numbers& d = m.change;
+  const Twist more = jacobian.empty() ? Twist{{d[0], d[1], d[2]}, {d[3], d[4], d[5]}} : times(jacobian, d);
+  velocity = now_velocity + more.linear, spin = now_spin + more.angular;
+}
+
+void Link::respond(const Mover& m) {
+  if (jacobian.empty()) {
+    root = m.observer.root(), free_root = m.observer.free_root();
+    return;
+  }
+  dense::product(m.n(), jacobian, m.observer.root(), root);
+  dense::product(m.n(), jacobian, m.observer.free_root(), free_root);
+}
+
+void Link::advance_to(double time) {
+  const Vec3 arm = transposed_times(start_pose.rotation, start_pose.origin - start_centre);
+  const double angle = time * norm(spin);
+  pose.rotation = start_pose.rotation;
+  if (angle > 0) pose.rotation = rotation_about(unit_or(spin, {0, 0, 1}), angle) * pose.rotation;
+  centre = start_centre + time * velocity;
+  pose.origin = centre + pose.rotation * arm;
+}
+
+Twist Link::twist_of(const dense::Numbers& y) const {
+  const Twist t = times(root, y);
+  return {reach * t.linear, reach * t.angular};
+}
+
+void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
+  const size_t n = to.size();
+  const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
+  for (size_t r = 0; r < 6; ++r)
+    for (size_t k = 0; k < n; ++k) to[k] += (through.empty() ? r == k : through[r * n + k]) * wrench[r];
+}
+
+// B B^T / s^2, of B = [I, -[r]] root.
+Sym3 Link::point_mobility(const dense::Numbers& of, Vec3 p) const {
+  if (!yields()) return {};
+  const Vec3 r = p - centre;
+  const size_t n = of.size() / 6;
+  Sym3 sum;
+  for (size_t k = 0; k < n; ++k) {
+    auto at = [&](size_t row) { return of[row * n + k]; };
+    sum += outer(Vec3{at(0), at(1), at(2)} + cross(Vec3{at(3), at(4), at(5)}, r));
+  }
+  return sum;
+}
+
+}  // namespace bt

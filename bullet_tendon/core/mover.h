@@ -1,0 +1,48 @@
+// What moves of a pybullet body: its coordinates, and how they answer to forces.
+//
+// The links of a body share them. With J the Jacobian of a link (velocity of its centre of mass, spin) and E
+// the root of the response (observer.h), a force f at the point p of a link, r from its centre of mass,
+// displaces every point of the body within a step by
+//
+//   B = s [I, -[r]] J E,     u = B y,     y = B^T f,     s^2 = (time since the step began) (length of the
+//   part),
+//
+// so that y, of energy |y|^2/2, are the body's unknowns in the solution (border.cpp), whatever holds it.
+#pragma once
+#include "observer.h"
+#include "vec.h"
+
+namespace bt {
+
+struct Mover {
+  using Numbers = dense::Numbers;
+  Numbers rates;       // now: velocity of the centre of mass and spin, of the base, and of the joints
+  Numbers free;        // M^-1 (n n)
+  bool falls = false;  // gravity changes the first three by itself
+  Vec3 gyration;       // the next three's gyroscopic acceleration in this step [rad/s^2]
+  Observer observer;
+  Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
+  Numbers forces;  // generalized, of the tendons in this step
+  // In a solution.
+  bool unknown = false;
+  Numbers y, step, residual;
+  int first = 0;     // of its unknowns among those of its group
+  double lever = 0;  // largest |B| of its touched points
+
+  int n() const { return static_cast<int>(rates.size()); }
+  // What it did since the last step, and what it is going to do.
+  void sense(Vec3 gravity);
+  void foresee(double dt, Vec3 gravity);
+  // An impulse, generalized, changes its motion.
+  void push(const Numbers& impulse);
+
+ private:
+  // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
+  Vec3 gyroscopic() const;
+  const Numbers& known(Vec3 gravity);
+  Numbers known_, half_;
+  template <class A>
+  friend void fields(A& a, Mover& mover);  // state.h
+};
+
+}  // namespace bt

@@ -1,0 +1,58 @@
+// Which bodies' coordinates are unknowns of the solution, and what parts of a step do to them.
+#include "world.h"
+
+namespace bt {
+
+// what(mover, weight, tendon) for every attachment and every contact of a body that yields.
+template <class Do>
+void World::each_touch(Do what) const {
+  for (size_t c = 0; c < slots_.size(); ++c)
+    for (size_t i = 0; slots_[c] && i < slots_[c]->holds.size(); ++i) {
+      const Hold& h = slots_[c]->holds[i];
+      if (h.link >= 0 && links[h.link].yields()) what(links[h.link].mover, 1, static_cast<int>(c));
+    }
+  for (const Row& row : rows_)
+    if (row.link >= 0 && links[row.link].yields()) what(links[row.link].mover, 2, row.a.chain);
+}
+
+// All that tendons touch, but those that one attachment has for itself, which a spring stands for exactly
+// (aim_attachments). true: these are other ones than before, and attachments have to be aimed anew.
+bool World::find_unknowns() {
+  touches_.assign(movers.size(), 0);
+  each_touch([&](int mover, int weight, int) { touches_[mover] += weight; });
+  bool other = false;
+  for (size_t m = 0; m < movers.size(); ++m) {
+    const bool unknown = touches_[m] > 1 && options.integrator != Integrator::explicit_euler;
+    other |= unknown != movers[m].unknown;
+    movers[m].unknown = unknown;
+  }
+  for (Row& row : rows_)
+    row.moves = row.link >= 0 && links[row.link].yields() && movers[links[row.link].mover].unknown;
+  return other;
+}
+
+// The unknown bodies of every group, whose tendons are solved together.
+void World::find_bodies() {
+  touches_.assign(movers.size(), -1);
+  each_touch([&](int mover, int, int chain) {
+    if (!movers[mover].unknown) return;
+    if (touches_[mover] < 0) touches_[mover] = chain;
+    join_groups(touches_[mover], chain);
+  });
+}
+
+// What the part that was solved did to the bodies, in the parts to come.
+void World::push_bodies() {
+  for (Mover& m : movers) m.forces.assign(m.n(), 0.0);
+  for (Link& l : links)
+    if (l.yields()) {
+      const Vec3 force = l.force - l.before_force, torque = l.torque - l.before_torque;
+      l.add_generalized(l.jacobian, {whole_dt_ * force, whole_dt_ * torque}, movers[l.mover].forces);
+    }
+  for (Mover& m : movers)
+    if (m.n() > 0) m.push(m.forces);
+  for (Link& l : links)
+    if (l.yields()) l.follow(movers[l.mover]);
+}
+
+}  // namespace bt
