@@ -3,7 +3,8 @@
 from functools import lru_cache
 
 import numpy as np
-import pybullet as p
+
+from .jacobians import jacobians_and_mass
 
 
 @lru_cache(maxsize=1024)
@@ -33,84 +34,22 @@ def free_response(info, inertial_turn) -> np.ndarray:
     return response
 
 
-def rigid_response(body, at, client) -> np.ndarray:
-    """(6, 6) response at the point `at` of a floating body whose links are rigidly joined.
-
-    With total mass M, centre C and inertia I about it, and r = at - C: a force there gives the
-    acceleration F/M + (I^-1 (r x F)) x r, a torque (I^-1 T) x r; both turn by I^-1.
-    """
-    parts = [_mass_of(body, link, client) for link in range(-1, p.getNumJoints(body, client))]
-    mass = sum(m for m, _, _ in parts)
-    centre = sum(m * c for m, c, _ in parts) / mass
-    inertia = sum(i + m * _point_inertia(c - centre) for m, c, i in parts)
-    cross = _cross_matrix(at - centre)
-    inverse = np.linalg.pinv(inertia)
-    response = np.zeros((6, 6))
-    response[:3, :3] = np.eye(3) / mass - cross @ inverse @ cross
-    response[:3, 3:] = -cross @ inverse
-    response[3:, :3] = inverse @ cross
-    response[3:, 3:] = inverse
-    return response
-
-
-def _mass_of(body, link, client) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre (3,) and inertia (3, 3) about it of a link, world frame."""
-    info = p.getDynamicsInfo(body, link, client)
-    if link < 0:
-        centre, turn = p.getBasePositionAndOrientation(body, client)
-    else:
-        centre, turn = p.getLinkState(body, link, physicsClientId=client)[:2]
-    axes = axes_of(turn)
-    return info[0], np.array(centre), (axes * info[2]) @ axes.T
-
-
-def _cross_matrix(r) -> np.ndarray:
-    """(3, 3) matrix of v -> r x v."""
-    return np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
-
-
-def _point_inertia(r) -> np.ndarray:
-    """Inertia of a unit mass at r."""
-    return np.dot(r, r) * np.eye(3) - np.outer(r, r)
-
-
-def movable_joints(body, client) -> list[int]:
-    """Indices of the joints that have a degree of freedom."""
-    kinds = ((j, p.getJointInfo(body, j, client)[2]) for j in range(p.getNumJoints(body, client)))
-    return [j for j, kind in kinds if kind != p.JOINT_FIXED]
-
-
-def joint_response(body, link, joints, client) -> np.ndarray | None:
+def articulated_response(body, link, client) -> np.ndarray | None:
     """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
 
-    None where pybullet's Jacobian does not cover the body (jacobian_and_mass).
+    Of bodies with joints, or with several links, on a fixed or a floating base. None where pybullet's
+    joint is of a kind that jacobians_and_mass does not know; zero where nothing can move.
     """
-    parts = jacobian_and_mass(body, link, joints, client)
+    parts = jacobians_and_mass(body, [link], client)
     if parts is None:
         return None
-    if link < 0:
-        return np.zeros((6, 6))
-    return parts[0] @ np.linalg.solve(parts[1], parts[0].T)
+    jacobian, mass = parts[0][0], parts[1]
+    return jacobian @ answer(mass, jacobian.T)
 
 
-def jacobian_and_mass(body, link, joints, client) -> tuple[np.ndarray, np.ndarray] | None:
-    """J (6, joints) of a link's centre of mass, world axes, and M (joints, joints), of a fixed base.
-
-    None where pybullet's Jacobian does not cover the body: a floating base, or spherical joints.
-    """
-    simple = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
-    if any(p.getJointInfo(body, j, client)[2] not in simple for j in joints):
-        return None
-    angles = [s[0] for s in p.getJointStates(body, joints, client)]
-    mass = np.array(p.calculateMassMatrix(body, angles, physicsClientId=client))
-    if len(mass) != len(joints):
-        return None
-    if link < 0:
-        return np.zeros((6, len(joints))), mass
-    zero = [0.0] * len(angles)
-    # pybullet takes the point in the link's URDF frame, and answers in the base's inertial axes.
-    info = p.getDynamicsInfo(body, link, client)
-    at = axes_of(info[4]).T @ info[3]
-    linear, angular = p.calculateJacobian(body, link, at.tolist(), angles, zero, zero, client)
-    base = axes_of(p.getBasePositionAndOrientation(body, client)[1])
-    return np.vstack([base @ linear, base @ angular]), mass
+def answer(mass, forces) -> np.ndarray:
+    """M^-1 forces; degrees of freedom without mass do not answer, as in pybullet."""
+    try:
+        return np.linalg.solve(mass, forces)
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(mass, hermitian=True) @ forces
