@@ -1,4 +1,5 @@
-"""Bodies: the only file that talks to pybullet about motion. Poses and velocities in, wrenches out.
+"""Bodies: poses and velocities in, wrenches out. With responses, jacobians and pushes, all that talks to
+pybullet about motion.
 
 pybullet gives base poses at the centre of mass; the frames of URDFs, which tunnels and attachments
 use, differ from them by the inertial offset.

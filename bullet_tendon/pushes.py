@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pybullet as p
 
+from . import _core
 from .jacobians import jacobians_and_mass, movable_joints, rates
-from .responses import answer
 
 _FASTEST = 100.0  # rad/s, m/s: pybullet lets no degree of freedom go faster
 
@@ -21,7 +21,7 @@ def exchange(body, link, old, new, dt, client) -> None:
     if parts is None or not len(parts[1]):
         return
     jacobian, now = parts[0][0], rates(body, client)
-    took, gives = dt * answer(parts[1], jacobian.T @ np.transpose([old, new])).T
+    took, gives = dt * _core.answer(parts[1], jacobian.T @ np.transpose([old, new])).T
     most = np.where(np.abs(now) > 0.999 * _FASTEST, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     if p.getDynamicsInfo(body, -1, client)[0] > 0:

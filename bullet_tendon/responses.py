@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from . import _core
 from .jacobians import jacobians_and_mass
 
 
@@ -44,12 +45,4 @@ def articulated_response(body, link, client) -> np.ndarray | None:
     if parts is None:
         return None
     jacobian, mass = parts[0][0], parts[1]
-    return jacobian @ answer(mass, jacobian.T)
-
-
-def answer(mass, forces) -> np.ndarray:
-    """M^-1 forces; degrees of freedom without mass do not answer, as in pybullet."""
-    try:
-        return np.linalg.solve(mass, forces)
-    except np.linalg.LinAlgError:
-        return np.linalg.pinv(mass, hermitian=True) @ forces
+    return jacobian @ _core.answer(mass, jacobian.T)

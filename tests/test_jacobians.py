@@ -3,10 +3,12 @@
 import numpy as np
 import pybullet as p
 import pytest
-from random_robots import KINDS, poses, robot, stop, velocities
+from random_robots import KINDS, UNDAMPED, let_go, poses, robot, stop, velocities
 
+from bullet_tendon import _core
 from bullet_tendon.jacobians import jacobians_and_mass, movable_joints, rates
 from bullet_tendon.pushes import exchange, product, rotation_by
+from bullet_tendon.responses import articulated_response
 
 H = 1e-3  # of finite differences of fourth order [m], [rad]
 DT = 1e-4
@@ -170,3 +172,48 @@ def test_changed_masses_and_inertias_are_felt(client):
     added = 30.0 * jacobians[0, :3].T @ jacobians[0, :3]
     assert np.abs(mass - before).max() > 20
     assert np.linalg.eigvalsh(before + added - mass).min() >= -1e-12
+
+
+def test_answers_are_those_of_the_matrix(client):
+    rng = np.random.default_rng(0)
+    for n in range(1, 15):
+        root, forces = rng.normal(size=(n, n + 2)), rng.normal(size=(n, 3))
+        mass = root @ root.T
+        np.testing.assert_allclose(mass @ _core.answer(mass, forces), forces, rtol=0, atol=1e-9)
+
+
+def test_what_has_no_mass_does_not_answer(client):
+    """A point on the axis of its hinge: the hinge stays, the two masses go together, as in pybullet."""
+    links = {"linkMasses": [0.5], "linkCollisionShapeIndices": [-1], "linkVisualShapeIndices": [-1]}
+    links |= {"linkPositions": [[0.3, 0, 0]], "linkOrientations": [[0, 0, 0, 1]]}
+    links |= {"linkInertialFramePositions": [[0.2, 0, 0]], "linkInertialFrameOrientations": [[0, 0, 0, 1]]}
+    links |= {"linkParentIndices": [0], "linkJointTypes": [p.JOINT_REVOLUTE], "linkJointAxis": [[1, 0, 0]]}
+    body = p.createMultiBody(1.5, physicsClientId=client, **links)
+    for link, moment in ((-1, 0.01), (0, 0.0)):
+        inertia = {"localInertiaDiagonal": [moment] * 3, "physicsClientId": client}
+        p.changeDynamics(body, link, **inertia, **UNDAMPED)
+    let_go(client, body, 0)
+    response = articulated_response(body, 0, client)
+    force = np.array([1.0, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(response @ force, force / 2, rtol=0, atol=1e-12)
+    assert np.abs(response).max() < 1e3
+    p.setTimeStep(DT, client)
+    apply(client, body, 0, np.array([0, 0, 1.0, 1.0, 0, 0]))
+    p.stepSimulation(client)
+    exact = DT * response @ [0, 0, 1.0, 1.0, 0, 0]
+    np.testing.assert_allclose(velocities(client, body)[1], exact, rtol=0, atol=1e-9)
+
+
+def test_planar_joints_are_not_known(client, tmp_path):
+    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
+    joint = '<joint name="j" type="planar"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/></joint>'
+    path = tmp_path / "planar.urdf"
+    path.write_text(f'<robot name="r">{link.format("a")}{link.format("b")}{joint}</robot>')
+    body = p.loadURDF(str(path), physicsClientId=client)
+    p.resetBaseVelocity(body, [1, 2, 3], [4, 5, 6], physicsClientId=client)
+    before = velocities(client, body)
+    assert p.getJointInfo(body, 0, client)[2] == p.JOINT_PLANAR
+    assert jacobians_and_mass(body, [0], client) is None
+    assert articulated_response(body, 0, client) is None
+    exchange(body, 0, np.ones(6), np.zeros(6), DT, client)
+    np.testing.assert_array_equal(velocities(client, body), before)

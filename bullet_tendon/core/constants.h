@@ -133,6 +133,10 @@ constexpr double kLeastCosine = 0.1;
 // directions only.
 constexpr double kRank = 1e-9;
 
+// Share of a degree of freedom's own mass under which what the others leave of it is rounding [-].
+// Larger: light bodies that carry heavy links do not answer.
+constexpr double kMassless = 1e-13;
+
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;
 
