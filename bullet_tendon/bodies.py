@@ -179,17 +179,11 @@ class Bodies:
         _write(row, state[0], state[1], info, state[6], state[7])
 
     def _respond(self, row, body, link, info) -> None:
-        joints = movable_joints(body, self.client)
-        fixed = p.getDynamicsInfo(body, -1, self.client)[0] == 0
         alone = p.getNumJoints(body, self.client) == 0
-        if fixed and not joints:
-            response = np.zeros((6, 6))
-        else:
-            response = None if alone else articulated_response(body, link, self.client)
-        row[58] = float(not fixed and not joints)
-        if response is None:
-            # With joints that are not known a link yields at most as it would alone: the stable side.
-            response = free_response(info, self._inertial_turn(body, link))
+        known = None if alone else articulated_response(body, link, self.client)
+        # With joints that are not known a link yields at most as it would alone: the stable side.
+        response, dofs = known or (free_response(info, self._inertial_turn(body, link)), 6 * alone)
+        row[58] = float(dofs == 6 and p.getDynamicsInfo(body, -1, self.client)[0] > 0)
         row[21] = float(response.any())
         row[22:58] = response.ravel()
 

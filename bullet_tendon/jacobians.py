@@ -1,8 +1,8 @@
 """Jacobians, mass matrix and rates of articulated bodies, fixed or floating.
 
 Composed from joint axes, poses and masses (Featherstone 2008, chapters 4 and 6): pybullet's own mass
-matrix keeps the masses and inertias that a body had when it was first asked for, and its Jacobians know
-no spherical joints.
+matrix keeps the masses and inertias that a body had when it was first asked for, is not the one that it
+steps MJCF's humanoid with (2 % off), and its Jacobians know no spherical joints.
 
 Degrees of freedom: of a floating base the velocity (3) of its centre of mass and its spin (3), world
 axes; then the joints in pybullet's order: the rate of a hinge or slider, the three rates of a spherical
@@ -37,12 +37,12 @@ def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | N
     axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all links. None where a joint is of another kind
     than fixed, hinge, slider and spherical.
     """
-    count = p.getNumJoints(body, client)
-    infos = [p.getJointInfo(body, j, client) for j in range(count)]
-    articulated = _articulated(tuple([(i[2], i[13], i[16]) for i in infos]), not _is_fixed(body, client))
-    if articulated is None:
+    tree = _tree_of(body, client)
+    if tree is None:
         return None
-    return articulated.jacobians_and_mass(_placements(body, count, client), [link + 1 for link in links])
+    if tree.dofs == 0:
+        return np.zeros((len(links), 6, 0)), np.zeros((0, 0))
+    return tree.jacobians_and_mass(_placements(body, tree.links - 1, client), [link + 1 for link in links])
 
 
 def rates(body, client) -> np.ndarray:
@@ -57,8 +57,13 @@ def _is_fixed(body, client) -> bool:
     return p.getDynamicsInfo(body, -1, client)[0] == 0
 
 
+def _tree_of(body, client) -> _core.Articulated | None:
+    infos = [p.getJointInfo(body, j, client) for j in range(p.getNumJoints(body, client))]
+    return _tree(tuple([(info[2], info[13], info[16]) for info in infos]), not _is_fixed(body, client))
+
+
 @lru_cache(maxsize=256)
-def _articulated(joints: tuple, floating: bool) -> _core.Articulated | None:
+def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
     """joints: of every link its joint's kind, axis and parent link."""
     if any(kind not in _KINDS for kind, _, _ in joints):
         return None

@@ -35,14 +35,14 @@ def free_response(info, inertial_turn) -> np.ndarray:
     return response
 
 
-def articulated_response(body, link, client) -> np.ndarray | None:
+def articulated_response(body, link, client) -> tuple[np.ndarray, int] | None:
     """(6, 6) J M^-1 J^T of a link's centre of mass, world axes (Khatib 1987, operational space).
 
-    Of bodies with joints, or with several links, on a fixed or a floating base. None where pybullet's
-    joint is of a kind that jacobians_and_mass does not know; zero where nothing can move.
+    And how many degrees of freedom the body has; the base may be fixed or floating. None where a joint is
+    of a kind that jacobians_and_mass does not know.
     """
     parts = jacobians_and_mass(body, [link], client)
     if parts is None:
         return None
-    jacobian, mass = parts[0][0], parts[1]
-    return jacobian @ _core.answer(mass, jacobian.T)
+    (jacobian,), mass = parts
+    return jacobian @ _core.answer(mass, jacobian.T), len(mass)

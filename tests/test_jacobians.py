@@ -193,7 +193,8 @@ def test_what_has_no_mass_does_not_answer(client):
         inertia = {"localInertiaDiagonal": [moment] * 3, "physicsClientId": client}
         p.changeDynamics(body, link, **inertia, **UNDAMPED)
     let_go(client, body, 0)
-    response = articulated_response(body, 0, client)
+    response, dofs = articulated_response(body, 0, client)
+    assert dofs == 7
     force = np.array([1.0, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(response @ force, force / 2, rtol=0, atol=1e-12)
     assert np.abs(response).max() < 1e3

@@ -7,8 +7,10 @@ namespace bt {
 namespace {
 
 Articulated articulated(const Ints& kinds, const Ints& parents, const Array& axes, bool floating) {
+  if (parents.size() != kinds.size() || axes.size() != 3 * kinds.size()) throw py::value_error("joints");
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
+    if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
     joints.push_back({kind, parents.data()[j], vec(axes.data() + 3 * j)});
   }
@@ -25,14 +27,14 @@ void place(Articulated& body, const py::list& numbers) {
   body.place(row.data());
 }
 
-py::tuple jacobians_and_mass(Articulated& body, const py::list& numbers, const Ints& chosen) {
+py::tuple jacobians_and_mass(Articulated& body, const py::list& numbers, const py::list& chosen) {
   place(body, numbers);
   const py::ssize_t n = body.dofs(), count = chosen.size();
-  const int* links = chosen.data();
   Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
   for (py::ssize_t i = 0; i < count; ++i) {
-    if (links[i] < 0 || links[i] >= body.links()) throw py::index_error("links");
-    body.jacobian(links[i], jacobians.mutable_data() + 6 * n * i);
+    const int link = chosen[i].cast<int>();
+    if (link < 0 || link >= body.links()) throw py::index_error("links");
+    body.jacobian(link, jacobians.mutable_data() + 6 * n * i);
   }
   body.mass_matrix(mass.mutable_data());
   return py::make_tuple(jacobians, mass);
@@ -58,6 +60,8 @@ void bind_articulated(py::module_& m) {
   m.attr("FIXED") = static_cast<int>(JointKind::fixed);
   py::class_<Articulated>(m, "Articulated")
       .def(py::init(&articulated))
+      .def_property_readonly("links", &Articulated::links)
+      .def_property_readonly("dofs", &Articulated::dofs)
       .def("jacobians_and_mass", &jacobians_and_mass);
   m.def("answer", &answer_of);
 }
