@@ -1,4 +1,5 @@
-"""Bodies: the only file that talks to pybullet about motion. Poses and velocities in, wrenches out.
+"""Bodies: poses and velocities in, wrenches out. With movers, responses, jacobians and pushes, all that talks
+to pybullet about motion.
 
 pybullet gives base poses at the centre of mass; the frames of URDFs, which tunnels and attachments
 use, differ from them by the inertial offset.
@@ -9,10 +10,11 @@ import pybullet as p
 
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
+from .jacobians import movable_joints
 from .movers import movers_of
-from .responses import axes_of, free_response, jacobian_and_mass, movable_joints
+from .pushes import exchange
+from .responses import axes_of
 
-_FASTEST = 100.0  # rad/s, m/s: pybullet lets no joint go faster
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 _WIDTH = 22  # origin 3, rotation 9, centre 3, velocity 3, spin 3, slot of its mover 1 (-1: none)
 
@@ -182,38 +184,9 @@ class Bodies:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
 
         About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
-        changes too. Of articulated bodies those with a fixed base and hinges or sliders are changed.
+        changes too.
         """
-        body, link = self.links[slot]
-        if link < 0 and p.getNumJoints(body, self.client) == 0:
-            self._push_base(body, dt * (new - old), dt)
-        elif p.getDynamicsInfo(body, -1, self.client)[0] == 0:
-            self._push_joints(body, link, dt * old, dt * new, dt)
-
-    def _push_base(self, body, impulse, dt) -> None:
-        centre, turn = p.getBasePositionAndOrientation(body, self.client)
-        velocity, spin = p.getBaseVelocity(body, self.client)
-        change = free_response(p.getDynamicsInfo(body, -1, self.client), turn) @ impulse
-        angle = float(np.linalg.norm(change[3:])) * dt
-        if angle > 0:
-            by = p.getQuaternionFromAxisAngle((change[3:] / np.linalg.norm(change[3:])).tolist(), angle)
-            turn = p.multiplyTransforms((0, 0, 0), by, (0, 0, 0), turn)[1]
-        place = (np.array(centre) + dt * change[:3]).tolist()
-        p.resetBasePositionAndOrientation(body, place, turn, self.client)
-        motion = (np.array(velocity) + change[:3]).tolist(), (np.array(spin) + change[3:]).tolist()
-        p.resetBaseVelocity(body, *motion, physicsClientId=self.client)
-
-    def _push_joints(self, body, link, old, new, dt) -> None:
-        joints = movable_joints(body, self.client)
-        parts = jacobian_and_mass(body, link, joints, self.client)
-        if parts is None:
-            return
-        took, gives = (np.linalg.solve(parts[1], parts[0].T @ impulse) for impulse in (old, new))
-        states = p.getJointStates(body, joints, self.client)
-        for joint, (angle, rate, *_), a, b in zip(joints, states, took.tolist(), gives.tolist(), strict=True):
-            if abs(rate) > 0.999 * _FASTEST:  # pybullet cut off what the old wrench gave
-                a = max(-abs(rate), min(abs(rate), a))
-            p.resetJointState(body, joint, angle + dt * (b - a), rate + b - a, self.client)
+        exchange(*self.links[slot], old, new, dt, self.client)
 
     def _read(self, row, body, link, info) -> None:
         if link < 0:

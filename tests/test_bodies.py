@@ -130,8 +130,8 @@ def test_wrench_is_about_the_centre_of_mass_and_static_points_hold_exactly(make_
     assert (world.wrench(ball(client, [5, 0, 0])) == 0).all()
 
 
-def nested(client):
-    """A fixed base with two links on hinges, each with its own turned inertial frame."""
+def nested(client, base_mass=0.0):
+    """A base (mass 0: fixed) with two links on hinges, each with its own turned inertial frame."""
     links = {
         "linkMasses": [0.3, 0.2],
         "linkCollisionShapeIndices": [-1, -1],
@@ -144,9 +144,11 @@ def nested(client):
         "linkJointTypes": [p.JOINT_REVOLUTE, p.JOINT_REVOLUTE],
         "linkJointAxis": [[0, 0, 1], [0, 1, 0]],
     }
-    body = p.createMultiBody(
-        0, basePosition=[0.2, 0.1, 0.3], baseOrientation=TURN, physicsClientId=client, **links
-    )
+    place = {"basePosition": [0.2, 0.1, 0.3], "baseOrientation": TURN}
+    body = p.createMultiBody(base_mass, physicsClientId=client, **place, **links)
+    for link in (-1, 0, 1):
+        inertia = {} if base_mass == 0 else {"localInertiaDiagonal": [3e-4, 2e-4, 4e-4]}
+        p.changeDynamics(body, link, linearDamping=0, angularDamping=0, physicsClientId=client, **inertia)
     for joint, angle in ((0, 0.4), (1, -0.7)):
         p.resetJointState(body, joint, angle, physicsClientId=client)
         p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
@@ -164,11 +166,12 @@ def frame_by_hand(client, body, link):
     return np.array(state[0]) - axes @ info[3], axes, np.array(state[0])
 
 
+@pytest.mark.parametrize("base_mass", [0.0, 0.4])
 @pytest.mark.parametrize("link", [0, 1])
-def test_points_of_nested_links(make_world, client, link):
-    """Their frames, their wrenches, and how far the joints let them yield within a step."""
+def test_points_of_nested_links(make_world, client, link, base_mass):
+    """Their frames, their wrenches, and how far joints and a floating base let them yield in a step."""
     world = make_world(1 / 960)
-    body = nested(client)
+    body = nested(client, base_mass)
     origin, axes, centre = frame_by_hand(client, body, link)
     where = origin + axes @ POINT
     t = world.add_tendon([where, where + [0, 0, LENGTH]], RADIUS, bt.Material(stiffness=300.0), 6)

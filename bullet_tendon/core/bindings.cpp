@@ -143,6 +143,7 @@ PYBIND11_MODULE(_core, m) {
   using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
   py::class_<World> world(m, "World");
+  bind_articulated(m);
   bind_terms(m, world);
   world.def(py::init<>())
       .def("set_options", &set_options)

@@ -46,6 +46,9 @@ inline Field field_of(const Array& a) {
   return f;
 }
 
+// Articulated bodies (articulated_bindings.cpp).
+void bind_articulated(py::module_& m);
+
 // Single terms of a step's potential (term_bindings.cpp).
 void bind_terms(py::module_& m, py::class_<World>& world);
 

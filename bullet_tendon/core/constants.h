@@ -128,8 +128,9 @@ constexpr double kLeastCosine = 0.1;
 // directions only.
 constexpr double kRank = 1e-9;
 
-// Share of a diagonal number under which the pivot it leaves is nothing [-]: coordinates that nothing moves.
-constexpr double kNoPivot = 1e-12;
+// Share of a degree of freedom's own mass (or response) under which what the others leave of it is rounding
+// [-]. Larger: light bodies that carry heavy links do not answer.
+constexpr double kMassless = 1e-13;
 
 // Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
 constexpr int kSweeps = 12;

@@ -47,7 +47,7 @@ void root(int n, const Numbers& a, Numbers& l) {
   for (int j = 0; j < n; ++j) {
     double pivot = a[j * n + j];
     for (int k = 0; k < j; ++k) pivot -= l[j * n + k] * l[j * n + k];
-    if (!(pivot > kNoPivot * a[j * n + j])) continue;
+    if (!(pivot > kMassless * a[j * n + j])) continue;
     const double d = l[j * n + j] = std::sqrt(pivot);
     for (int i = j + 1; i < n; ++i) {
       double sum = a[i * n + j];

@@ -1,0 +1,108 @@
+#include "articulated.h"
+
+#include <algorithm>
+
+#include "dense.h"
+
+namespace bt {
+
+namespace {
+
+Rot3 rotation_of(const double* q) {
+  const double x = q[0], y = q[1], z = q[2], w = q[3];
+  const double s = 2 / (x * x + y * y + z * z + w * w);
+  return {{1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)},
+          {s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)},
+          {s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)}};
+}
+
+Vec3 unit_axis(int k) { return {k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}; }
+
+// R diag(d) R^T
+Sym3 turned(const Rot3& r, Vec3 d) {
+  const Vec3 column[3] = {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
+  return d.x * outer(column[0]) + d.y * outer(column[1]) + d.z * outer(column[2]);
+}
+
+int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == JointKind::ball ? 3 : 1; }
+
+}  // namespace
+
+Articulated::Articulated(const std::vector<Joint>& joints, bool floating) : links_(joints.size() + 1) {
+  base_ = floating ? 6 : 0;
+  for (int k = 0; k < base_; ++k) {
+    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}});
+    links_[0].moved_by.push_back(k);
+  }
+  for (int j = 0; j < static_cast<int>(joints.size()); ++j) {
+    Placed& link = links_[j + 1];
+    link.moved_by = links_[joints[j].parent].moved_by;
+    for (int k = 0; k < count_of(joints[j].kind); ++k) {
+      const Vec3 axis = joints[j].kind == JointKind::ball ? unit_axis(k) : joints[j].axis;
+      link.moved_by.push_back(dofs());
+      twists_.push_back({j + 1, joints[j].kind == JointKind::slider, axis, {}, {}});
+    }
+  }
+}
+
+void Articulated::place(const double* numbers) {
+  const Vec3 base{numbers[0], numbers[1], numbers[2]};
+  for (Placed& link : links_) {
+    const double* p = numbers;
+    link.centre = Vec3{p[0], p[1], p[2]} - base;
+    link.turn = rotation_of(p + 3), link.mass = p[7];
+    link.inertia = turned(link.turn, {p[8], p[9], p[10]});
+    link.joint = link.centre - link.turn * transposed_times(rotation_of(p + 14), {p[11], p[12], p[13]});
+    numbers += kPlacementWidth;
+  }
+  for (int k = 0; k < dofs(); ++k) {
+    Twist& t = twists_[k];
+    const Placed& link = links_[t.carried];
+    const Vec3 axis = k < base_ ? t.axis : link.turn * t.axis, through = k < base_ ? Vec3{} : link.joint;
+    t.spin = t.slides ? Vec3{} : axis;
+    t.velocity = t.slides ? axis : cross(through, axis);
+  }
+}
+
+void Articulated::jacobian(int link, double* out) const {
+  const int n = dofs();
+  std::fill(out, out + 6 * n, 0.0);
+  for (int k : links_[link].moved_by) {
+    const Vec3 w = twists_[k].spin, v = twists_[k].velocity + cross(w, links_[link].centre);
+    const double column[6] = {v.x, v.y, v.z, w.x, w.y, w.z};
+    for (int i = 0; i < 6; ++i) out[i * n + k] = column[i];
+  }
+}
+
+void Articulated::mass_matrix(double* out) const {
+  const int n = dofs();
+  std::fill(out, out + n * n, 0.0);
+  std::vector<Vec3> velocity(n);
+  for (const Placed& link : links_) {
+    for (std::size_t a = 0; a < link.moved_by.size(); ++a) {
+      const int i = link.moved_by[a];
+      velocity[i] = twists_[i].velocity + cross(twists_[i].spin, link.centre);
+      const Vec3 momentum = link.mass * velocity[i], turning = link.inertia * twists_[i].spin;
+      for (std::size_t b = 0; b <= a; ++b) {
+        const int j = link.moved_by[b];
+        out[i * n + j] += dot(momentum, velocity[j]) + dot(turning, twists_[j].spin);
+      }
+    }
+  }
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < i; ++j) out[j * n + i] = out[i * n + j];
+}
+
+void answer(int n, int columns, const double* mass, double* b) {
+  const dense::Numbers matrix(mass, mass + static_cast<size_t>(n) * n);
+  dense::Numbers root, x(n);
+  dense::root(n, matrix, root);
+  for (int c = 0; c < columns; ++c) {
+    for (int i = 0; i < n; ++i) x[i] = b[i * columns + c];
+    dense::forward(root, x);
+    dense::backward(root, x);
+    for (int i = 0; i < n; ++i) b[i * columns + c] = x[i];
+  }
+}
+
+}  // namespace bt

@@ -1,0 +1,60 @@
+// Jacobians and mass matrix of a tree of rigid links on joints (Featherstone 2008, chapters 4 and 6).
+// Link 0 is the base; joint k carries link k + 1. Degrees of freedom: of a floating base the velocity of
+// its centre of mass and its spin, world axes; then the joints in order.
+#pragma once
+#include <vector>
+
+#include "vec.h"
+
+namespace bt {
+
+enum class JointKind { hinge, slider, ball, fixed };
+
+struct Joint {
+  JointKind kind;
+  int parent;  // link
+  Vec3 axis;   // in the inertial frame of the link that it carries; a ball's are that frame's own
+};
+
+// What a link's placement is read from, one number after the other: centre of mass 3 and inertial frame 4
+// (quaternion x, y, z, w) in the world, mass 1, principal moments 3, the inertial frame in the link's own
+// frame, whose origin is the joint, 3 and 4.
+constexpr int kPlacementWidth = 18;
+
+class Articulated {
+ public:
+  Articulated(const std::vector<Joint>& joints, bool floating);
+  int links() const { return static_cast<int>(links_.size()); }
+  int dofs() const { return static_cast<int>(twists_.size()); }
+  // numbers: kPlacementWidth of every link.
+  void place(const double* numbers);
+  // out (6, dofs): velocity of the link's centre of mass, then its spin, world axes.
+  void jacobian(int link, double* out) const;
+  // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
+  void mass_matrix(double* out) const;
+
+ private:
+  struct Placed {
+    std::vector<int> moved_by;  // degrees of freedom that move it
+    Vec3 centre;                // from the base's centre of mass: rounding does not grow with its place
+    Rot3 turn;                  // of the inertial frame
+    Vec3 joint;                 // origin of the link's own frame, from the base's centre of mass
+    double mass = 0;
+    Sym3 inertia;  // world axes
+  };
+  // A unit rate's motion: spin, and velocity of the point that is at the base's centre of mass.
+  struct Twist {
+    int carried = 0;
+    bool slides = false;
+    Vec3 axis, velocity, spin;
+  };
+  std::vector<Placed> links_;
+  std::vector<Twist> twists_;
+  int base_ = 0;  // its degrees of freedom
+};
+
+// b <- mass^-1 b, b (n, columns) and the mass matrix (n, n). Degrees of freedom whose pivot is lost in
+// rounding, without mass, do not answer.
+void answer(int n, int columns, const double* mass, double* b);
+
+}  // namespace bt

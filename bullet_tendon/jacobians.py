@@ -1,0 +1,88 @@
+"""Jacobians, mass matrix and rates of articulated bodies, fixed or floating.
+
+Composed from joint axes, poses and masses (Featherstone 2008, chapters 4 and 6): pybullet's own mass
+matrix keeps the masses and inertias that a body had when it was first asked for, is not the one that it
+steps MJCF's humanoid with (2 % off), and its Jacobians know no spherical joints.
+
+Degrees of freedom: of a floating base the velocity (3) of its centre of mass and its spin (3), world
+axes; then the joints in pybullet's order: the rate of a hinge or slider, the three rates of a spherical
+joint about the axes of its link's inertial frame.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+import pybullet as p
+
+from . import _core
+
+_KINDS = {
+    p.JOINT_REVOLUTE: _core.HINGE,
+    p.JOINT_PRISMATIC: _core.SLIDER,
+    p.JOINT_SPHERICAL: _core.BALL,
+    p.JOINT_FIXED: _core.FIXED,
+}
+
+
+def movable_joints(body, client) -> list[int]:
+    """Indices of the joints that have a degree of freedom."""
+    kinds = ((j, p.getJointInfo(body, j, client)[2]) for j in range(p.getNumJoints(body, client)))
+    return [j for j, kind in kinds if kind != p.JOINT_FIXED]
+
+
+def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | None:
+    """J (len(links), 6, dofs) and M (dofs, dofs) of a body where it is now.
+
+    links: indices, -1 for the base. Rows of J: velocity of the link's centre of mass, then its spin, world
+    axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all links. None where a joint is of another kind
+    than fixed, hinge, slider and spherical.
+    """
+    tree = _tree_of(body, client)
+    if tree is None:
+        return None
+    if tree.dofs == 0:
+        return np.zeros((len(links), 6, 0)), np.zeros((0, 0))
+    return tree.jacobians_and_mass(_placements(body, tree.links - 1, client), [link + 1 for link in links])
+
+
+def rates(body, client) -> np.ndarray:
+    """(dofs,) velocities of the degrees of freedom now, so that J @ rates is a link's velocity and spin."""
+    base = [] if _is_fixed(body, client) else np.concatenate(p.getBaseVelocity(body, client)).tolist()
+    joints = movable_joints(body, client)
+    states = p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
+    return np.array([*base, *(rate for state in states for rate in state[1])])
+
+
+def _is_fixed(body, client) -> bool:
+    return p.getDynamicsInfo(body, -1, client)[0] == 0
+
+
+def _tree_of(body, client) -> _core.Articulated | None:
+    infos = [p.getJointInfo(body, j, client) for j in range(p.getNumJoints(body, client))]
+    return _tree(tuple([(info[2], info[13], info[16]) for info in infos]), not _is_fixed(body, client))
+
+
+@lru_cache(maxsize=256)
+def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
+    """joints: of every link its joint's kind, axis and parent link."""
+    if any(kind not in _KINDS for kind, _, _ in joints):
+        return None
+    kinds, axes, parents = zip(*joints, strict=True) if joints else ((), (), ())
+    return _core.Articulated([_KINDS[k] for k in kinds], np.add(parents, 1), np.array(axes), floating)
+
+
+def _placements(body, count, client) -> list[float]:
+    """What the core needs of every link, the base first, one number after the other (articulated.h)."""
+    poses = [p.getBasePositionAndOrientation(body, client)]
+    if count:
+        poses += p.getLinkStates(body, range(count), 0, 1, client)
+    numbers = []
+    for link, pose in enumerate(poses, start=-1):
+        mass, _, inertia, place, turn, *_ = p.getDynamicsInfo(body, link, client)
+        numbers += pose[0]
+        numbers += pose[1]
+        numbers.append(mass)
+        numbers += inertia
+        numbers += place
+        numbers += turn
+    return numbers
