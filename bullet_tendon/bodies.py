@@ -99,7 +99,7 @@ class Bodies:
         """What the core needs to know of every link: (links, 22) numbers (layout: _WIDTH), Jacobians, movers.
 
         Jacobians by link, (6, n) or None for the identity; movers by the slot of their first link: (falls, rates,
-        response) as of movers.Mover, or None. Raises UnknownId where a body was removed from pybullet that
+        response, stops) as of movers.Mover, or None. Raises UnknownId where a body was removed from pybullet that
         something here refers to, and InvalidValue where pybullet has no finite pose or velocity for one.
         """
         self.require_alive()
@@ -123,7 +123,7 @@ class Bodies:
         rows = {link: self._table[s] for link, s in slot_of.items()}
         for links, mover in movers_of(body, list(slot_of), rows, self.client):
             first = slot_of[links[0]]
-            movers[first] = mover[:3]
+            movers[first] = mover[:4]
             for link, jacobian in zip(links, mover.jacobians, strict=True):
                 self._table[slot_of[link], 21] = first
                 jacobians[slot_of[link]] = jacobian

@@ -15,14 +15,20 @@ from .jacobians import jacobians_and_mass, rates
 from .responses import free_response
 
 
+_SIMPLE = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
+
+
 class Mover(NamedTuple):
     """falls: gravity changes the first three rates by itself. rates (n,): the velocities of the degrees of
-    freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. jacobians: of each link asked
-    for, (6, n), velocity of its centre of mass and spin, world axes; None for the identity."""
+    freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. stops: coordinate, side (1 where
+    it pushes up) and depth of every joint limit that is reached, one after the other; None where there is none.
+    jacobians: of each link asked for, (6, n), velocity of its centre of mass and spin, world axes; None for the
+    identity."""
 
     falls: bool
     rates: np.ndarray
     response: np.ndarray
+    stops: list | None
     jacobians: list
 
 
@@ -41,12 +47,29 @@ def movers_of(body: int, links: list[int], rows: dict[int, np.ndarray], client: 
         return []
     floating = p.getDynamicsInfo(body, -1, client)[0] > 0
     response = _core.answer(mass, np.eye(len(mass)))
-    return [(links, Mover(floating, rates(body, client), response, list(jacobians)))]
+    return [(links, Mover(floating, rates(body, client), response, stops(body, 6 * floating, client), list(jacobians)))]
+
+
+def stops(body, first: int, client) -> list | None:
+    """Limits of hinges and sliders that are reached or passed (Mover.stops). first: coordinate of the first joint.
+
+    pybullet stops a joint that is there as its step begins, and takes back part of the depth.
+    """
+    found, coordinate = [], first
+    for joint in range(p.getNumJoints(body, client)):
+        info = p.getJointInfo(body, joint, client)
+        if info[2] in _SIMPLE and info[8] <= info[9]:
+            place = p.getJointState(body, joint, client)[0]
+            for side, depth in ((1, info[8] - place), (-1, place - info[9])):
+                if depth >= 0:
+                    found += [coordinate, side, depth]
+        coordinate += {p.JOINT_FIXED: 0, p.JOINT_SPHERICAL: 3}.get(info[2], 1)
+    return found or None
 
 
 def _alone(body, link, row, client, falls) -> Mover:
     info = p.getDynamicsInfo(body, link, client)
-    return Mover(falls, row[15:21].copy(), free_response(info, _turn(body, link, client)), [None])
+    return Mover(falls, row[15:21].copy(), free_response(info, _turn(body, link, client)), None, [None])
 
 
 def _turn(body, link, client):

@@ -52,7 +52,7 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
 
 // One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, slot of its mover 1 (-1: none).
 // Jacobians by link: (6, n), or none for the identity. Movers by slot: whether it falls, rates (n), response
-// (n, n), or none.
+// (n, n), stops (3 each), or none.
 void set_links(World& w, const Array& table, const py::list& jacobians, const py::list& movers) {
   constexpr int kWidth = 22;
   w.links.resize(table.shape(0)), w.movers.resize(table.shape(0));
@@ -70,7 +70,7 @@ void set_links(World& w, const Array& table, const py::list& jacobians, const py
     }
     const py::tuple parts = movers[i];
     m.falls = parts[0].cast<bool>();
-    set_list(m.rates, parts[1]), set_list(m.free, parts[2]);
+    set_list(m.rates, parts[1]), set_list(m.free, parts[2]), set_list(m.stops, parts[3]);
   }
 }
 

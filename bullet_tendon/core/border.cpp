@@ -68,7 +68,7 @@ void guess(const Group& group, Mover& m) {
   if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
   for (int l : group.carried)
     if (&(*group.movers)[(*group.links)[l].mover] == &m) {
-      dense::multiply_transposed(m.observer.root(), m.observer.forces(), m.y);
+      dense::multiply_transposed(m.root, m.observer.forces(), m.y);
       for (double& v : m.y) v *= group.part_root * (*group.links)[l].reach;
       return;
     }

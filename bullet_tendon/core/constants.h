@@ -105,6 +105,16 @@ constexpr int kMostExtraRows = 256;
 // Least weight of a free particle for a contact on a segment whose other end is held rigidly [-].
 constexpr double kLeastLever = 0.25;
 
+// Coordinates of iterates, in those that the step begins with or aims at, beyond which they have run away
+// [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so far in a
+// long step.
+constexpr double kFarOff = 1e3;
+
+// Share of a body's inertia that is left of it in the matrix at least, when what makes contacts and
+// compressed springs indefinite is let in [-]. Smaller: wild steps of light bodies. Larger: curvature is cut
+// off more often, and iterations are slower.
+constexpr double kInertiaLeft = 0.5;
+
 // A step that takes a particle this many lengths of its tendon away has failed [-]: forces can no longer
 // be told from rounding.
 constexpr double kRunaway = 1e12;
@@ -131,6 +141,10 @@ constexpr double kRank = 1e-9;
 // Share of a degree of freedom's own mass (or response) under which what the others leave of it is rounding
 // [-]. Larger: light bodies that carry heavy links do not answer.
 constexpr double kMassless = 1e-13;
+
+// Share of the depth behind a joint's limit that pybullet takes back in a step (Bullet's erp) [-]. It cannot
+// be asked for; where it was set otherwise, that is learned as what holds the body.
+constexpr double kTakenBack = 0.2;
 
 // Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
 constexpr int kSweeps = 12;

@@ -3,6 +3,7 @@
 // A tendon on its own is a band matrix, and tendons that touch each other are a sparse one: direct
 // solutions. Where the paper's solver is asked for: conjugate gradients, preconditioned by the inverse
 // diagonal blocks. Bodies border the matrix (border.cpp).
+#include "constants.h"
 #include "stepping.h"
 
 namespace bt {
@@ -136,8 +137,21 @@ bool complement(Group& group, const Options& o) {
   return true;
 }
 
+// Whether the complement, of which the inertia of the bodies is the identity, is more than a share of that.
+bool keeps_inertia(Group& group) {
+  const int n = group.freedom;
+  for (int k = 0; k < n; ++k) group.corner[k * n + k] -= kInertiaLeft;
+  dense::root(n, group.corner, group.corner_root);
+  bool keeps = true;
+  for (int k = 0; k < n; ++k) {
+    group.corner[k * n + k] += kInertiaLeft;
+    keeps &= group.corner_root[k * n + k] > 0;
+  }
+  return keeps;
+}
+
 // The step of the bodies, and what it makes of that of the tendons (all of opposite sign).
-bool solve_bodies(Group& group, const Options& o) {
+bool solve_bodies(Group& group, const Options& o, bool definite) {
   const int n = group.freedom;
   group.corner_side.resize(n);
   for (int m : group.bodies) {
@@ -145,9 +159,8 @@ bool solve_bodies(Group& group, const Options& o) {
     std::copy(mover.residual.begin(), mover.residual.end(), group.corner_side.begin() + mover.first);
   }
   if (!complement(group, o)) return false;
+  if (!definite && !keeps_inertia(group)) return false;
   dense::root(n, group.corner, group.corner_root);
-  for (int k = 0; k < n; ++k)
-    if (!(group.corner_root[k * n + k] > 0)) return false;
   dense::forward(group.corner_root, group.corner_side);
   dense::backward(group.corner_root, group.corner_side);
   for (int k = 0; k < n; ++k)
@@ -162,11 +175,11 @@ bool solve_bodies(Group& group, const Options& o) {
 
 }  // namespace
 
-bool solve_linear(Group& group, const StepContext& context) {
+bool solve_linear(Group& group, const StepContext& context, bool definite) {
   const Options& o = context.options;
   if (!factorise(group, o)) return false;
   if (!apply_inverse(group, o, &Chain::residual, &Chain::step)) return false;
-  if (!group.bodies.empty() && !solve_bodies(group, o)) return false;
+  if (!group.bodies.empty() && !solve_bodies(group, o, definite)) return false;
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->step[k][i] = -c->step[k][i];

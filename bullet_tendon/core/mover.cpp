@@ -1,5 +1,9 @@
 #include "mover.h"
 
+#include <algorithm>
+
+#include "constants.h"
+
 namespace bt {
 
 Vec3 Mover::gyroscopic() const {
@@ -20,18 +24,88 @@ const Mover::Numbers& Mover::known(Vec3 gravity) {
 }
 
 void Mover::sense(Vec3 gravity) {
-  observer.see(rates, free, known(gravity));  // with the gyration of the step before
+  known(gravity);  // with the gyration of the step before
+  if (stopped_by_.size() == known_.size())
+    for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
+  observer.see(rates, free, known_);
   gyration = gyroscopic();
 }
 
 void Mover::foresee(double dt, Vec3 gravity) {
   change = known(gravity);
   for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
+  root = observer.root();
+  find_stopped(dt);
+  if (!stopped_.empty()) stop(dt);
+}
+
+// Limits that the coordinates would go on through, with the forces of the last step.
+void Mover::find_stopped(double dt) {
+  stopped_.clear();
+  if (stops.empty()) return;
+  dense::multiply_transposed(root, observer.forces(), half_);
+  dense::multiply(root, half_, known_);
+  for (size_t s = 0; s < stops.size(); s += 3) {
+    const int i = static_cast<int>(stops[s]);
+    double own = 0;
+    for (int k = 0; k < n(); ++k) own += root[i * n() + k] * root[i * n() + k];
+    const double wanted = stops[s + 1] * kTakenBack * stops[s + 2] / dt;
+    const double rate = rates[i] + change[i] + dt * known_[i];
+    if (own > kRank * free[i * n() + i] && stops[s + 1] * (rate - wanted) < 0)
+      stopped_.push_back(static_cast<int>(s));
+  }
+}
+
+void Mover::stop(double dt) {
+  const int m = static_cast<int>(stopped_.size());
+  // E_S, and R_SS with its root.
+  missing_.assign(m, 0.0), half_.assign(static_cast<size_t>(m) * n(), 0.0);
+  for (int a = 0; a < m; ++a) {
+    const double* s = &stops[stopped_[a]];
+    const int i = static_cast<int>(s[0]);
+    missing_[a] = s[1] * kTakenBack * s[2] / dt - rates[i] - change[i];
+    std::copy_n(&root[i * n()], n(), &half_[a * n()]);
+  }
+  dense::product_transposed(n(), half_, half_, within_);
+  dense::root(m, within_, within_root_);
+  auto solve = [&](Numbers& x) { dense::forward(within_root_, x), dense::backward(within_root_, x); };
+  solve(missing_);
+  Numbers impulse(n());
+  for (int a = 0; a < m; ++a)
+    for (int k = 0; k < n(); ++k) impulse[k] += missing_[a] * half_[a * n() + k];
+  dense::multiply(root, impulse, known_);
+  for (int i = 0; i < n(); ++i) change[i] += known_[i];
+  stopped_by_ = known_;
+  for (double& v : stopped_by_) v /= dt;
+  // Each row of E loses what is along those of S.
+  Numbers along(m);
+  for (int i = 0; i < n(); ++i) {
+    double* row = &root[i * n()];
+    for (int a = 0; a < m; ++a) {
+      along[a] = 0;
+      for (int k = 0; k < n(); ++k) along[a] += half_[a * n() + k] * row[k];
+    }
+    solve(along);
+    for (int a = 0; a < m; ++a)
+      for (int k = 0; k < n(); ++k) row[k] -= along[a] * half_[a * n() + k];
+  }
+}
+
+void Mover::act(double dt) {
+  observer.act(forces, dt);
+  if (stopped_.empty()) return stopped_by_.assign(n(), 0.0);
+  auto add_response = [&](const Numbers& of, double sign) {
+    dense::multiply_transposed(of, forces, half_);
+    dense::multiply(of, half_, known_);
+    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * known_[i];
+  };
+  add_response(root, 1);
+  add_response(observer.root(), -1);
 }
 
 void Mover::push(const Numbers& impulse) {
-  dense::multiply_transposed(observer.root(), impulse, half_);
-  dense::multiply(observer.root(), half_, known_);
+  dense::multiply_transposed(root, impulse, half_);
+  dense::multiply(root, half_, known_);
   for (int i = 0; i < n(); ++i) change[i] += known_[i];
 }
 

@@ -8,6 +8,11 @@
 //   part),
 //
 // so that y, of energy |y|^2/2, are the body's unknowns in the solution (border.cpp), whatever holds it.
+//
+// Joint limits are foreseen: a coordinate that is past one, and would go on, pybullet gives the rate that
+// takes back a share of the depth in the step. With S those coordinates and R = E E^T,
+//
+//   rates += R_:S R_SS^-1 (wanted - rates)_S,     E -= R_:S R_SS^-1 E_S.
 #pragma once
 #include "observer.h"
 #include "vec.h"
@@ -20,7 +25,9 @@ struct Mover {
   Numbers free;        // M^-1 (n n)
   bool falls = false;  // gravity changes the first three by itself
   Vec3 gyration;       // the next three's gyroscopic acceleration in this step [rad/s^2]
+  Numbers stops;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
   Observer observer;
+  Numbers root;    // E, without what the stops take away in this step
   Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
   Numbers forces;  // generalized, of the tendons in this step
   // In a solution.
@@ -33,6 +40,8 @@ struct Mover {
   // What it did since the last step, and what it is going to do.
   void sense(Vec3 gravity);
   void foresee(double dt, Vec3 gravity);
+  // The tendons' forces of a step of dt.
+  void act(double dt);
   // An impulse, generalized, changes its motion.
   void push(const Numbers& impulse);
 
@@ -40,7 +49,11 @@ struct Mover {
   // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
   Vec3 gyroscopic() const;
   const Numbers& known(Vec3 gravity);
-  Numbers known_, half_;
+  void find_stopped(double dt);
+  void stop(double dt);
+  Numbers stopped_by_;  // acceleration that the stops made in the last step, beside the response
+  std::vector<int> stopped_;
+  Numbers known_, half_, within_, within_root_, missing_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h
 };

@@ -239,6 +239,17 @@ bool stiffen(Group& group) {
   return any;
 }
 
+// Iterates so far off that rounding would excuse any residual.
+bool ran_away(const Group& group) {
+  for (const Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k) {
+      const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->goal[k], c->n()));
+      const double length = c->rest[0] * c->n();
+      if (!(largest_of(c->next[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
+    }
+  return false;
+}
+
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -269,7 +280,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     used = iteration;
     group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
     // Within a few roundings, what does not shrink any more is rounding.
-    const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
+    const bool small = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
+    const bool rounded = small && !ran_away(group);
     last_residual = a.residual;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
@@ -292,10 +304,10 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     // As exact as this iteration can make use of.
     group.linear_tolerance = std::min(kLoosest, 0.05 * o.tolerance * a.scale / a.residual);
     assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe, safe || far);
-    if (!solve_linear(group, context)) {  // indefinite: once more, with compression cut off
+    if (!solve_linear(group, context, safe)) {  // indefinite: once more, with compression cut off
       residual_of(group, safe, true);
       assemble(group, safe ? Linearisation::position : Linearisation::multiplier, true, true);
-      solve_linear(group, context);
+      solve_linear(group, context, true);
     }
     if (safe) {
       line_search(group);

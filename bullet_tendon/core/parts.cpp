@@ -161,7 +161,7 @@ void World::finish() {
   for (Link& l : links)
     if (l.yields()) l.add_generalized(l.jacobian, {l.force, l.torque}, movers[l.mover].forces);
   for (Mover& m : movers)
-    if (m.n() > 0) m.observer.act(m.forces, whole_dt_);
+    if (m.n() > 0) m.act(whole_dt_);
   for (Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
 }

@@ -165,7 +165,7 @@ void single_linearisation(Group& group, const StepContext& context) {
   make_border(group);
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
-  solve_linear(group, context);
+  solve_linear(group, context, true);
   for (Chain* c : group.chains) {
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) {

@@ -92,8 +92,9 @@ void explicit_euler(Group& group, const StepContext& context);
 bool add_missed(Group& group);
 
 // A step = -residual with all holds applied: banded, or sparse where tendons touch, or by preconditioned
-// conjugate gradients; and with the unknowns of bodies. false: the matrix is not positive definite.
-bool solve_linear(Group& group, const StepContext& context);
+// conjugate gradients; and with the unknowns of bodies. definite: it was assembled to be positive definite.
+// false: it is not.
+bool solve_linear(Group& group, const StepContext& context, bool definite);
 using Which = Field Chain::*;
 // The sparse one: its factors, and x = A^-1 b.
 bool factorise_coupled(Group& group);
