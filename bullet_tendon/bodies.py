@@ -98,9 +98,10 @@ class Bodies:
     def table(self) -> tuple[np.ndarray, list, list]:
         """What the core needs to know of every link: (links, 22) numbers (layout: _WIDTH), Jacobians, movers.
 
-        Jacobians by link, (6, n) or None for the identity; movers by the slot of their first link: (falls, rates,
-        response, stops) as of movers.Mover, or None. Raises UnknownId where a body was removed from pybullet that
-        something here refers to, and InvalidValue where pybullet has no finite pose or velocity for one.
+        Jacobians by link, (6, n) or None for the identity; movers by the slot of their first link: (falls,
+        rates, response, stops) as of movers.Mover, or None. Raises UnknownId where a body was removed from
+        pybullet that something here refers to, and InvalidValue where pybullet has no finite pose or velocity
+        for one.
         """
         self.require_alive()
         by_body: dict[int, list[int]] = {}
@@ -180,13 +181,13 @@ class Bodies:
         others = {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=self.client)}
         return any(p.getClosestPoints(body, o, _TOUCHING, physicsClientId=self.client) for o in others)
 
-    def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
+    def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
 
         About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
-        changes too.
+        changes too. stopped: degrees of freedom that a joint's limit kept from moving in it.
         """
-        exchange(*self.links[slot], old, new, dt, self.client)
+        exchange(*self.links[slot], old, new, dt, self.client, stopped)
 
     def _read(self, row, body, link, info) -> None:
         if link < 0:

@@ -1,8 +1,8 @@
-"""The coordinates of a body that tendons touch: their rates, how they answer to forces, and its links' Jacobians.
+"""Coordinates of a body that tendons touch: their rates, how they answer to forces, its links' Jacobians.
 
-A body is solved for by what can move of it: the twist of a rigid one, else the degrees of freedom of base and
-joints. Where pybullet has joints that jacobians_and_mass does not know, every link stands for itself, with its
-own mass: the stable side.
+A body is solved for by what can move of it: the twist of a rigid one, else the degrees of freedom of base
+and joints. Where pybullet has joints that jacobians_and_mass does not know, every link stands for itself,
+with its own mass: the stable side.
 """
 
 from typing import NamedTuple
@@ -14,16 +14,15 @@ from . import _core
 from .jacobians import jacobians_and_mass, rates
 from .responses import free_response
 
-
 _SIMPLE = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 
 
 class Mover(NamedTuple):
     """falls: gravity changes the first three rates by itself. rates (n,): the velocities of the degrees of
-    freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. stops: coordinate, side (1 where
-    it pushes up) and depth of every joint limit that is reached, one after the other; None where there is none.
-    jacobians: of each link asked for, (6, n), velocity of its centre of mass and spin, world axes; None for the
-    identity."""
+    freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. stops: coordinate, side (1
+    where it pushes up) and depth of every joint limit that is reached, one after the other; None where there
+    is none. jacobians: of each link asked for, (6, n), velocity of its centre of mass and spin, world axes;
+    None for the identity."""
 
     falls: bool
     rates: np.ndarray
@@ -47,11 +46,18 @@ def movers_of(body: int, links: list[int], rows: dict[int, np.ndarray], client: 
         return []
     floating = p.getDynamicsInfo(body, -1, client)[0] > 0
     response = _core.answer(mass, np.eye(len(mass)))
-    return [(links, Mover(floating, rates(body, client), response, stops(body, 6 * floating, client), list(jacobians)))]
+    return [
+        (
+            links,
+            Mover(
+                floating, rates(body, client), response, stops(body, 6 * floating, client), list(jacobians)
+            ),
+        )
+    ]
 
 
 def stops(body, first: int, client) -> list | None:
-    """Limits of hinges and sliders that are reached or passed (Mover.stops). first: coordinate of the first joint.
+    """Limits of hinges and sliders that are reached (Mover.stops). first: coordinate of the first joint.
 
     pybullet stops a joint that is there as its step begins, and takes back part of the depth.
     """

@@ -8,19 +8,22 @@ import pybullet as p
 from . import _core
 from .jacobians import jacobians_and_mass, movable_joints, rates
 
+_WALL = 1e12  # times its mass: what is stopped answers by nothing
 _FASTEST = 100.0  # rad/s, m/s: pybullet lets no degree of freedom go faster
 
 
-def exchange(body, link, old, new, dt, client) -> None:
+def exchange(body, link, old, new, dt, client, stopped=()) -> None:
     """Change a body's motion as if the wrench `new` had acted on a link in the last step and not `old`.
 
     Both (6,), about the link's centre of mass, world frame [N], [N m]. dt: length of that step [s], whose
-    displacement changes too. Bodies whose joints jacobians_and_mass does not know stay as they are.
+    displacement changes too. stopped: degrees of freedom that do not answer.
+    Bodies whose joints jacobians_and_mass does not know stay as they are.
     """
     parts = jacobians_and_mass(body, [link], client)
     if parts is None or not len(parts[1]):
         return
     jacobian, now = parts[0][0], rates(body, client)
+    parts[1][stopped, stopped] *= _WALL
     took, gives = dt * _core.answer(parts[1], jacobian.T @ np.transpose([old, new])).T
     most = np.where(np.abs(now) > 0.999 * _FASTEST, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave

@@ -93,7 +93,8 @@ class TakesSteps:
         self._core.finish()
         self._wrenches = self._core.wrenches()
         for slot in self._core.pushable():
-            self._bodies.exchange(slot, before[slot], self._wrenches[slot], self._dt)
+            wrenches = before[slot], self._wrenches[slot]
+            self._bodies.exchange(slot, *wrenches, self._dt, self._core.stopped(slot))
         self._core.set_links(*self._bodies.table())
         self._core.refresh_movers()
         self._core.sense(self._dt, self._last_gravity, False)

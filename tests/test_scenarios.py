@@ -17,6 +17,7 @@ from bullet_tendon.scenarios import (
     step_limit,
     suspended_plate,
     table1,
+    tendon_finger,
     twisted_tendon,
     two_tendons,
 )
@@ -221,6 +222,7 @@ SHORTENED = [
     (motor_hold, {}),
     (release, {}),
     (suspended_plate, {}),
+    (tendon_finger, {}),
 ]
 
 

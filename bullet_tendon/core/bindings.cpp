@@ -217,6 +217,7 @@ PYBIND11_MODULE(_core, m) {
              return held;
            })
       .def("let_go", &World::let_go)
+      .def("stopped", [](const World& w, int link) { return w.movers[w.links[link].mover].stopped(); })
       .def("pushable",
            [](const World& w) {
              std::vector<int> free;

@@ -145,6 +145,8 @@ constexpr double kMassless = 1e-13;
 // Share of the depth behind a joint's limit that pybullet takes back in a step (Bullet's erp) [-]. It cannot
 // be asked for; where it was set otherwise, that is learned as what holds the body.
 constexpr double kTakenBack = 0.2;
+// Depth from which it does not (its split impulse) [rad], [m].
+constexpr double kDeepBehind = 0.04;
 
 // Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
 constexpr int kSweeps = 12;

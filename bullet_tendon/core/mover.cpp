@@ -39,6 +39,15 @@ void Mover::foresee(double dt, Vec3 gravity) {
   if (!stopped_.empty()) stop(dt);
 }
 
+namespace {
+
+// The rate that pybullet gives what is behind a limit: outwards, or none where it is deep.
+double rate_at(const double* stop, double dt) {
+  return stop[2] < kDeepBehind ? stop[1] * kTakenBack * stop[2] / dt : 0;
+}
+
+}  // namespace
+
 // Limits that the coordinates would go on through, with the forces of the last step.
 void Mover::find_stopped(double dt) {
   stopped_.clear();
@@ -49,7 +58,7 @@ void Mover::find_stopped(double dt) {
     const int i = static_cast<int>(stops[s]);
     double own = 0;
     for (int k = 0; k < n(); ++k) own += root[i * n() + k] * root[i * n() + k];
-    const double wanted = stops[s + 1] * kTakenBack * stops[s + 2] / dt;
+    const double wanted = rate_at(&stops[s], dt);
     const double rate = rates[i] + change[i] + dt * known_[i];
     if (own > kRank * free[i * n() + i] && stops[s + 1] * (rate - wanted) < 0)
       stopped_.push_back(static_cast<int>(s));
@@ -63,7 +72,7 @@ void Mover::stop(double dt) {
   for (int a = 0; a < m; ++a) {
     const double* s = &stops[stopped_[a]];
     const int i = static_cast<int>(s[0]);
-    missing_[a] = s[1] * kTakenBack * s[2] / dt - rates[i] - change[i];
+    missing_[a] = rate_at(s, dt) - rates[i] - change[i];
     std::copy_n(&root[i * n()], n(), &half_[a * n()]);
   }
   dense::product_transposed(n(), half_, half_, within_);

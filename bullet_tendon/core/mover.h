@@ -36,6 +36,12 @@ struct Mover {
   int first = 0;     // of its unknowns among those of its group
   double lever = 0;  // largest |B| of its touched points
 
+  // Coordinates that a limit stops in this step.
+  std::vector<int> stopped() const {
+    std::vector<int> coordinates;
+    for (int s : stopped_) coordinates.push_back(static_cast<int>(stops[s]));
+    return coordinates;
+  }
   int n() const { return static_cast<int>(rates.size()); }
   // What it did since the last step, and what it is going to do.
   void sense(Vec3 gravity);

@@ -1,0 +1,149 @@
+"""Bodies that tendons touch in several places: they go where the solution says that they go."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from bullet_tendon.scenarios import suspended_plate
+
+import bullet_tendon as bt
+
+CORD = bt.Material(stiffness=3e4, damping=100.0)
+UNDAMPED = {"linearDamping": 0, "angularDamping": 0}
+
+
+def box(client, mass, half, at=(0, 0, 0)):
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    body = p.createMultiBody(mass, shape, basePosition=at, physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
+    return body
+
+
+def misfit(tendon, attachment, client):
+    """How far an attached particle is from its place on the body [m]."""
+    body, link = attachment.bodyUniqueId, attachment.linkIndex
+    if link < 0:
+        place, turn = p.getBasePositionAndOrientation(body, client)
+    else:
+        place, turn = p.getLinkState(body, link, 0, 1, client)[4:6]
+    axes = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    return np.linalg.norm(tendon.positions[attachment.particle] - place - axes @ attachment.position)
+
+
+@pytest.mark.parametrize("mass", [1e-3, 1.0, 1e3])
+def test_a_body_on_several_tendons_goes_where_its_attachments_go(make_world, client, mass):
+    """Five tendons on random corners of a box that is hit and swings: every step, to second order."""
+    world, rng = make_world(1 / 240, (0, 0, -9.81)), np.random.default_rng(3)
+    body = box(client, mass, [0.1, 0.06, 0.02])
+    p.resetBaseVelocity(body, [0.2, 0.1, 0], [0.3, -0.2, 0.4], physicsClientId=client)
+    held = []
+    for _ in range(5):
+        corner = rng.uniform(-1, 1, 3) * [0.1, 0.06, 0.02]
+        t = world.add_tendon([corner + [*rng.normal(size=2) * 0.1, 0.3], corner], 0.002, CORD, 10)
+        t.grip(0)
+        held.append((t, t.attach(-1, body)))
+    worst = 0.0
+    for _ in range(240):
+        world.step()
+        assert world.report.converged
+        spin = np.linalg.norm(p.getBaseVelocity(body, client)[1])
+        worst = max(worst, *(misfit(t, a, client) / (1e-7 + 0.1 * (spin / 240) ** 2) for t, a in held))
+    assert worst < 1
+
+
+def chain(client, links=3, damping=0.0):
+    """A fixed arm of hinges about y along x, 0.1 m and 50 g each, its motors off."""
+    shapes = [p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)] * links
+    body = p.createMultiBody(
+        0,
+        linkMasses=[0.05] * links,
+        linkCollisionShapeIndices=shapes,
+        linkVisualShapeIndices=[-1] * links,
+        linkPositions=[[0, 0, 0]] + [[0.1, 0, 0]] * (links - 1),
+        linkOrientations=[[0, 0, 0, 1]] * links,
+        linkInertialFramePositions=[[0.05, 0, 0]] * links,
+        linkInertialFrameOrientations=[[0, 0, 0, 1]] * links,
+        linkParentIndices=list(range(links)),
+        linkJointTypes=[p.JOINT_REVOLUTE] * links,
+        linkJointAxis=[[0, 1, 0]] * links,
+        physicsClientId=client,
+    )
+    for link in range(links):
+        p.changeDynamics(body, link, **UNDAMPED, jointDamping=damping, physicsClientId=client)
+        inertia = [1e-5, 5e-5, 5e-5]
+        p.changeDynamics(body, link, localInertiaDiagonal=inertia, physicsClientId=client)
+        p.setJointMotorControl2(body, link, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    return body
+
+
+def test_an_arm_with_tendons_on_all_its_links_goes_where_they_go(make_world, client):
+    """Each link hangs on a tendon of its own: cross terms between the links of one body."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    arm = chain(client)
+    held = []
+    for link, x in enumerate((0.05, 0.15, 0.25)):
+        t = world.add_tendon([[x + 0.02, 0, 0.3], [x, 0, 0]], 0.002, CORD, 12)
+        t.grip(0)
+        held.append((t, t.attach(-1, arm, link)))
+    worst = 0.0
+    for _ in range(480):
+        world.step()
+        assert world.report.converged
+        fastest = max(abs(s[1]) for s in p.getJointStates(arm, range(3), client))
+        worst = max(worst, *(misfit(t, a, client) / (1e-7 + (fastest / 240) ** 2) for t, a in held))
+    assert worst < 1
+    # Statics about the root: two and a half links' weight by every tendon's pull and arm.
+    weight = 0.05 * 9.81
+    own = sum(9.81 * t.masses[-1] * x for (t, _), x in zip(held, (0.05, 0.15, 0.25), strict=True))
+    pulls = sum(-np.cross(t.positions[-1], a.force)[1] for t, a in held)
+    assert pulls == pytest.approx(weight * (0.05 + 0.15 + 0.25) + own, rel=0.05)
+
+
+def test_a_limit_is_foreseen(make_world, client):
+    """A link swings into its limit: the tendon on it does not go through it for a step."""
+    world = make_world(1 / 240)
+    arm = chain(client, links=1)
+    p.changeDynamics(arm, 0, jointLowerLimit=-1.0, jointUpperLimit=0.3, physicsClientId=client)
+    p.resetJointState(arm, 0, 0.0, 8.0, client)
+    t = world.add_tendon([[0.1, 0, 0], [0.1, 0, -0.2]], 0.002, CORD, 12)
+    held = t.attach(0, arm, 0)
+    stopped = False
+    for _ in range(30):
+        world.step()
+        place, rate = p.getJointState(arm, 0, client)[:2]
+        stopped |= place > 0.3 and abs(rate) < 3
+        assert misfit(t, held, client) < 0.1 * max(1e-3, (rate / 240) ** 2)
+        assert t.tension.max() < 100
+    assert stopped
+
+
+def test_a_cut_plate_converges_with_first_order():
+    """The path of a plate that loses one of its four tendons, against a sixteenth of the step."""
+
+    def path(dt):
+        client = p.connect(p.DIRECT)
+        p.setGravity(0, 0, -9.81, client)
+        p.setTimeStep(dt, client)
+        world = bt.TendonWorld(client)
+        half = suspended_plate.HALF
+        plate = box(client, suspended_plate.MASS, [half, half, 0.005])
+        tendons = []
+        for x, y in suspended_plate.CORNERS:
+            low, high = np.array([half * x, half * y, 0]), np.array([1.6 * half * x, 1.6 * half * y, 0.25])
+            tendons.append(world.add_tendon([high, low], 0.002, bt.Material(stiffness=3e4, damping=300.0), 12))
+            tendons[-1].grip(0)
+            tendons[-1].attach(-1, plate)
+        world.step(round(1 / dt))
+        world.remove_tendon(tendons.pop())
+        places = []
+        for _ in range(10):
+            world.step(round(0.04 / dt))
+            place, turn = p.getBasePositionAndOrientation(plate, client)
+            places.append([*place, *(0.1 * np.array(turn))])
+        p.disconnect(client)
+        return np.array(places)
+
+    exact = path(1 / 3200)
+    coarse, fine = (np.abs(path(dt) - exact).max() for dt in (1 / 200, 1 / 400))
+    assert coarse < 5e-4
+    # Exactly first order against a sixteenth gives (1 - 1/16) / (1/2 - 1/16) = 2.14.
+    assert coarse / fine > 1.8
