@@ -1,4 +1,4 @@
-"""Bodies: poses and velocities in, wrenches out. With movers, responses, jacobians and pushes, all that talks
+"""Bodies: poses and velocities in, wrenches out. With movers, jacobians and pushes, all that talks
 to pybullet about motion.
 
 pybullet gives base poses at the centre of mass; the frames of URDFs, which tunnels and attachments
@@ -8,15 +8,14 @@ use, differ from them by the inertial offset.
 import numpy as np
 import pybullet as p
 
+from . import _core
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
 from .jacobians import movable_joints
 from .movers import movers_of
 from .pushes import exchange
-from .responses import axes_of
 
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
-_WIDTH = 22  # origin 3, rotation 9, centre 3, velocity 3, spin 3, slot of its mover 1 (-1: none)
 
 
 def client_of(physicsClientId) -> int:
@@ -34,7 +33,7 @@ class Bodies:
         self.client = client
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
-        self._table = np.zeros((0, _WIDTH))
+        self._rows: list[tuple | None] = []
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
         self._unused: set[int] = set()
@@ -70,7 +69,6 @@ class Bodies:
             slot = len(self.links)
             self.links.append(key)
             self._mark_of.append(mark)
-            self._table = np.vstack([self._table, np.zeros((1, _WIDTH))])
         self._slots[key] = slot
         return slot
 
@@ -95,55 +93,43 @@ class Bodies:
             marked.pop()
         return tuple(marked)
 
-    def table(self) -> tuple[np.ndarray, list, list]:
-        """What the core needs to know of every link: (links, 22) numbers (layout: _WIDTH), Jacobians, movers.
+    def tell(self, core) -> None:
+        """Tell the core where links are and how they answer.
 
-        Jacobians by link, (6, n) or None for the identity; movers by the slot of their first link: (falls,
-        rates, response, stops) as of movers.Mover, or None. Raises UnknownId where a body was removed from
-        pybullet that something here refers to, and InvalidValue where pybullet has no finite pose or velocity
-        for one.
+        Raises UnknownId where a body was removed from pybullet that something here refers to, and InvalidValue
+        where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
+        count = len(self.links)
+        self._rows = [None] * count
+        leaders, jacobians, movers = [-1] * count, [None] * count, [None] * count
         by_body: dict[int, list[int]] = {}
-        for slot, (row, (body, link)) in enumerate(zip(self._table, self.links, strict=True)):
+        for slot, (body, link) in enumerate(self.links):
             if slot in self._unused:
                 continue
-            info = p.getDynamicsInfo(body, link, self.client)
-            self._read(row, body, link, info)
-            row[21] = -1
-            if info[0] > 0:
+            self._rows[slot] = row = self._read(body, link)
+            if row[0][0] > 0:
                 by_body.setdefault(body, []).append(slot)
-        jacobians, movers = [None] * len(self.links), [None] * len(self.links)
         for body, slots in by_body.items():
-            self._move(body, slots, jacobians, movers)
-        self._require_finite(movers)
-        return self._table, jacobians, movers
+            self._move(body, slots, leaders, jacobians, movers)
+        wild = core.set_links(self._rows, leaders, jacobians, movers)
+        if wild >= 0:
+            allowed = "a body with finite pose, velocity and inertia"
+            raise InvalidValue("bodyUniqueId", self.links[wild][0], allowed)
 
-    def _move(self, body: int, slots: list[int], jacobians: list, movers: list) -> None:
+    def _move(self, body, slots, leaders, jacobians, movers) -> None:
         slot_of = {self.links[s][1]: s for s in slots}
-        rows = {link: self._table[s] for link, s in slot_of.items()}
-        for links, mover in movers_of(body, list(slot_of), rows, self.client):
+        for links, mover, of_links in movers_of(body, list(slot_of), self.client):
             first = slot_of[links[0]]
-            movers[first] = mover[:4]
-            for link, jacobian in zip(links, mover.jacobians, strict=True):
-                self._table[slot_of[link], 21] = first
+            movers[first] = mover
+            for link, jacobian in zip(links, of_links, strict=True):
+                leaders[slot_of[link]] = first
                 jacobians[slot_of[link]] = jacobian
-
-    def _require_finite(self, movers: list) -> None:
-        fine = np.isfinite(self._table).all(axis=1)
-        for slot, mover in enumerate(movers):
-            if mover is not None and not (np.isfinite(mover[1]).all() and np.isfinite(mover[2]).all()):
-                fine[slot] = False
-        if not fine.all():
-            body = self.links[int(np.argmin(fine))][0]
-            raise InvalidValue("bodyUniqueId", body, "a body with finite pose, velocity and inertia")
 
     def forget(self, slots: set[int]) -> None:
         """Read and push links no more: nothing refers to them."""
         self._unused |= slots
         self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
-        self._table[list(slots)] = 0.0
-        self._table[list(slots), -1] = -1
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
@@ -157,16 +143,13 @@ class Bodies:
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
-        row = np.zeros(_WIDTH)
-        self._read(row, int(body), int(link), p.getDynamicsInfo(int(body), int(link), self.client))
-        return row[:3].copy(), row[3:12].reshape(3, 3).copy()
+        return _core.link_frame(self._read(int(body), int(link)))
 
     def apply(self, wrenches: np.ndarray) -> None:
         """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
-        for row, wrench, (body, link) in zip(self._table, wrenches, self.links, strict=True):
-            if wrench.any() and p.getDynamicsInfo(body, link, self.client)[0] > 0:
-                centre = row[12:15]
-                p.applyExternalForce(body, link, wrench[:3], centre, p.WORLD_FRAME, self.client)
+        for row, wrench, (body, link) in zip(self._rows, wrenches.tolist(), self.links, strict=True):
+            if row is not None and row[0][0] > 0 and any(wrench):
+                p.applyExternalForce(body, link, wrench[:3], row[1], p.WORLD_FRAME, self.client)
                 p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)
 
     def can_be_held(self, slot: int) -> bool:
@@ -189,19 +172,11 @@ class Bodies:
         """
         exchange(*self.links[slot], old, new, dt, self.client, stopped)
 
-    def _read(self, row, body, link, info) -> None:
+    def _read(self, body: int, link: int) -> tuple:
+        """Dynamics, centre of mass, orientation of the inertial frame, velocity and spin, as pybullet has them."""
+        info = p.getDynamicsInfo(body, link, self.client)
         if link < 0:
-            centre, turn = p.getBasePositionAndOrientation(body, self.client)
-            _write(row, centre, turn, info, *p.getBaseVelocity(body, self.client))
-        else:
-            # The link frame that getLinkState reports itself is rounded to single precision.
-            state = p.getLinkState(body, link, 1, 1, self.client)
-            _write(row, state[0], state[1], info, state[6], state[7])
-
-
-def _write(row, centre, turn, info, velocity, spin) -> None:
-    # URDF frame = inertial frame x inverse of the local inertial pose; in numpy, because pybullet's
-    # own transforms round to single precision.
-    axes = axes_of(turn) @ axes_of(info[4]).T
-    row[0:3], row[3:12], row[12:15] = centre - axes @ info[3], axes.ravel(), centre
-    row[15:18], row[18:21] = velocity, spin
+            return info, *p.getBasePositionAndOrientation(body, self.client), *p.getBaseVelocity(body, self.client)
+        # The link frame that getLinkState reports itself is rounded to single precision.
+        state = p.getLinkState(body, link, 1, 1, self.client)
+        return info, state[0], state[1], state[6], state[7]

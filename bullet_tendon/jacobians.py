@@ -37,12 +37,18 @@ def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | N
     axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all links. None where a joint is of another kind
     than fixed, hinge, slider and spherical.
     """
+    parts = dynamics(body, links, client)
+    return None if parts is None else parts[:2]
+
+
+def dynamics(body, links, client) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """J and M of jacobians_and_mass, and the generalized force (dofs, 3) of a unit of gravity."""
     tree = _tree_of(body, client)
     if tree is None:
         return None
     if tree.dofs == 0:
-        return np.zeros((len(links), 6, 0)), np.zeros((0, 0))
-    return tree.jacobians_and_mass(_placements(body, tree.links - 1, client), [link + 1 for link in links])
+        return np.zeros((len(links), 6, 0)), np.zeros((0, 0)), np.zeros((0, 3))
+    return tree.dynamics(_placements(body, tree.links - 1, client), [link + 1 for link in links])
 
 
 def rates(body, client) -> np.ndarray:

@@ -11,49 +11,41 @@ import numpy as np
 import pybullet as p
 
 from . import _core
-from .jacobians import jacobians_and_mass, rates
-from .responses import free_response
+from .jacobians import dynamics, rates
 
 _SIMPLE = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 
 
 class Mover(NamedTuple):
-    """falls: gravity changes the first three rates by itself. rates (n,): the velocities of the degrees of
-    freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. stops: coordinate, side (1
+    """falls (n, 3): acceleration of the rates by a unit of gravity. rates (n,): the velocities of the degrees
+    of freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. stops: coordinate, side (1
     where it pushes up) and depth of every joint limit that is reached, one after the other; None where there
-    is none. jacobians: of each link asked for, (6, n), velocity of its centre of mass and spin, world axes;
-    None for the identity."""
+    is none."""
 
-    falls: bool
+    falls: np.ndarray
     rates: np.ndarray
     response: np.ndarray
     stops: list | None
-    jacobians: list
 
 
-def movers_of(body: int, links: list[int], rows: dict[int, np.ndarray], client: int) -> list:
-    """(links it is of, Mover) for all that can move of a body's links, none of them without mass.
+def movers_of(body: int, links: list[int], client: int) -> list[tuple]:
+    """(links, mover, Jacobians) for all that can move of a body's links, none of them without mass.
 
-    rows: by link, what bodies.py reads of it (velocity at 15, spin at 18).
+    mover: a Mover; or, of a rigid body by itself, whether it falls, and the core reads the rest of its link.
+    Jacobians: of each link, (6, n), velocity of its centre of mass and spin, world axes; None for the identity.
     """
     if p.getNumJoints(body, client) == 0:
-        return [(links, _alone(body, -1, rows[-1], client, falls=True))]
-    parts = jacobians_and_mass(body, links, client)
+        return [(links, True, [None])]
+    parts = dynamics(body, links, client)
     if parts is None:
-        return [([link], _alone(body, link, rows[link], client, falls=False)) for link in links]
-    jacobians, mass = parts
+        return [([link], False, [None]) for link in links]
+    jacobians, mass, weight = parts
     if len(mass) == 0:
         return []
     floating = p.getDynamicsInfo(body, -1, client)[0] > 0
     response = _core.answer(mass, np.eye(len(mass)))
-    return [
-        (
-            links,
-            Mover(
-                floating, rates(body, client), response, stops(body, 6 * floating, client), list(jacobians)
-            ),
-        )
-    ]
+    reached = stops(body, 6 * floating, client)
+    return [(links, Mover(response @ weight, rates(body, client), response, reached), jacobians)]
 
 
 def stops(body, first: int, client) -> list | None:
@@ -71,14 +63,3 @@ def stops(body, first: int, client) -> list | None:
                     found += [coordinate, side, depth]
         coordinate += {p.JOINT_FIXED: 0, p.JOINT_SPHERICAL: 3}.get(info[2], 1)
     return found or None
-
-
-def _alone(body, link, row, client, falls) -> Mover:
-    info = p.getDynamicsInfo(body, link, client)
-    return Mover(falls, row[15:21].copy(), free_response(info, _turn(body, link, client)), None, [None])
-
-
-def _turn(body, link, client):
-    if link < 0:
-        return p.getBasePositionAndOrientation(body, client)[1]
-    return p.getLinkState(body, link, physicsClientId=client)[1]

@@ -69,7 +69,7 @@ class TakesSteps:
 
     def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
         """Where links are and how they answer; what was let go in the last step is put right."""
-        self._core.set_links(*self._bodies.table())
+        self._bodies.tell(self._core)
         self._core.sense(dt, gravity, held)
         if held:
             return
@@ -95,7 +95,7 @@ class TakesSteps:
         for slot in self._core.pushable():
             wrenches = before[slot], self._wrenches[slot]
             self._bodies.exchange(slot, *wrenches, self._dt, self._core.stopped(slot))
-        self._core.set_links(*self._bodies.table())
+        self._bodies.tell(self._core)
         self._core.refresh_movers()
         self._core.sense(self._dt, self._last_gravity, False)
 

@@ -8,14 +8,6 @@ namespace bt {
 
 namespace {
 
-Rot3 rotation_of(const double* q) {
-  const double x = q[0], y = q[1], z = q[2], w = q[3];
-  const double s = 2 / (x * x + y * y + z * z + w * w);
-  return {{1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)},
-          {s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)},
-          {s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)}};
-}
-
 Vec3 unit_axis(int k) { return {k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}; }
 
 // R diag(d) R^T
@@ -72,6 +64,15 @@ void Articulated::jacobian(int link, double* out) const {
     const double column[6] = {v.x, v.y, v.z, w.x, w.y, w.z};
     for (int i = 0; i < 6; ++i) out[i * n + k] = column[i];
   }
+}
+
+void Articulated::weight(double* out) const {
+  std::fill(out, out + 3 * dofs(), 0.0);
+  for (const Placed& link : links_)
+    for (int k : link.moved_by) {
+      const Vec3 v = link.mass * (twists_[k].velocity + cross(twists_[k].spin, link.centre));
+      out[3 * k] += v.x, out[3 * k + 1] += v.y, out[3 * k + 2] += v.z;
+    }
 }
 
 void Articulated::mass_matrix(double* out) const {

@@ -30,6 +30,8 @@ class Articulated {
   void place(const double* numbers);
   // out (6, dofs): velocity of the link's centre of mass, then its spin, world axes.
   void jacobian(int link, double* out) const;
+  // out (dofs, 3): the sum of m J_v^T over the links, the generalized force of a unit of gravity.
+  void weight(double* out) const;
   // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
   void mass_matrix(double* out) const;
 

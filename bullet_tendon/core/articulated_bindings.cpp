@@ -1,4 +1,4 @@
-// Articulated bodies: their Jacobians and mass matrix.
+// Articulated bodies: their Jacobians, mass matrix and weight.
 #include "articulated.h"
 #include "bindings.h"
 
@@ -27,17 +27,18 @@ void place(Articulated& body, const py::list& numbers) {
   body.place(row.data());
 }
 
-py::tuple jacobians_and_mass(Articulated& body, const py::list& numbers, const py::list& chosen) {
+py::tuple dynamics(Articulated& body, const py::list& numbers, const py::list& chosen) {
   place(body, numbers);
   const py::ssize_t n = body.dofs(), count = chosen.size();
-  Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
+  Array jacobians({count, py::ssize_t{6}, n}), mass({n, n}), weight({n, py::ssize_t{3}});
   for (py::ssize_t i = 0; i < count; ++i) {
     const int link = chosen[i].cast<int>();
     if (link < 0 || link >= body.links()) throw py::index_error("links");
     body.jacobian(link, jacobians.mutable_data() + 6 * n * i);
   }
   body.mass_matrix(mass.mutable_data());
-  return py::make_tuple(jacobians, mass);
+  body.weight(weight.mutable_data());
+  return py::make_tuple(jacobians, mass, weight);
 }
 
 Array answer_of(const Array& mass, const Array& forces) {
@@ -61,7 +62,7 @@ void bind_articulated(py::module_& m) {
       .def(py::init(&articulated))
       .def_property_readonly("links", &Articulated::links)
       .def_property_readonly("dofs", &Articulated::dofs)
-      .def("jacobians_and_mass", &jacobians_and_mass);
+      .def("dynamics", &dynamics);
   m.def("answer", &answer_of);
 }
 

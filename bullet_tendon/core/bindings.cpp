@@ -24,12 +24,6 @@ int add_chain(World& w, const Array& points, double radius, double friction, dou
   return w.add_chain(std::make_unique<Chain>(p, radius, friction, m));
 }
 
-void set_list(std::vector<double>& list, const py::handle& from) {
-  if (from.is_none()) return list.clear();
-  const Array numbers = py::cast<Array>(from);
-  list.assign(numbers.data(), numbers.data() + numbers.size());
-}
-
 Hold& hold_of(World& w, int chain, int id) {
   for (Hold& h : w.chains[chain]->holds)
     if (h.id == id) return h;
@@ -48,30 +42,6 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
   h.goal = vec(target);
   h.rigid = stiffness <= 0;
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
-}
-
-// One row a link: origin 3, rotation 9, centre of mass 3, velocity 3, spin 3, slot of its mover 1 (-1: none).
-// Jacobians by link: (6, n), or none for the identity. Movers by slot: whether it falls, rates (n), response
-// (n, n), stops (3 each), or none.
-void set_links(World& w, const Array& table, const py::list& jacobians, const py::list& movers) {
-  constexpr int kWidth = 22;
-  w.links.resize(table.shape(0)), w.movers.resize(table.shape(0));
-  for (size_t i = 0; i < w.links.size(); ++i) {
-    const double* p = table.data() + kWidth * i;
-    Link& l = w.links[i];
-    l.pose = {rotation(p + 3), vec(p)};
-    l.centre = vec(p + 12), l.now_velocity = vec(p + 15), l.now_spin = vec(p + 18);
-    l.mover = static_cast<int>(p[21]);
-    set_list(l.jacobian, jacobians[i]);
-    Mover& m = w.movers[i];
-    if (movers[i].is_none()) {
-      if (m.n() > 0) m = Mover{};
-      continue;
-    }
-    const py::tuple parts = movers[i];
-    m.falls = parts[0].cast<bool>();
-    set_list(m.rates, parts[1]), set_list(m.free, parts[2]), set_list(m.stops, parts[3]);
-  }
 }
 
 int add_shape(World& w, int link, const Array& position, const Array& rot, const Array& lo, const Array& hi,
@@ -145,6 +115,7 @@ PYBIND11_MODULE(_core, m) {
   py::class_<World> world(m, "World");
   bind_articulated(m);
   bind_terms(m, world);
+  bind_links(m, world);
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)
@@ -203,7 +174,6 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
-      .def("set_links", &set_links)
       .def("sense",
            [](World& w, double dt, const Array& gravity, bool held) { w.sense(dt, vec(gravity), held); })
       .def("rewind", &World::rewind)

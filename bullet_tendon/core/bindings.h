@@ -51,5 +51,7 @@ void bind_articulated(py::module_& m);
 
 // Single terms of a step's potential (term_bindings.cpp).
 void bind_terms(py::module_& m, py::class_<World>& world);
+// What pybullet tells of links (link_bindings.cpp).
+void bind_links(py::module_& m, py::class_<World>& world);
 
 }  // namespace bt

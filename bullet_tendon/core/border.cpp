@@ -56,6 +56,9 @@ void place(Group& group) {
     Link& link = (*group.links)[l];
     const Mover& m = (*group.movers)[link.mover];
     link.given = scaled(group.part_root, link.twist_of(m.y));
+    if (group.part_end == 1 && group.part_root == 1) continue;
+    const Twist before = scaled(group.part_end, link.twist_of(m.gathered));
+    link.given.linear += before.linear, link.given.angular += before.angular;
   }
   each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
     c.next.set(h.particle, h.target + link.given.at(arm));
@@ -93,6 +96,17 @@ void forget_bodies(Group& group) {
   if (group.bodies.empty()) return;
   each_body(group, [](Mover& m) { m.y.assign(m.n(), 0.0); });
   place(group);
+}
+
+void start_parts(Group& group) {
+  each_body(group, [](Mover& m) { m.gathered.assign(m.n(), 0.0); });
+}
+
+// y = B^T f of a part has the part's root in it.
+void gather_bodies(Group& group, double share) {
+  each_body(group, [&](Mover& m) {
+    for (int k = 0; k < m.n(); ++k) m.gathered[k] += share / group.part_root * m.y[k];
+  });
 }
 
 void advance_bodies(Group& group, double alpha) {

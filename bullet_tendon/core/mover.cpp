@@ -7,7 +7,7 @@
 namespace bt {
 
 Vec3 Mover::gyroscopic() const {
-  if (!falls || n() != 6) return {};
+  if (falls.empty() || n() != 6) return {};
   auto at = [&](int i, int j) { return free[6 * (3 + i) + 3 + j]; };
   const Sym3 turning{at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)};
   if (!(turning.xx > 0 && turning.yy > 0 && turning.zz > 0)) return {};
@@ -18,8 +18,10 @@ Vec3 Mover::gyroscopic() const {
 // Acceleration without tendons and without what holds it.
 const Mover::Numbers& Mover::known(Vec3 gravity) {
   known_.assign(n(), 0.0);
-  if (falls) known_[0] = gravity.x, known_[1] = gravity.y, known_[2] = gravity.z;
-  if (falls && n() == 6) known_[3] = gyration.x, known_[4] = gyration.y, known_[5] = gyration.z;
+  if (falls.empty()) return known_;
+  for (int i = 0; i < n(); ++i)
+    known_[i] = falls[3 * i] * gravity.x + falls[3 * i + 1] * gravity.y + falls[3 * i + 2] * gravity.z;
+  if (n() == 6) known_[3] += gyration.x, known_[4] += gyration.y, known_[5] += gyration.z;
   return known_;
 }
 

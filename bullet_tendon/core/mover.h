@@ -21,11 +21,11 @@ namespace bt {
 
 struct Mover {
   using Numbers = dense::Numbers;
-  Numbers rates;       // now: velocity of the centre of mass and spin, of the base, and of the joints
-  Numbers free;        // M^-1 (n n)
-  bool falls = false;  // gravity changes the first three by itself
-  Vec3 gyration;       // the next three's gyroscopic acceleration in this step [rad/s^2]
-  Numbers stops;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  Numbers rates;  // now: velocity of the centre of mass and spin, of the base, and of the joints
+  Numbers free;   // M^-1 (n n)
+  Numbers falls;  // acceleration by a unit of gravity (n 3); empty: not known
+  Vec3 gyration;  // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
+  Numbers stops;  // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
   Observer observer;
   Numbers root;    // E, without what the stops take away in this step
   Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
@@ -33,6 +33,7 @@ struct Mover {
   // In a solution.
   bool unknown = false;
   Numbers y, step, residual;
+  Numbers gathered;  // y of whole steps, by the parts of a group's step that are done
   int first = 0;     // of its unknowns among those of its group
   double lever = 0;  // largest |B| of its touched points
 

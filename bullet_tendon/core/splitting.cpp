@@ -36,6 +36,33 @@ void clear_means(Group& group) {
     for (Hold& h : c->holds) h.mean_force = {};
 }
 
+// Attachments that stand for a body by a spring: what parts before have done to the body, F~ by their shares,
+// and this one does, moves it from the start of the step on (parts.cpp), by e W (F~ + s F) with e the share
+// of the step at the part's end and s its own.
+std::vector<Sym3> whole_springs(const Group& group) {
+  std::vector<Sym3> all;
+  for (const Chain* c : group.chains)
+    for (const Hold& h : c->holds) all.push_back(h.stiffness);
+  return all;
+}
+
+void set_springs(Group& group, const std::vector<Sym3>& whole, double share) {
+  const Sym3* k = whole.data();
+  for (Chain* c : group.chains)
+    for (Hold& h : c->holds) {
+      Sym3 w = *k++;
+      if (h.link < 0 || h.rigid) continue;
+      h.stiffness = (1 / (group.part_end * share)) * w;
+      if (invert_definite(w)) h.target += group.part_end * (w * h.mean_force);
+    }
+}
+
+void put_back_springs(Group& group, const std::vector<Sym3>& whole) {
+  const Sym3* k = whole.data();
+  for (Chain* c : group.chains)
+    for (Hold& h : c->holds) h.stiffness = *k++;
+}
+
 // The parts have moved x and v: the end goes to next and step, x and v back to the start.
 void gather(Chain& c) {
   c.next = c.x, c.step = c.v;
@@ -55,14 +82,19 @@ void in_parts(Group& group, const StepContext& context) {
   for (Chain* c : group.chains) c->restore_multipliers(c->kept);
   for (Row* row : group.rows) row->multiplier = row->kept_multiplier, row->sliding = row->kept_sliding;
   clear_means(group);
+  start_parts(group);
   group.substeps = 0;
   bool converged = true;
   double worst = 0;
+  const std::vector<Sym3> springs = whole_springs(group);
   for (int done = 0, size = kMostSubsteps / 2; done < kMostSubsteps;) {
     part.dt = context.dt * size / kMostSubsteps;
     keep_multipliers(group);
-    group.part_root = std::sqrt(static_cast<double>(done + size) / kMostSubsteps);
-    for (Chain* c : group.chains) begin_step(*c, part, static_cast<double>(done + size) / kMostSubsteps);
+    const double share = static_cast<double>(size) / kMostSubsteps;
+    group.part_end = static_cast<double>(done + size) / kMostSubsteps;
+    group.part_root = std::sqrt(group.part_end * share);
+    for (Chain* c : group.chains) begin_step(*c, part, group.part_end);
+    set_springs(group, springs, share);
     newton(group, part, size == 1);
     if (!group.converged && size > 1) {
       size /= 2;
@@ -71,14 +103,17 @@ void in_parts(Group& group, const StepContext& context) {
     }
     converged &= group.converged;
     worst = std::max(worst, group.residual);
-    add_means(group, static_cast<double>(size) / kMostSubsteps);
+    add_means(group, share);
+    gather_bodies(group, share);
     for (Chain* c : group.chains) finish_step(*c, part);
     ++group.substeps;
     done += size;
     if (size < kMostSubsteps / 2 && done % (2 * size) == 0) size *= 2;
   }
-  group.converged = converged, group.residual = worst, group.part_root = 1;
+  group.converged = converged, group.residual = worst;
+  group.part_end = group.part_root = 1;
   for (Chain* c : group.chains) gather(*c);
+  put_back_springs(group, springs);
 }
 
 }  // namespace

@@ -43,7 +43,9 @@ struct Group {
   std::vector<Link>* links = nullptr;
   std::vector<int> bodies, carried;
   int freedom = 0;
-  double part_root = 1;    // root of the share of the step at whose end its part is (splitting.cpp)
+  // Of the part of the step that is being solved (splitting.cpp): the share of the step at its end, and the
+  // root of that times the part's own share.
+  double part_end = 1, part_root = 1;
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
@@ -103,6 +105,9 @@ void solve_coupled(Group& group, Which b, Which x);
 // Bodies that are unknown (border.cpp). Their first guess, and where they take tendons by y:
 void start_bodies(Group& group);
 void forget_bodies(Group& group);  // y = 0
+// Parts of the group's step: none yet, and one more of that share of the step.
+void start_parts(Group& group);
+void gather_bodies(Group& group, double share);
 void advance_bodies(Group& group, double alpha);
 // The step of the unknowns, opposite to corner_side, and where it takes the particles.
 void step_bodies(Group& group);

@@ -90,6 +90,14 @@ inline Rot3 operator*(const Rot3& a, const Rot3& b) {
   auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
   return {row(a.r0), row(a.r1), row(a.r2)};
 }
+// Of a quaternion x, y, z, w.
+inline Rot3 rotation_of(const double* q) {
+  const double x = q[0], y = q[1], z = q[2], w = q[3];
+  const double s = 2 / (x * x + y * y + z * z + w * w);
+  return {{1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)},
+          {s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)},
+          {s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)}};
+}
 // By an angle [rad] about the unit vector n (Rodrigues).
 inline Rot3 rotation_about(Vec3 n, double angle) {
   const double s = std::sin(angle), c = std::cos(angle);
