@@ -60,10 +60,10 @@ def check(scene) -> list[Check]:
     ]
 
 
-def lever(client: int) -> int:
-    """A massless-looking bar on a hinge at the origin, all its mass at the tip."""
+def lever(client: int, mass: float = MASS) -> int:
+    """A massless-looking bar on a hinge at the origin, all its mass [kg] at the tip."""
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.004] * 3, physicsClientId=client)
-    link = {"linkMasses": [MASS], "linkCollisionShapeIndices": [box], "linkVisualShapeIndices": [-1]}
+    link = {"linkMasses": [mass], "linkCollisionShapeIndices": [box], "linkVisualShapeIndices": [-1]}
     link |= {"linkPositions": [[0, 0, 0]], "linkOrientations": [[0, 0, 0, 1]]}
     link |= {"linkInertialFramePositions": [[ARM, 0, 0]], "linkInertialFrameOrientations": [[0, 0, 0, 1]]}
     link |= {"linkParentIndices": [0], "linkJointTypes": [p.JOINT_REVOLUTE], "linkJointAxis": [[0, 1, 0]]}

@@ -12,6 +12,8 @@ from conftest import SANITIZED
 import bullet_tendon as bt
 from bullet_tendon import _core
 
+NAMES = ["coupling", "peers", "speed", "work_precision"]
+
 
 def numbers(item):
     """All numbers in a record."""
@@ -25,17 +27,17 @@ def numbers(item):
 def test_command_without_a_name_lists_the_benchmarks(capsys):
     assert harness.main([]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert names == ["peers", "speed", "work_precision"]
+    assert names == NAMES
 
 
 def test_an_unknown_name_is_refused(capsys):
     with pytest.raises(SystemExit) as stop:
         harness.main(["sped"])
     assert stop.value.code == 2
-    assert "peers, speed, work_precision" in capsys.readouterr().err
+    assert ", ".join(NAMES) in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["peers", "speed", "work_precision"])
+@pytest.mark.parametrize("name", NAMES)
 def test_quick_runs_write_finite_numbers_and_a_plot(name, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     files = tmp_path / "it.json", tmp_path / "it.png"

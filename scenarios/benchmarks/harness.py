@@ -4,7 +4,8 @@ A benchmark is a module of this package with
 
     run(quick, progress) -> dict    measures; numbers, text, lists and dicts, None for what is not known
     table(record) -> list[str]      the lines that are printed
-    panels(record) -> list[dict]    plots, logarithmic: title, xlabel, ylabel, curves dict(x=, y=, label=)
+    panels(record) -> list[dict]    plots, logarithmic: title, xlabel, ylabel, curves dict(x=, y=, label=);
+                                    over a map, cells: the arguments of _draw_cells
 
 and a docstring whose first line says what it measures. Nothing here is judged: what counts is
 ratios of times within one run, which a noisy computer disturbs least.
@@ -15,6 +16,7 @@ import json
 import sys
 from types import ModuleType
 
+import numpy as np
 from bullet_tendon.scenarios import benchmarks
 from bullet_tendon.scenarios.runner import list_modules, modules_with
 
@@ -74,11 +76,34 @@ def draw(path: str, panels: list[dict]) -> None:
 
 
 def _draw_panel(axes, panel) -> None:
+    marker = "" if "cells" in panel else "o"
     for curve in panel["curves"]:
-        axes.loglog(curve["x"], curve["y"], marker="o", markersize=4, label=curve["label"])
+        axes.loglog(curve["x"], curve["y"], marker=marker, markersize=4, label=curve["label"])
+    if "cells" in panel:
+        _draw_cells(axes, **panel["cells"])
     axes.set(title=panel["title"], xlabel=panel["xlabel"], ylabel=panel["ylabel"])
     axes.grid(alpha=0.3)
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon="cells" in panel, fontsize=8)
+
+
+def _draw_cells(axes, x, y, values, marked, label, mark, limits) -> None:
+    """Colours of positive values (rows by y, columns by x; None: blank), and crosses where `marked`."""
+    from matplotlib.colors import LogNorm
+
+    edges = _edges(x), _edges(y)
+    colours = np.ma.masked_invalid(np.array(values, float))
+    mesh = axes.pcolormesh(*edges, colours, norm=LogNorm(*limits), cmap="viridis_r")
+    axes.figure.colorbar(mesh, ax=axes, label=label, extend="both")
+    rows, columns = np.nonzero(marked)
+    axes.plot(np.array(x)[columns], np.array(y)[rows], "x", color="tab:red", label=mark)
+    axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
+
+
+def _edges(middles) -> np.ndarray:
+    """(n + 1,) bounds of cells around (n,) middles, on a logarithmic scale."""
+    logs = np.log(middles)
+    inner = (logs[1:] + logs[:-1]) / 2
+    return np.exp(np.concatenate([[2 * logs[0] - inner[0]], inner, [2 * logs[-1] - inner[-1]]]))
 
 
 def _parser() -> argparse.ArgumentParser:
