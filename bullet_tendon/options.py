@@ -34,8 +34,10 @@ class SolverOptions:
         from its particles, with the force carried over from step to step, so that a resting contact
         has no depth whatever its load.
     contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m].
-    reuse_tolerance: error allowed to a contact plane that is reused instead of measured again [m];
-        0 measures always.
+    reuse_tolerance: error allowed to a contact plane of a closed form (sphere, box, capsule, cylinder) that
+        is reused instead of measured again [m]. Triangles of meshes that were near are kept and measured
+        by the core between queries, to rounding, for as long as no other one can be nearest. 0 queries
+        always.
     on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
         the report says converged False; the tendons stay as they were, without a force on bodies, for
         that step. A step that ends finite above the tolerance is taken in both cases: its report

@@ -79,12 +79,7 @@ int add_shape(World& w, int link, const Array& position, const Array& rot, const
   Shape s;
   s.link = link, s.local = {rotation(rot.data()), vec(position)}, s.lo = vec(lo), s.hi = vec(hi);
   s.half_space = half_space, s.plane_normal = vec(normal), s.plane_offset = offset, s.friction = friction;
-  std::vector<Triangle> surface(triangles.size() / 9);
-  for (size_t k = 0; k < surface.size(); ++k) {
-    const double* p = triangles.data() + 9 * k;
-    surface[k] = {vec(p), vec(p + 3), vec(p + 6)};
-  }
-  if (!surface.empty()) s.surface = std::make_shared<Surface>(std::move(surface));
+  if (triangles.size() > 0) s.surface = std::make_shared<Surface>(triangles_of(triangles));
   return w.add_shape(s);
 }
 

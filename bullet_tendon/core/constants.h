@@ -180,7 +180,8 @@ constexpr int kOldest = 24;
 constexpr double kFresh = 1e-2;
 
 // Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
-// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more queries.
+// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
+// queries.
 constexpr double kListed = 0.05;
 constexpr size_t kMostNearby = 64;
 // Triangles in a leaf of a surface's tree [-].

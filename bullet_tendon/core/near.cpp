@@ -46,7 +46,8 @@ bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
 
 Plane plane_at(Vec3 on_feature, Vec3 point, double u, double sign, const Pose& pose,
                const std::vector<Bore>& bores, Vec3 fallback) {
-  return {point, unit_or(sign * (on_feature - point), fallback), u, in_any_bore(to_world(pose, point), bores)};
+  return {point, unit_or(sign * (on_feature - point), fallback), u,
+          in_any_bore(to_world(pose, point), bores)};
 }
 
 Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, const Pose& pose, const std::vector<Bore>& bores,

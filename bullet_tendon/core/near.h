@@ -8,11 +8,11 @@
 //            a shape without triangles, while the plane's error is under the reuse tolerance,
 //   queried  otherwise.
 // Triangles listed are measured anew, so that friction is led over the true surface, at any tolerance but 0.
-// Without them: distance to a convex body at a displacement from distance d is at least the plane's value; with m the
-// displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is at most
-// sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal lags
-// behind by the same token, up to sqrt(2 tolerance/d'), while a feature slides, and for some steps after.
-// Tolerance 0 is for what must slide without any loss.
+// Without them: distance to a convex body at a displacement from distance d is at least the plane's value;
+// with m the displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is
+// at most sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal
+// lags behind by the same token, up to sqrt(2 tolerance/d'), while a feature slides, and for some steps
+// after. Tolerance 0 is for what must slide without any loss.
 #pragma once
 #include <memory>
 #include <vector>
@@ -45,17 +45,17 @@ struct Plane {
 };
 
 struct Entry {
-  bool known = false;          // a plane was answered once
-  bool inside = false;         // the last answer found the centreline inside the shape
-  bool wanted = false;         // it is within reach, and a row is to be made in this step
-  double distance = 0;         // of the last query [m]
-  double clearance = 0;        // least distance of the centreline now [m]
-  double motion = 0;           // of the feature in this step, relative to the shape [m]
-  double reach = 0;            // how near it has to be for that to matter [m]
-  int age = 0;                 // how often the plane was reused by a feature that had moved since
-  Plane asked, now;            // of the last query, and to be used in this step
-  Vec3 a, b;                   // the feature's ends at the last query, shape frame
-  double listed = 0;           // how far away the surface's triangles then were, up to which they are listed [m]
+  bool known = false;    // a plane was answered once
+  bool inside = false;   // the last answer found the centreline inside the shape
+  bool wanted = false;   // it is within reach, and a row is to be made in this step
+  double distance = 0;   // of the last query [m]
+  double clearance = 0;  // least distance of the centreline now [m]
+  double motion = 0;     // of the feature in this step, relative to the shape [m]
+  double reach = 0;      // how near it has to be for that to matter [m]
+  int age = 0;           // how often the plane was reused by a feature that had moved since
+  Plane asked, now;      // of the last query, and to be used in this step
+  Vec3 a, b;             // the feature's ends at the last query, shape frame
+  double listed = 0;     // how far away the surface's triangles then were, up to which they are listed [m]
   std::vector<Nearby> nearby;  // the list; empty: to be made
 };
 

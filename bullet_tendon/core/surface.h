@@ -1,7 +1,7 @@
 // The triangles of a bone, and which of them a feature can be nearest to while it moves.
 //
-// A query tells the distance d of a feature. Where every triangle nearer than d + 2 m is listed, those are the
-// only ones that can be nearest as long as the feature has moved by no more than m: any other is at least
+// A query tells the distance d of a feature. Where every triangle nearer than d + 2 m is listed, those are
+// the only ones that can be nearest as long as the feature has moved by no more than m: any other is at least
 // d + m away, and the nearest at most that. So until then the list answers as exactly as another query.
 //
 // Of each listed triangle it keeps the plane that separated it from the feature, across their nearest points:
