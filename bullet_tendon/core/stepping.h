@@ -123,6 +123,9 @@ Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 // cg_image = A cg_direction.
 void multiply(Group& group);
 
+// After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
+void keep_lengths(Chain& c);
+
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
 void add_row_force(Group& group, const Row& row);
