@@ -269,7 +269,7 @@ void restart_from_now(Group& group) {
 
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
-  bool safe = false, far = true;
+  bool safe = false, far = true, turns = false;
   int used = 0, round = 0;
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
@@ -289,6 +289,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     const bool rounded = small && !ran_away(group);
     last_residual = a.residual;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
+    turns |= far;  // a guess that was near is corrected along lines
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
     if (group.converged) {
       if (round >= kRounds) break;
@@ -322,7 +323,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
           if (s->count) carry(*s, c->material.law, c->step);
       for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
       advance(group, 1);
-      if (!touches(group))
+      if (turns && !touches(group))
         for (Chain* c : group.chains) keep_lengths(*c);
     }
   }
