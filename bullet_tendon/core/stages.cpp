@@ -18,6 +18,7 @@ namespace {
 const double kRoot = std::sqrt(2.0), kShare = 2 - kRoot;  // g
 const double kOuter = kRoot / 4, kInner = kShare / 2;     // weights of the mean
 
+// As a method of its own, or where BDF2 has no step of the same length behind it.
 bool applies(const Group& group, const StepContext& context) {
   const Integrator method = context.options.integrator;
   if (method != Integrator::tr_bdf2 && method != Integrator::bdf2) return false;

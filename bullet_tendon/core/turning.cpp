@@ -23,8 +23,8 @@ BT_VECTOR void measure_shifts(const Chain& c, Field& shift) {
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
     const double ex = x[k + 1] - x[k], ey = y[k + 1] - y[k], ez = z[k + 1] - z[k];
-    const double meant = length[k] + ux[k] * (dx[k + 1] - dx[k]) + uy[k] * (dy[k + 1] - dy[k]) +
-                         uz[k] * (dz[k + 1] - dz[k]);
+    const double meant =
+        length[k] + ux[k] * (dx[k + 1] - dx[k]) + uy[k] * (dy[k + 1] - dy[k]) + uz[k] * (dz[k + 1] - dz[k]);
     const double now = std::sqrt(ex * ex + ey * ey + ez * ez);
     // What is turned over or collapsed stays as it is.
     const double factor = meant > 0 && now > 0 ? meant / now - 1 : 0;
