@@ -135,6 +135,7 @@ class World:
         normal: ArrayLike,
         offset: float,
         friction: float,
+        triangles: ArrayLike,
         /,
     ) -> int: ...
     def remove_shape(self, shape: int, /) -> None: ...

@@ -25,8 +25,9 @@ class MeshQuery:
         size = float((high - low).max())
         self.centre = (0.5 * (low + high)).tolist()
         self.scale = UNIT_SIZE / size if size > 0.0 else 1.0
-        scaled = (vertices - self.centre) * self.scale
-        self.model = _fcl_mesh(*clean_triangles(scaled, triangles, SMALLEST_NORMAL))
+        scaled, triangles = clean_triangles((vertices - self.centre) * self.scale, triangles, SMALLEST_NORMAL)
+        self.corners = scaled[triangles] / self.scale + self.centre  # (t, 3, 3) [m], of what is measured
+        self.model = _fcl_mesh(scaled, triangles)
 
     def __call__(self, a, d) -> tuple:
         """a (3 floats), d = b - a [m] -> distance, point, u; -1 where the segment crosses a triangle."""

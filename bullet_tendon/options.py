@@ -17,8 +17,8 @@ _ON_FAILURE = ("raise", "warn")
 class SolverOptions:
     """How a world steps its tendons. Immutable; give a world another one to change it.
 
-    integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted where
-        the time step changes), "tr_bdf2" (order and stability of bdf2, at twice the cost of a step and
+    integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable; where the time
+        step changes, one step of tr_bdf2), "tr_bdf2" (order and stability of bdf2, at twice the cost of a step and
         an eighth of its error; bdf2 where a tendon is near something or pulls a body that yields) or
         "explicit_euler" (equation 6; stable for tiny steps only).
     iteration: "newton" solves the implicit step to `tolerance`; "single" is the paper's one
@@ -34,8 +34,10 @@ class SolverOptions:
         from its particles, with the force carried over from step to step, so that a resting contact
         has no depth whatever its load.
     contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m].
-    reuse_tolerance: error allowed to a contact plane that is reused instead of measured again [m];
-        0 measures always.
+    reuse_tolerance: error allowed to a contact plane of a closed form (sphere, box, capsule, cylinder) that
+        is reused instead of measured again [m]. Triangles of meshes that were near are kept and measured
+        by the core between queries, to rounding, for as long as no other one can be nearest. 0 queries
+        always.
     on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
         the report says converged False; the tendons stay as they were, without a force on bodies, for
         that step. A step that ends finite above the tolerance is taken in both cases: its report

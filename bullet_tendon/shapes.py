@@ -43,6 +43,11 @@ class Shape:
         """What is inside of a mesh that is not a hull, whose distances have no sign; None of the others."""
         return None if self.surface is None else Interior(*self.surface)
 
+    @property
+    def triangles(self) -> np.ndarray:
+        """Corners (t, 3, 3) of the triangles that distances are measured from [m]; t = 0: a closed form."""
+        return getattr(self.query, "corners", np.empty((0, 3, 3)))
+
     def measure(self, a, b) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distance of k segments a -> b (k, 3), in the shape's frame [m]; a == b is a point.
 

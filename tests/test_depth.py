@@ -47,28 +47,30 @@ def test_around_the_mouth_of_a_tunnel(make_world, client, segment, friction):
         assert np.hypot(x[0, 0] - x[-1, 0], x[0, 2] - x[-1, 2]) > 0.03  # and it does go around
 
 
-def wrapped(**options):
-    """Positions at the end, and how many distances were asked for."""
+def wrapped(missed, **options):
+    """Positions at the end, and how many distances were asked for; missed: the checks that do not hold."""
     with wrap_condyle.build(Options()) as scene:
         scene.world.options = bt.SolverOptions(**options)
         wrap_condyle.drive(scene, lambda steps, _: steps)
-        assert [c.name for c in wrap_condyle.check(scene) if not c.ok] == []
+        assert [c.name for c in wrap_condyle.check(scene) if not c.ok] == missed
         return scene.handles.tendon.positions, scene.measured["distances asked for, a step"]
 
 
-def test_around_the_condyle(monkeypatch):
-    """With planes reused and with every distance measured anew; all its own checks hold.
+@pytest.mark.parametrize(
+    "friction",
+    [wrap_condyle.FRICTION, *(pytest.param(mu, marks=pytest.mark.slow) for mu in (0.03, 0.3))],
+)
+def test_around_the_condyle(monkeypatch, friction):
+    """With distances reused and with every one measured anew the same; all its own checks hold.
 
-    Where friction holds what has slid depends on the way there: facets of the mesh make 2e-5 m of rounding,
-    and with the friction that a round condyle needs, more.
+    The project's femur lets the tendon slip off its side with the smaller friction.
     """
-    closest = 2e-4
-    if wrap_condyle.REAL.exists():
-        monkeypatch.setattr(wrap_condyle, "FRICTION", 0.03)
-        closest = 5e-5
-    reused, few = wrapped()
-    anew, many = wrapped(reuse_tolerance=0.0)
-    assert np.abs(reused - anew).max() <= closest
+    monkeypatch.setattr(wrap_condyle, "FRICTION", friction)
+    slips = friction < 0.1 and not wrap_condyle.REAL.exists()
+    missed = ["wrapped by"] if slips else []
+    reused, few = wrapped(missed)
+    anew, many = wrapped(missed, reuse_tolerance=0.0)
+    assert np.abs(reused - anew).max() <= 1e-7
     assert many >= 10 * few
 
 

@@ -18,15 +18,17 @@ def hanging(world, n=9, **material):
     return t
 
 
-def test_grip_forces_are_what_momentum_changes_by(make_world):
-    """Of every step, with a soft grip that moves too."""
-    dt = 1 / 240
-    world = make_world(dt, (0, 0, -GRAVITY), integrator="tr_bdf2", tolerance=1e-12)
+@pytest.mark.parametrize(("integrator", "other"), [("tr_bdf2", 1.0), ("bdf2", 1.0), ("bdf2", 0.6)])
+def test_grip_forces_are_what_momentum_changes_by(make_world, client, integrator, other):
+    """Of every step, with a soft grip that moves too; other: length of every third step, in lengths."""
+    world = make_world(1 / 240, (0, 0, -GRAVITY), integrator=integrator, tolerance=1e-12)
     t = hanging(world)
     soft = t.grip(-1, stiffness=50.0, damping=0.5)
     grips = t._holds[0], soft
     for k in range(60):
         soft.target = [0.1, 0.02 * math.sin(0.1 * k), 0.05]
+        dt = (other if k % 3 == 0 else 1.0) / 240
+        p.setTimeStep(dt, physicsClientId=client)
         before = t.masses @ t.velocities
         world.step()
         change = t.masses @ t.velocities - before
@@ -56,6 +58,19 @@ def test_steps_may_change_their_length(make_world, client):
         assert np.abs(found[1] - x).max() > 0.05
         errors.append(np.abs(found[0] - found[1]).max())
     assert 3.2 < errors[0] / errors[1] < 5.0
+
+
+def test_bdf2_takes_such_steps_where_their_length_changes(make_world, client):
+    found = []
+    for integrator in ("bdf2", "tr_bdf2", "implicit_euler"):
+        world = make_world(1.0, (0, 0, -GRAVITY), integrator=integrator)
+        t = hanging(world, n=6)
+        for dt in [0.001, *[0.003, 0.001, 0.002] * 10]:
+            p.setTimeStep(dt, physicsClientId=client)
+            world.step()
+        found.append(t.positions)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.abs(found[0] - found[2]).max() > 1e-4
 
 
 def test_near_a_body_it_is_bdf2(make_world, client):

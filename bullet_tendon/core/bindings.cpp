@@ -45,10 +45,11 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
 }
 
 int add_shape(World& w, int link, const Array& position, const Array& rot, const Array& lo, const Array& hi,
-              bool half_space, const Array& normal, double offset, double friction) {
+              bool half_space, const Array& normal, double offset, double friction, const Array& triangles) {
   Shape s;
   s.link = link, s.local = {rotation(rot.data()), vec(position)}, s.lo = vec(lo), s.hi = vec(hi);
   s.half_space = half_space, s.plane_normal = vec(normal), s.plane_offset = offset, s.friction = friction;
+  if (triangles.size() > 0) s.surface = std::make_shared<Surface>(triangles_of(triangles));
   return w.add_shape(s);
 }
 

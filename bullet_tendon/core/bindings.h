@@ -49,6 +49,14 @@ inline Field field_of(const Array& a) {
 // Articulated bodies (articulated_bindings.cpp).
 void bind_articulated(py::module_& m);
 
+// Corners (t, 3, 3).
+inline std::vector<Triangle> triangles_of(const Array& corners) {
+  std::vector<Triangle> out(corners.size() / 9);
+  const double* p = corners.data();
+  for (Triangle& t : out) t = {vec(p), vec(p + 3), vec(p + 6)}, p += 9;
+  return out;
+}
+
 // Single terms of a step's potential (term_bindings.cpp).
 void bind_terms(py::module_& m, py::class_<World>& world);
 // What pybullet tells of links (link_bindings.cpp).

@@ -1,5 +1,6 @@
 // Every number that is a choice, with its unit, its reason, and what goes wrong when it is changed.
 #pragma once
+#include <cstddef>
 
 namespace bt {
 
@@ -177,6 +178,14 @@ constexpr int kFollowing = 4;
 // its distance [-]. More: what has come to rest leans on tilted planes for longer. Fewer: more queries.
 constexpr int kOldest = 24;
 constexpr double kFresh = 1e-2;
+
+// Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
+// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
+// queries.
+constexpr double kListed = 0.05;
+constexpr size_t kMostNearby = 64;
+// Triangles in a leaf of a surface's tree [-].
+constexpr int kLeafTriangles = 4;
 
 // Square of the sine between two segments over which their nearest points are followed [-]. Smaller: those of
 // nearly parallel ones run to and fro.

@@ -25,14 +25,14 @@ double stiffness_at(const Chain& c, int i, bool along) {
 
 // Whether a shape comes nearer to the inside of segment k than to its ends, which have rows of their own.
 bool bulges(const NearCache& cache, int n, int k, double radius) {
-  const Entry& e = cache.entries[n + k];
+  const Plane& e = cache.entries[n + k].now;
   if (e.u <= 1e-6 || e.u >= 1 - 1e-6) return false;
-  auto height = [](const Entry& at, Vec3 x) { return dot(at.normal, x - at.point); };
+  auto height = [](const Plane& at, Vec3 x) { return dot(at.normal, x - at.point); };
   const Vec3 a = cache.local[k], b = cache.local[k + 1];
   const double inside = height(e, (1 - e.u) * a + e.u * b) + kNoBulge * radius;
   for (int i : {k, k + 1}) {
     const Entry& end = cache.entries[i];
-    if (end.wanted && height(end, cache.local[i]) <= inside) return false;
+    if (end.wanted && height(end.now, cache.local[i]) <= inside) return false;
   }
   return true;
 }
@@ -180,14 +180,14 @@ void World::bone_rows() {
         if (segment && !bulges(caches_[c][s], n, f - n, slots_[c]->radius)) continue;
         const int first = segment ? f - n : std::min(f, n - 2);
         Spot spot{chain, first,
-                  segment      ? 1 - e.u
+                  segment      ? 1 - e.now.u
                   : f == first ? 1.0
                                : 0.0,
-                  segment      ? e.u
+                  segment      ? e.now.u
                   : f == first ? 0.0
                                : 1.0};
         const Vec3 here = spot.of(slots_[c]->x), ahead = spot.of(slots_[c]->foreseen);
-        Vec3 point = e.point, normal = e.normal;
+        Vec3 point = e.now.point, normal = e.now.normal;
         lean_ahead(caches_[c][s], f, to_local(pose, ahead - links[shape.link].drift(here, context_.dt)),
                    point, normal);
         point = to_world(pose, point), normal = pose.rotation * normal;

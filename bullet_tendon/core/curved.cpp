@@ -14,8 +14,8 @@ namespace {
 
 // Whether the planes at both places can be of one smooth stretch of surface.
 bool usable(const Entry& e, Vec3 from, double farthest) {
-  const double away = norm(e.point - from);
-  return e.known && !e.hole && away > 1e-3 * farthest && away <= farthest;
+  const double away = norm(e.now.point - from);
+  return e.wanted && away > 1e-3 * farthest && away <= farthest;
 }
 
 // Of two curvatures the one that is nearer to flat, and flat where they disagree: beside an edge,
@@ -35,11 +35,11 @@ void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Ve
   for (int other : {feature - 1, feature + 1}) {
     if (other < first || other > last || !usable(cache.entries[other], point, spacing)) continue;
     const Entry& e = cache.entries[other];
-    const Vec3 away = without(e.point - point, normal);
+    const Vec3 away = without(e.now.point - point, normal);
     const double length = norm(away);
     if (length <= 1e-3 * spacing) continue;
     const Vec3 t = (1 / length) * away;
-    const double bent = dot(e.normal - normal, t) / length;
+    const double bent = dot(e.now.normal - normal, t) / length;
     curvature = found ? flatter(curvature, bent) : bent;
     if (!found) along = t;
     nearest = std::min(nearest, length);

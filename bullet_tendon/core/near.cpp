@@ -44,30 +44,67 @@ bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
   return false;
 }
 
+Plane plane_at(Vec3 on_feature, Vec3 point, double u, double sign, const Pose& pose,
+               const std::vector<Bore>& bores, Vec3 fallback) {
+  return {point, unit_or(sign * (on_feature - point), fallback), u,
+          in_any_bore(to_world(pose, point), bores)};
+}
+
+Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, const Pose& pose, const std::vector<Bore>& bores,
+               Vec3 fallback) {
+  return plane_at((1 - found.u) * a + found.u * b, found.point, found.u, 1, pose, bores, fallback);
+}
+
+// The same whether it was measured or known to be: what is too far away makes no row either way.
+bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.reach; }
+
 // Decides for one feature between skipping, reusing and querying.
-void consider(Entry& e, Vec3 a, Vec3 b, double motion, double reach, const NearContext& context, Query query,
-              std::vector<Query>& queries, NearCounts& counts) {
-  ++counts.considered;
-  e.motion = motion;
-  if (e.known && !e.inside && context.reuse_tolerance > 0) {
-    double moved = std::max(norm(a - e.a), norm(b - e.b));
-    if (e.distance - moved > reach) {
-      ++counts.skipped;
-      return;
+struct Considering {
+  const Shape& shape;
+  const Pose pose;
+  const NearContext& context;
+  std::vector<Query>& queries;
+  NearCounts& counts;
+
+  void operator()(Entry& e, const Query& query, double motion, double reach) {
+    ++counts.considered;
+    e.motion = motion, e.reach = reach;
+    if (e.known && !e.inside && context.reuse_tolerance > 0) {
+      const double moved = std::max(norm(query.a - e.a), norm(query.b - e.b));
+      if (e.distance - moved > reach) {
+        ++counts.skipped;
+        return;
+      }
+      if (shape.surface ? remeasured(e, query, moved) : still_true(e, query, moved)) {
+        ++counts.reused;
+        e.wanted = is_within_reach(e);
+        return;
+      }
     }
-    const double aside = std::max(norm(without(a - e.a, e.normal)), norm(without(b - e.b, e.normal)));
+    ++counts.queried;
+    queries.push_back(query);
+  }
+
+ private:
+  bool remeasured(Entry& e, const Query& q, double moved) const {
+    if (moved > 0.5 * (e.listed - e.distance)) return false;
+    if (e.nearby.empty()) shape.surface->list(e.a, e.b, e.listed, e.nearby);
+    const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
+    e.now = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
+    e.clearance = found.distance;
+    return true;
+  }
+
+  bool still_true(Entry& e, const Query& q, double moved) const {
+    const Vec3 n = e.asked.normal;
+    const double aside = std::max(norm(without(q.a - e.a, n)), norm(without(q.b - e.b, n)));
     // What has moved is measured now and then all the same, so that what comes to rest rests on true planes.
     if (aside > kFresh * e.distance) ++e.age;
-    if (aside * aside <= 2 * (e.distance - moved) * context.reuse_tolerance && e.age < kOldest) {
-      ++counts.reused;
-      e.wanted = !e.hole;
-      e.clearance = e.distance - moved;
-      return;
-    }
+    if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance || e.age >= kOldest) return false;
+    e.now = e.asked, e.clearance = e.distance - moved;
+    return true;
   }
-  ++counts.queried;
-  queries.push_back(query);
-}
+};
 
 }  // namespace
 
@@ -95,6 +132,7 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
     counts.culled += 2 * n - 1;
     return;
   }
+  Considering consider{shape, pose, context, queries, counts};
   auto drilled = [&](int i) { return in_any_bore(chain.x.at(i), *context.bores); };
   double before = 0;  // reach of the particle before
   bool bored_before = false;
@@ -105,40 +143,42 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
     if (outside(here, here, shape, now) || bored)
       ++counts.culled;
     else
-      consider(cache.entries[i], here, here, cache.motion[i], now, context,
-               {chain_slot, shape_slot, i, here, here}, queries, counts);
+      consider(cache.entries[i], {chain_slot, shape_slot, i, here, here}, cache.motion[i], now);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
       if (outside(lowest(last, here), highest(last, here), shape, most) || bored || bored_before)
         ++counts.culled;
       else
-        consider(cache.entries[n + i - 1], last, here, std::max(cache.motion[i - 1], cache.motion[i]), most,
-                 context, {chain_slot, shape_slot, n + i - 1, last, here}, queries, counts);
+        consider(cache.entries[n + i - 1], {chain_slot, shape_slot, n + i - 1, last, here},
+                 std::max(cache.motion[i - 1], cache.motion[i]), most);
     }
     before = now, bored_before = bored;
   }
 }
 
-void answer(const Query& q, double distance, Vec3 point, double u, const Pose& shape_pose,
+void answer(const Query& q, double distance, Vec3 point, double u, const Shape& shape, const Pose& pose,
             const std::vector<Bore>& bores, Entry& e) {
-  Vec3 nearest = (1 - u) * q.a + u * q.b, apart = nearest - point;
-  double length = norm(apart);
+  const Vec3 nearest = (1 - u) * q.a + u * q.b;
+  const double length = norm(nearest - point);
   // A distance below zero is believed where its point is that far away: the way out of a
   // primitive. A mesh gives no such point: the last good plane stays.
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
   if (!believed) {
     e.inside = true, e.clearance = 0;
-    e.wanted = e.known && !e.hole;
+    e.now = e.asked, e.wanted = e.known && !e.asked.hole;
     return;
   }
-  e.known = true, e.inside = distance < 0, e.distance = distance, e.clearance = std::max(0.0, distance);
-  e.age = 0, e.u = u, e.a = q.a, e.b = q.b, e.point = point;
-  double sign = distance < 0 ? -1 : 1;
-  if (length > 0) e.normal = (sign / length) * apart;
-  Vec3 surface = to_world(shape_pose, point);
-  e.hole = in_any_bore(surface, bores);
-  e.wanted = !e.hole;
+  e.known = true, e.inside = distance < 0, e.age = 0, e.a = q.a, e.b = q.b;
+  e.asked = plane_at(nearest, point, u, distance < 0 ? -1 : 1, pose, bores, e.asked.normal);
+  if (shape.surface && distance > 0) {
+    e.listed = shape.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
+    const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
+    distance = found.distance;
+    e.asked = plane_of(found, q.a, q.b, pose, bores, e.asked.normal);
+  }
+  e.distance = distance, e.clearance = std::max(0.0, distance);
+  e.now = e.asked, e.wanted = is_within_reach(e);
 }
 
 }  // namespace bt

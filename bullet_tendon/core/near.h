@@ -4,18 +4,22 @@
 // (point and normal on the shape, in the shape's frame) and where the feature was then. With m the
 // motion since, relative to the shape:
 //   skipped  while d - m > reach, because the feature cannot have come within reach,
-//   reused   while the plane's error is under the reuse tolerance,
+//   reused   while the list of triangles that were near then still has the nearest one (surface.h), or, of
+//            a shape without triangles, while the plane's error is under the reuse tolerance,
 //   queried  otherwise.
-// Distance to a convex body at a displacement from distance d is at least the plane's value; with m the
-// displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is at most
-// sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal lags
-// behind by the same token, up to sqrt(2 tolerance/d'), while a feature slides, and for some steps after.
-// Tolerance 0 is for what must slide without any loss.
+// Triangles listed are measured anew, so that friction is led over the true surface, at any tolerance but 0.
+// Without them: distance to a convex body at a displacement from distance d is at least the plane's value;
+// with m the displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is
+// at most sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal
+// lags behind by the same token, up to sqrt(2 tolerance/d'), while a feature slides, and for some steps
+// after. Tolerance 0 is for what must slide without any loss.
 #pragma once
+#include <memory>
 #include <vector>
 
 #include "chain.h"
 #include "link.h"
+#include "surface.h"
 #include "tunnel.h"
 
 namespace bt {
@@ -28,22 +32,31 @@ struct Shape {
   Vec3 plane_normal;  // of a half-space: n.x = offset is the surface
   double plane_offset = 0;
   double friction = 0;
+  std::shared_ptr<const Surface> surface;  // of a mesh
 };
 
 Pose in_world(const Shape& shape, const Link& link);
 
+// Where a feature is nearest to a shape.
+struct Plane {
+  Vec3 point, normal;  // shape frame
+  double u = 0;        // nearest point of a segment
+  bool hole = false;   // the surface there lies in a bore: it has been drilled away
+};
+
 struct Entry {
   bool known = false;    // a plane was answered once
   bool inside = false;   // the last answer found the centreline inside the shape
-  bool hole = false;     // the nearest surface lies in a bore: it has been drilled away
-  bool wanted = false;   // a row is to be made in this step
+  bool wanted = false;   // it is within reach, and a row is to be made in this step
   double distance = 0;   // of the last query [m]
   double clearance = 0;  // least distance of the centreline now [m]
   double motion = 0;     // of the feature in this step, relative to the shape [m]
+  double reach = 0;      // how near it has to be for that to matter [m]
   int age = 0;           // how often the plane was reused by a feature that had moved since
-  double u = 0;          // nearest point of a segment
-  Vec3 point, normal;    // shape frame
+  Plane asked, now;      // of the last query, and to be used in this step
   Vec3 a, b;             // the feature's ends at the last query, shape frame
+  double listed = 0;     // how far away the surface's triangles then were, up to which they are listed [m]
+  std::vector<Nearby> nearby;  // the list; empty: to be made
 };
 
 struct Query {
@@ -70,8 +83,9 @@ struct NearContext {
 void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts);
 
-// Takes the answer to a query: distance, nearest surface point (shape frame) and parameter.
-void answer(const Query& query, double distance, Vec3 point, double u, const Pose& shape_pose,
+// Takes the answer to a query: distance, nearest surface point (shape frame) and parameter. Where there is a
+// surface, the core's own arithmetic refines it, the same as between queries.
+void answer(const Query& query, double distance, Vec3 point, double u, const Shape& shape, const Pose& pose,
             const std::vector<Bore>& bores, Entry& entry);
 
 // Share of a step that something can go which is `clearance` away from a centreline of this radius, and

@@ -250,6 +250,11 @@ bool ran_away(const Group& group) {
   return false;
 }
 
+// Contacts are stiff across the tendon: there it matters more where particles are than how long segments are.
+bool touches(const Group& group) {
+  return std::any_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->acts(); });
+}
+
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -264,7 +269,7 @@ void restart_from_now(Group& group) {
 
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
-  bool safe = false, far = true;
+  bool safe = false, far = true, turns = false;
   int used = 0, round = 0;
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
@@ -284,6 +289,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     const bool rounded = small && !ran_away(group);
     last_residual = a.residual;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
+    turns |= far;  // a guess that was near is corrected along lines
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
     if (group.converged) {
       if (round >= kRounds) break;
@@ -317,6 +323,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
           if (s->count) carry(*s, c->material.law, c->step);
       for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
       advance(group, 1);
+      if (turns && !touches(group))
+        for (Chain* c : group.chains) keep_lengths(*c);
     }
   }
   for (Row* row : group.rows)

@@ -160,8 +160,10 @@ void same_fields(A& a, Material& material) {
 
 template <class A>
 void same_fields(A& a, Shape& shape) {
-  auto& [link, local, lo, hi, half_space, plane_normal, plane_offset, friction] = shape;
+  auto& [link, local, lo, hi, half_space, plane_normal, plane_offset, friction, surface] = shape;
   a.same(link, local, lo, hi, half_space, plane_normal, plane_offset, friction);
+  uint64_t mark = surface ? surface->mark() : 0;
+  a.same(mark);
 }
 
 template <class A>
@@ -237,11 +239,18 @@ void fields(A& a, Link& link) {
 }
 
 template <class A>
+void fields(A& a, Plane& plane) {
+  auto& [point, normal, u, hole] = plane;
+  a(point, normal, u, hole);
+}
+
+template <class A>
 void fields(A& a, Entry& entry) {
-  auto& [known, inside, hole, wanted, distance, clearance, motion, age, u, point, normal, first, second] =
-      entry;
-  a(known, inside, hole, distance, clearance, age, u, point, normal, first, second);
-  a.scratch(wanted, motion);
+  auto& [known, inside, wanted, distance, clearance, motion, reach, age, asked, now, first, second, listed,
+         nearby] = entry;
+  a(known, inside, distance, clearance, age, asked, first, second, listed);
+  a.scratch(wanted, motion, reach, now, nearby);
+  if (a.applies()) nearby.clear();  // it is made again from where it was made
 }
 
 template <class A>

@@ -77,7 +77,8 @@ struct Group {
 void begin_step(Chain& c, const StepContext& context, double fraction = 1);
 // One step by the method of the options; fills chain.next and the forces of holds and rows.
 void solve(Group& group, const StepContext& context);
-// One step of TR-BDF2. false: it does not apply or does not converge, and begin_step's state stands.
+// One step of TR-BDF2, or of BDF2 after one of another length. false: it does not apply or does not converge,
+// and begin_step's state stands.
 bool two_stages(Group& group, const StepContext& context);
 // Takes chain.next as the new state.
 void finish_step(Chain& c, const StepContext& context);
@@ -127,6 +128,9 @@ Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
 // cg_image = A cg_direction.
 void multiply(Group& group);
+
+// After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
+void keep_lengths(Chain& c);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);

@@ -85,12 +85,24 @@ py::tuple pair_term(const Array& ends, double offset, double stiffness, double c
   return py::make_tuple(row.gap, rows_of(force), full_block(row, P, 4));
 }
 
+// Triangles (t, 3, 3) listed for a segment (2, 3), and what is nearest of them to that segment after it has
+// moved: how far the list is whole, how many it has, and distance, point and u.
+py::tuple listed_nearest(const Array& corners, const Array& segment, double reach, const Array& moved) {
+  const Surface surface(triangles_of(corners));
+  const Field from = field_of(segment), to = field_of(moved);
+  std::vector<Nearby> listed;
+  const double whole = surface.list(from.at(0), from.at(1), reach, listed);
+  const Nearest found = surface.nearest(listed, to.at(0), to.at(1));
+  return py::make_tuple(whole, listed.size(), found.distance, tuple(found.point), found.u);
+}
+
 }  // namespace
 
 void bind_terms(py::module_& m, py::class_<World>& world) {
   m.def("row_term", &row_term);
   m.def("edge_term", &edge_term);
   m.def("pair_term", &pair_term);
+  m.def("listed_nearest", &listed_nearest);
   world.def("spring_term", &spring_term_of);
   world.def("bending_term", [](const World& w, int c, const Array& x) {
     return term_of(bending_term(*w.chains[c], field_of(x)));

@@ -266,7 +266,7 @@ void World::answers(const double* distance, const double* points, const double* 
     const Shape& shape = shapes[query.shape];
     Entry& entry = caches_[query.chain][query.shape].entries[query.feature];
     kept_entries_.push_back({query.chain, query.shape, query.feature, entry});
-    answer(query, distance[q], {points[3 * q], points[3 * q + 1], points[3 * q + 2]}, u[q],
+    answer(query, distance[q], {points[3 * q], points[3 * q + 1], points[3 * q + 2]}, u[q], shape,
            in_world(shape, links[shape.link]), bores_of(shape.link), entry);
   }
 }

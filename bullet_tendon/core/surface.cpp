@@ -1,0 +1,162 @@
+#include "surface.h"
+
+#include "constants.h"
+
+namespace bt {
+
+namespace {
+
+double along(Vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
+
+Vec3 middle(const Triangle& t) { return (1.0 / 3) * (t.a + t.b + t.c); }
+
+Box box_of(const Triangle& t) {
+  Box box;
+  box.include(t.a), box.include(t.b), box.include(t.c);
+  return box;
+}
+
+double gap(double lo, double hi, double other_lo, double other_hi) {
+  return std::max({0.0, other_lo - hi, lo - other_hi});
+}
+
+bool farther(const Box& p, const Box& q, double reach) {
+  const Vec3 apart{gap(p.lo.x, p.hi.x, q.lo.x, q.hi.x), gap(p.lo.y, p.hi.y, q.lo.y, q.hi.y),
+                   gap(p.lo.z, p.hi.z, q.lo.z, q.hi.z)};
+  return dot(apart, apart) > reach * reach;
+}
+
+// Whether p lies over the inside of the triangle, and the foot of its perpendicular there: its barycentric
+// coordinates in the triangle's plane, from the squares and products of two edges.
+bool above(const Triangle& t, Vec3 p, Vec3& foot) {
+  const Vec3 e = t.b - t.a, f = t.c - t.a, r = p - t.a;
+  const double ee = dot(e, e), ef = dot(e, f), ff = dot(f, f), er = dot(e, r), fr = dot(f, r);
+  const double det = ee * ff - ef * ef, s = ff * er - ef * fr, w = ee * fr - ef * er;
+  if (det <= 0 || s < 0 || w < 0 || s + w > det) return false;
+  foot = t.a + (s / det) * e + (w / det) * f;
+  return true;
+}
+
+// Squared distances, while they are only compared.
+void take_nearer(Nearest& best, Vec3 on_segment, double u, Vec3 point) {
+  const Vec3 apart = on_segment - point;
+  const double square = dot(apart, apart);
+  if (square < best.distance) best = {square, u, point};
+}
+
+bool nearer(const Nearby& a, const Nearby& b) { return a.distance < b.distance; }
+
+Nearest rooted(Nearest n) { return {std::sqrt(n.distance), n.u, n.point}; }
+
+Nearest nearest_to_point(const Triangle& t, Vec3 p) {
+  Vec3 foot;
+  Nearest best{1e300, 0, {}};
+  if (above(t, p, foot)) return take_nearer(best, p, 0, foot), rooted(best);
+  const Vec3 corner[4] = {t.a, t.b, t.c, t.a};
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 e = corner[k + 1] - corner[k];
+    const double ee = dot(e, e), w = ee > 0 ? dot(p - corner[k], e) / ee : 0;
+    take_nearer(best, p, 0, corner[k] + std::min(1.0, std::max(0.0, w)) * e);
+  }
+  return rooted(best);
+}
+
+}  // namespace
+
+Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
+  if (a.x == b.x && a.y == b.y && a.z == b.z) return nearest_to_point(t, a);
+  Nearest best{1e300, 0, {}};
+  Vec3 foot;
+  if (above(t, a, foot)) take_nearer(best, a, 0, foot);
+  if (above(t, b, foot)) take_nearer(best, b, 1, foot);
+  const Vec3 corner[4] = {t.a, t.b, t.c, t.a};
+  for (int k = 0; k < 3; ++k) {
+    double u, w;
+    nearest_parameters(a, b, corner[k], corner[k + 1], u, w);
+    take_nearer(best, (1 - u) * a + u * b, u, (1 - w) * corner[k] + w * corner[k + 1]);
+  }
+  return rooted(best);
+}
+
+Surface::Surface(std::vector<Triangle> triangles) : triangles_(std::move(triangles)) {
+  nodes_.reserve(triangles_.size());
+  if (!triangles_.empty()) build(0, static_cast<int>(triangles_.size()));
+  const auto* bytes = reinterpret_cast<const unsigned char*>(triangles_.data());
+  for (size_t k = 0; k < triangles_.size() * sizeof(Triangle); ++k)
+    mark_ = (mark_ ^ bytes[k]) * 1099511628211ull;
+}
+
+// Halves by number, across the longest side.
+int Surface::build(int first, int count) {
+  const int at = static_cast<int>(nodes_.size());
+  Node node{{}, first, count, -1};
+  for (int k = first; k < first + count; ++k) node.box.include(box_of(triangles_[k]));
+  nodes_.push_back(node);
+  if (count <= kLeafTriangles) return at;
+  const Vec3 size = node.box.hi - node.box.lo;
+  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+  const auto begin = triangles_.begin() + first;
+  std::nth_element(begin, begin + count / 2, begin + count, [&](const Triangle& s, const Triangle& t) {
+    return along(middle(s), axis) < along(middle(t), axis);
+  });
+  build(first, count / 2);
+  const int second = build(first + count / 2, count - count / 2);
+  nodes_[at].second = second;
+  return at;
+}
+
+double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) const {
+  out.clear();
+  Box around;
+  around.include(a), around.include(b);
+  // One child waits at each depth, and halving by number leaves fewer than 32 of those.
+  int open[64], count = 0;
+  if (!nodes_.empty()) open[count++] = 0;
+  while (count > 0) {
+    const int at = open[--count];
+    const Node& node = nodes_[at];
+    if (farther(node.box, around, reach)) continue;
+    if (node.second < 0)
+      list_leaf(node, a, b, reach, out);
+    else
+      open[count++] = node.second, open[count++] = at + 1;
+  }
+  std::sort(out.begin(), out.end(), [](const Nearby& p, const Nearby& q) { return p.triangle < q.triangle; });
+  return reach;
+}
+
+// Of more than are kept, the nearest; `reach` then ends where the farthest of them is.
+void Surface::list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const {
+  Box around;
+  around.include(a), around.include(b);
+  for (int k = leaf.first; k < leaf.first + leaf.count; ++k) {
+    if (farther(box_of(triangles_[k]), around, reach)) continue;
+    const Nearest found = nearest_of(triangles_[k], a, b);
+    if (found.distance > reach) continue;
+    if (out.size() == kMostNearby) std::pop_heap(out.begin(), out.end(), nearer), out.pop_back();
+    const Vec3 n = unit_or((1 - found.u) * a + found.u * b - found.point, {});
+    out.push_back({k, found.distance, n, dot(n, found.point)});
+    std::push_heap(out.begin(), out.end(), nearer);
+    if (out.size() == kMostNearby) reach = out.front().distance;
+  }
+}
+
+Nearest Surface::nearest(const std::vector<Nearby>& listed, Vec3 a, Vec3 b) const {
+  auto bound = [&](const Nearby& near) { return std::min(dot(near.n, a), dot(near.n, b)) - near.c; };
+  size_t likely = 0;
+  double least = 1e300;
+  for (size_t k = 0; k < listed.size(); ++k) {
+    const double here = bound(listed[k]);
+    if (here < least) least = here, likely = k;
+  }
+  Nearest best{1e300, 0, {}};
+  if (!listed.empty()) best = nearest_of(triangles_[listed[likely].triangle], a, b);
+  for (size_t k = 0; k < listed.size(); ++k) {
+    if (k == likely || bound(listed[k]) >= best.distance) continue;
+    const Nearest here = nearest_of(triangles_[listed[k].triangle], a, b);
+    if (here.distance < best.distance) best = here;
+  }
+  return best;
+}
+
+}  // namespace bt

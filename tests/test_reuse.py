@@ -1,0 +1,97 @@
+"""Distances that are not asked for again: the core measures the triangles that were near, exactly."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from brute_force import segment_triangles
+
+import bullet_tendon as bt
+from bullet_tendon import _core
+
+RADIUS = 0.002  # m
+
+
+def hills(seed, cells=24, size=0.1):
+    """A rough open surface (v, 3) [m], (t, 3): heights at random, so with peaks, ridges and hollows."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(*[np.linspace(-size / 2, size / 2, cells + 1)] * 2, indexing="ij")
+    z = 1e-3 * rng.standard_normal(x.shape) - 10.0 * (x**2 + y**2)
+    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    up, right, both = first + 1, first + cells + 1, first + cells + 2
+    triangles = np.concatenate([np.c_[first, right, both], np.c_[first, both, up]])
+    return np.c_[x.ravel(), y.ravel(), z.ravel()], triangles
+
+
+@pytest.mark.parametrize("soup", [False, True])
+@pytest.mark.parametrize("length", [0.0, 0.003])
+def test_what_was_listed_answers_until_something_else_can_be_nearest(soup, length):
+    rng = np.random.default_rng(5)
+    vertices, triangles = hills(1)
+    corners = rng.uniform(-0.05, 0.05, (300, 1, 3)) + rng.normal(0, 3e-3, (300, 3, 3))
+    if not soup:
+        corners = vertices[triangles]
+    for _ in range(100):
+        a = rng.uniform(-0.04, 0.04, 3) + (0 if soup else [0, 0, 0.04])
+        way = rng.standard_normal(3)
+        segment = np.array([a, a + length * way / np.linalg.norm(way)])
+        d = segment_triangles(*segment, corners)
+        if d == 0.0:
+            continue
+        whole, count, distance, _, _ = _core.listed_nearest(corners, segment, 1.3 * d, segment)
+        assert distance == pytest.approx(d, abs=1e-15)
+        assert whole == pytest.approx(1.3 * d) or count == 64
+        away = rng.standard_normal((2, 3)) if length else np.tile(rng.standard_normal(3), (2, 1))
+        away *= 0.5 * (whole - d) / np.linalg.norm(away, axis=1).max()
+        moved = segment + away
+        exact = segment_triangles(*moved, corners)
+        _, _, distance, point, u = _core.listed_nearest(corners, segment, 1.3 * d, moved)
+        assert distance == pytest.approx(exact, abs=1e-15)
+        assert np.linalg.norm(moved[0] + u * (moved[1] - moved[0]) - point) == pytest.approx(exact, abs=1e-15)
+
+
+def draw(make_world, client, friction, pause=None, **options):
+    """A tendon drawn across hills by a hand: positions at the end, and how many distances were asked for."""
+    world = make_world(gravity=(0, 0, -9.81), **options)
+    vertices, triangles = hills(7)
+    shape = p.createCollisionShape(
+        p.GEOM_MESH,
+        vertices=vertices.tolist(),
+        indices=triangles.ravel().tolist(),
+        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
+        physicsClientId=client,
+    )
+    world.add_obstacle(
+        p.createMultiBody(0, shape, physicsClientId=client), friction=1.0, meshes=[(vertices, triangles)]
+    )
+    material = bt.Material(stiffness=1e4, damping=1.0, friction=friction)
+    t = world.add_tendon([[-0.06, 0, 0.006], [0, 0, 0.008], [0.06, 0, 0.006]], RADIUS, material, 50)
+    hand = t.grip(-1)
+    t.set_force(0, [-3.0, 0.0, -3.0])
+    asked = 0
+    for k in range(360):
+        hand.target = np.array([0.06 + 5e-5 * min(k, 200), 0.0, 0.006 - 2e-5 * min(k, 200)])
+        if k == 150 and pause:
+            pause(world)
+        world.step()
+        asked += world.report.counts["pairs_queried"]
+    return t.positions, asked
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.03, 0.3])
+def test_friction_is_led_over_the_same_surface(make_world, client, friction):
+    reused, few = draw(make_world, client, friction)
+    anew, many = draw(make_world, client, friction, reuse_tolerance=0.0)
+    assert np.ptp(reused[:, 0]) > 0.1
+    assert np.abs(reused - anew).max() <= 1e-9
+    assert many >= 5 * few
+
+
+def test_lists_are_made_again_after_a_restore(make_world, client):
+    def pause(world):
+        state = world.save_state()
+        world.step(3)
+        world.restore_state(state)
+
+    straight, _ = draw(make_world, client, 0.1)
+    paused, _ = draw(make_world, client, 0.1, pause)
+    np.testing.assert_array_equal(straight, paused)
