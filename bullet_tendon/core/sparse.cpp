@@ -1,7 +1,6 @@
 #include "sparse.h"
 
 #include <algorithm>
-#include <set>
 
 namespace bt {
 
@@ -37,44 +36,51 @@ Block3 block_of(const Sym3& s) { return {{s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.
 void SparseFactor::analyse(int n, const Edges& edges) {
   if (n == n_ && edges == edges_) return;
   n_ = n, edges_ = edges;
-  std::vector<std::vector<int>> neighbours(n);
-  for (auto [i, j] : edges) neighbours[i].push_back(j), neighbours[j].push_back(i);
-  for (auto& list : neighbours) {
-    std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-  }
-  order(neighbours);
+  find_neighbours();
+  node_ = minimum_degree_.order(graph_);
+  find_columns();
   plan_updates();
+  diagonal_.resize(n_), below_.resize(rows_.size());
 }
 
-// Elimination by least degree: the block with the fewest neighbours next, which become neighbours of each
-// other. Leaves in neighbours[i] those that were there when i was eliminated.
-void SparseFactor::order(std::vector<std::vector<int>>& neighbours) {
-  std::set<std::pair<size_t, int>> queue;
-  for (int i = 0; i < n_; ++i) queue.insert({neighbours[i].size(), i});
-  where_.assign(n_, -1), node_.clear();
-  std::vector<int> joined;
-  while (!queue.empty()) {
-    const int i = queue.begin()->second;
-    queue.erase(queue.begin());
-    where_[i] = static_cast<int>(node_.size());
-    node_.push_back(i);
-    for (int j : neighbours[i]) {
-      queue.erase({neighbours[j].size(), j});
-      joined.clear();
-      std::set_union(neighbours[j].begin(), neighbours[j].end(), neighbours[i].begin(), neighbours[i].end(),
-                     std::back_inserter(joined));
-      joined.erase(std::remove_if(joined.begin(), joined.end(), [&](int m) { return m == i || m == j; }),
-                   joined.end());
-      neighbours[j].swap(joined);
-      queue.insert({neighbours[j].size(), j});
-    }
+void SparseFactor::find_neighbours() {
+  std::vector<int>&first = graph_.first, &nodes = graph_.nodes;
+  first.assign(n_ + 2, 0);
+  for (auto [i, j] : edges_) ++first[i + 2], ++first[j + 2];
+  for (int i = 0; i < n_; ++i) first[i + 2] += first[i + 1];
+  nodes.resize(2 * edges_.size());
+  for (auto [i, j] : edges_) nodes[first[i + 1]++] = j, nodes[first[j + 1]++] = i;
+  first.pop_back();
+  int kept = 0;
+  for (int i = 0, from = 0; i < n_; ++i) {
+    const int to = first[i + 1];
+    std::sort(nodes.begin() + from, nodes.begin() + to);
+    for (int k = from; k < to; ++k)
+      if (k == from || nodes[k] != nodes[k - 1]) nodes[kept++] = nodes[k];
+    from = to, first[i + 1] = kept;
   }
+  nodes.resize(kept);
+}
+
+// What is below pivot k: its later neighbours, and what is below those pivots whose first block is k.
+void SparseFactor::find_columns() {
+  where_.resize(n_);
+  for (int k = 0; k < n_; ++k) where_[node_[k]] = k;
   first_.assign(1, 0), rows_.clear();
-  for (int i : node_) {
-    for (int j : neighbours[i]) rows_.push_back(where_[j]);
-    std::sort(rows_.begin() + first_.back(), rows_.end());
+  child_.assign(n_, -1), sibling_.assign(n_, -1), seen_.assign(n_, -1);
+  for (int k = 0; k < n_; ++k) {
+    seen_[k] = k;
+    auto take = [&](int row) {
+      if (row > k && seen_[row] != k) seen_[row] = k, rows_.push_back(row);
+    };
+    for (int a = graph_.first[node_[k]]; a < graph_.first[node_[k] + 1]; ++a) take(where_[graph_.nodes[a]]);
+    for (int c = child_[k]; c >= 0; c = sibling_[c])
+      for (int a = first_[c]; a < first_[c + 1]; ++a) take(rows_[a]);
+    std::sort(rows_.begin() + first_[k], rows_.end());
     first_.push_back(static_cast<int>(rows_.size()));
+    if (first_[k + 1] == first_[k]) continue;
+    const int parent = rows_[first_[k]];
+    sibling_[k] = child_[parent], child_[parent] = k;
   }
 }
 
@@ -83,14 +89,17 @@ int SparseFactor::slot(int row, int column) const {
   return static_cast<int>(std::lower_bound(from, to, row) - rows_.begin());
 }
 
+// What is below pivot k after its row r is below pivot r too, in the same order.
 void SparseFactor::plan_updates() {
   target_.clear();
   for (int k = 0; k < n_; ++k)
     for (int a = first_[k]; a < first_[k + 1]; ++a) {
       target_.push_back(~rows_[a]);
-      for (int b = a + 1; b < first_[k + 1]; ++b) target_.push_back(slot(rows_[b], rows_[a]));
+      for (int b = a + 1, at = first_[rows_[a]]; b < first_[k + 1]; ++b, ++at) {
+        while (rows_[at] != rows_[b]) ++at;
+        target_.push_back(at);
+      }
     }
-  diagonal_.resize(n_), below_.resize(rows_.size());
 }
 
 void SparseFactor::start() {

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "ordering.h"
 #include "vec.h"
 
 namespace bt {
@@ -35,18 +36,22 @@ class SparseFactor {
   void solve(std::vector<Vec3>& b);
 
  private:
-  void order(std::vector<std::vector<int>>& neighbours);
+  void find_neighbours();
+  void find_columns();
   void plan_updates();
   int slot(int row, int column) const;
 
   int n_ = 0;
   Edges edges_;
-  std::vector<int> where_, node_;         // place of a block in the elimination, and back
-  std::vector<int> first_, rows_;         // places of the blocks below pivot k: rows_[first_[k] ...]
-  std::vector<int> target_;               // block that each update goes to, in order; diagonals: ~place
-  std::vector<Block3> diagonal_, below_;  // D^-1 and L once factorised
-  std::vector<Block3> scaled_;            // W of one pivot
-  std::vector<Vec3> right_;               // of a solution, by place
+  Adjacency graph_;
+  MinimumDegree minimum_degree_;
+  std::vector<int> where_, node_;            // place of a block in the elimination, and back
+  std::vector<int> first_, rows_;            // places of the blocks below pivot k: rows_[first_[k] ...]
+  std::vector<int> child_, sibling_, seen_;  // of the elimination tree, while columns are found
+  std::vector<int> target_;                  // block that each update goes to, in order; diagonals: ~place
+  std::vector<Block3> diagonal_, below_;     // D^-1 and L once factorised
+  std::vector<Block3> scaled_;               // W of one pivot
+  std::vector<Vec3> right_;                  // of a solution, by place
 };
 
 }  // namespace bt
