@@ -17,11 +17,13 @@ bool moved_pair(const Group& group, const Row& row, Row& more) {
   nearest_parameters(a.next.at(row.a.first), a.next.at(row.a.first + 1), b.next.at(row.b.first),
                      b.next.at(row.b.first + 1), u, w);
   more.a.w0 = 1 - u, more.a.w1 = u, more.b.w0 = 1 - w, more.b.w1 = w;
+  more.stuck_at = u, more.stuck_at_other = w, more.slid = {};
   Vec3 apart = more.a.of(a.next) - more.b.of(b.next);
   double distance = norm(apart);
   if (distance >= (1 - kPairDepth) * row.offset + row.allowed || distance == 0) return false;
   if (std::fabs(u - row.a.w1) < kNearlySame && std::fabs(w - row.b.w1) < kNearlySame) return false;
   more.normal = (dot(apart, row.normal) < 0 ? -1 / distance : 1 / distance) * apart;
+  more.side = more.normal;
   more.reference = more.a.of(a.split ? a.start_x : a.x) - more.b.of(b.split ? b.start_x : b.x);
   return true;
 }
