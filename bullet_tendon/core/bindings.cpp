@@ -145,6 +145,7 @@ PYBIND11_MODULE(_core, m) {
   py::class_<World> world(m, "World");
   bind_articulated(m);
   bind_terms(m, world);
+  bind_sparse(m);
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)

@@ -51,5 +51,7 @@ void bind_articulated(py::module_& m);
 
 // Single terms of a step's potential (term_bindings.cpp).
 void bind_terms(py::module_& m, py::class_<World>& world);
+// The sparse solver by itself (sparse_bindings.cpp).
+void bind_sparse(py::module_& m);
 
 }  // namespace bt

@@ -25,6 +25,7 @@ class SparseFactor {
  public:
   using Edges = std::vector<std::pair<int, int>>;
   int blocks() const { return n_; }
+  int below() const { return static_cast<int>(rows_.size()); }  // blocks of L
   // n blocks; edges: pairs of different blocks, each listed once or more.
   void analyse(int n, const Edges& edges);
   void start();  // all blocks zero
