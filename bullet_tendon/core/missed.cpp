@@ -28,10 +28,8 @@ bool moved_pair(const Group& group, const Row& row, Row& more) {
   return true;
 }
 
-constexpr uint64_t kExtra = 1ull << 63;
-
 bool same_place(const Row& a, const Row& b) {
-  return ((a.key ^ b.key) & ~kExtra) == 0 && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
+  return ((a.key ^ b.key) & ~kExtraKey) == 0 && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
          std::fabs(a.b.w1 - b.b.w1) < kNearlySame;
 }
 
@@ -49,7 +47,7 @@ bool add_missed(Group& group) {
     if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
     auto there = [&](const Row* other) { return same_place(*other, more); };
     if (std::any_of(group.rows.begin(), group.rows.end(), there)) continue;
-    more.key |= kExtra;
+    more.key |= kExtraKey;
     group.extra.push_back(more);
     group.rows.push_back(&group.extra.back());
     any = true;

@@ -132,6 +132,9 @@ inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other,
          static_cast<uint64_t>(other_feature & 0xffff);
 }
 
+// Besides in the key of a row that was added to the one with the rest of the key (missed.cpp).
+constexpr uint64_t kExtraKey = 1ull << 63;
+
 struct KeyParts {
   ContactKind kind;
   int chain, other;
