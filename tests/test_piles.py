@@ -1,4 +1,4 @@
-"""Tendons that lie on and beside each other come to rest, and those far apart have nothing to do with each other."""
+"""Tendons that lie on and beside each other come to rest; those far apart are solved alone."""
 
 import numpy as np
 import pybullet as p
@@ -40,7 +40,7 @@ def test_a_heap_comes_to_rest(make_world, client):
 
 
 def test_tendons_side_by_side_come_to_rest(make_world, client):
-    """Pressed against each other along their length, with segments all but parallel: contacts stay in place."""
+    """Pressed against each other, segments all but parallel: contacts stay in place."""
     world = make_world(gravity=(0, 0, -9.81))
     floor(world, client)
     x = np.linspace(-0.02, 0.02, 21)
