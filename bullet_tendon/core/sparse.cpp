@@ -2,24 +2,38 @@
 
 #include <algorithm>
 
+#include "field.h"
+
 namespace bt {
 
 namespace {
 
-// c -= a b^T
-void subtract_product(Block3& c, const Block3& a, const Block3& b) {
+// c = a b
+inline void multiply(const PaddedBlock& a, const PaddedBlock& b, PaddedBlock& c) {
   for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j)
-      c.v[3 * i + j] -=
-          a.v[3 * i] * b.v[3 * j] + a.v[3 * i + 1] * b.v[3 * j + 1] + a.v[3 * i + 2] * b.v[3 * j + 2];
+    c.row[i] = a.row[i][0] * b.row[0] + a.row[i][1] * b.row[1] + a.row[i][2] * b.row[2];
 }
 
-bool invert(Block3& b) {
-  Sym3 a{b.v[0], b.v[1], b.v[2], b.v[4], b.v[5], b.v[8]};
+// c -= a b
+inline void subtract_product(const PaddedBlock& a, const PaddedBlock& b, PaddedBlock& c) {
+  for (int i = 0; i < 3; ++i)
+    c.row[i] -= a.row[i][0] * b.row[0] + a.row[i][1] * b.row[1] + a.row[i][2] * b.row[2];
+}
+
+inline PaddedBlock transposed(const PaddedBlock& b) {
+  PaddedBlock t;
+  for (int i = 0; i < 3; ++i) t.row[i] = Lanes4{b.row[0][i], b.row[1][i], b.row[2][i], 0};
+  return t;
+}
+
+inline bool invert(PaddedBlock& b) {
+  Sym3 a{b.row[0][0], b.row[0][1], b.row[0][2], b.row[1][1], b.row[1][2], b.row[2][2]};
   if (!invert_definite(a)) return false;
-  b = block_of(a);
+  b = {{Lanes4{a.xx, a.xy, a.xz, 0}, Lanes4{a.xy, a.yy, a.yz, 0}, Lanes4{a.xz, a.yz, a.zz, 0}}};
   return true;
 }
+
+inline Vec3 row_of(const PaddedBlock& b, int i) { return {b.row[i][0], b.row[i][1], b.row[i][2]}; }
 
 }  // namespace
 
@@ -103,32 +117,31 @@ void SparseFactor::plan_updates() {
 }
 
 void SparseFactor::start() {
-  std::fill(diagonal_.begin(), diagonal_.end(), Block3{});
-  std::fill(below_.begin(), below_.end(), Block3{});
+  std::fill(diagonal_.begin(), diagonal_.end(), PaddedBlock{});
+  std::fill(below_.begin(), below_.end(), PaddedBlock{});
 }
 
 void SparseFactor::add(int i, int j, const Block3& b) {
   const int row = where_[i], column = where_[j];
-  if (row == column) {
-    for (int e = 0; e < 9; ++e) diagonal_[row].v[e] += b.v[e];
-    return;
-  }
-  const bool lower = row > column;
-  double* to = below_[lower ? slot(row, column) : slot(column, row)].v;
+  const bool lower = row >= column;
+  PaddedBlock& to = row == column ? diagonal_[row] : below_[lower ? slot(row, column) : slot(column, row)];
   for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) to[3 * r + c] += lower ? b.v[3 * r + c] : b.v[3 * c + r];
+    for (int c = 0; c < 3; ++c) to.row[r][c] += lower ? b.v[3 * r + c] : b.v[3 * c + r];
 }
 
-bool SparseFactor::factorise() {
+BT_VECTOR bool SparseFactor::factorise() {
   const int* target = target_.data();
   for (int k = 0; k < n_; ++k) {
     if (!invert(diagonal_[k])) return false;
     const int from = first_[k], to = first_[k + 1];
     scaled_.resize(to - from);
-    for (int a = from; a < to; ++a) scaled_[a - from] = product(below_[a], diagonal_[k]);
-    for (int a = from; a < to; ++a)
+    PaddedBlock* scaled = scaled_.data() - from;
+    for (int a = from; a < to; ++a) multiply(below_[a], diagonal_[k], scaled[a]);
+    for (int a = from; a < to; ++a) {
+      const PaddedBlock turned = transposed(below_[a]);
       for (int b = a; b < to; ++b, ++target)
-        subtract_product(*target < 0 ? diagonal_[~*target] : below_[*target], scaled_[b - from], below_[a]);
+        subtract_product(scaled[b], turned, *target < 0 ? diagonal_[~*target] : below_[*target]);
+    }
     std::copy(scaled_.begin(), scaled_.end(), below_.begin() + from);
   }
   return true;
@@ -140,18 +153,16 @@ void SparseFactor::solve(std::vector<Vec3>& b) {
   for (int k = 0; k < n_; ++k) y[k] = b[node_[k]];
   for (int k = 0; k < n_; ++k)
     for (int a = first_[k]; a < first_[k + 1]; ++a) {
-      const double* l = below_[a].v;
-      y[rows_[a]] -=
-          Vec3{dot({l[0], l[1], l[2]}, y[k]), dot({l[3], l[4], l[5]}, y[k]), dot({l[6], l[7], l[8]}, y[k])};
+      const PaddedBlock& l = below_[a];
+      y[rows_[a]] -= Vec3{dot(row_of(l, 0), y[k]), dot(row_of(l, 1), y[k]), dot(row_of(l, 2), y[k])};
     }
   for (int k = n_ - 1; k >= 0; --k) {
-    const double* d = diagonal_[k].v;
-    Vec3 x{dot({d[0], d[1], d[2]}, y[k]), dot({d[3], d[4], d[5]}, y[k]), dot({d[6], d[7], d[8]}, y[k])};
+    const PaddedBlock& d = diagonal_[k];
+    Vec3 x{dot(row_of(d, 0), y[k]), dot(row_of(d, 1), y[k]), dot(row_of(d, 2), y[k])};
     for (int a = first_[k]; a < first_[k + 1]; ++a) {
-      const double* l = below_[a].v;
+      const PaddedBlock& l = below_[a];
       const Vec3 other = y[rows_[a]];
-      x -= other.x * Vec3{l[0], l[1], l[2]} + other.y * Vec3{l[3], l[4], l[5]} +
-           other.z * Vec3{l[6], l[7], l[8]};
+      x -= other.x * row_of(l, 0) + other.y * row_of(l, 1) + other.z * row_of(l, 2);
     }
     y[k] = b[node_[k]] = x;
   }
