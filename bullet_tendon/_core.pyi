@@ -59,6 +59,9 @@ def edge_term(
 def pair_term(
     ends: ArrayLike, offset: float, stiffness: float, carried: float, /
 ) -> tuple[float, _Floats, _Floats]: ...
+def sparse_solutions(
+    systems: list[tuple[_Ints, _Floats, _Floats, _Floats]], /
+) -> list[tuple[_Floats | None, int]]: ...
 
 class World:
     def __init__(self) -> None: ...

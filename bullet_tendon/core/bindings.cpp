@@ -117,6 +117,7 @@ PYBIND11_MODULE(_core, m) {
   bind_articulated(m);
   bind_terms(m, world);
   bind_links(m, world);
+  bind_sparse(m);
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)

@@ -61,5 +61,7 @@ inline std::vector<Triangle> triangles_of(const Array& corners) {
 void bind_terms(py::module_& m, py::class_<World>& world);
 // What pybullet tells of links (link_bindings.cpp).
 void bind_links(py::module_& m, py::class_<World>& world);
+// The sparse solver by itself (sparse_bindings.cpp).
+void bind_sparse(py::module_& m);
 
 }  // namespace bt

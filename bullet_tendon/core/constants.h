@@ -190,6 +190,10 @@ constexpr int kLeafTriangles = 4;
 // Square of the sine between two segments over which their nearest points are followed [-]. Smaller: those of
 // nearly parallel ones run to and fro.
 constexpr double kCrossing = 3e-2;
+// What the ends of two nearly parallel segments may be farther apart by than their nearest points to draw the
+// contact towards them, in sums of radii [-]. Larger: the nearer end goes deeper. Smaller: what lies side by
+// side is pushed at one end in one step and at the other in the next.
+constexpr double kPairEnds = 5e-3;
 // Distance of centrelines, in sums of radii, under which their own direction is not believed any more [-].
 constexpr double kNearlyMet = 0.2;
 

@@ -17,19 +17,19 @@ bool moved_pair(const Group& group, const Row& row, Row& more) {
   nearest_parameters(a.next.at(row.a.first), a.next.at(row.a.first + 1), b.next.at(row.b.first),
                      b.next.at(row.b.first + 1), u, w);
   more.a.w0 = 1 - u, more.a.w1 = u, more.b.w0 = 1 - w, more.b.w1 = w;
+  more.stuck_at = u, more.stuck_at_other = w, more.slid = {};
   Vec3 apart = more.a.of(a.next) - more.b.of(b.next);
   double distance = norm(apart);
   if (distance >= (1 - kPairDepth) * row.offset + row.allowed || distance == 0) return false;
   if (std::fabs(u - row.a.w1) < kNearlySame && std::fabs(w - row.b.w1) < kNearlySame) return false;
   more.normal = (dot(apart, row.normal) < 0 ? -1 / distance : 1 / distance) * apart;
+  more.side = more.normal;
   more.reference = more.a.of(a.split ? a.start_x : a.x) - more.b.of(b.split ? b.start_x : b.x);
   return true;
 }
 
-constexpr uint64_t kExtra = 1ull << 63;
-
 bool same_place(const Row& a, const Row& b) {
-  return ((a.key ^ b.key) & ~kExtra) == 0 && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
+  return ((a.key ^ b.key) & ~kExtraKey) == 0 && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
          std::fabs(a.b.w1 - b.b.w1) < kNearlySame;
 }
 
@@ -47,7 +47,7 @@ bool add_missed(Group& group) {
     if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
     auto there = [&](const Row* other) { return same_place(*other, more); };
     if (std::any_of(group.rows.begin(), group.rows.end(), there)) continue;
-    more.key |= kExtra;
+    more.key |= kExtraKey;
     group.extra.push_back(more);
     group.rows.push_back(&group.extra.back());
     any = true;

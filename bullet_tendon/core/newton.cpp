@@ -60,7 +60,8 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   clear_loads(group);
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
-    if (group.follows && (row->kind == ContactKind::mouth || !definite)) follow(group, *row);
+    if (group.follows && (row->kind == ContactKind::mouth || !(definite || group.settled)))
+      follow(group, *row);
     row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
     if (!row->acts()) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
@@ -92,7 +93,7 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
   }
   for (Row* row : group.rows)
     if (row->acts()) {
-      if (group.follows) add_lever_blocks(group, *row, definite_rows);
+      if (group.follows) add_lever_blocks(group, *row, definite_rows || (group.settled && row->b.chain >= 0));
       add_row_block(group, *row);
       add_row_linearisation(group, *row);
     }
@@ -255,6 +256,14 @@ bool touches(const Group& group) {
   return std::any_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->acts(); });
 }
 
+// Iterations that followed the points of pairs were thrown off by it, and would be again: from here on the
+// points are those of the step's start, and what they miss gets rows of its own (add_missed).
+void settle_points(Group& group) {
+  group.settled = true;
+  for (Row* row : group.rows)
+    if (row->follows) row->unfollow();
+}
+
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -275,6 +284,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
   start_bodies(group);
+  group.settled = false;
   group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
     Assembly a = residual_of(group, safe, safe || far);
@@ -288,8 +298,10 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     const bool small = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
     const bool rounded = small && !ran_away(group);
     last_residual = a.residual;
+    const bool was_near = !far;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     turns |= far;  // a guess that was near is corrected along lines
+    if (far && was_near) settle_points(group);
     group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
     if (group.converged) {
       if (round >= kRounds) break;

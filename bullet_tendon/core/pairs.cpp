@@ -27,6 +27,27 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
   w = ee > 0 ? clamp01((de * u + er) / ee) : 0;
 }
 
+// Of nearly parallel segments, what is nearest jumps from one end of their overlap to the other as they turn
+// by nothing, and they with it. Ends that are nearly as near as the nearest points draw these towards them,
+// so that they move as the segments turn.
+void between_ends(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double enough, double& u, double& w) {
+  const Vec3 d = p1 - p0, e = q1 - q0;
+  const double dd = dot(d, d), ee = dot(e, e), de = dot(d, e);
+  if (dd == 0 || ee == 0 || dd * ee - de * de > kCrossing * dd * ee) return;
+  auto on_b = [&](double at) { return clamp01(dot(p0 + at * d - q0, e) / ee); };
+  auto distance = [&](double at, double other) { return norm(p0 + at * d - q0 - other * e); };
+  const double least = distance(u, w);
+  double end[2], near[2];
+  for (int k : {0, 1}) {
+    end[k] = clamp01(dot((k ? q1 : q0) - p0, d) / dd);
+    near[k] = 1 - (distance(end[k], on_b(end[k])) - least) / enough;
+  }
+  const double share = std::min(1.0, std::min(near[0], near[1]));
+  if (share <= 0) return;
+  u = (1 - share) * u + share * (near[0] * end[0] + near[1] * end[1]) / (near[0] + near[1]);
+  w = on_b(u);
+}
+
 BT_VECTOR bool is_straight(const Chain& c, const Field& at) {
   const int m = c.n() - 1;
   const double *x = at[0], *y = at[1], *z = at[2];
@@ -137,6 +158,7 @@ struct Finder {
     if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
     SegmentPair s{ia, k, ib, m, 0, 0, {}, 0};
     nearest_parameters(p0, p1, q0, q1, s.u, s.w);  // step 2
+    between_ends(p0, p1, q0, q1, kPairEnds * radii, s.u, s.w);
     s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
     s.distance = norm(s.apart);
     if (s.distance >= reach) return;

@@ -107,6 +107,8 @@ struct Row {
   void foresee(Vec3 moved);
   // The same of a pair of segments, x their ends (see crossing.cpp).
   void follow_pair(const Vec3 (&x)[4]);
+  // Back to the points of the step's start.
+  void unfollow();
   void add_pair_levers(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
@@ -129,6 +131,9 @@ inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other,
          (static_cast<uint64_t>(feature & 0xffff) << 32) | (static_cast<uint64_t>(other & 0xffff) << 16) |
          static_cast<uint64_t>(other_feature & 0xffff);
 }
+
+// Besides in the key of a row that was added to the one with the rest of the key (missed.cpp).
+constexpr uint64_t kExtraKey = 1ull << 63;
 
 struct KeyParts {
   ContactKind kind;
