@@ -12,15 +12,14 @@ _Vector = tuple[float, float, float]
 _Contact = tuple[int, int, int, int, int, _Vector, _Vector, float, float, float]
 
 def allocated_bytes() -> int: ...
+
 HINGE: int
 SLIDER: int
 BALL: int
 FIXED: int
 
 class Articulated:
-    def __init__(
-        self, kinds: ArrayLike, parents: ArrayLike, axes: ArrayLike, floating: bool, /
-    ) -> None: ...
+    def __init__(self, kinds: ArrayLike, parents: ArrayLike, axes: ArrayLike, floating: bool, /) -> None: ...
     @property
     def links(self) -> int: ...
     @property

@@ -176,7 +176,11 @@ class Bodies:
         """Dynamics, centre of mass, orientation of the inertial frame, velocity and spin, as pybullet has them."""
         info = p.getDynamicsInfo(body, link, self.client)
         if link < 0:
-            return info, *p.getBasePositionAndOrientation(body, self.client), *p.getBaseVelocity(body, self.client)
+            return (
+                info,
+                *p.getBasePositionAndOrientation(body, self.client),
+                *p.getBaseVelocity(body, self.client),
+            )
         # The link frame that getLinkState reports itself is rounded to single precision.
         state = p.getLinkState(body, link, 1, 1, self.client)
         return info, state[0], state[1], state[6], state[7]

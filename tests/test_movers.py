@@ -137,7 +137,9 @@ def test_a_cut_plate_converges_with_first_order():
         tendons = []
         for x, y in suspended_plate.CORNERS:
             low, high = np.array([half * x, half * y, 0]), np.array([1.6 * half * x, 1.6 * half * y, 0.25])
-            tendons.append(world.add_tendon([high, low], 0.002, bt.Material(stiffness=3e4, damping=300.0), 12))
+            tendons.append(
+                world.add_tendon([high, low], 0.002, bt.Material(stiffness=3e4, damping=300.0), 12)
+            )
             tendons[-1].grip(0)
             tendons[-1].attach(-1, plate)
         world.step(round(1 / dt))

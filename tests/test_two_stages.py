@@ -60,19 +60,6 @@ def test_steps_may_change_their_length(make_world, client):
     assert 3.2 < errors[0] / errors[1] < 5.0
 
 
-def test_bdf2_takes_such_steps_where_their_length_changes(make_world, client):
-    found = []
-    for integrator in ("bdf2", "tr_bdf2", "implicit_euler"):
-        world = make_world(1.0, (0, 0, -GRAVITY), integrator=integrator)
-        t = hanging(world, n=6)
-        for dt in [0.001, *[0.003, 0.001, 0.002] * 10]:
-            p.setTimeStep(dt, physicsClientId=client)
-            world.step()
-        found.append(t.positions)
-    np.testing.assert_array_equal(found[0], found[1])
-    assert np.abs(found[0] - found[2]).max() > 1e-4
-
-
 def test_near_a_body_it_is_bdf2(make_world, client):
     """What lies on a plane takes the same steps, bit by bit."""
     found = []

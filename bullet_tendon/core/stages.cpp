@@ -18,13 +18,10 @@ namespace {
 const double kRoot = std::sqrt(2.0), kShare = 2 - kRoot;  // g
 const double kOuter = kRoot / 4, kInner = kShare / 2;     // weights of the mean
 
-// As a method of its own, or where BDF2 has no step of the same length behind it.
-bool applies(const Group& group, const StepContext& context) {
-  const Integrator method = context.options.integrator;
-  if (method != Integrator::tr_bdf2 && method != Integrator::bdf2) return false;
+bool applies(const Group& group) {
   if (!group.rows.empty()) return false;
   for (const Chain* c : group.chains) {
-    if (!c->accelerated || (method == Integrator::bdf2 && c->b < context.dt)) return false;
+    if (!c->accelerated) return false;
     for (const Hold& h : c->holds)
       if (h.link >= 0 && (!h.rigid || h.moves)) return false;
   }
@@ -101,7 +98,7 @@ void give_up(Group& group, const StepContext& context) {
 }  // namespace
 
 bool two_stages(Group& group, const StepContext& context) {
-  if (!applies(group, context)) return false;
+  if (context.options.integrator != Integrator::tr_bdf2 || !applies(group)) return false;
   for (Chain* c : group.chains) c->staged = true, start_first(*c, context);
   newton(group, context, false);
   const double first_residual = group.residual;

@@ -4,22 +4,14 @@
 
 namespace bt {
 
-namespace {
-
-bool is_second_order(Integrator method) {
-  return method == Integrator::bdf2 || method == Integrator::tr_bdf2;
-}
-
-}  // namespace
-
 BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction) {
   const double dt = context.dt;
   // What touches something has velocities that jump: they are not to be extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
-  const bool second_order = is_second_order(method);
+  const bool second_order = method == Integrator::bdf2 || method == Integrator::tr_bdf2;
   const bool two = second_order && c.dt_before == dt && c.smooth;
-  c.accelerated = second_order && history;
+  c.accelerated = method == Integrator::tr_bdf2 && history;
   c.smooth = true, c.staged = false;
   c.b = two ? 2 * dt / 3 : dt;
   const double now = two ? 4.0 / 3 : 1, last = two ? -1.0 / 3 : 0;
@@ -79,7 +71,7 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
     }
   }
   for (Hold& h : c.holds) h.target_before = h.target;
-  if (is_second_order(context.options.integrator)) read_acceleration(c);
+  if (context.options.integrator == Integrator::tr_bdf2) read_acceleration(c);
   c.dt_before = c.gathered || c.split ? 0 : context.dt;
   c.gathered = false;
 }

@@ -78,7 +78,7 @@ struct Group {
 void begin_step(Chain& c, const StepContext& context, double fraction = 1);
 // One step by the method of the options; fills chain.next and the forces of holds and rows.
 void solve(Group& group, const StepContext& context);
-// One step of TR-BDF2, or of BDF2 after one of another length. false: it does not apply or does not converge,
+// One step of TR-BDF2. false: it does not apply or does not converge,
 // and begin_step's state stands.
 bool two_stages(Group& group, const StepContext& context);
 // Takes chain.next as the new state.
