@@ -104,14 +104,20 @@ HINGED = """<robot name="hinged"><link name="base"/><link name="arm">
 <limit lower="-1" upper="0.3" effort="10" velocity="100"/></joint></robot>"""
 
 
-def test_a_limit_is_foreseen(make_world, client, tmp_path):
-    """A link swings into its limit: the end of the tendon on it does not go on for a step."""
+def hinged(client, tmp_path):
+    """A link on a hinge with a limit, in swing."""
     path = tmp_path / "hinged.urdf"
     path.write_text(HINGED)
     arm = p.loadURDF(str(path), useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
     p.changeDynamics(arm, 0, **UNDAMPED, jointDamping=0, physicsClientId=client)
     p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
     p.resetJointState(arm, 0, 0.0, 8.0, physicsClientId=client)
+    return arm
+
+
+def test_a_limit_is_foreseen(make_world, client, tmp_path):
+    """A link swings into its limit: the end of the tendon on it does not go on for a step."""
+    arm = hinged(client, tmp_path)
     world = make_world(1 / 240)
     t = world.add_tendon([[0.1, 0, 0], [0.1, 0, -0.2]], 0.002, CORD, 12)
     held = t.attach(0, arm, 0)
@@ -122,6 +128,21 @@ def test_a_limit_is_foreseen(make_world, client, tmp_path):
         assert misfit(t, held, client) < 1e-4  # 3e-3 where the limit comes as a surprise
     assert rates[5] > 5
     assert abs(rates[-1]) < 2
+
+
+def test_a_limit_that_was_changed_is_not_believed(make_world, client, tmp_path):
+    """pybullet goes on telling the limit of the file: what passes it once is not stopped there again."""
+    arm = hinged(client, tmp_path)
+    p.changeDynamics(arm, 0, jointLowerLimit=-1, jointUpperLimit=1.5, physicsClientId=client)
+    world = make_world(1 / 240)
+    t = world.add_tendon([[0.1, 0, 0], [0.1, 0, -0.2]], 0.002, CORD, 12)
+    held = t.attach(0, arm, 0)
+    misfits = []
+    for _ in range(30):
+        world.step()
+        misfits.append(misfit(t, held, client))
+    assert p.getJointState(arm, 0, client)[0] > 0.6
+    assert sum(m > 1e-4 for m in misfits) <= 2
 
 
 def test_a_cut_plate_converges_with_first_order():

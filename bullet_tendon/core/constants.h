@@ -146,6 +146,9 @@ constexpr double kMassless = 1e-13;
 // Share of the depth behind a joint's limit that pybullet takes back in a step (Bullet's erp) [-]. It cannot
 // be asked for; where it was set otherwise, that is learned as what holds the body.
 constexpr double kTakenBack = 0.2;
+// Share of what was missing to the rate at a limit that has to be made up for the limit to be believed [-].
+constexpr double kLeastStopped = 0.5;
+
 // Depth from which it does not (its split impulse) [rad], [m].
 constexpr double kDeepBehind = 0.04;
 

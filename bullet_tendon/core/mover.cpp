@@ -1,6 +1,7 @@
 #include "mover.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "constants.h"
 
@@ -25,7 +26,16 @@ const Mover::Numbers& Mover::known(Vec3 gravity) {
   return known_;
 }
 
+// Limits that were changed (changeDynamics) are told as they were loaded: what goes on through one has none.
+void Mover::doubt_stops() {
+  doubted_.resize(n());
+  for (const Stop& s : stopped_)
+    if (s.side * (rates[s.coordinate] - s.wanted) < -kLeastStopped * std::fabs(s.missing))
+      doubted_[s.coordinate] = 1, stopped_by_.clear();
+}
+
 void Mover::sense(Vec3 gravity) {
+  doubt_stops();
   known(gravity);  // with the gyration of the step before
   if (stopped_by_.size() == known_.size())
     for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
@@ -53,6 +63,7 @@ double rate_at(const double* stop, double dt) {
 // Limits that the coordinates would go on through, with the forces of the last step.
 void Mover::find_stopped(double dt) {
   stopped_.clear();
+  doubted_.resize(n());
   if (stops.empty()) return;
   dense::multiply_transposed(root, observer.forces(), half_);
   dense::multiply(root, half_, known_);
@@ -60,10 +71,10 @@ void Mover::find_stopped(double dt) {
     const int i = static_cast<int>(stops[s]);
     double own = 0;
     for (int k = 0; k < n(); ++k) own += root[i * n() + k] * root[i * n() + k];
-    const double wanted = rate_at(&stops[s], dt);
-    const double rate = rates[i] + change[i] + dt * known_[i];
-    if (own > kRank * free[i * n() + i] && stops[s + 1] * (rate - wanted) < 0)
-      stopped_.push_back(static_cast<int>(s));
+    const double wanted = rate_at(&stops[s], dt), foreseen = rates[i] + change[i];
+    if (!(own > kRank * free[i * n() + i]) || doubted_[i] != 0) continue;
+    if (stops[s + 1] * (foreseen + dt * known_[i] - wanted) < 0)
+      stopped_.push_back({i, stops[s + 1], wanted, wanted - foreseen});
   }
 }
 
@@ -72,10 +83,8 @@ void Mover::stop(double dt) {
   // E_S, and R_SS with its root.
   missing_.assign(m, 0.0), half_.assign(static_cast<size_t>(m) * n(), 0.0);
   for (int a = 0; a < m; ++a) {
-    const double* s = &stops[stopped_[a]];
-    const int i = static_cast<int>(s[0]);
-    missing_[a] = rate_at(s, dt) - rates[i] - change[i];
-    std::copy_n(&root[i * n()], n(), &half_[a * n()]);
+    missing_[a] = stopped_[a].missing;
+    std::copy_n(&root[stopped_[a].coordinate * n()], n(), &half_[a * n()]);
   }
   dense::product_transposed(n(), half_, half_, within_);
   dense::root(m, within_, within_root_);

@@ -19,6 +19,14 @@
 
 namespace bt {
 
+// A limit that is thought to stop a coordinate in this step.
+struct Stop {
+  int coordinate = 0;
+  double side = 0;     // 1 where it pushes up, -1 where it pushes down
+  double wanted = 0;   // rate that it gives
+  double missing = 0;  // of that, to the rate foreseen without it
+};
+
 struct Mover {
   using Numbers = dense::Numbers;
   Numbers rates;  // now: velocity of the centre of mass and spin, of the base, and of the joints
@@ -40,7 +48,7 @@ struct Mover {
   // Coordinates that a limit stops in this step.
   std::vector<int> stopped() const {
     std::vector<int> coordinates;
-    for (int s : stopped_) coordinates.push_back(static_cast<int>(stops[s]));
+    for (const Stop& s : stopped_) coordinates.push_back(s.coordinate);
     return coordinates;
   }
   int n() const { return static_cast<int>(rates.size()); }
@@ -56,10 +64,12 @@ struct Mover {
   // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
   Vec3 gyroscopic() const;
   const Numbers& known(Vec3 gravity);
+  void doubt_stops();
   void find_stopped(double dt);
   void stop(double dt);
   Numbers stopped_by_;  // acceleration that the stops made in the last step, beside the response
-  std::vector<int> stopped_;
+  std::vector<Stop> stopped_;
+  Numbers doubted_;  // by coordinate, not 0: it went on through what pybullet tells as its limit
   Numbers known_, half_, within_, within_root_, missing_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h

@@ -219,11 +219,18 @@ void fields(A& a, Observer& observer) {
 }
 
 template <class A>
+void fields(A& a, Stop& stop) {
+  auto& [coordinate, side, wanted, missing] = stop;
+  a(coordinate, side, wanted, missing);
+}
+
+template <class A>
 void fields(A& a, Mover& mover) {
   auto& [rates, free, falls, gyration, stops, observer, root, change, forces, unknown, y, step, residual,
-         gathered, first, lever, stopped_by, stopped, known, half, within, within_root, missing] = mover;
+         gathered, first, lever, stopped_by, stopped, doubted, known, half, within, within_root, missing] =
+      mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
-  a(rates, free, falls, gyration, stops, observer, root, change, unknown, stopped_by, stopped);
+  a(rates, free, falls, gyration, stops, observer, root, change, unknown, stopped_by, stopped, doubted);
   a.scratch(forces, y, step, residual, gathered, first, lever, known, half, within, within_root, missing);
 }
 
