@@ -44,7 +44,7 @@ def test_steps_that_turn_far_take_few_iterations(make_world, radius, integrator)
 
 
 def test_two_stages_keep_the_swing(make_world):
-    """The tip's error is at most a fifth of that of one linearisation a step. (As thick as its mass would make
+    """The tip is off by at most a fifth of one linearisation a step. (As thick as its mass would make
     it of tendon, it strikes itself, and the error is that of the impact.)"""
     radius = 1e-4
     exact, *_ = released(make_world, radius, finer=64, integrator="tr_bdf2")
