@@ -25,6 +25,7 @@ DAMPING_RATIO = 0.3  # of the weight that comes to rest
 HALF = 0.05  # m, of the box
 MOTOR = 1e6  # N m, at most
 LOST = 1e6  # m: farther away than this a body has exploded
+FAILED = 1e12  # the error of a run that could not be finished, and the largest of any other
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -85,8 +86,8 @@ def move(method, case, cell, steps) -> dict:
     return {"depths": np.array(depths), "gain": worst, "step_us": step_us, "mass": mass}
 
 
-def rest(method, cell, steps) -> float | None:
-    """Relative error of the tension of a weight that was let go with damping; None where not finite."""
+def rest(method, cell, steps) -> float:
+    """Relative error of the tension of a weight that was let go with damping."""
     with Scene(time_step=cell.time_step, gravity=-GRAVITY, solver=bt.SolverOptions()) as scene:
         body = _ball(scene.client, cell.mass, 0.0)
         damping = DAMPING_RATIO * cell.critical_damping
@@ -94,26 +95,35 @@ def rest(method, cell, steps) -> float | None:
         return _tension_error(spring, steps, cell.mass * GRAVITY, 1)
 
 
-def hold(method, case, cell, steps, last) -> float | None:
-    """Relative error of the tension on a held body, the largest of the last steps; None where not finite."""
+def hold(method, case, cell, steps, last) -> float:
+    """Relative error of the tension on a held body, the largest of the last steps."""
     with Scene(time_step=cell.time_step, gravity=-GRAVITY, solver=bt.SolverOptions()) as scene:
         body, link = (_lever if case == "motor" else _box)(scene.client, cell.mass)
         at = motion(body, link, scene.client)[0]
         spring = method(scene, at + LENGTH * DOWN, body, link, cell.stiffness)
         for _ in range(last):
-            spring.step()
+            if _tension(spring) is None:
+                return FAILED
         spring.move_anchor(cell.drop(LOAD) * DOWN)
         return _tension_error(spring, steps, LOAD, last)
 
 
-def _tension_error(spring, steps, load, last):
+def _tension_error(spring, steps, load, last) -> float:
     tensions = []
     for _ in range(steps):
+        tensions.append(_tension(spring))
+        if tensions[-1] is None:
+            return FAILED
+    return min(FAILED, float(np.abs(np.array(tensions[-last:]) / load - 1).max()))
+
+
+def _tension(spring) -> float | None:
+    """After another step; None where that fails, or is not finite."""
+    try:
         spring.step()
-        tensions.append(spring.tension)
-        if not np.isfinite(tensions[-1]):
-            return None
-    return float(np.abs(np.array(tensions[-last:]) / load - 1).max())
+    except bt.StepFailed:
+        return None
+    return spring.tension if np.isfinite(spring.tension) else None
 
 
 def _timed_step(scene, spring, body, pull) -> float:
