@@ -81,6 +81,24 @@ def test_tension_of_a_held_body_is_the_load(make_world, client, hold, mass, stif
     assert misses[-1] <= 1e-3
 
 
+@pytest.mark.parametrize("mass", [0.1, 10.0, 1e3, 1e4])
+@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize("arm", [(0.1, 0, 0), (0.06, 0.08, 0)])
+def test_a_held_body_feels_the_load_however_heavy(make_world, client, mass, stiffness, arm):
+    """Rounding of what its joint blocks hides no force along the rest."""
+    world = make_world(1e-3, (0, 0, -9.81))
+    across = np.cross([0, 0, 1], arm) / np.linalg.norm(arm)
+    held = on_joint(client, mass, p.JOINT_REVOLUTE, across.tolist(), list(arm))
+    p.setJointMotorControl2(held[0], 0, p.POSITION_CONTROL, 0, force=1e6, physicsClientId=client)
+    _, hand = pulled(world, held, stiffness)
+    world.step(30)
+    hand.target = hand.target - [0, 0, LOAD / stiffness * LENGTH]
+    world.step(10)
+    for _ in range(100):
+        world.step()
+        assert world.wrench(*held[:2])[2] == pytest.approx(-LOAD, rel=1e-3)
+
+
 @pytest.mark.parametrize("mass", [0.005, 0.02, 0.2, 2.0])
 @pytest.mark.parametrize("held_by", ["constraint", "motor"])
 def test_a_released_body_gets_no_more_energy_than_was_stored(make_world, client, held_by, mass):

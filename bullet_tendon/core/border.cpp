@@ -13,6 +13,7 @@
 // Both column of the border and column of the corner are what Newton's matrix makes of the motion of one
 // unknown, attached particles going along.
 #include <algorithm>
+#include <limits>
 
 #include "stepping.h"
 
@@ -77,6 +78,13 @@ void guess(const Group& group, Mover& m) {
     }
 }
 
+// A guess that moves the body by more than a segment could turn the segment over.
+void shorten(Mover& m, double most) {
+  const double moved = m.lever * std::sqrt(dense::dot(m.y, m.y));
+  if (moved > most)
+    for (double& v : m.y) v *= most / moved;
+}
+
 }  // namespace
 
 void start_bodies(Group& group) {
@@ -89,6 +97,9 @@ void start_bodies(Group& group) {
   each_carried(group, [&](Chain&, const Hold&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Row* row : group.rows)
     if (row->moves) reach_to((*group.links)[row->link], row->arm);
+  double shortest = std::numeric_limits<double>::infinity();
+  for (const Chain* c : group.chains) shortest = std::min(shortest, c->rest[0]);
+  each_body(group, [&](Mover& m) { shorten(m, shortest / group.part_root); });
   place(group);
 }
 

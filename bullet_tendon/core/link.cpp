@@ -27,11 +27,10 @@ void Link::follow(const Mover& m) {
 
 void Link::respond(const Mover& m) {
   if (jacobian.empty()) {
-    root = m.root, free_root = m.observer.free_root();
+    root = m.root;
     return;
   }
   dense::product(m.n(), jacobian, m.root, root);
-  dense::product(m.n(), jacobian, m.observer.free_root(), free_root);
 }
 
 void Link::advance_to(double time) {

@@ -22,7 +22,6 @@ struct Link {
   int mover = -1;                    // none: nothing that tendons do moves it
   dense::Numbers jacobian;           // (6 n); empty: the identity
   dense::Numbers root;               // J E (6 n)
-  dense::Numbers free_root;          // J L
   int touches = 0;                   // contacts and attachments that shared the response in the last step
   int touching = 0;                  // the same, counted in this step
   Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
@@ -42,8 +41,6 @@ struct Link {
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Response of the point p to a force there: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const { return point_mobility(root, p); }
-  // The same if nothing held the body.
-  Sym3 free_mobility(Vec3 p) const { return point_mobility(free_root, p); }
   void apply(Vec3 f, Vec3 p) {
     force += f;
     torque += cross(p - centre, f);

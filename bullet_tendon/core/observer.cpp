@@ -52,7 +52,7 @@ void Observer::let_go() {
   set_identity(n_, share_root_);
   held_ = released_ = false;
   take_effective();
-  push_.assign(n_, 0.0), samples_ = 0;
+  push_.assign(n_, 0.0), forces_.assign(n_, 0.0), samples_ = 0;
 }
 
 // a = E E^T w

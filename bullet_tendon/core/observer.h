@@ -37,7 +37,6 @@ class Observer {
   bool held() const { return held_; }                      // something takes part of the response away
   bool released() const { return released_; }              // it was held before what was seen last
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
-  const Numbers& free_root() const { return root_; }       // L
   const Numbers& push() const { return push_; }            // acceleration
   const Numbers& forces() const { return forces_; }        // of the last step
 

@@ -3,20 +3,25 @@
 
 namespace bt {
 
-// what(mover, weight, tendon) for every attachment and every contact of a body that yields.
+// what(mover, weight, tendon) for every attachment and every contact of a body that yields. An attachment of
+// a rigid body that nothing holds weighs 1, all else 2.
 template <class Do>
 void World::each_touch(Do what) const {
   for (size_t c = 0; c < slots_.size(); ++c)
     for (size_t i = 0; slots_[c] && i < slots_[c]->holds.size(); ++i) {
       const Hold& h = slots_[c]->holds[i];
-      if (h.link >= 0 && links[h.link].yields()) what(links[h.link].mover, 1, static_cast<int>(c));
+      if (h.link < 0 || !links[h.link].yields()) continue;
+      const int mover = links[h.link].mover;
+      const bool loose = links[h.link].jacobian.empty() && !movers[mover].observer.held();
+      what(mover, loose ? 1 : 2, static_cast<int>(c));
     }
   for (const Row& row : rows_)
     if (row.link >= 0 && links[row.link].yields()) what(links[row.link].mover, 2, row.a.chain);
 }
 
-// All that tendons touch, but those that one attachment has for itself, which a spring stands for exactly
-// (aim_attachments). true: these are other ones than before, and attachments have to be aimed anew.
+// All that tendons touch, but free rigid bodies that one attachment has for itself, which a spring stands for
+// exactly (aim_attachments). What joints or else block would make that spring stiff without end. true: these
+// are other ones than before, and attachments have to be aimed anew.
 bool World::find_unknowns() {
   touches_.assign(movers.size(), 0);
   each_touch([&](int mover, int weight, int) { touches_[mover] += weight; });

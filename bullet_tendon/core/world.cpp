@@ -106,7 +106,7 @@ void World::forget_contacts() {
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as
 // the link does: with W its mobility, a force F moves it by s^2 W F (mover.h). Where the body's unknowns are
-// solved for, the particle goes with them; an attachment that has its body for itself is a spring.
+// solved for, the particle goes with them; an attachment that has a free rigid body for itself is a spring.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
@@ -117,10 +117,7 @@ void World::aim_attachments(Chain& c) {
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
-    const double square = link.reach * link.reach;
-    // Joints, and what holds a link, leave it some directions only.
-    const double least = kRank * square * trace(link.free_mobility(p)) + 1e-300;
-    h.stiffness = square * link.mobility(p) + identity(least);
+    h.stiffness = (link.reach * link.reach) * link.mobility(p);
     invert_definite(h.stiffness);
   }
 }
