@@ -96,8 +96,8 @@ class Bodies:
     def tell(self, core) -> None:
         """Tell the core where links are and how they answer.
 
-        Raises UnknownId where a body was removed from pybullet that something here refers to, and InvalidValue
-        where pybullet has no finite pose, velocity or inertia for one.
+        Raises UnknownId where a body was removed from pybullet that something here refers to, and
+        InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
         count = len(self.links)
@@ -173,7 +173,7 @@ class Bodies:
         exchange(*self.links[slot], old, new, dt, self.client, stopped)
 
     def _read(self, body: int, link: int) -> tuple:
-        """Dynamics, centre of mass, orientation of the inertial frame, velocity and spin, as pybullet has them."""
+        """Dynamics, centre of mass, orientation of the inertial frame, velocity, spin, as pybullet tells."""
         info = p.getDynamicsInfo(body, link, self.client)
         if link < 0:
             return (

@@ -32,7 +32,7 @@ def movers_of(body: int, links: list[int], client: int) -> list[tuple]:
     """(links, mover, Jacobians) for all that can move of a body's links, none of them without mass.
 
     mover: a Mover; or, of a rigid body by itself, whether it falls, and the core reads the rest of its link.
-    Jacobians: of each link, (6, n), velocity of its centre of mass and spin, world axes; None for the identity.
+    Jacobians: of each link, (6, n), velocity of its centre of mass and spin, world axes; None: the identity.
     """
     if p.getNumJoints(body, client) == 0:
         return [(links, True, [None])]

@@ -99,7 +99,8 @@ def test_an_arm_with_tendons_on_all_its_links_goes_where_they_go(make_world, cli
 
 
 HINGED = """<robot name="hinged"><link name="base"/><link name="arm">
-<inertial><origin xyz="0.05 0 0"/><mass value="0.05"/><inertia ixx="1e-5" iyy="5e-5" izz="5e-5"/></inertial></link>
+<inertial><origin xyz="0.05 0 0"/><mass value="0.05"/><inertia ixx="1e-5" iyy="5e-5" izz="5e-5"/></inertial>
+</link>
 <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="0.3" effort="10" velocity="100"/></joint></robot>"""
 

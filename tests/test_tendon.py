@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import bullet_tendon as bt
@@ -67,8 +67,11 @@ def test_tension_is_the_gradient_of_the_energy(make_world, n, exponent, seed):
     line = np.cumsum(rng.normal(size=(n, 3)) * 0.01 + [0.02, 0, 0], axis=0)
     t = world.add_tendon(line, RADIUS, bt.Material(stiffness=100.0, exponent=exponent, toe_strain=0.2))
     x = line * rng.uniform(0.9, 1.4, 3) + rng.normal(size=(n, 3)) * 1e-3
-    found = nodal_forces(t, x)
     along = np.diff(x, axis=0)
+    strain = np.linalg.norm(along, axis=1) / np.linalg.norm(np.diff(line, axis=0), axis=1) - 1
+    # Differences of a power of the strain are inexact where it begins, and where its tangent takes over.
+    assume(min(np.abs(strain).min(), np.abs(strain - 0.2).min()) > 1e-3)
+    found = nodal_forces(t, x)
     pull = t.tension[:, None] * along / np.linalg.norm(along, axis=1)[:, None]
     exact = np.zeros((n, 3))
     exact[:-1] += pull

@@ -1,0 +1,162 @@
+// Residual and matrix of Newton's method at chain.next, by terms.
+#include "assembly.h"
+
+#include <limits>
+
+#include "chain_bending.h"
+#include "constants.h"
+
+namespace bt {
+
+namespace {
+
+// Residual of one chain at chain.next: inertia, springs and soft holds. Returns the largest force.
+double chain_residual(Chain& c) {
+  const double inverse = 1 / (c.b * c.b);
+  double largest = 0;
+  const double* mass = c.mass.data();
+  for (int k = 0; k < 3; ++k) {
+    const double *x = c.next[k], *y = c.goal[k];
+    double* r = c.residual[k];
+    for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i]);
+    largest = std::max(largest, largest_of(r, c.n()));
+  }
+  for (SpringSet* s : {&c.structure, &c.shear}) {
+    if (s->count == 0) continue;
+    largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.anchor_x, c.b));
+    scatter_forces(*s, c.residual);
+  }
+  add_bending_forces(c, c.next);
+  add_soft_holds(c, c.next, false);
+  for (const Hold& h : c.holds) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
+  return largest;
+}
+
+}  // namespace
+
+// A row that constrains its particle directly: it starts to hold when the particle is inside, and
+// lets go when it would have to pull (r is the force that the body supplies).
+bool update_direct(Group& group, Row& row) {
+  Chain& c = group.at(row.a);
+  int i = row.a.w0 != 0 ? row.a.first : row.a.first + 1;
+  if (row.held) {
+    row.normal_force = std::max(0.0, dot(c.residual.at(i), row.normal));
+    if (row.normal_force == 0) row.held = false, ++row.changes;
+    return !row.held;
+  }
+  row.normal_force = 0;
+  if (row.gap >= 0 || row.changes >= kMostChanges) return false;
+  row.held = true;
+  c.next.add(i, (-row.gap) * row.normal);
+  return true;
+}
+
+// True residual of the group at chain.next; what holds supply is still in it.
+Assembly residual_of(Group& group, bool at_position, bool definite) {
+  Assembly a;
+  clear_loads(group);
+  for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
+  for (Row* row : group.rows) {
+    if (group.follows && (row->kind == ContactKind::mouth || !(definite || group.settled)))
+      follow(group, *row);
+    row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
+    if (!row->acts()) continue;
+    a.scale = std::max(a.scale, max_abs(row->total_force));
+    add_row_force(group, *row);
+  }
+  for (Chain* c : group.chains) read_holds(*c);
+  load_carried(group);
+  start_body_residual(group);
+  return a;
+}
+
+// The matrix, and the residual of the linearisation in place of the true one.
+// definite_rows: the rows' blocks alone.
+void assemble(Group& group, Linearisation how, bool definite, bool definite_rows) {
+  clear_loads(group);
+  for (Chain* c : group.chains) {
+    const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
+    for (SpringSet* s : {&c->structure, &c->shear}) {
+      if (s->count == 0) continue;
+      linearise(*s, c->material.law, how, floor_force, c->b, definite);
+      if (s == &c->structure)
+        start_matrix(*s, c->mass, inverse, c->shear.count > 0, c->matrix);
+      else
+        scatter_blocks(*s, c->matrix);
+      scatter_linearisation(*s, c->material.law, c->residual);
+    }
+    add_bending_blocks(*c, c->next, definite);
+    add_soft_holds(*c, c->next, true);
+  }
+  for (Row* row : group.rows)
+    if (row->acts()) {
+      if (group.follows) add_lever_blocks(group, *row, definite_rows || (group.settled && row->b.chain >= 0));
+      add_row_block(group, *row);
+      add_row_linearisation(group, *row);
+    }
+  load_carried(group);
+  add_body_residual(group);
+  make_border(group);
+  project_holds(group, &Chain::residual);
+  hold_in_matrix(group);
+}
+
+namespace {
+
+// Largest stiffness at the present state, which a rounding of a coordinate is multiplied by [N/m]. Not
+// the matrix's: that of a wild iteration would call any residual rounding.
+double stiffness_at_hand(const Chain& c) {
+  double most = 0;
+  for (const SpringSet* s : {&c.structure, &c.shear})
+    for (int k = 0; k < s->count; ++k) {
+      double damping = c.material.law.whole_velocity ? s->damping[k] / (c.b * s->rest[k] * s->rest[k])
+                                                     : s->damping_slope[k];
+      most = std::max(most, s->elastic_slope[k] + damping + std::fabs(s->force[k]) / s->rest[k]);
+    }
+  for (int i = 0; i < c.n(); ++i) most = std::max(most, c.mass[i] / (c.b * c.b));
+  for (const Hold& h : c.holds)
+    if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
+  const double rest = c.rest[0];
+  return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
+}
+
+}  // namespace
+
+// Residual norms, once what holds supply has been taken out.
+void measure_residual(Group& group, Assembly& a) {
+  project_holds(group, &Chain::residual);
+  double contact = 0, finest = std::numeric_limits<double>::infinity();
+  for (const Row* row : group.rows)
+    if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
+  for (Chain* c : group.chains) {
+    double coordinate = 0, residual = 0;
+    for (int k = 0; k < 3; ++k) {
+      coordinate = std::max(coordinate, largest_of(c->next[k], c->n()));
+      const double r = largest_of(c->residual[k], c->n());
+      if (!(r <= residual)) residual = r == r ? std::max(r, residual) : r;
+    }
+    c->residual_norm = residual;
+    a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
+                                                                                          : a.residual;
+    constexpr double eps = std::numeric_limits<double>::epsilon();
+    const double rounding = c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate);
+    if (!(rounding <= a.rounding)) a.rounding = rounding;  // keeps what is not a number
+    finest = std::min(finest, eps * (stiffness_at_hand(*c) + contact) * coordinate);
+  }
+  // What is not a number stays.
+  const double body = body_residual(group);
+  if (body > a.residual || body != body) a.residual = body;
+  if (body > finest * a.rounding || body != body) a.rounding = body / finest;
+}
+
+void find_worst(Group& group) {
+  for (Chain* c : group.chains) {
+    double most = -1;
+    for (int i = 0; i < c->n(); ++i) {
+      const double r = max_abs(c->residual.at(i));
+      if (r > most || !(r == r)) most = r, c->worst_particle = i;
+    }
+  }
+}
+
+}  // namespace bt
