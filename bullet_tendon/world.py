@@ -15,16 +15,17 @@ from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
-from .penetration import INSIDE, Surroundings
+from .penetration import INSIDE
+from .readouts import ReadsOut
 from .relaxation import relax
-from .report import CONTACT, PENETRATION, StepReport, contact_table, penetration_table
+from .report import CONTACT, PENETRATION, StepReport
 from .sampling import particle_positions
 from .stepping import TakesSteps
 from .tendon import Tendon
-from .tunnels import Bores, Tunnel
+from .tunnels import Tunnel
 
 
-class TendonWorld(KeepsState, TakesSteps):
+class TendonWorld(KeepsState, TakesSteps, ReadsOut):
     """The tendons of one pybullet client.
 
     physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
@@ -217,45 +218,10 @@ class TendonWorld(KeepsState, TakesSteps):
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
         relax(self, tolerance, checks.integer("max_steps", max_steps, at_least=1))
 
-    @property
-    def contacts(self) -> np.ndarray:
-        """Structured array of the last step's contacts (fields: report.CONTACT), sorted by tendon.
-
-        position: (3,) on the centreline [m]; normal: (3,) from the body to the tendon; distance
-        between the surfaces [m], negative where they overlap; forces [N]. kind: "bone", "bore",
-        "mouth" or "tendon" (another tendon, or the tendon itself; bodyUniqueId is then -1).
-        """
-        return contact_table(self._core.contacts(), self._names(), self._bodies.links)
-
-    def wrench(self, bodyUniqueId: int, linkIndex: int = -1) -> np.ndarray:
-        """(6,) force [N] and torque about the centre of mass [N m] of all tendons on a link.
-
-        World frame, of the last step; zero for links that no tendon can touch. Static links too.
-        """
-        self._bodies.require(bodyUniqueId, linkIndex)
-        slot = self._bodies.find_slot(bodyUniqueId, linkIndex)
-        known = slot is not None and slot < len(self._wrenches)
-        return self._wrenches[slot].copy() if known else np.zeros(6)
-
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles and attachments refer to."""
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
-
-    def penetrations(self) -> np.ndarray:
-        """Structured array of the tendons' segments that are inside an obstacle or cross its surface, now.
-
-        Fields: report.PENETRATION. position (3,): the deepest point of the segment's centreline [m];
-        normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
-        have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
-        of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
-        Raises UnknownId where an obstacle's body was removed from pybullet.
-        """
-        return penetration_table({t.name: t.positions for t in self.tendons}, self._surroundings())
-
-    def _surroundings(self) -> Surroundings:
-        self._bodies.require_alive()
-        return Surroundings(self._obstacles.placed(), Bores(self.tunnels, self._bodies.frame))
 
     def _names(self) -> dict[int, str]:
         return {slot: t.name for slot, t in self._tendons.items()}
