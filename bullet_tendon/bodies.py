@@ -11,7 +11,7 @@ import pybullet as p
 from . import _core
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
-from .jacobians import movable_joints
+from .jacobians import joint_infos, movable_joints
 from .movers import movers_of
 from .pushes import exchange
 
@@ -119,7 +119,8 @@ class Bodies:
 
     def _move(self, body, slots, leaders, jacobians, movers) -> None:
         slot_of = {self.links[s][1]: s for s in slots}
-        for links, mover, of_links in movers_of(body, list(slot_of), self.client):
+        mark = self._mark_of[slots[0]][1]
+        for links, mover, of_links in movers_of(body, list(slot_of), mark, self.client):
             first = slot_of[links[0]]
             movers[first] = mover
             for link, jacobian in zip(links, of_links, strict=True):
@@ -154,9 +155,12 @@ class Bodies:
 
     def can_be_held(self, slot: int) -> bool:
         """Whether anything can hold a link: a joint, a contact or a constraint."""
-        body, link = self.links[slot]
+        body = self.links[slot][0]
+        infos = joint_infos(body, self.client, self._mark_of[slot][1])
         return bool(
-            p.getNumConstraints(self.client) or self._is_touched(body) or movable_joints(body, self.client)
+            movable_joints(body, self.client, infos)
+            or p.getNumConstraints(self.client)
+            or self._is_touched(body)
         )
 
     def _is_touched(self, body) -> bool:

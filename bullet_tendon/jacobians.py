@@ -24,10 +24,24 @@ _KINDS = {
 }
 
 
-def movable_joints(body, client) -> list[int]:
-    """Indices of the joints that have a degree of freedom."""
-    kinds = ((j, p.getJointInfo(body, j, client)[2]) for j in range(p.getNumJoints(body, client)))
-    return [j for j, kind in kinds if kind != p.JOINT_FIXED]
+def joint_infos(body, client, mark: bytes | None = None) -> tuple:
+    """p.getJointInfo of all joints; remembered for a body that carries a mark (identity.Marks)."""
+    return _read_infos(body, client) if mark is None else _remembered_infos(body, client, mark)
+
+
+@lru_cache(maxsize=1024)
+def _remembered_infos(body, client, _mark) -> tuple:
+    return _read_infos(body, client)
+
+
+def _read_infos(body, client) -> tuple:
+    return tuple(p.getJointInfo(body, joint, client) for joint in range(p.getNumJoints(body, client)))
+
+
+def movable_joints(body, client, infos=None) -> list[int]:
+    """Indices of the joints that have a degree of freedom. infos: as of joint_infos, where they are known."""
+    infos = joint_infos(body, client) if infos is None else infos
+    return [joint for joint, info in enumerate(infos) if info[2] != p.JOINT_FIXED]
 
 
 def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | None:
@@ -41,9 +55,10 @@ def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | N
     return None if parts is None else parts[:2]
 
 
-def dynamics(body, links, client) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def dynamics(body, links, client, infos=None) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """J and M of jacobians_and_mass, and the generalized force (dofs, 3) of a unit of gravity."""
-    tree = _tree_of(body, client)
+    infos = joint_infos(body, client) if infos is None else infos
+    tree = _tree(tuple([(info[2], info[13], info[16]) for info in infos]), not is_fixed(body, client))
     if tree is None:
         return None
     if tree.dofs == 0:
@@ -53,19 +68,23 @@ def dynamics(body, links, client) -> tuple[np.ndarray, np.ndarray, np.ndarray] |
 
 def rates(body, client) -> np.ndarray:
     """(dofs,) velocities of the degrees of freedom now, so that J @ rates is a link's velocity and spin."""
-    base = [] if _is_fixed(body, client) else np.concatenate(p.getBaseVelocity(body, client)).tolist()
-    joints = movable_joints(body, client)
-    states = p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
+    return rates_of(body, joint_states(body, movable_joints(body, client), client), client)
+
+
+def rates_of(body, states, client) -> np.ndarray:
+    """The same, from the states of the joints that move."""
+    base = [] if is_fixed(body, client) else np.concatenate(p.getBaseVelocity(body, client)).tolist()
     return np.array([*base, *(rate for state in states for rate in state[1])])
 
 
-def _is_fixed(body, client) -> bool:
+def joint_states(body, joints, client) -> tuple:
+    """p.getJointStatesMultiDof of joints, of which there may be none."""
+    return p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
+
+
+def is_fixed(body, client) -> bool:
+    """Whether nothing moves a body's base."""
     return p.getDynamicsInfo(body, -1, client)[0] == 0
-
-
-def _tree_of(body, client) -> _core.Articulated | None:
-    infos = [p.getJointInfo(body, j, client) for j in range(p.getNumJoints(body, client))]
-    return _tree(tuple([(info[2], info[13], info[16]) for info in infos]), not _is_fixed(body, client))
 
 
 @lru_cache(maxsize=256)

@@ -11,7 +11,7 @@ import numpy as np
 import pybullet as p
 
 from . import _core
-from .jacobians import dynamics, rates
+from .jacobians import dynamics, is_fixed, joint_infos, joint_states, movable_joints, rates_of
 
 _SIMPLE = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 
@@ -28,38 +28,40 @@ class Mover(NamedTuple):
     stops: list | None
 
 
-def movers_of(body: int, links: list[int], client: int) -> list[tuple]:
+def movers_of(body: int, links: list[int], mark: bytes, client: int) -> list[tuple]:
     """(links, mover, Jacobians) for all that can move of a body's links, none of them without mass.
 
-    mover: a Mover; or, of a rigid body by itself, whether it falls, and the core reads the rest of its link.
-    Jacobians: of each link, (6, n), velocity of its centre of mass and spin, world axes; None: the identity.
+    mark: what the body carries (identity.Marks). mover: a Mover; or, of a rigid body by itself, whether it
+    falls, and the core reads the rest of its link. Jacobians: of each link, (6, n), velocity of its centre of
+    mass and spin, world axes; None: the identity.
     """
-    if p.getNumJoints(body, client) == 0:
+    infos = joint_infos(body, client, mark)
+    if not infos:
         return [(links, True, [None])]
-    parts = dynamics(body, links, client)
+    parts = dynamics(body, links, client, infos)
     if parts is None:
         return [([link], False, [None]) for link in links]
     jacobians, mass, weight = parts
     if len(mass) == 0:
         return []
-    floating = p.getDynamicsInfo(body, -1, client)[0] > 0
+    joints = movable_joints(body, client, infos)
+    states = joint_states(body, joints, client)
     response = _core.answer(mass, np.eye(len(mass)))
-    reached = stops(body, 6 * floating, client)
-    return [(links, Mover(response @ weight, rates(body, client), response, reached), jacobians)]
+    reached = stops([infos[joint] for joint in joints], states, 0 if is_fixed(body, client) else 6)
+    return [(links, Mover(response @ weight, rates_of(body, states, client), response, reached), jacobians)]
 
 
-def stops(body, first: int, client) -> list | None:
-    """Limits of hinges and sliders that are reached (Mover.stops). first: coordinate of the first joint.
+def stops(infos, states, first: int) -> list | None:
+    """Limits of hinges and sliders that are reached (Mover.stops), of joints that move.
 
-    pybullet stops a joint that is there as its step begins, and takes back part of the depth.
+    first: coordinate of the first of them. pybullet stops a joint that is there as its step begins, and takes
+    back part of the depth.
     """
     found, coordinate = [], first
-    for joint in range(p.getNumJoints(body, client)):
-        info = p.getJointInfo(body, joint, client)
+    for info, (place, rate, *_) in zip(infos, states, strict=True):
         if info[2] in _SIMPLE and info[8] <= info[9]:
-            place = p.getJointState(body, joint, client)[0]
-            for side, depth in ((1, info[8] - place), (-1, place - info[9])):
+            for side, depth in ((1, info[8] - place[0]), (-1, place[0] - info[9])):
                 if depth >= 0:
                     found += [coordinate, side, depth]
-        coordinate += {p.JOINT_FIXED: 0, p.JOINT_SPHERICAL: 3}.get(info[2], 1)
+        coordinate += len(rate)
     return found or None

@@ -53,7 +53,9 @@ class Archive {
   template <class T>
   void one(std::vector<T>& list) {
     const size_t count = self().length(list.size());
-    if (self().writes(list, count)) {
+    if constexpr (kPlain<T>) {
+      self().run(list, count);
+    } else if (self().writes(list, count)) {
       for (T& value : list) one(value);
     } else {
       T none{};
@@ -91,6 +93,10 @@ class Writer : public Archive<Writer> {
   bool writes(std::vector<T>&, size_t) {
     return true;
   }
+  template <class T>
+  void run(std::vector<T>& list, size_t count) {
+    bytes(list.data(), count * sizeof(T));
+  }
   bool applies() const { return false; }
 
  private:
@@ -124,6 +130,14 @@ class Reader : public Archive<Reader> {
   bool writes(std::vector<T>& list, size_t count) {
     if (apply_) list.resize(count);
     return apply_;
+  }
+  template <class T>
+  void run(std::vector<T>& list, size_t count) {
+    need(count * sizeof(T));
+    if (writes(list, count))
+      bytes(list.data(), count * sizeof(T));
+    else
+      at_ += count * sizeof(T);
   }
   bool applies() const { return apply_; }
   void finish() const {
