@@ -145,14 +145,14 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     used = iteration;
     group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
     // Within a few roundings, what does not shrink any more is rounding.
-    const bool small = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
-    const bool rounded = small && !ran_away(group);
+    const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
+    const bool enough = a.residual <= o.tolerance * a.scale || (rounded && !ran_away(group));
     last_residual = a.residual;
     const bool was_near = !far;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     turns |= far;  // a guess that was near is corrected along lines
     if (far && was_near) settle_points(group);
-    group.converged = !changed && (a.residual <= o.tolerance * a.scale || rounded);
+    group.converged = !changed && enough;
     if (group.converged) {
       if (round >= kRounds) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);
