@@ -98,6 +98,44 @@ def test_an_arm_with_tendons_on_all_its_links_goes_where_they_go(make_world, cli
     assert pulls == pytest.approx(weight * (0.05 + 0.15 + 0.25) + own, rel=0.05)
 
 
+@pytest.mark.parametrize("substeps", [1, 4, 10])
+@pytest.mark.parametrize(("mass", "stiffness"), [(0.01, 1e6), (1.0, 3e4), (100.0, 1e4)])
+def test_pybullets_substeps(make_world, client, substeps, mass, stiffness):
+    """A box on three tendons comes to rest on them, however finely pybullet itself steps."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    p.setPhysicsEngineParameter(numSubSteps=substeps, physicsClientId=client)
+    body = box(client, mass, [0.05, 0.05, 0.02])
+    held = []
+    for x, y in ((0.05, 0.05), (-0.05, 0.05), (0, -0.05)):
+        material = bt.Material(stiffness=stiffness, damping=1e-2 * stiffness)
+        t = world.add_tendon([[1.5 * x, 1.5 * y, 0.3], [x, y, 0]], 0.002, material, 8)
+        t.grip(0)
+        held.append(t.attach(-1, body))
+    forces = []
+    for _ in range(480):
+        world.step()
+        assert world.report.converged
+        forces.append(sum(a.force[2] for a in held))
+    assert np.mean(forces[240:]) == pytest.approx(9.81 * mass, rel=5e-3)
+
+
+def test_a_body_with_maximal_coordinates(make_world, client):
+    """Its frame is that of its centre of mass; the weight swings like any other."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=client)
+    place = {"basePosition": [0, 0, -0.22], "baseOrientation": [0.5, 0.5, 0.5, 0.5]}
+    body = p.createMultiBody(1.0, ball, **place, useMaximalCoordinates=True, physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
+    t = world.add_tendon([[0, 0, 0], [0, 0, -0.2]], 0.002, CORD, 20)
+    t.grip(0)
+    held = t.attach(-1, body)
+    p.resetBaseVelocity(body, [0.3, 0, 0], physicsClientId=client)
+    for _ in range(480):
+        world.step()
+        assert misfit(t, held, client) < 1e-5
+    assert 0.9 * 9.81 < np.linalg.norm(held.force) < 1.1 * 9.81
+
+
 HINGED = """<robot name="hinged"><link name="base"/><link name="arm">
 <inertial><origin xyz="0.05 0 0"/><mass value="0.05"/><inertia ixx="1e-5" iyy="5e-5" izz="5e-5"/></inertial>
 </link>

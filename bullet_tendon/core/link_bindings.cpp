@@ -34,13 +34,15 @@ void set_list(std::vector<double>& list, const py::handle& from) {
 }
 
 // Dynamics as p.getDynamicsInfo gives them, centre of mass, orientation of the inertial frame, velocity,
-// spin. The frame of the URDF is the inertial one by the inverse of its local pose.
+// spin. The frame of the URDF is the inertial one by the inverse of its local pose. Of bodies with maximal
+// coordinates (body type 1) pybullet does not know that, and gives what was in memory: there both are one.
 void place(Link& l, const py::tuple& row) {
   PyObject* info = PyTuple_GetItem(row.ptr(), 0);
-  const Rot3 local = turn_of(PyTuple_GetItem(info, 4));
+  const bool maximal = number(info, 10) == 1;
+  const Rot3 local = maximal ? Rot3{} : turn_of(PyTuple_GetItem(info, 4));
   l.pose.rotation = turn_of(PyTuple_GetItem(row.ptr(), 2)) * transposed(local);
   l.centre = vector(PyTuple_GetItem(row.ptr(), 1));
-  l.pose.origin = l.centre - l.pose.rotation * vector(PyTuple_GetItem(info, 3));
+  l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(PyTuple_GetItem(info, 3)));
   l.now_velocity = vector(PyTuple_GetItem(row.ptr(), 3));
   l.now_spin = vector(PyTuple_GetItem(row.ptr(), 4));
 }
