@@ -57,8 +57,7 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   clear_loads(group);
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (Row* row : group.rows) {
-    if (group.follows && (row->kind == ContactKind::mouth || !(definite || group.settled)))
-      follow(group, *row);
+    if (group.follows && (row->kind == ContactKind::mouth || !definite)) follow(group, *row);
     row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
     if (!row->acts()) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
@@ -90,7 +89,7 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
   }
   for (Row* row : group.rows)
     if (row->acts()) {
-      if (group.follows) add_lever_blocks(group, *row, definite_rows || (group.settled && row->b.chain >= 0));
+      if (group.follows) add_lever_blocks(group, *row, definite_rows);
       add_row_block(group, *row);
       add_row_linearisation(group, *row);
     }

@@ -152,32 +152,16 @@ void World::remember() {
     if (row.b.chain >= 0) slots_[row.b.chain]->touched = true;
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-    memory_.push_back({row.key & ~kExtraKey, row.normal_force, row.before, row.sliding, row.mean_force,
-                       transposed_times(turn, row.displacement)});
+    memory_.push_back({row.key, row.normal_force, std::min(row.normal_force, row.before), row.sliding,
+                       row.mean_force, transposed_times(turn, row.displacement)});
   }
-  std::sort(memory_.begin(), memory_.end(), [](const ContactMemory& a, const ContactMemory& b) {
-    return a.key < b.key || (a.key == b.key && a.carried > b.carried);
-  });
-  unite_memory();
+  std::sort(memory_.begin(), memory_.end(),
+            [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
   for (size_t c = 0; c < slots_.size(); ++c)
     if (slots_[c]) {
       slots_[c]->smooth = slots_[c]->touching == touching_[c];
       slots_[c]->touching = touching_[c];
     }
-}
-
-// Rows of one pair are one contact in the next step, which carries what all of them did: else it would begin
-// without what the added ones had, and lose them anew. Where it stuck is that of the one that carried most.
-void World::unite_memory() {
-  size_t kept = 0;
-  for (const ContactMemory& m : memory_) {
-    if (kept > 0 && memory_[kept - 1].key == m.key)
-      memory_[kept - 1].carried += m.carried, memory_[kept - 1].mean_force += m.mean_force;
-    else
-      memory_[kept++] = m;
-  }
-  memory_.resize(kept);
-  for (ContactMemory& m : memory_) m.confirmed = std::min(m.carried, m.confirmed);
 }
 
 void World::bone_rows() {

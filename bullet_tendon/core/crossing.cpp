@@ -38,11 +38,6 @@ void Row::follow_pair(const Vec3 (&x)[4]) {
   normal = (1 / distance) * apart;
 }
 
-void Row::unfollow() {
-  follows = false, normal = side, slid = {};
-  a.w0 = 1 - stuck_at, a.w1 = stuck_at, b.w0 = 1 - stuck_at_other, b.w1 = stuck_at_other;
-}
-
 void Row::add_pair_levers(const Vec3 (&x)[4], bool definite) {
   levers = 0;
   if (definite || !follows || !pressed || multiplier <= 0) return;

@@ -106,14 +106,6 @@ bool touches(const Group& group) {
   return std::any_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->acts(); });
 }
 
-// Iterations that followed the points of pairs were thrown off by it, and would be again: from here on the
-// points are those of the step's start, and what they miss gets rows of its own (add_missed).
-void settle_points(Group& group) {
-  group.settled = true;
-  for (Row* row : group.rows)
-    if (row->follows) row->unfollow();
-}
-
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -134,7 +126,6 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   double last_residual = std::numeric_limits<double>::infinity();
   for (Row* row : group.rows) row->held = false, row->changes = 0;
   start_bodies(group);
-  group.settled = false;
   group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
     Assembly a = residual_of(group, safe, safe || far);
@@ -148,10 +139,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
     const bool enough = a.residual <= o.tolerance * a.scale || (rounded && !ran_away(group));
     last_residual = a.residual;
-    const bool was_near = !far;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     turns |= far;  // a guess that was near is corrected along lines
-    if (far && was_near) settle_points(group);
     group.converged = !changed && enough;
     if (group.converged) {
       if (round >= kRounds) break;

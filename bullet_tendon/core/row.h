@@ -107,8 +107,6 @@ struct Row {
   void foresee(Vec3 moved);
   // The same of a pair of segments, x their ends (see crossing.cpp).
   void follow_pair(const Vec3 (&x)[4]);
-  // Back to the points of the step's start.
-  void unfollow();
   void add_pair_levers(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);

@@ -55,7 +55,6 @@ struct Group {
   std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
   bool follows = true;     // points of rows move along with what they touch
-  bool settled = false;    // but for those of pairs, from now on in this solution
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;

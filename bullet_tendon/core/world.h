@@ -140,7 +140,6 @@ class World {
   double depth_to_leave(const Row& row, double most) const;
   void recall(Row& row);
   void remember();
-  void unite_memory();
   // tunnels.cpp
   void find_bores();
   void classify(Chain& c);
