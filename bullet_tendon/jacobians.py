@@ -68,13 +68,16 @@ def dynamics(body, links, client, infos=None) -> tuple[np.ndarray, np.ndarray, n
 
 def rates(body, client) -> np.ndarray:
     """(dofs,) velocities of the degrees of freedom now, so that J @ rates is a link's velocity and spin."""
-    return rates_of(body, joint_states(body, movable_joints(body, client), client), client)
+    states = joint_states(body, movable_joints(body, client), client)
+    joints = sum(len(state[1]) for state in states)
+    return rates_of(body, states, joints if is_fixed(body, client) else joints + 6, client)
 
 
-def rates_of(body, states, client) -> np.ndarray:
-    """The same, from the states of the joints that move."""
-    base = [] if is_fixed(body, client) else np.concatenate(p.getBaseVelocity(body, client)).tolist()
-    return np.array([*base, *(rate for state in states for rate in state[1])])
+def rates_of(body, states, dofs, client) -> np.ndarray:
+    """The same, of a body with dofs of them, from the states of the joints that move."""
+    joints = [rate for state in states for rate in state[1]]
+    base = np.concatenate(p.getBaseVelocity(body, client)).tolist() if dofs > len(joints) else []
+    return np.array([*base, *joints])
 
 
 def joint_states(body, joints, client) -> tuple:

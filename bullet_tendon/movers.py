@@ -11,7 +11,7 @@ import numpy as np
 import pybullet as p
 
 from . import _core
-from .jacobians import dynamics, is_fixed, joint_infos, joint_states, movable_joints, rates_of
+from .jacobians import dynamics, joint_infos, joint_states, movable_joints, rates_of
 
 _SIMPLE = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 
@@ -46,18 +46,19 @@ def movers_of(body: int, links: list[int], mark: bytes, client: int) -> list[tup
         return []
     joints = movable_joints(body, client, infos)
     states = joint_states(body, joints, client)
+    rates = rates_of(body, states, len(mass), client)
     response = _core.answer(mass, np.eye(len(mass)))
-    reached = stops([infos[joint] for joint in joints], states, 0 if is_fixed(body, client) else 6)
-    return [(links, Mover(response @ weight, rates_of(body, states, client), response, reached), jacobians)]
+    reached = stops([infos[joint] for joint in joints], states, len(mass))
+    return [(links, Mover(response @ weight, rates, response, reached), jacobians)]
 
 
-def stops(infos, states, first: int) -> list | None:
+def stops(infos, states, dofs: int) -> list | None:
     """Limits of hinges and sliders that are reached (Mover.stops), of joints that move.
 
-    first: coordinate of the first of them. pybullet stops a joint that is there as its step begins, and takes
-    back part of the depth.
+    dofs: degrees of freedom of the body, of which those joints have the last. pybullet stops a joint that is
+    there as its step begins, and takes back part of the depth.
     """
-    found, coordinate = [], first
+    found, coordinate = [], dofs - sum(len(state[1]) for state in states)
     for info, (place, rate, *_) in zip(infos, states, strict=True):
         if info[2] in _SIMPLE and info[8] <= info[9]:
             for side, depth in ((1, info[8] - place[0]), (-1, place[0] - info[9])):

@@ -1,8 +1,13 @@
-"""Distances of centrelines, measured apart from the solver's own contact search."""
+"""Directions, and distances of centrelines, measured apart from the solver's own contact search."""
 
 import numpy as np
 
 _TINY = np.finfo(float).tiny
+
+
+def unit(vector) -> np.ndarray:
+    """The direction of a vector that is not zero."""
+    return vector / np.linalg.norm(vector)
 
 
 def segment_distances(a0, a1, b0, b1) -> np.ndarray:

@@ -100,11 +100,11 @@ def _way_points() -> np.ndarray:
     """(m, 3): in front of the standing part, behind it, under the loop and up through it [m]."""
     strand = REACH * (LENGTH - FINGERS[1])
     beyond = strand - np.linalg.norm(APEX - CROSSING)
-    up, last = np.array([0, 0, 1]), _unit(CROSSING - APEX)
+    up, last = np.array([0, 0, 1]), measure.unit(CROSSING - APEX)
     angle = np.linspace(0, np.arctan2(last[1], last[0]) % (2 * np.pi), 30)[:, None]
     circle = np.hstack([np.cos(angle), np.sin(angle), 0 * angle])
     across = APEX + 5 * RADIUS * up + strand * circle
-    behind = CROSSING + 0.9 * beyond * np.array([_unit(share * last - z * up) for share, z in BEHIND])
+    behind = CROSSING + 0.9 * beyond * np.array([measure.unit(share * last - z * up) for share, z in BEHIND])
     through = THROUGH + beyond * np.array([-0.85, 0.5])[:, None] * up
     return np.vstack([across, behind, through])
 
@@ -115,11 +115,7 @@ def _pull(scene) -> None:
     force = np.linalg.norm(h.end.force)
     left = max(0.0, 1 - force / PULL)
     ahead = START + (LENGTH, 0, 0) - h.end.target
-    h.end.target = h.end.target + SPEED * scene.time_step * left * _unit(ahead)
-
-
-def _unit(v) -> np.ndarray:
-    return v / np.linalg.norm(v)
+    h.end.target = h.end.target + SPEED * scene.time_step * left * measure.unit(ahead)
 
 
 def _step(scene) -> None:

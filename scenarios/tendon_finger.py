@@ -14,6 +14,7 @@ import pybullet as p
 
 import bullet_tendon as bt
 
+from . import measure
 from .scene import Check, Scene
 
 BENT = (0.4, 0.6, 0.5)  # rad, where motors hold the finger
@@ -74,23 +75,19 @@ def moment_arm(scene, tendon: str, joint: int) -> float:
     chamfer = scene.world.tunnels[0].chamfer
     near, side = _rounding(mouth, mouth - start, other - mouth, radius, chamfer)
     far, _ = _rounding(other, other - end, mouth - other, radius, chamfer)
-    along = _unit(far - near)
-    on_the_way = near - (chamfer + scene.handles.tendons[tendon].radius) * _unit(_across(side, along))
+    along = measure.unit(far - near)
+    on_the_way = near - (chamfer + scene.handles.tendons[tendon].radius) * measure.unit(_across(side, along))
     return float(np.cross(on_the_way - _hinge(scene, joint), -along)[1])
 
 
 def _rounding(mouth, outward, ahead, radius, chamfer) -> tuple[np.ndarray, np.ndarray]:
     """Centre of the circle that a mouth is rounded by on the side that the tendon turns to, and that side."""
-    side = _unit(_across(ahead, _unit(outward)))
-    return mouth - chamfer * _unit(outward) + (radius + chamfer) * side, side
+    side = measure.unit(_across(ahead, measure.unit(outward)))
+    return mouth - chamfer * measure.unit(outward) + (radius + chamfer) * side, side
 
 
 def _hinge(scene, joint) -> np.ndarray:
     return np.array(p.getLinkState(scene.handles.finger, joint, 0, 1, scene.client)[4])
-
-
-def _unit(vector) -> np.ndarray:
-    return vector / np.linalg.norm(vector)
 
 
 def _across(vector, unit) -> np.ndarray:

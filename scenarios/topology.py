@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from . import measure
+
 # A direction that no scene is built along: projected along it, polylines cross at inner points only.
 _DIRECTION = np.array([0.2113, -0.3371, 0.9175])
 
@@ -60,26 +62,25 @@ def closed_far(*lines) -> np.ndarray:
     far = 100 * np.linalg.norm(every - middle, axis=1).max()
     parts = []
     for line, following in zip(lines, (*lines[1:], lines[0]), strict=True):
-        parts += [line, middle + far * _arc(_unit(line[-1] - middle), _unit(following[0] - middle))]
+        parts += [
+            line,
+            middle + far * _arc(measure.unit(line[-1] - middle), measure.unit(following[0] - middle)),
+        ]
     return np.vstack(parts)
 
 
 def _arc(start, end) -> np.ndarray:
     """Points on the unit sphere from one unit vector to another, opposite ones included."""
-    aside = _unit(np.cross(start, np.eye(3)[np.argmin(np.abs(start))]))
-    over = _unit(start + end + 1e-3 * aside)
-    return np.array([start, _unit(start + over), over, _unit(over + end), end])
+    aside = measure.unit(np.cross(start, np.eye(3)[np.argmin(np.abs(start))]))
+    over = measure.unit(start + end + 1e-3 * aside)
+    return np.array([start, measure.unit(start + over), over, measure.unit(over + end), end])
 
 
 def _axes(direction) -> np.ndarray:
     """(3, 3) whose columns are two axes across `direction` and itself."""
-    third = _unit(np.asarray(direction, dtype=float))
-    first = _unit(np.cross(third, np.eye(3)[np.argmin(np.abs(third))]))
+    third = measure.unit(np.asarray(direction, dtype=float))
+    first = measure.unit(np.cross(third, np.eye(3)[np.argmin(np.abs(third))]))
     return np.column_stack([first, np.cross(third, first), third])
-
-
-def _unit(vector) -> np.ndarray:
-    return vector / np.linalg.norm(vector)
 
 
 def _cross(a, b) -> np.ndarray:

@@ -100,8 +100,7 @@ void answer(int n, int columns, const double* mass, double* b) {
   dense::root(n, matrix, root);
   for (int c = 0; c < columns; ++c) {
     for (int i = 0; i < n; ++i) x[i] = b[i * columns + c];
-    dense::forward(root, x);
-    dense::backward(root, x);
+    dense::solve(root, x);
     for (int i = 0; i < n; ++i) b[i * columns + c] = x[i];
   }
 }

@@ -21,8 +21,10 @@ namespace bt {
 
 namespace {
 
-// s B of a link, shortened where a part of the step is solved for.
 Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
+
+// s of mover.h, of the part that is being solved for.
+double reach_of(const Group& group) { return group.part_root * group.reach; }
 
 template <class Do>
 void each_body(const Group& group, Do what) {
@@ -48,17 +50,31 @@ template <class Numbers>
 void add_generalized_loads(const Group& group, Numbers numbers_of) {
   for (int l : group.carried) {
     const Link& link = (*group.links)[l];
-    link.add_generalized(link.root, scaled(group.part_root * link.reach, link.load), numbers_of(link.mover));
+    link.add_generalized(link.root, scaled(reach_of(group), link.load), numbers_of(link.mover));
   }
+}
+
+// Forces on the particles that bodies carry are loads on these.
+void load_carried(Group& group, Which forces) {
+  each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    add_load(link, (c.*forces).at(h.particle), arm);
+  });
+}
+
+// What the bodies' steps make of the particles that they carry.
+void carry_steps(Group& group, Which steps) {
+  each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    (c.*steps).set(h.particle, link.stepped.at(arm));
+  });
 }
 
 void place(Group& group) {
   for (int l : group.carried) {
     Link& link = (*group.links)[l];
     const Mover& m = (*group.movers)[link.mover];
-    link.given = scaled(group.part_root, link.twist_of(m.y));
+    link.given = scaled(reach_of(group), link.twist_of(m.y));
     if (group.part_end == 1 && group.part_root == 1) continue;
-    const Twist before = scaled(group.part_end, link.twist_of(m.gathered));
+    const Twist before = scaled(group.part_end * group.reach, link.twist_of(m.gathered));
     link.given.linear += before.linear, link.given.angular += before.angular;
   }
   each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
@@ -70,12 +86,8 @@ void place(Group& group) {
 void guess(const Group& group, Mover& m) {
   m.y.assign(m.n(), 0.0), m.step.assign(m.n(), 0.0), m.residual.assign(m.n(), 0.0);
   if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
-  for (int l : group.carried)
-    if (&(*group.movers)[(*group.links)[l].mover] == &m) {
-      dense::multiply_transposed(m.root, m.observer.forces(), m.y);
-      for (double& v : m.y) v *= group.part_root * (*group.links)[l].reach;
-      return;
-    }
+  dense::multiply_transposed(m.root, m.observer.forces(), m.y);
+  for (double& v : m.y) v *= reach_of(group);
 }
 
 // A guess that moves the body by more than a segment could turn the segment over.
@@ -92,14 +104,14 @@ void start_bodies(Group& group) {
   each_body(group, [&](Mover& m) { guess(group, m), m.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
     double& lever = (*group.movers)[link.mover].lever;
-    lever = std::max(lever, link.reach * std::sqrt(trace(link.mobility(link.centre + arm))));
+    lever = std::max(lever, reach_of(group) * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
   each_carried(group, [&](Chain&, const Hold&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Row* row : group.rows)
     if (row->moves) reach_to((*group.links)[row->link], row->arm);
   double shortest = std::numeric_limits<double>::infinity();
   for (const Chain* c : group.chains) shortest = std::min(shortest, c->rest[0]);
-  each_body(group, [&](Mover& m) { shorten(m, shortest / group.part_root); });
+  each_body(group, [&](Mover& m) { shorten(m, shortest); });
   place(group);
 }
 
@@ -135,11 +147,9 @@ void step_bodies(Group& group) {
   });
   for (int l : group.carried) {
     Link& link = (*group.links)[l];
-    link.stepped = scaled(group.part_root, link.twist_of((*group.movers)[link.mover].step));
+    link.stepped = scaled(reach_of(group), link.twist_of((*group.movers)[link.mover].step));
   }
-  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    c.step.set(h.particle, link.stepped.at(arm));
-  });
+  carry_steps(group, &Chain::step);
 }
 
 Vec3 body_moved(const Group& group, const Row& row, bool by_step) {
@@ -155,11 +165,7 @@ void load_body(Group& group, const Row& row, Vec3 force) {
   add_load((*group.links)[row.link], force, row.arm);
 }
 
-void load_carried(Group& group) {
-  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    add_load(link, c.residual.at(h.particle), arm);
-  });
-}
+void load_carried(Group& group) { load_carried(group, &Chain::residual); }
 
 void start_body_residual(Group& group) {
   each_body(group, [](Mover& m) { m.residual = m.y; });
@@ -174,7 +180,7 @@ double body_residual(const Group& group) {
   double most = 0;
   each_body(group, [&](const Mover& m) {
     const double size = std::sqrt(dense::dot(m.residual, m.residual));
-    const double force = m.lever > 0 ? size / (group.part_root * m.lever) : 0 * size;
+    const double force = m.lever > 0 ? size / m.lever : 0 * size;
     if (!(force <= most)) most = force;
   });
   return most;
@@ -188,24 +194,14 @@ double body_slope(const Group& group) {
 
 namespace {
 
-// What a row makes of the motion d of the tendons (in cg_direction) and of its body (stepped), beside the
-// block that it has in the tendons' own matrices.
+// What a row against a body makes of the motion of the tendon (in cg_direction) and of the body (stepped),
+// beside the block that it has in the tendon's own matrix.
 void couple(Group& group, const Row& row) {
   Chain& a = group.at(row.a);
-  Link* link = row.moves ? &(*group.links)[row.link] : nullptr;
-  Chain* b = row.b.chain >= 0 ? &group.at(row.b) : nullptr;
-  const Vec3 moved_b = link ? link->stepped.at(row.arm) : row.b.of(b->cg_direction);
-  const Vec3 moved_a = row.a.of(a.cg_direction);
-  const Vec3 pull_a = row.block * moved_b;
-  a.cg_image.add(row.a.first, -row.a.w0 * pull_a);
-  a.cg_image.add(row.a.first + 1, -row.a.w1 * pull_a);
-  const Vec3 pull_b = row.block * moved_a;
-  if (link) {
-    add_load(*link, row.block * moved_b - pull_b, row.arm);
-  } else {
-    b->cg_image.add(row.b.first, -row.b.w0 * pull_b);
-    b->cg_image.add(row.b.first + 1, -row.b.w1 * pull_b);
-  }
+  Link& link = (*group.links)[row.link];
+  const Vec3 pull_a = row.block * link.stepped.at(row.arm);
+  pull_back(a.cg_image, row.a, pull_a);
+  add_load(link, pull_a - row.block * row.a.of(a.cg_direction), row.arm);
 }
 
 // The same of the levers of a mouth's row: its edge moves as the ends of the segment do, the other way.
@@ -231,20 +227,19 @@ void move_one(Group& group, int m, int k) {
     link.stepped = link.load = {};
     if (link.mover != m) continue;
     const size_t n = (*group.movers)[m].y.size();
-    auto at = [&](int row) { return group.part_root * link.reach * link.root[row * n + k]; };
+    auto at = [&](int row) { return reach_of(group) * link.root[row * n + k]; };
     link.stepped = {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
   }
-  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    c.cg_direction.set(h.particle, link.stepped.at(arm));
-  });
+  carry_steps(group, &Chain::cg_direction);
 }
 
 void multiply_all(Group& group) {
   for (Chain* c : group.chains) c->matrix.multiply(c->cg_direction, c->cg_image);
+  add_coupling(group);
   for (const Row* row : group.rows) {
-    if (!row->acts()) continue;
-    if (row->moves || row->b.chain >= 0) couple(group, *row);
-    if (row->moves && row->kind == ContactKind::mouth) couple_levers(group, *row);
+    if (!row->acts() || !row->moves) continue;
+    couple(group, *row);
+    if (row->kind == ContactKind::mouth) couple_levers(group, *row);
   }
 }
 
@@ -260,9 +255,7 @@ void make_border(Group& group) {
     for (int k = 0; k < (*group.movers)[m].n(); ++k, ++column) {
       move_one(group, m, k);
       multiply_all(group);
-      each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-        add_load(link, c.cg_image.at(h.particle), arm);
-      });
+      load_carried(group, &Chain::cg_image);
       each_body(group, [](Mover& other) { other.step.assign(other.n(), 0.0); });
       (*group.movers)[m].step[k] = 1;
       add_generalized_loads(group, [&](int other) -> dense::Numbers& { return (*group.movers)[other].step; });

@@ -65,12 +65,18 @@ void forward(const Numbers& l, Numbers& x) {
   }
 }
 
-void backward(const Numbers& l, Numbers& x) {
+void solve(const Numbers& l, Numbers& x) {
   const int n = static_cast<int>(x.size());
+  forward(l, x);
   for (int i = n - 1; i >= 0; --i) {
     for (int k = i + 1; k < n; ++k) x[i] -= l[k * n + i] * x[k];
     x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
   }
+}
+
+void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a) {
+  multiply_transposed(e, w, half);
+  multiply(e, half, a);
 }
 
 namespace {

@@ -16,11 +16,14 @@ void product_transposed(int n, const Numbers& a, const Numbers& b, Numbers& c);
 void product(int n, const Numbers& a, const Numbers& b, Numbers& c);
 // L of a positive semidefinite A = L L^T; columns of pivots that are nothing are zero.
 void root(int n, const Numbers& a, Numbers& l);
-// x <- L^-1 x and L^-T x; zero where a pivot is nothing.
+// x <- L^-1 x; zero where a pivot is nothing.
 void forward(const Numbers& l, Numbers& x);
-void backward(const Numbers& l, Numbers& x);
 // Eigenvalues, and eigenvectors in the columns of u, of a symmetric matrix, which is overwritten (Jacobi).
 void eigen(int n, Numbers& a, Numbers& u);
 double dot(const Numbers& a, const Numbers& b);
+// a = E E^T w; half is work space.
+void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a);
+// x <- A^-1 x by the root L of A; zero where a pivot is nothing.
+void solve(const Numbers& l, Numbers& x);
 
 }  // namespace bt::dense

@@ -29,7 +29,8 @@ void World::make_groups() {
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
     g.residual = 0, g.substeps = 1, g.staged = false;
     g.linear_tolerance = 0, g.patterned = false;
-    g.movers = &movers, g.links = &links, g.part_end = g.part_root = 1, g.freedom = 0;
+    g.movers = &movers, g.links = &links, g.part_end = g.part_root = 1, g.reach = context_.reach,
+    g.freedom = 0;
     g.bodies.clear(), g.carried.clear();
   }
   for (int c = 0; c < count; ++c)

@@ -8,22 +8,17 @@
 
 namespace bt {
 
-namespace {
-
 // y += (the blocks of coupling rows beside the band) p, for p in directions and y in images.
 void add_coupling(Group& group) {
   for (const Row* row : group.rows) {
     if (row->b.chain < 0 || !row->acts()) continue;
-    Chain &ca = group.at(row->a), &cb = group.at(row->b);
-    Vec3 pull_a = row->block * row->b.of(cb.cg_direction), pull_b = row->block * row->a.of(ca.cg_direction);
-    ca.cg_image.add(row->a.first, -row->a.w0 * pull_a);
-    ca.cg_image.add(row->a.first + 1, -row->a.w1 * pull_a);
-    cb.cg_image.add(row->b.first, -row->b.w0 * pull_b);
-    cb.cg_image.add(row->b.first + 1, -row->b.w1 * pull_b);
+    Chain &a = group.at(row->a), &b = group.at(row->b);
+    const Vec3 pull_a = row->block * row->b.of(b.cg_direction);
+    const Vec3 pull_b = row->block * row->a.of(a.cg_direction);
+    pull_back(a.cg_image, row->a, pull_a);
+    pull_back(b.cg_image, row->b, pull_b);
   }
 }
-
-}  // namespace
 
 void multiply(Group& group) {
   for (Chain* c : group.chains) c->matrix.multiply(c->cg_direction, c->cg_image);
@@ -161,8 +156,7 @@ bool solve_bodies(Group& group, const Options& o, bool definite) {
   if (!complement(group, o)) return false;
   if (!definite && !keeps_inertia(group)) return false;
   dense::root(n, group.corner, group.corner_root);
-  dense::forward(group.corner_root, group.corner_side);
-  dense::backward(group.corner_root, group.corner_side);
+  dense::solve(group.corner_root, group.corner_side);
   for (int k = 0; k < n; ++k)
     for (size_t c = 0; c < group.chains.size(); ++c) {
       Field& step = group.chains[c]->step;

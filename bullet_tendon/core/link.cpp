@@ -25,12 +25,12 @@ void Link::follow(const Mover& m) {
   velocity = now_velocity + more.linear, spin = now_spin + more.angular;
 }
 
-void Link::respond(const Mover& m) {
-  if (jacobian.empty()) {
+void Link::go_with(const Mover& m) {
+  follow(m);
+  if (jacobian.empty())
     root = m.root;
-    return;
-  }
-  dense::product(m.n(), jacobian, m.root, root);
+  else
+    dense::product(m.n(), jacobian, m.root, root);
 }
 
 void Link::advance_to(double time) {
@@ -42,10 +42,7 @@ void Link::advance_to(double time) {
   pose.origin = centre + pose.rotation * arm;
 }
 
-Twist Link::twist_of(const dense::Numbers& y) const {
-  const Twist t = times(root, y);
-  return {reach * t.linear, reach * t.angular};
-}
+Twist Link::twist_of(const dense::Numbers& y) const { return times(root, y); }
 
 void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
   const size_t n = to.size();
@@ -54,14 +51,14 @@ void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense:
     for (size_t k = 0; k < n; ++k) to[k] += (through.empty() ? r == k : through[r * n + k]) * wrench[r];
 }
 
-// B B^T / s^2, of B = [I, -[r]] root.
-Sym3 Link::point_mobility(const dense::Numbers& of, Vec3 p) const {
+// B B^T / s^2, of B = s [I, -[r]] root.
+Sym3 Link::mobility(Vec3 p) const {
   if (!yields()) return {};
   const Vec3 r = p - centre;
-  const size_t n = of.size() / 6;
+  const size_t n = root.size() / 6;
   Sym3 sum;
   for (size_t k = 0; k < n; ++k) {
-    auto at = [&](size_t row) { return of[row * n + k]; };
+    auto at = [&](size_t row) { return root[row * n + k]; };
     sum += outer(Vec3{at(0), at(1), at(2)} + cross(Vec3{at(3), at(4), at(5)}, r));
   }
   return sum;

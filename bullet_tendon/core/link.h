@@ -28,29 +28,25 @@ struct Link {
   Vec3 before_force, before_torque;  // the same, of the parts before
   // In a solution in which its mover is unknown: what y and its change make of its place, and the residual.
   Twist given, stepped, load;
-  double reach = 0;  // s of mover.h [s]
 
   bool yields() const { return mover >= 0; }
   // How the mover's foreseen motion carries it.
   void follow(const Mover& m);
-  // The roots of its response.
-  void respond(const Mover& m);
+  // That, and the root of its response.
+  void go_with(const Mover& m);
   // Goes on to `time` after the start of the step, with the velocity that it is thought to have.
   void advance_to(double time);
   // Displacement of the world point p within dt from where it is, were it not for the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Response of the point p to a force there: W = [I, -[r]] R [I, -[r]]^T [1/kg].
-  Sym3 mobility(Vec3 p) const { return point_mobility(root, p); }
+  Sym3 mobility(Vec3 p) const;
   void apply(Vec3 f, Vec3 p) {
     force += f;
     torque += cross(p - centre, f);
   }
-  // The twist that unknowns (or their change) mean, and the generalized force that a wrench means.
+  // The twist that unknowns (or their change) mean, over s, and the generalized force that a wrench means.
   Twist twist_of(const dense::Numbers& y) const;
   void add_generalized(const dense::Numbers& through, const Twist& wrench, dense::Numbers& to) const;
-
- private:
-  Sym3 point_mobility(const dense::Numbers& of, Vec3 p) const;
 };
 
 }  // namespace bt

@@ -65,8 +65,7 @@ void Mover::find_stopped(double dt) {
   stopped_.clear();
   doubted_.resize(n());
   if (stops.empty()) return;
-  dense::multiply_transposed(root, observer.forces(), half_);
-  dense::multiply(root, half_, known_);
+  dense::respond(root, observer.forces(), half_, known_);
   for (size_t s = 0; s < stops.size(); s += 3) {
     const int i = static_cast<int>(stops[s]);
     double own = 0;
@@ -88,26 +87,20 @@ void Mover::stop(double dt) {
   }
   dense::product_transposed(n(), half_, half_, within_);
   dense::root(m, within_, within_root_);
-  auto solve = [&](Numbers& x) { dense::forward(within_root_, x), dense::backward(within_root_, x); };
-  solve(missing_);
-  Numbers impulse(n());
-  for (int a = 0; a < m; ++a)
-    for (int k = 0; k < n(); ++k) impulse[k] += missing_[a] * half_[a * n() + k];
-  dense::multiply(root, impulse, known_);
+  dense::solve(within_root_, missing_);
+  Numbers along, gone, row(n());
+  dense::multiply_transposed(half_, missing_, gone);
+  dense::multiply(root, gone, known_);
   for (int i = 0; i < n(); ++i) change[i] += known_[i];
   stopped_by_ = known_;
   for (double& v : stopped_by_) v /= dt;
   // Each row of E loses what is along those of S.
-  Numbers along(m);
   for (int i = 0; i < n(); ++i) {
-    double* row = &root[i * n()];
-    for (int a = 0; a < m; ++a) {
-      along[a] = 0;
-      for (int k = 0; k < n(); ++k) along[a] += half_[a * n() + k] * row[k];
-    }
-    solve(along);
-    for (int a = 0; a < m; ++a)
-      for (int k = 0; k < n(); ++k) row[k] -= along[a] * half_[a * n() + k];
+    std::copy_n(&root[i * n()], n(), row.begin());
+    dense::multiply(half_, row, along);
+    dense::solve(within_root_, along);
+    dense::multiply_transposed(half_, along, gone);
+    for (int k = 0; k < n(); ++k) root[i * n() + k] -= gone[k];
   }
 }
 
@@ -115,8 +108,7 @@ void Mover::act(double dt) {
   observer.act(forces, dt);
   if (stopped_.empty()) return stopped_by_.assign(n(), 0.0);
   auto add_response = [&](const Numbers& of, double sign) {
-    dense::multiply_transposed(of, forces, half_);
-    dense::multiply(of, half_, known_);
+    dense::respond(of, forces, half_, known_);
     for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * known_[i];
   };
   add_response(root, 1);
@@ -124,8 +116,7 @@ void Mover::act(double dt) {
 }
 
 void Mover::push(const Numbers& impulse) {
-  dense::multiply_transposed(root, impulse, half_);
-  dense::multiply(root, half_, known_);
+  dense::respond(root, impulse, half_, known_);
   for (int i = 0; i < n(); ++i) change[i] += known_[i];
 }
 

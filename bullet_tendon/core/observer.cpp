@@ -45,8 +45,6 @@ void Observer::refresh(const Numbers& rates) { rates_ = rates, known_ = true, ac
 
 void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }
 
-void Observer::forget() { start(n_); }
-
 void Observer::let_go() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
@@ -55,21 +53,9 @@ void Observer::let_go() {
   push_.assign(n_, 0.0), forces_.assign(n_, 0.0), samples_ = 0;
 }
 
-// a = E E^T w
-void Observer::respond(const Numbers& forces, Numbers& acceleration) {
-  multiply_transposed(effective_root_, forces, one_);
-  multiply(effective_root_, one_, acceleration);
-}
-
-double Observer::size2(const Numbers& acceleration) {
-  one_ = acceleration;
-  forward(root_, one_);
-  return dot(one_, one_);
-}
-
 // It went along the forces, by more of its free answer than it was thought to.
 bool Observer::was_released(const Sample& now) {
-  respond(now.forces, other_);
+  respond(effective_root_, now.forces, one_, other_);
   double beyond = 0;
   for (int i = 0; i < n_; ++i) beyond += now.forces[i] * (now.acceleration[i] - other_[i] - push_[i]);
   multiply_transposed(root_, now.forces, one_);
@@ -117,12 +103,12 @@ void Observer::limit_share() {
 }
 
 void Observer::find_push() {
-  respond(last_.forces, s_);
+  respond(effective_root_, last_.forces, one_, s_);
   if (samples_ < 2) {
     push_.assign(n_, 0.0);
     return;
   }
-  respond(before_.forces, e_);
+  respond(effective_root_, before_.forces, one_, e_);
   for (int i = 0; i < n_; ++i) {
     const double a = last_.acceleration[i] - s_[i], b = before_.acceleration[i] - e_[i];
     push_[i] = a * b <= 0 ? 0 : std::fabs(a) < std::fabs(b) ? a : b;

@@ -29,8 +29,6 @@ class Observer {
   void refresh(const Numbers& rates);
   // The generalized forces that act from now on for dt [s].
   void act(const Numbers& forces, double dt);
-  // As if nothing was known.
-  void forget();
   // As if it was free, from the step before on.
   void let_go();
 
@@ -51,8 +49,6 @@ class Observer {
   void learn(const Sample& now);
   void limit_share();
   void take_effective();
-  void respond(const Numbers& forces, Numbers& acceleration);
-  double size2(const Numbers& acceleration);
   void find_push();
 
   int n_ = 0;

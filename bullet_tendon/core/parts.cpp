@@ -39,7 +39,7 @@ void World::begin_part() {
   context_.dt = whole_dt_ * size_ / kUnits;
   context_.splitting = !can_split() ? Splitting::by_group : smallest ? Splitting::never : Splitting::by_world;
   looks_ = 0, looking_ = false;
-  for (Link& l : links) l.reach = std::sqrt(time_of_part() * context_.dt);
+  context_.reach = std::sqrt(time_of_part() * context_.dt);
   for (Chain* c : slots_) {
     if (!c) continue;
     aim_attachments(*c);
@@ -157,9 +157,7 @@ void World::take_part() {
 void World::finish() {
   take_part();
   report_.substeps = std::max(report_.substeps, parts_);
-  for (Mover& m : movers) m.forces.assign(m.n(), 0.0);
-  for (Link& l : links)
-    if (l.yields()) l.add_generalized(l.jacobian, {l.force, l.torque}, movers[l.mover].forces);
+  sum_forces(1, false);
   for (Mover& m : movers)
     if (m.n() > 0) m.act(whole_dt_);
   for (Chain* c : slots_)

@@ -36,6 +36,11 @@ struct Spot {
   }
 };
 
+// Takes a pull at a spot off what its two particles have.
+inline void pull_back(Field& f, const Spot& s, Vec3 pull) {
+  f.add(s.first, -s.w0 * pull), f.add(s.first + 1, -s.w1 * pull);
+}
+
 struct Row {
   uint64_t key = 0;
   ContactKind kind = ContactKind::bone;

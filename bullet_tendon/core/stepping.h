@@ -26,6 +26,7 @@ enum class Splitting { by_world, by_group, never };
 
 struct StepContext {
   double dt = 0;
+  double reach = 0;  // s of mover.h [s]
   Splitting splitting = Splitting::by_group;
   Vec3 gravity;
   Options options;
@@ -46,6 +47,7 @@ struct Group {
   // Of the part of the step that is being solved (splitting.cpp): the share of the step at its end, and the
   // root of that times the part's own share.
   double part_end = 1, part_root = 1;
+  double reach = 0;        // s of mover.h, but for that root [s]
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
@@ -126,8 +128,9 @@ double body_slope(const Group& group);
 void make_border(Group& group);
 Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
-// cg_image = A cg_direction.
+// cg_image = A cg_direction; and the part of that which rows between tendons have beside the bands.
 void multiply(Group& group);
+void add_coupling(Group& group);
 
 // After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
 void keep_lengths(Chain& c);

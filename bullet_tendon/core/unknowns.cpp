@@ -46,14 +46,20 @@ void World::find_bodies() {
   });
 }
 
+// Generalized forces of the wrenches on links, of the whole step or of the part that was solved last.
+void World::sum_forces(double scale, bool of_part) {
+  for (Mover& m : movers) m.forces.assign(m.n(), 0.0);
+  for (Link& l : links) {
+    if (!l.yields()) continue;
+    const Vec3 force = of_part ? l.force - l.before_force : l.force;
+    const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
+    l.add_generalized(l.jacobian, {scale * force, scale * torque}, movers[l.mover].forces);
+  }
+}
+
 // What the part that was solved did to the bodies, in the parts to come.
 void World::push_bodies() {
-  for (Mover& m : movers) m.forces.assign(m.n(), 0.0);
-  for (Link& l : links)
-    if (l.yields()) {
-      const Vec3 force = l.force - l.before_force, torque = l.torque - l.before_torque;
-      l.add_generalized(l.jacobian, {whole_dt_ * force, whole_dt_ * torque}, movers[l.mover].forces);
-    }
+  sum_forces(whole_dt_, true);
   for (Mover& m : movers)
     if (m.n() > 0) m.push(m.forces);
   for (Link& l : links)

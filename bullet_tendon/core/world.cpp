@@ -117,7 +117,7 @@ void World::aim_attachments(Chain& c) {
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
     if (h.rigid) continue;
-    h.stiffness = (link.reach * link.reach) * link.mobility(p);
+    h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
     invert_definite(h.stiffness);
   }
 }
@@ -132,22 +132,17 @@ void World::sense(double dt, Vec3 gravity, bool held) {
   }
   if (held) return;
   for (Mover& m : movers)
-    if (m.n() > 0) m.sense(gravity);
-  for (size_t m = 0; m < movers.size(); ++m) foresee(static_cast<int>(m));
-}
-
-// The motion of a mover, and of its links.
-void World::foresee(int mover) {
-  Mover& m = movers[mover];
-  if (m.n() == 0) return;
-  m.foresee(context_.dt, context_.gravity);
+    if (m.n() > 0) m.sense(gravity), m.foresee(dt, gravity);
   for (Link& l : links)
-    if (l.mover == mover) l.follow(m), l.respond(m);
+    if (l.yields()) l.go_with(movers[l.mover]);
 }
 
 void World::let_go(int mover) {
-  movers[mover].observer.let_go();
-  foresee(mover);
+  Mover& m = movers[mover];
+  m.observer.let_go();
+  m.foresee(context_.dt, context_.gravity);
+  for (Link& l : links)
+    if (l.mover == mover) l.go_with(m);
 }
 
 bool World::any_held() const {

@@ -108,7 +108,6 @@ class World {
   void forget_planes();
   bool take_back_chains();
   void aim_attachments(Chain& c);
-  void foresee(int mover);
   // parts.cpp
   bool can_carry() const;
   bool can_split() const;
@@ -125,6 +124,7 @@ class World {
   void each_touch(Do what) const;
   bool find_unknowns();
   void find_bodies();
+  void sum_forces(double scale, bool of_part);
   void push_bodies();
   // groups.cpp
   bool solve_groups();
