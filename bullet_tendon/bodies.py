@@ -11,11 +11,8 @@ import pybullet as p
 from . import _core
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
-from .jacobians import joint_infos, movable_joints
-from .movers import movers_of
+from .movers import read_link, touched
 from .pushes import exchange
-
-_TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
 
 def client_of(physicsClientId) -> int:
@@ -33,7 +30,7 @@ class Bodies:
         self.client = client
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
-        self._rows: list[tuple | None] = []
+        self._touched: list | None = None  # of the links in use
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
         self._unused: set[int] = set()
@@ -61,6 +58,7 @@ class Bodies:
         if known is not None:
             return known
         mark = self._marks.mark(key[0])
+        self._touched = None
         if self._unused:
             slot = min(self._unused)
             self._unused.discard(slot)
@@ -100,37 +98,39 @@ class Bodies:
         InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
-        count = len(self.links)
-        self._rows = [None] * count
-        leaders, jacobians, movers = [-1] * count, [None] * count, [None] * count
-        by_body: dict[int, list[int]] = {}
-        for slot, (body, link) in enumerate(self.links):
-            if slot in self._unused:
-                continue
-            self._rows[slot] = row = self._read(body, link)
-            if row[0][0] > 0:
-                by_body.setdefault(body, []).append(slot)
-        for body, slots in by_body.items():
-            self._move(body, slots, leaders, jacobians, movers)
-        wild = core.set_links(self._rows, leaders, jacobians, movers)
+        core.count_links(len(self.links))
+        for slot in self._unused:
+            core.clear_link(slot)
+        for body in self._touched_bodies():
+            body.tell(core)
+        wild = core.first_wild()
         if wild >= 0:
             allowed = "a body with finite pose, velocity and inertia"
             raise InvalidValue("bodyUniqueId", self.links[wild][0], allowed)
 
-    def _move(self, body, slots, leaders, jacobians, movers) -> None:
-        slot_of = {self.links[s][1]: s for s in slots}
-        mark = self._mark_of[slots[0]][1]
-        for links, mover, of_links in movers_of(body, list(slot_of), mark, self.client):
-            first = slot_of[links[0]]
-            movers[first] = mover
-            for link, jacobian in zip(links, of_links, strict=True):
-                leaders[slot_of[link]] = first
-                jacobians[slot_of[link]] = jacobian
+    def note(self, core) -> bool:
+        """Motion of what is held, right after pybullet's step; whether any of it seems to be let go."""
+        held = core.held_movers()
+        let_go = [body.note(core) for body in self._touched_bodies() if body.slot in held]
+        return any(let_go)
+
+    def _touched_bodies(self) -> list:
+        """The bodies of the links in use; slots do not change what they mean while they are."""
+        if self._touched is None:
+            slots: dict[tuple[int, bytes], dict[int, int]] = {}
+            for slot, (body, link) in enumerate(self.links):
+                if slot not in self._unused:
+                    slots.setdefault((body, self._mark_of[slot][1]), {})[link] = slot
+            self._touched = [
+                t for (body, mark), links in slots.items() for t in touched(body, links, mark, self.client)
+            ]
+        return self._touched
 
     def forget(self, slots: set[int]) -> None:
         """Read and push links no more: nothing refers to them."""
         self._unused |= slots
         self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
+        self._touched = None
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
@@ -144,29 +144,19 @@ class Bodies:
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
-        return _core.link_frame(self._read(int(body), int(link)))
+        return _core.link_frame(*read_link(int(body), int(link), self.client)[:3])
 
-    def apply(self, wrenches: np.ndarray) -> None:
-        """Put wrenches (links, 6), forces and torques about the centres of mass, on movable links."""
-        for row, wrench, (body, link) in zip(self._rows, wrenches.tolist(), self.links, strict=True):
-            if row is not None and row[0][0] > 0 and any(wrench):
-                p.applyExternalForce(body, link, wrench[:3], row[1], p.WORLD_FRAME, self.client)
-                p.applyExternalTorque(body, link, wrench[3:], p.WORLD_FRAME, self.client)
+    def push(self, core) -> None:
+        """Put the core's wrenches on the links that answer to them."""
+        for slot, force, centre, torque in core.pushes():
+            body, link = self.links[slot]
+            p.applyExternalForce(body, link, force, centre, p.WORLD_FRAME, self.client)
+            p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
 
-    def can_be_held(self, slot: int) -> bool:
-        """Whether anything can hold a link: a joint, a contact or a constraint."""
-        body = self.links[slot][0]
-        infos = joint_infos(body, self.client, self._mark_of[slot][1])
-        return bool(
-            movable_joints(body, self.client, infos)
-            or p.getNumConstraints(self.client)
-            or self._is_touched(body)
-        )
-
-    def _is_touched(self, body) -> bool:
-        """Whether another body touches it. pybullet's restoreState leaves contacts of later times behind."""
-        others = {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=self.client)}
-        return any(p.getClosestPoints(body, o, _TOUCHING, physicsClientId=self.client) for o in others)
+    def unheld(self, core) -> list[int]:
+        """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""
+        held = core.held_movers()
+        return held and [b.slot for b in self._touched_bodies() if b.slot in held and not b.can_be_held()]
 
     def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
@@ -175,16 +165,3 @@ class Bodies:
         changes too. stopped: degrees of freedom that a joint's limit kept from moving in it.
         """
         exchange(*self.links[slot], old, new, dt, self.client, stopped)
-
-    def _read(self, body: int, link: int) -> tuple:
-        """Dynamics, centre of mass, orientation of the inertial frame, velocity, spin, as pybullet tells."""
-        info = p.getDynamicsInfo(body, link, self.client)
-        if link < 0:
-            return (
-                info,
-                *p.getBasePositionAndOrientation(body, self.client),
-                *p.getBaseVelocity(body, self.client),
-            )
-        # The link frame that getLinkState reports itself is rounded to single precision.
-        state = p.getLinkState(body, link, 1, 1, self.client)
-        return info, state[0], state[1], state[6], state[7]

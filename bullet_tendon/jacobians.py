@@ -22,6 +22,7 @@ _KINDS = {
     p.JOINT_SPHERICAL: _core.BALL,
     p.JOINT_FIXED: _core.FIXED,
 }
+_LIMITED = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 
 
 def joint_infos(body, client, mark: bytes | None = None) -> tuple:
@@ -51,33 +52,22 @@ def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | N
     axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all links. None where a joint is of another kind
     than fixed, hinge, slider and spherical.
     """
-    parts = dynamics(body, links, client)
-    return None if parts is None else parts[:2]
-
-
-def dynamics(body, links, client, infos=None) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """J and M of jacobians_and_mass, and the generalized force (dofs, 3) of a unit of gravity."""
-    infos = joint_infos(body, client) if infos is None else infos
-    tree = _tree(tuple([(info[2], info[13], info[16]) for info in infos]), not is_fixed(body, client))
+    tree = tree_of(joint_infos(body, client), not is_fixed(body, client))
     if tree is None:
         return None
     if tree.dofs == 0:
-        return np.zeros((len(links), 6, 0)), np.zeros((0, 0)), np.zeros((0, 3))
-    return tree.dynamics(_placements(body, tree.links - 1, client), [link + 1 for link in links])
+        return np.zeros((len(links), 6, 0)), np.zeros((0, 0))
+    infos = [p.getDynamicsInfo(body, link, client) for link in range(-1, tree.links - 1)]
+    base = p.getBasePositionAndOrientation(body, client)
+    states = link_states(body, tree.links - 1, client)
+    return _core.dynamics(tree, infos, base, states, [link + 1 for link in links])
 
 
 def rates(body, client) -> np.ndarray:
     """(dofs,) velocities of the degrees of freedom now, so that J @ rates is a link's velocity and spin."""
-    states = joint_states(body, movable_joints(body, client), client)
-    joints = sum(len(state[1]) for state in states)
-    return rates_of(body, states, joints if is_fixed(body, client) else joints + 6, client)
-
-
-def rates_of(body, states, dofs, client) -> np.ndarray:
-    """The same, of a body with dofs of them, from the states of the joints that move."""
-    joints = [rate for state in states for rate in state[1]]
-    base = np.concatenate(p.getBaseVelocity(body, client)).tolist() if dofs > len(joints) else []
-    return np.array([*base, *joints])
+    joints = joint_states(body, movable_joints(body, client), client)
+    base = [] if is_fixed(body, client) else p.getBaseVelocity(body, client)
+    return np.array([rate for part in (*base, *(state[1] for state in joints)) for rate in part])
 
 
 def joint_states(body, joints, client) -> tuple:
@@ -85,32 +75,27 @@ def joint_states(body, joints, client) -> tuple:
     return p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
 
 
+def link_states(body, count, client) -> tuple:
+    """p.getLinkStates of all links, of which there may be none."""
+    return p.getLinkStates(body, range(count), 0, 1, client) if count else ()
+
+
 def is_fixed(body, client) -> bool:
     """Whether nothing moves a body's base."""
     return p.getDynamicsInfo(body, -1, client)[0] == 0
 
 
+def tree_of(infos, floating: bool) -> _core.Articulated | None:
+    """How a body's links hang on its joints, by its joint_infos; None where it has others than those."""
+    return _tree(tuple([(info[2], info[13], info[16], info[8:10]) for info in infos]), floating)
+
+
 @lru_cache(maxsize=256)
 def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
-    """joints: of every link its joint's kind, axis and parent link."""
-    if any(kind not in _KINDS for kind, _, _ in joints):
+    """joints: of every link its joint's kind, axis, parent link and limits."""
+    if any(kind not in _KINDS for kind, *_ in joints):
         return None
-    kinds, axes, parents = zip(*joints, strict=True) if joints else ((), (), ())
-    return _core.Articulated([_KINDS[k] for k in kinds], np.add(parents, 1), np.array(axes), floating)
-
-
-def _placements(body, count, client) -> list[float]:
-    """What the core needs of every link, the base first, one number after the other (articulated.h)."""
-    poses = [p.getBasePositionAndOrientation(body, client)]
-    if count:
-        poses += p.getLinkStates(body, range(count), 0, 1, client)
-    numbers = []
-    for link, pose in enumerate(poses, start=-1):
-        mass, _, inertia, place, turn, *_ = p.getDynamicsInfo(body, link, client)
-        numbers += pose[0]
-        numbers += pose[1]
-        numbers.append(mass)
-        numbers += inertia
-        numbers += place
-        numbers += turn
-    return numbers
+    kinds, axes, parents, limits = zip(*joints, strict=True) if joints else ((), (), (), ())
+    limits = [limit if kind in _LIMITED else (1, 0) for kind, limit in zip(kinds, limits, strict=True)]
+    kinds = [_KINDS[kind] for kind in kinds]
+    return _core.Articulated(kinds, np.add(parents, 1), np.array(axes), np.array(limits), floating)

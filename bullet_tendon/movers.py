@@ -1,68 +1,107 @@
-"""Coordinates of a body that tendons touch: their rates, how they answer to forces, its links' Jacobians.
+"""Bodies that tendons touch, as the core is told of them at every step.
 
 A body is solved for by what can move of it: the twist of a rigid one, else the degrees of freedom of base
 and joints. Where pybullet has joints that jacobians_and_mass does not know, every link stands for itself,
-with its own mass: the stable side.
+with its own mass: the stable side. Slots are those of bodies.Bodies.
 """
 
-from typing import NamedTuple
-
-import numpy as np
 import pybullet as p
 
-from . import _core
-from .jacobians import dynamics, joint_infos, joint_states, movable_joints, rates_of
+from .jacobians import joint_infos, joint_states, link_states, movable_joints, tree_of
 
-_SIMPLE = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
-
-
-class Mover(NamedTuple):
-    """falls (n, 3): acceleration of the rates by a unit of gravity. rates (n,): the velocities of the degrees
-    of freedom [m/s], [rad/s]. response (n, n): the inverse of their mass matrix. stops: coordinate, side (1
-    where it pushes up) and depth of every joint limit that is reached, one after the other; None where there
-    is none."""
-
-    falls: np.ndarray
-    rates: np.ndarray
-    response: np.ndarray
-    stops: list | None
+_TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
 
-def movers_of(body: int, links: list[int], mark: bytes, client: int) -> list[tuple]:
-    """(links, mover, Jacobians) for all that can move of a body's links, none of them without mass.
-
-    mark: what the body carries (identity.Marks). mover: a Mover; or, of a rigid body by itself, whether it
-    falls, and the core reads the rest of its link. Jacobians: of each link, (6, n), velocity of its centre of
-    mass and spin, world axes; None: the identity.
-    """
+def touched(body: int, slots: dict[int, int], mark: bytes, client: int) -> list["Alone | OnJoints"]:
+    """What has to be told of a body. slots: by link; mark: what the body carries (identity.Marks)."""
     infos = joint_infos(body, client, mark)
     if not infos:
-        return [(links, True, [None])]
-    parts = dynamics(body, links, client, infos)
-    if parts is None:
-        return [([link], False, [None]) for link in links]
-    jacobians, mass, weight = parts
-    if len(mass) == 0:
-        return []
-    joints = movable_joints(body, client, infos)
-    states = joint_states(body, joints, client)
-    rates = rates_of(body, states, len(mass), client)
-    response = _core.answer(mass, np.eye(len(mass)))
-    reached = stops([infos[joint] for joint in joints], states, len(mass))
-    return [(links, Mover(response @ weight, rates, response, reached), jacobians)]
+        return [Alone(slots[-1], body, -1, True, client)]
+    if tree_of(infos, False) is None:
+        return [Alone(slot, body, link, False, client) for link, slot in slots.items()]
+    return [OnJoints(body, slots, infos, client)]
 
 
-def stops(infos, states, dofs: int) -> list | None:
-    """Limits of hinges and sliders that are reached (Mover.stops), of joints that move.
+def read_link(body: int, link: int, client: int) -> tuple:
+    """Dynamics, centre of mass, orientation of the inertial frame, velocity, spin, as pybullet tells."""
+    info = p.getDynamicsInfo(body, link, client)
+    if link < 0:
+        return (info, *p.getBasePositionAndOrientation(body, client), *p.getBaseVelocity(body, client))
+    # The link frame that getLinkState reports itself is rounded to single precision.
+    state = p.getLinkState(body, link, 1, 1, client)
+    return info, state[0], state[1], state[6], state[7]
 
-    dofs: degrees of freedom of the body, of which those joints have the last. pybullet stops a joint that is
-    there as its step begins, and takes back part of the depth.
+
+class Alone:
+    """A link that moves by itself, where it has mass: a body without joints, or on joints not known."""
+
+    def __init__(self, slot: int, body: int, link: int, falls: bool, client: int):
+        self.slot, self.body, self.link, self.falls, self.client = slot, body, link, falls, client
+
+    def tell(self, core) -> None:
+        """Where it is, and how it answers."""
+        core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
+
+    def note(self, core) -> bool:
+        """Its motion right after pybullet's step; whether it seems to have been let go."""
+        return core.note_link(self.slot, *read_link(self.body, self.link, self.client)[3:])
+
+    def can_be_held(self) -> bool:
+        """Whether a joint, a contact or a constraint can hold it."""
+        return not self.falls or _can_be_held(self.body, self.client)
+
+
+class OnJoints:
+    """Links of a body on joints, fixed or floating."""
+
+    def __init__(self, body: int, slots: dict[int, int], infos: tuple, client: int):
+        self.body, self.client = body, client
+        self.slot = next(iter(slots.values()))
+        self._slots, self._links = list(slots.values()), [link + 1 for link in slots]
+        self._joints = movable_joints(body, client, infos)
+        self._trees = [tree_of(infos, floating) for floating in (False, True)]
+        self._told = self._trees[0]  # of these, the one that was told last
+        self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
+
+    def tell(self, core) -> None:
+        """Where its links are, and how they answer."""
+        body, client = self.body, self.client
+        info = p.getDynamicsInfo(body, -1, client)
+        floating = info[0] > 0
+        if not self._yields[floating]:
+            for slot, link in zip(self._slots, self._links, strict=True):
+                core.tell_link(slot, *read_link(body, link - 1, client), False, False)
+            return
+        self._told = tree = self._trees[floating]
+        links = tree.links - 1
+        core.tell_body(
+            tree,
+            self._slots,
+            self._links,
+            [info, *[p.getDynamicsInfo(body, link, client) for link in range(links)]],
+            p.getBasePositionAndOrientation(body, client),
+            p.getBaseVelocity(body, client),
+            link_states(body, links, client),
+            joint_states(body, self._joints, client),
+        )
+
+    def note(self, core) -> bool:
+        """Its rates right after pybullet's step; whether it seems to have been let go."""
+        body, client = self.body, self.client
+        motion = p.getBaseVelocity(body, client)
+        return core.note_body(self.slot, self._told, motion, joint_states(body, self._joints, client))
+
+    def can_be_held(self) -> bool:
+        """Whether a joint, a contact or a constraint can hold it."""
+        return bool(self._joints) or _can_be_held(self.body, self.client)
+
+
+def _can_be_held(body: int, client: int) -> bool:
+    """Whether another body touches it, or there are constraints.
+
+    pybullet's restoreState leaves contacts of later times behind.
     """
-    found, coordinate = [], dofs - sum(len(state[1]) for state in states)
-    for info, (place, rate, *_) in zip(infos, states, strict=True):
-        if info[2] in _SIMPLE and info[8] <= info[9]:
-            for side, depth in ((1, info[8] - place[0]), (-1, place[0] - info[9])):
-                if depth >= 0:
-                    found += [coordinate, side, depth]
-        coordinate += len(rate)
-    return found or None
+    if p.getNumConstraints(client):
+        return True
+    others = {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=client)}
+    return any(p.getClosestPoints(body, o, _TOUCHING, physicsClientId=client) for o in others)

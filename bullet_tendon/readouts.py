@@ -27,8 +27,8 @@ class ReadsOut:
         """
         self._bodies.require(bodyUniqueId, linkIndex)
         slot = self._bodies.find_slot(bodyUniqueId, linkIndex)
-        known = slot is not None and slot < len(self._wrenches)
-        return self._wrenches[slot].copy() if known else np.zeros(6)
+        wrenches = self._core.wrenches()
+        return wrenches[slot] if slot is not None and slot < len(wrenches) else np.zeros(6)
 
     def penetrations(self) -> np.ndarray:
         """Structured array of the tendons' segments that are inside an obstacle or cross its surface, now.

@@ -75,10 +75,10 @@ class StepReport:
     counts: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def read(cls, core: dict, seconds: dict[str, float], names: dict[int, str]) -> "StepReport":
-        worst = (names.get(core.pop("worst_chain"), ""), core.pop("worst_particle"))
-        solved = {key: core.pop(key) for key in ("iterations", "residual", "converged")}
-        return cls(**solved, worst=worst, seconds=seconds, counts=core)
+    def read(cls, core, worst: str, seconds: dict[str, float]) -> "StepReport":
+        """From the core's report, and the name of the tendon that is worst in it."""
+        where = (worst, core.worst_particle)
+        return cls(core.iterations, core.residual, core.converged, where, seconds, core.counts())
 
 
 def contact_table(records: list, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:

@@ -77,7 +77,6 @@ def restore_core(world, core: bytes, argument: str, value) -> None:
         world._core.restore(core)
     except RuntimeError as problem:
         raise StateMismatch(argument, value, str(problem)) from None
-    world._wrenches = world._core.wrenches()
 
 
 def hash_of(world) -> str:

@@ -13,6 +13,7 @@ from .errors import StepFailed, StepWarning
 from .report import Clock, StepReport
 
 _FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
+_PARAMETERS = ("fixedTimeStep", *["gravityAcceleration" + axis for axis in "XYZ"])
 
 
 class TakesSteps:
@@ -21,10 +22,13 @@ class TakesSteps:
     def _step_and_gravity(self) -> tuple[float, np.ndarray]:
         """pybullet's time step [s] and gravity [m/s^2], checked."""
         self._bodies.require_client()
-        parameters = p.getPhysicsEngineParameters(self._client)
-        gravity = [parameters["gravityAcceleration" + c] for c in "XYZ"]
-        step = checks.number("fixedTimeStep", parameters["fixedTimeStep"], above=0)
-        return step, checks.vector("gravity", gravity)
+        found = p.getPhysicsEngineParameters(self._client)
+        told = tuple([found[name] for name in _PARAMETERS])
+        if told != self._told:
+            step = checks.number("fixedTimeStep", told[0], above=0)
+            self._checked = step, checks.vector("gravity", told[1:])
+            self._told = told
+        return self._checked
 
     def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> bool:
         """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield.
@@ -51,31 +55,41 @@ class TakesSteps:
             self._sense(dt, gravity, held)
         if not held:
             self._dt, self._last_gravity = dt, gravity
-        self._core.begin(dt, *gravity, held)
+        self._core.begin(dt, *gravity.tolist(), held)
         clock.enter("sense")
         self._go_through(clock)
         self._core.finish()
         clock.enter("solve")
-        if self._bodies.links:
-            self._wrenches = self._core.wrenches()
-        clock.enter("react")
-        self.report = StepReport.read(self._core.report(), clock.seconds, self._names())
+        self._tell(clock)
+
+    def _tell(self, clock: Clock) -> None:
+        """Keep what the core reports, for when somebody reads it."""
+        told = self._core.report()
+        worst = self._tendons.get(told.worst_chain)
+        self._seconds = clock.seconds
+        self._unread = told, "" if worst is None else worst.name, clock.seconds
+
+    @property
+    def report(self) -> StepReport:
+        """What the last step did and what it skipped."""
+        if self._unread is not None:
+            self._report, self._unread = StepReport.read(*self._unread), None
+        return self._report
 
     def _left_out(self, problem: StepFailed, clock: Clock) -> None:
         """Report a step without a finite solution, which was rolled back."""
-        core = {**self._core.report(), "converged": False}
-        self.report = StepReport.read(core, clock.seconds, self._names())
+        self._tell(clock)
+        self.report.converged = False
         warnings.warn(str(problem), StepWarning, stacklevel=5)
 
     def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
         """Where links are and how they answer; what was let go in the last step is put right."""
         self._bodies.tell(self._core)
-        self._core.sense(dt, gravity, held)
+        self._core.sense(dt, *gravity.tolist(), held)
         if held:
             return
-        for slot in self._core.held_movers():
-            if not self._bodies.can_be_held(slot):
-                self._core.let_go(slot)
+        for slot in self._bodies.unheld(self._core):
+            self._core.let_go(slot)
         self._mend()
 
     def _mend(self) -> None:
@@ -84,20 +98,20 @@ class TakesSteps:
         The step is solved again with the free response of these links, and they get the difference of
         the impulses, as if that had acted in the first place.
         """
-        released = self._core.rewind()
-        if not released:
+        if not self._core.any_released():
             return
-        before = self._wrenches.copy()
-        self._core.begin(self._dt, *self._last_gravity, False)
+        before = self._core.wrenches()
+        if not self._core.rewind():
+            return
+        self._core.begin(self._dt, *self._last_gravity.tolist(), False)
         self._go_through(Clock())
         self._core.finish()
-        self._wrenches = self._core.wrenches()
+        after = self._core.wrenches()
         for slot in self._core.pushable():
-            wrenches = before[slot], self._wrenches[slot]
-            self._bodies.exchange(slot, *wrenches, self._dt, self._core.stopped(slot))
+            self._bodies.exchange(slot, before[slot], after[slot], self._dt, self._core.stopped(slot))
         self._bodies.tell(self._core)
         self._core.refresh_movers()
-        self._core.sense(self._dt, self._last_gravity, False)
+        self._core.sense(self._dt, *self._last_gravity.tolist(), False)
 
     def _go_through(self, clock) -> None:
         """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""
@@ -112,5 +126,5 @@ class TakesSteps:
 
     def _fail(self):
         report = self._core.report()
-        name = self._names().get(report["worst_chain"], "?")
-        raise StepFailed(name, report["worst_particle"], report["residual"], self._options.tolerance)
+        name = self._names().get(report.worst_chain, "?")
+        raise StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)

@@ -43,10 +43,10 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
         self._count = 0
-        self._wrenches = np.zeros((0, 6))
         self._dt, self._last_gravity = 0.0, np.zeros(3)  # of the last step
         self.options = SolverOptions() if options is None else options
-        self.report = StepReport()
+        self._told, self._checked = (), (0.0, np.zeros(3))  # pybullet's parameters, as told and checked
+        self._report, self._unread = StepReport(), None
 
     @property
     def physicsClientId(self) -> int:
@@ -189,8 +189,8 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
             self.apply()
             start = perf_counter()
             p.stepSimulation(self._client)
-            self.report.seconds["bullet"] = perf_counter() - start
-            if self._core.any_held():
+            self._seconds["bullet"] = perf_counter() - start
+            if self._core.any_held() and self._bodies.note(self._core):
                 self._sense(self._dt, self._last_gravity)
 
     def apply(self) -> None:
@@ -202,8 +202,8 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
             return
         if self._bodies.links:
             start = perf_counter()
-            self._bodies.apply(self._wrenches)
-            self.report.seconds["react"] += perf_counter() - start
+            self._bodies.push(self._core)
+            self._seconds["react"] += perf_counter() - start
 
     def relax(self, tolerance: float = 1e-6, max_steps: int = 1000) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.

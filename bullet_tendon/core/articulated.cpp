@@ -23,7 +23,7 @@ int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == Joi
 Articulated::Articulated(const std::vector<Joint>& joints, bool floating) : links_(joints.size() + 1) {
   base_ = floating ? 6 : 0;
   for (int k = 0; k < base_; ++k) {
-    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}});
+    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0});
     links_[0].moved_by.push_back(k);
   }
   for (int j = 0; j < static_cast<int>(joints.size()); ++j) {
@@ -32,7 +32,8 @@ Articulated::Articulated(const std::vector<Joint>& joints, bool floating) : link
     for (int k = 0; k < count_of(joints[j].kind); ++k) {
       const Vec3 axis = joints[j].kind == JointKind::ball ? unit_axis(k) : joints[j].axis;
       link.moved_by.push_back(dofs());
-      twists_.push_back({j + 1, joints[j].kind == JointKind::slider, axis, {}, {}});
+      twists_.push_back(
+          {j + 1, joints[j].kind == JointKind::slider, axis, {}, {}, joints[j].lower, joints[j].upper});
     }
   }
 }
@@ -92,6 +93,17 @@ void Articulated::mass_matrix(double* out) const {
   }
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < i; ++j) out[j * n + i] = out[i * n + j];
+}
+
+void Articulated::stops(const double* places, std::vector<double>& out) const {
+  out.clear();
+  for (int k = base_; k < dofs(); ++k) {
+    const Twist& t = twists_[k];
+    if (t.lower > t.upper) continue;
+    const double place = places[k - base_];
+    if (t.lower >= place) out.insert(out.end(), {double(k), 1, t.lower - place});
+    if (place >= t.upper) out.insert(out.end(), {double(k), -1, place - t.upper});
+  }
 }
 
 void answer(int n, int columns, const double* mass, double* b) {

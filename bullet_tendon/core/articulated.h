@@ -14,6 +14,7 @@ struct Joint {
   JointKind kind;
   int parent;  // link
   Vec3 axis;   // in the inertial frame of the link that it carries; a ball's are that frame's own
+  double lower = 1, upper = 0;  // limits of a hinge [rad] or slider [m]; none where lower > upper
 };
 
 // What a link's placement is read from, one number after the other: centre of mass 3 and inertial frame 4
@@ -26,6 +27,8 @@ class Articulated {
   Articulated(const std::vector<Joint>& joints, bool floating);
   int links() const { return static_cast<int>(links_.size()); }
   int dofs() const { return static_cast<int>(twists_.size()); }
+  bool floats() const { return base_ > 0; }
+  bool moves(int link) const { return !links_[link].moved_by.empty(); }
   // numbers: kPlacementWidth of every link.
   void place(const double* numbers);
   // out (6, dofs): velocity of the link's centre of mass, then its spin, world axes.
@@ -34,6 +37,9 @@ class Articulated {
   void weight(double* out) const;
   // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
   void mass_matrix(double* out) const;
+  // out: coordinate, side and depth (mover.h) of the limits that are reached, by the places of joints'
+  // degrees of freedom.
+  void stops(const double* places, std::vector<double>& out) const;
 
  private:
   struct Placed {
@@ -49,6 +55,7 @@ class Articulated {
     int carried = 0;
     bool slides = false;
     Vec3 axis, velocity, spin;
+    double lower = 1, upper = 0;
   };
   std::vector<Placed> links_;
   std::vector<Twist> twists_;

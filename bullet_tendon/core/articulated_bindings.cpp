@@ -1,4 +1,4 @@
-// Articulated bodies: their Jacobians, mass matrix and weight.
+// Articulated bodies: how they are built, and how a mass matrix answers.
 #include "articulated.h"
 #include "bindings.h"
 
@@ -6,39 +6,18 @@ namespace bt {
 
 namespace {
 
-Articulated articulated(const Ints& kinds, const Ints& parents, const Array& axes, bool floating) {
-  if (parents.size() != kinds.size() || axes.size() != 3 * kinds.size()) throw py::value_error("joints");
+Articulated articulated(const Ints& kinds, const Ints& parents, const Array& axes, const Array& limits,
+                        bool floating) {
+  if (parents.size() != kinds.size() || axes.size() != 3 * kinds.size() || limits.size() != 2 * kinds.size())
+    throw py::value_error("joints");
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
     if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
-    joints.push_back({kind, parents.data()[j], vec(axes.data() + 3 * j)});
+    const double* limit = limits.data() + 2 * j;
+    joints.push_back({kind, parents.data()[j], vec(axes.data() + 3 * j), limit[0], limit[1]});
   }
   return {joints, floating};
-}
-
-// A flat list: an array takes longer to make than all that is computed from it.
-void place(Articulated& body, const py::list& numbers) {
-  std::vector<double> row(numbers.size());
-  for (std::size_t i = 0; i < row.size(); ++i) row[i] = PyFloat_AsDouble(numbers[i].ptr());
-  if (PyErr_Occurred()) throw py::error_already_set();
-  if (row.size() != static_cast<std::size_t>(kPlacementWidth * body.links()))
-    throw py::value_error("numbers");
-  body.place(row.data());
-}
-
-py::tuple dynamics(Articulated& body, const py::list& numbers, const py::list& chosen) {
-  place(body, numbers);
-  const py::ssize_t n = body.dofs(), count = chosen.size();
-  Array jacobians({count, py::ssize_t{6}, n}), mass({n, n}), weight({n, py::ssize_t{3}});
-  for (py::ssize_t i = 0; i < count; ++i) {
-    const int link = chosen[i].cast<int>();
-    if (link < 0 || link >= body.links()) throw py::index_error("links");
-    body.jacobian(link, jacobians.mutable_data() + 6 * n * i);
-  }
-  body.mass_matrix(mass.mutable_data());
-  body.weight(weight.mutable_data());
-  return py::make_tuple(jacobians, mass, weight);
 }
 
 Array answer_of(const Array& mass, const Array& forces) {
@@ -62,7 +41,7 @@ void bind_articulated(py::module_& m) {
       .def(py::init(&articulated))
       .def_property_readonly("links", &Articulated::links)
       .def_property_readonly("dofs", &Articulated::dofs)
-      .def("dynamics", &dynamics);
+      .def("moves", &Articulated::moves);
   m.def("answer", &answer_of);
 }
 

@@ -71,11 +71,19 @@ Array wrenches(const World& w) {
   return out;
 }
 
-py::dict report(const World& w) {
-  const Report& r = w.report();
+// Slot, force, centre of mass and torque about that of the links that answer to one.
+py::list pushes(const World& w) {
+  py::list out;
+  for (std::size_t i = 0; i < w.links.size(); ++i) {
+    const Link& l = w.links[i];
+    if (l.yields() && (max_abs(l.force) > 0 || max_abs(l.torque) > 0))
+      out.append(py::make_tuple(i, tuple(l.force), tuple(l.centre), tuple(l.torque)));
+  }
+  return out;
+}
+
+py::dict counts(const Report& r) {
   py::dict d;
-  d["iterations"] = r.iterations, d["residual"] = r.residual, d["converged"] = r.converged;
-  d["worst_chain"] = r.worst_chain, d["worst_particle"] = r.worst_particle;
   d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
   d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused, d["pairs_queried"] = r.near.queried;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
@@ -114,9 +122,17 @@ PYBIND11_MODULE(_core, m) {
   using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
   py::class_<World> world(m, "World");
+  py::class_<Report>(m, "Report")
+      .def_readonly("iterations", &Report::iterations)
+      .def_readonly("residual", &Report::residual)
+      .def_readonly("converged", &Report::converged)
+      .def_readonly("worst_chain", &Report::worst_chain)
+      .def_readonly("worst_particle", &Report::worst_particle)
+      .def("counts", &counts);
   bind_articulated(m);
   bind_terms(m, world);
   bind_links(m, world);
+  bind_bodies(m, world);
   bind_sparse(m);
   world.def(py::init<>())
       .def("set_options", &set_options)
@@ -176,10 +192,11 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
-      .def("sense",
-           [](World& w, double dt, const Array& gravity, bool held) { w.sense(dt, vec(gravity), held); })
+      .def("sense", [](World& w, double dt, double gx, double gy, double gz,
+                       bool held) { w.sense(dt, {gx, gy, gz}, held); })
       .def("rewind", &World::rewind)
       .def("any_held", &World::any_held)
+      .def("any_released", &World::any_released)
       .def("held_movers",
            [](const World& w) {
              std::vector<int> held;
@@ -224,6 +241,7 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
       .def("wrenches", &wrenches)
-      .def("report", &report)
+      .def("pushes", &pushes)
+      .def("report", [](const World& w) { return w.report(); })
       .def("contacts", &contacts);
 }

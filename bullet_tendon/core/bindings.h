@@ -59,8 +59,9 @@ inline std::vector<Triangle> triangles_of(const Array& corners) {
 
 // Single terms of a step's potential (term_bindings.cpp).
 void bind_terms(py::module_& m, py::class_<World>& world);
-// What pybullet tells of links (link_bindings.cpp).
+// What pybullet tells of links (link_bindings.cpp) and of bodies with joints (body_bindings.cpp).
 void bind_links(py::module_& m, py::class_<World>& world);
+void bind_bodies(py::module_& m, py::class_<World>& world);
 // The sparse solver by itself (sparse_bindings.cpp).
 void bind_sparse(py::module_& m);
 

@@ -34,14 +34,21 @@ void Mover::doubt_stops() {
       doubted_[s.coordinate] = 1, stopped_by_.clear();
 }
 
-void Mover::sense(Vec3 gravity) {
-  doubt_stops();
-  known(gravity);  // with the gyration of the step before
+// The same, with what stops added in the step before, and the gyration of that.
+const Mover::Numbers& Mover::unforced(Vec3 gravity) {
+  known(gravity);
   if (stopped_by_.size() == known_.size())
     for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
-  observer.see(rates, free, known_);
+  return known_;
+}
+
+void Mover::sense(Vec3 gravity) {
+  doubt_stops();
+  observer.see(rates, free, unforced(gravity));
   gyration = gyroscopic();
 }
+
+bool Mover::note(const Numbers& after, Vec3 gravity) { return observer.note(after, unforced(gravity)); }
 
 void Mover::foresee(double dt, Vec3 gravity) {
   change = known(gravity);

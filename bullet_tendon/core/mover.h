@@ -55,6 +55,8 @@ struct Mover {
   // What it did since the last step, and what it is going to do.
   void sense(Vec3 gravity);
   void foresee(double dt, Vec3 gravity);
+  // Its rates right after the step; whether it seems to have been let go (Observer::note).
+  bool note(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.
   void act(double dt);
   // An impulse, generalized, changes its motion.
@@ -64,6 +66,7 @@ struct Mover {
   // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
   Vec3 gyroscopic() const;
   const Numbers& known(Vec3 gravity);
+  const Numbers& unforced(Vec3 gravity);
   void doubt_stops();
   void find_stopped(double dt);
   void stop(double dt);

@@ -20,9 +20,8 @@ void Observer::start(int n) {
 void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
-  if (known_ && acted_ && dt_ > 0) {
-    now_.forces = forces_, now_.acceleration.resize(n_);
-    for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
+  if (has_acted()) {
+    sample(noted_.empty() ? rates : noted_, gravity);
     released_ = held_ && was_released(now_);
     if (samples_ > 0) learn(now_);
     std::swap(before_, last_), std::swap(last_, now_);
@@ -41,7 +40,22 @@ void Observer::take_effective() {
     effective_root_ = root_;
 }
 
-void Observer::refresh(const Numbers& rates) { rates_ = rates, known_ = true, acted_ = false; }
+void Observer::refresh(const Numbers& rates) {
+  rates_ = rates, known_ = true, acted_ = false;
+  noted_.clear();
+}
+
+bool Observer::note(const Numbers& rates, const Numbers& gravity) {
+  if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
+  noted_ = rates;
+  sample(rates, gravity);
+  return was_released(now_);
+}
+
+void Observer::sample(const Numbers& rates, const Numbers& gravity) {
+  now_.forces = forces_, now_.acceleration.resize(n_);
+  for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
+}
 
 void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }
 

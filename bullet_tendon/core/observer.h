@@ -25,6 +25,9 @@ class Observer {
   using Numbers = dense::Numbers;
   // The rates (n) now, the free response (n n), and what gravity makes of the rates by itself (n).
   void see(const Numbers& rates, const Numbers& free, const Numbers& gravity);
+  // The rates right after what it was thought to do; true where that means that it has been let go. What
+  // is seen next may have been set from outside since.
+  bool note(const Numbers& rates, const Numbers& gravity);
   // The rates were set from outside.
   void refresh(const Numbers& rates);
   // The generalized forces that act from now on for dt [s].
@@ -45,6 +48,8 @@ class Observer {
     Numbers forces, acceleration;
   };
   void start(int n);
+  bool has_acted() const { return known_ && acted_ && dt_ > 0; }
+  void sample(const Numbers& rates, const Numbers& gravity);
   bool was_released(const Sample& now);
   void learn(const Sample& now);
   void limit_share();
@@ -55,6 +60,7 @@ class Observer {
   Numbers root_, effective_root_;  // L, E
   Numbers share_, share_root_;     // G, and S with G = S S^T
   Numbers rates_, forces_, push_;
+  Numbers noted_;  // rates after the last step; empty where nobody looked
   Sample last_, before_;
   double dt_ = 0;
   int samples_ = 0;  // of the last steps that are known: 0, 1 or 2

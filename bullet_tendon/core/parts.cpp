@@ -34,6 +34,9 @@ void aim_grips(Chain& c, double share) {
 
 bool World::can_split() const { return !whole_ && can_carry(); }
 
+// Share of the part that begins in what is left of the step.
+double World::share_left() const { return static_cast<double>(size_) / (kUnits - done_); }
+
 void World::begin_part() {
   const bool smallest = size_ <= kUnits / kMostSubsteps;
   context_.dt = whole_dt_ * size_ / kUnits;
@@ -43,7 +46,7 @@ void World::begin_part() {
   for (Chain* c : slots_) {
     if (!c) continue;
     aim_attachments(*c);
-    aim_grips(*c, static_cast<double>(size_) / (kUnits - done_));
+    aim_grips(*c, share_left());
     begin_step(*c, context_);
     c->foresee();
   }
@@ -103,17 +106,22 @@ bool World::take_new_rows() {
 Outcome World::shrink(double share) {
   for (Chain* c : slots_)
     if (c) c->restore_multipliers(c->kept);
-  if (done_ == 0 && backup_.empty()) backup_ = copies(), backup_memory_ = memory_;
+  if (done_ == 0 && backup_.empty()) copy_chains(backup_), backup_memory_ = memory_;
   do size_ /= 2, share *= 2;
   while (share < 1 && size_ > 1);
   begin_part();
   return Outcome::again;
 }
 
-std::vector<std::unique_ptr<Chain>> World::copies() const {
-  std::vector<std::unique_ptr<Chain>> all;
-  for (const auto& c : chains) all.push_back(c ? std::make_unique<Chain>(*c) : nullptr);
-  return all;
+// Into copies of earlier steps where there are some: nothing has to be allocated.
+void World::copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const {
+  copies.resize(chains.size());
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (chains[c] && copies[c])
+      *copies[c] = *chains[c];
+    else
+      copies[c] = chains[c] ? std::make_unique<Chain>(*chains[c]) : nullptr;
+  }
 }
 
 void World::next_part() {

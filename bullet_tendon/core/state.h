@@ -78,10 +78,10 @@ void fields(A& a, Chain& chain) {
 
 template <class A>
 void fields(A& a, Observer& observer) {
-  auto& [n, root, effective_root, share, share_root, rates, forces, push, last, before, dt, samples, known,
-         acted, held, released, now, s, e, one, other, turned, vectors] = observer;
+  auto& [n, root, effective_root, share, share_root, rates, forces, push, noted, last, before, dt, samples,
+         known, acted, held, released, now, s, e, one, other, turned, vectors] = observer;
   a(n, root, effective_root, share, share_root, rates, forces, push, last.forces, last.acceleration,
-    before.forces, before.acceleration, dt, samples, known, acted, held, released);
+    before.forces, before.acceleration, dt, samples, known, acted, held, released, noted);
   a.scratch(now, s, e, one, other, turned, vectors);
 }
 
@@ -160,7 +160,7 @@ void World::fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list) {
   const size_t count = a.length(list.size() == chains.size() ? list.size() : 0);
   if (a.applies()) {
     if (count == 0) list.clear();
-    if (count > 0 && list.size() != chains.size()) list = copies();
+    if (count > 0 && list.size() != chains.size()) copy_chains(list);
   }
   if (count == 0) return;
   for (auto& c : list.size() == chains.size() ? list : chains) {

@@ -107,6 +107,7 @@ void World::forget_contacts() {
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as
 // the link does: with W its mobility, a force F moves it by s^2 W F (mover.h). Where the body's unknowns are
 // solved for, the particle goes with them; an attachment that has a free rigid body for itself is a spring.
+// What a particle is away from its point, as pybullet moved the body otherwise, is made up for evenly.
 void World::aim_attachments(Chain& c) {
   for (Hold& h : c.holds) {
     if (h.link < 0) continue;
@@ -116,6 +117,7 @@ void World::aim_attachments(Chain& c) {
     h.moves = link.yields() && movers[link.mover].unknown;
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
+    if (h.rigid && share_left() < 1) h.aim += (1 - share_left()) * (c.x.at(h.particle) - p);
     if (h.rigid) continue;
     h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
     invert_definite(h.stiffness);
@@ -137,6 +139,10 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     if (l.yields()) l.go_with(movers[l.mover]);
 }
 
+bool World::note(int mover, const dense::Numbers& rates) {
+  return movers[mover].note(rates, context_.gravity);
+}
+
 void World::let_go(int mover) {
   Mover& m = movers[mover];
   m.observer.let_go();
@@ -149,6 +155,10 @@ bool World::any_held() const {
   for (const Mover& m : movers)
     if (m.observer.held()) return true;
   return false;
+}
+
+bool World::any_released() const {
+  return std::any_of(movers.begin(), movers.end(), [](const Mover& m) { return m.observer.released(); });
 }
 
 // What the user chose since then stays; where holds were made or lost, there is no way back.
@@ -203,9 +213,10 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   backup_.clear();
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
-  before_chains_.clear();
-  if (any_held())
-    before_chains_ = copies(), before_memory_ = memory_, before_links_ = links, before_movers_ = movers;
+  if (!any_held())
+    before_chains_.clear();
+  else
+    copy_chains(before_chains_), before_memory_ = memory_, before_links_ = links, before_movers_ = movers;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;

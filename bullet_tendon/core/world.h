@@ -70,6 +70,9 @@ class World {
   // taken back to before that step, with these free. Empty: nothing has been changed.
   std::vector<int> rewind();
   bool any_held() const;
+  bool any_released() const;
+  // The rates of a mover right after a step; whether it seems to have been let go.
+  bool note(int mover, const dense::Numbers& rates);
   // Nothing can hold the mover.
   void let_go(int mover);
   // Their rates were set from outside.
@@ -107,13 +110,14 @@ class World {
   void forget_memory(Which which);
   void forget_planes();
   bool take_back_chains();
+  double share_left() const;
   void aim_attachments(Chain& c);
   // parts.cpp
   bool can_carry() const;
   bool can_split() const;
   void begin_part();
   Outcome shrink(double share);
-  std::vector<std::unique_ptr<Chain>> copies() const;
+  void copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const;
   bool strayed();
   bool take_new_rows();
   void next_part();

@@ -1,0 +1,33 @@
+// What pybullet tells of bodies: nested tuples of numbers, read here because it takes less than making arrays
+// of them.
+#pragma once
+#include "bindings.h"
+
+namespace bt {
+
+// Item i of a tuple; and the number that it is.
+inline PyObject* item(PyObject* tuple, int i) {
+  PyObject* found = PyTuple_GetItem(tuple, i);
+  if (!found) throw py::error_already_set();
+  return found;
+}
+
+inline double number(PyObject* tuple, int i) {
+  const double value = PyFloat_AsDouble(item(tuple, i));
+  if (PyErr_Occurred()) throw py::error_already_set();
+  return value;
+}
+
+inline Vec3 vector(PyObject* tuple) { return {number(tuple, 0), number(tuple, 1), number(tuple, 2)}; }
+
+inline Rot3 turn_of(PyObject* tuple) {
+  const double q[4] = {number(tuple, 0), number(tuple, 1), number(tuple, 2), number(tuple, 3)};
+  return rotation_of(q);
+}
+
+// Places a link by p.getDynamicsInfo, its centre of mass, and the orientation of its inertial frame.
+void place(Link& l, PyObject* info, PyObject* centre, PyObject* turn);
+// Nothing of it moves.
+void stand_still(World& w, int slot);
+
+}  // namespace bt
