@@ -50,7 +50,7 @@ template <class Numbers>
 void add_generalized_loads(const Group& group, Numbers numbers_of) {
   for (int l : group.carried) {
     const Link& link = (*group.links)[l];
-    link.add_generalized(link.root, scaled(reach_of(group), link.load), numbers_of(link.mover));
+    link.add_generalized(link.reached, scaled(reach_of(group), link.load), numbers_of(link.mover));
   }
 }
 
@@ -84,9 +84,14 @@ void place(Group& group) {
 
 // The last step's forces are the first guess at this one's.
 void guess(const Group& group, Mover& m) {
-  m.y.assign(m.n(), 0.0), m.step.assign(m.n(), 0.0), m.residual.assign(m.n(), 0.0);
+  m.y.assign(m.freedom, 0.0), m.step.assign(m.freedom, 0.0), m.residual.assign(m.freedom, 0.0);
   if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
-  dense::multiply_transposed(m.root, m.observer.forces(), m.y);
+  dense::Numbers all;
+  dense::multiply_transposed(m.root, m.observer.forces(), all);
+  if (m.freedom == m.n())
+    m.y = all;
+  else
+    dense::multiply(m.basis, all, m.y);
   for (double& v : m.y) v *= reach_of(group);
 }
 
@@ -117,25 +122,25 @@ void start_bodies(Group& group) {
 
 void forget_bodies(Group& group) {
   if (group.bodies.empty()) return;
-  each_body(group, [](Mover& m) { m.y.assign(m.n(), 0.0); });
+  each_body(group, [](Mover& m) { m.y.assign(m.freedom, 0.0); });
   place(group);
 }
 
 void start_parts(Group& group) {
-  each_body(group, [](Mover& m) { m.gathered.assign(m.n(), 0.0); });
+  each_body(group, [](Mover& m) { m.gathered.assign(m.freedom, 0.0); });
 }
 
 // y = B^T f of a part has the part's root in it.
 void gather_bodies(Group& group, double share) {
   each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.n(); ++k) m.gathered[k] += share / group.part_root * m.y[k];
+    for (int k = 0; k < m.freedom; ++k) m.gathered[k] += share / group.part_root * m.y[k];
   });
 }
 
 void advance_bodies(Group& group, double alpha) {
   if (group.bodies.empty()) return;
   each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.n(); ++k) m.y[k] += alpha * m.step[k];
+    for (int k = 0; k < m.freedom; ++k) m.y[k] += alpha * m.step[k];
   });
   place(group);
 }
@@ -143,7 +148,7 @@ void advance_bodies(Group& group, double alpha) {
 void step_bodies(Group& group) {
   if (group.bodies.empty()) return;
   each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.n(); ++k) m.step[k] = -group.corner_side[m.first + k];
+    for (int k = 0; k < m.freedom; ++k) m.step[k] = -group.corner_side[m.first + k];
   });
   for (int l : group.carried) {
     Link& link = (*group.links)[l];
@@ -227,7 +232,7 @@ void move_one(Group& group, int m, int k) {
     link.stepped = link.load = {};
     if (link.mover != m) continue;
     const size_t n = (*group.movers)[m].y.size();
-    auto at = [&](int row) { return reach_of(group) * link.root[row * n + k]; };
+    auto at = [&](int row) { return reach_of(group) * link.reached[row * n + k]; };
     link.stepped = {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
   }
   carry_steps(group, &Chain::cg_direction);
@@ -252,15 +257,15 @@ void make_border(Group& group) {
   if (static_cast<int>(group.border.size()) < n) group.border.resize(n);
   int column = 0;
   for (int m : group.bodies)
-    for (int k = 0; k < (*group.movers)[m].n(); ++k, ++column) {
+    for (int k = 0; k < (*group.movers)[m].freedom; ++k, ++column) {
       move_one(group, m, k);
       multiply_all(group);
       load_carried(group, &Chain::cg_image);
-      each_body(group, [](Mover& other) { other.step.assign(other.n(), 0.0); });
+      each_body(group, [](Mover& other) { other.step.assign(other.freedom, 0.0); });
       (*group.movers)[m].step[k] = 1;
       add_generalized_loads(group, [&](int other) -> dense::Numbers& { return (*group.movers)[other].step; });
       each_body(group, [&](const Mover& other) {
-        for (int i = 0; i < other.n(); ++i) group.corner[(other.first + i) * n + column] = other.step[i];
+        for (int i = 0; i < other.freedom; ++i) group.corner[(other.first + i) * n + column] = other.step[i];
       });
       project_holds(group, &Chain::cg_image);
       group.border[column].resize(group.chains.size());

@@ -222,6 +222,10 @@ constexpr double kFarthest = 2.0;
 // for [-]: a mouth drilled at up to 63 degrees from the surface's normal leaves no lid.
 constexpr double kBoreReach = 2.0;
 
+// A direction that a body can be moved in is a new one where this share of its square is left beside the
+// others [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
+constexpr double kSameDirection = 1e-20;
+
 // Two segments of one tendon can touch when the arc between them exceeds this many radii [-]: a
 // tendon bent as tightly as a tube can (centreline radius = tendon radius) touches itself after
 // half a turn. Smaller: neighbours push each other apart in every bend.

@@ -21,6 +21,7 @@ void World::make_groups() {
   for (const Row& row : rows_)
     if (row.b.chain >= 0) join_groups(row.a.chain, row.b.chain);
   find_bodies();
+  narrow_bodies();
   groups_.resize(count);
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
@@ -45,7 +46,7 @@ void World::make_groups() {
     if (movers[m].unknown) {
       Group& g = groups_[group_root(touches_[m])];
       g.bodies.push_back(static_cast<int>(m));
-      movers[m].first = g.freedom, g.freedom += movers[m].n();
+      movers[m].first = g.freedom, g.freedom += movers[m].freedom;
     }
   for (size_t l = 0; l < links.size(); ++l)
     if (links[l].yields() && movers[links[l].mover].unknown)

@@ -42,7 +42,24 @@ void Link::advance_to(double time) {
   pose.origin = centre + pose.rotation * arm;
 }
 
-Twist Link::twist_of(const dense::Numbers& y) const { return times(root, y); }
+Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
+
+void Link::reach(const Mover& m) {
+  if (m.freedom == m.n())
+    reached = root;
+  else
+    dense::product_transposed(m.n(), root, m.basis, reached);
+}
+
+dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
+  const size_t n = root.size() / 6;
+  const Vec3 axis{direction == 0 ? 1.0 : 0, direction == 1 ? 1.0 : 0, direction == 2 ? 1.0 : 0};
+  const Vec3 spin = cross(arm, axis);
+  dense::Numbers row(n);
+  for (size_t k = 0; k < n; ++k)
+    row[k] = root[direction * n + k] + dot(spin, Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]});
+  return row;
+}
 
 void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
   const size_t n = to.size();

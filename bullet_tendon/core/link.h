@@ -26,7 +26,9 @@ struct Link {
   int touching = 0;                  // the same, counted in this step
   Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
   Vec3 before_force, before_torque;  // the same, of the parts before
-  // In a solution in which its mover is unknown: what y and its change make of its place, and the residual.
+  // In a solution in which its mover is unknown: J E Q, what the unknowns and their change make of its place,
+  // and the residual.
+  dense::Numbers reached;  // (6 freedom)
   Twist given, stepped, load;
 
   bool yields() const { return mover >= 0; }
@@ -34,6 +36,10 @@ struct Link {
   void follow(const Mover& m);
   // That, and the root of its response.
   void go_with(const Mover& m);
+  // The root of the mover's unknowns.
+  void reach(const Mover& m);
+  // What the unknowns but for s make of the point at the arm, in one direction of space (n).
+  dense::Numbers motion_of(int direction, Vec3 arm) const;
   // Goes on to `time` after the start of the step, with the velocity that it is thought to have.
   void advance_to(double time);
   // Displacement of the world point p within dt from where it is, were it not for the tendons.

@@ -48,6 +48,21 @@ void Mover::sense(Vec3 gravity) {
   gyration = gyroscopic();
 }
 
+void Mover::widen(Numbers direction) {
+  const size_t size = direction.size();
+  const double whole = dense::dot(direction, direction);
+  Numbers along, part;
+  for (int twice = 0; twice < 2 && !basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
+    dense::multiply(basis, direction, along);
+    dense::multiply_transposed(basis, along, part);
+    for (size_t i = 0; i < size; ++i) direction[i] -= part[i];
+  }
+  const double left = dense::dot(direction, direction);
+  if (!(left > kSameDirection * whole)) return;
+  for (double v : direction) basis.push_back(v / std::sqrt(left));
+  ++freedom;
+}
+
 bool Mover::note(const Numbers& after, Vec3 gravity) { return observer.note(after, unforced(gravity)); }
 
 void Mover::foresee(double dt, Vec3 gravity) {

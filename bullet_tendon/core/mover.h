@@ -7,7 +7,9 @@
 //   B = s [I, -[r]] J E,     u = B y,     y = B^T f,     s^2 = (time since the step began) (length of the
 //   part),
 //
-// so that y, of energy |y|^2/2, are the body's unknowns in the solution (border.cpp), whatever holds it.
+// so that y, of energy |y|^2/2, are the body's unknowns in the solution (border.cpp), whatever holds it. What
+// touches the body gives y in the span of all B^T only: with an orthonormal basis Q of that, y = Q z with
+// fewer unknowns z, three for a single attachment (unknowns.cpp).
 //
 // Joint limits are foreseen: a coordinate that is past one, and would go on, pybullet gives the rate that
 // takes back a share of the depth in the step. With S those coordinates and R = E E^T,
@@ -40,10 +42,12 @@ struct Mover {
   Numbers forces;  // generalized, of the tendons in this step
   // In a solution.
   bool unknown = false;
-  Numbers y, step, residual;
-  Numbers gathered;  // y of whole steps, by the parts of a group's step that are done
-  int first = 0;     // of its unknowns among those of its group
-  double lever = 0;  // largest |B| of its touched points
+  int freedom = 0;            // how many unknowns it has
+  Numbers basis;              // Q^T (freedom n), where they are fewer than n
+  Numbers y, step, residual;  // z, its change, and the residual
+  Numbers gathered;           // z of whole steps, by the parts of a group's step that are done
+  int first = 0;              // of its unknowns among those of its group
+  double lever = 0;           // largest |B| of its touched points
 
   // Coordinates that a limit stops in this step.
   std::vector<int> stopped() const {
@@ -52,6 +56,8 @@ struct Mover {
     return coordinates;
   }
   int n() const { return static_cast<int>(rates.size()); }
+  // One more direction (n) that it can be moved in, of which it gets the part that is new.
+  void widen(Numbers direction);
   // What it did since the last step, and what it is going to do.
   void sense(Vec3 gravity);
   void foresee(double dt, Vec3 gravity);

@@ -93,22 +93,24 @@ void fields(A& a, Stop& stop) {
 
 template <class A>
 void fields(A& a, Mover& mover) {
-  auto& [rates, free, falls, gyration, stops, observer, root, change, forces, unknown, y, step, residual,
-         gathered, first, lever, stopped_by, stopped, doubted, known, half, within, within_root, missing] =
-      mover;
+  auto& [rates, free, falls, gyration, stops, observer, root, change, forces, unknown, freedom, basis, y,
+         step, residual, gathered, first, lever, stopped_by, stopped, doubted, known, half, within,
+         within_root, missing] = mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
   a(rates, free, falls, gyration, stops, observer, root, change, unknown, stopped_by, stopped, doubted);
-  a.scratch(forces, y, step, residual, gathered, first, lever, known, half, within, within_root, missing);
+  a.scratch(freedom, basis, forces, y, step, residual, gathered, first, lever, known, half, within,
+            within_root, missing);
 }
 
 template <class A>
 void fields(A& a, Link& link) {
   auto& [pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, jacobian,
-         root, touches, touching, force, torque, before_force, before_torque, given, stepped, load] = link;
+         root, touches, touching, force, torque, before_force, before_torque, reached, given, stepped, load] =
+      link;
   // As with movers.
   a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, jacobian, root,
     touches, touching, force, torque);
-  a.scratch(before_force, before_torque, given, stepped, load);
+  a.scratch(before_force, before_torque, reached, given, stepped, load);
 }
 
 template <class A>

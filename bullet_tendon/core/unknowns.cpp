@@ -1,4 +1,6 @@
 // Which bodies' coordinates are unknowns of the solution, and what parts of a step do to them.
+#include <algorithm>
+
 #include "world.h"
 
 namespace bt {
@@ -44,6 +46,43 @@ void World::find_bodies() {
     if (touches_[mover] < 0) touches_[mover] = chain;
     join_groups(touches_[mover], chain);
   });
+}
+
+// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, else its attached
+// points alone.
+void World::narrow_bodies() {
+  if (std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.unknown; })) return;
+  std::vector<char> solid(links.size());
+  for (size_t s = 0; s < shapes.size(); ++s)
+    if (shape_alive[s]) solid[shapes[s].link] = 1;
+  for (size_t t = 0; t < tunnels.size(); ++t)
+    if (tunnel_alive[t]) solid[tunnels[t].link] = 1;
+  for (const Row& row : rows_)
+    if (row.link >= 0) solid[row.link] = 1;
+  auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
+    for (size_t l = 0; l < links.size(); ++l)
+      if (solid[l] && links[l].yields()) what(links[l], 6, Vec3{});
+    for (const Chain* c : slots_)
+      for (size_t h = 0; c && h < c->holds.size(); ++h) {
+        const Hold& hold = c->holds[h];
+        if (hold.link < 0 || solid[hold.link] || !links[hold.link].yields()) continue;
+        const Link& link = links[hold.link];
+        what(link, 3, to_world(link.pose, hold.local) - link.centre);
+      }
+  };
+  for (Mover& m : movers) m.freedom = 0, m.basis.clear();
+  each_reached([&](const Link& link, int count, Vec3) { movers[link.mover].freedom += count; });
+  std::vector<char> all(movers.size());
+  for (size_t m = 0; m < movers.size(); ++m) {
+    Mover& mover = movers[m];
+    all[m] = !mover.unknown || mover.freedom >= mover.n();
+    mover.freedom = all[m] ? mover.n() : 0;
+  }
+  each_reached([&](const Link& link, int count, Vec3 arm) {
+    for (int k = 0; k < count && !all[link.mover]; ++k) movers[link.mover].widen(link.motion_of(k, arm));
+  });
+  for (Link& l : links)
+    if (l.yields() && movers[l.mover].unknown) l.reach(movers[l.mover]);
 }
 
 // Generalized forces of the wrenches on links, of the whole step or of the part that was solved last.

@@ -128,6 +128,7 @@ class World {
   void each_touch(Do what) const;
   bool find_unknowns();
   void find_bodies();
+  void narrow_bodies();
   void sum_forces(double scale, bool of_part);
   void push_bodies();
   // groups.cpp
