@@ -98,15 +98,12 @@ class Bodies:
         InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
-        core.count_links(len(self.links))
         for slot in self._unused:
             core.clear_link(slot)
         for body in self._touched_bodies():
-            body.tell(core)
-        wild = core.first_wild()
-        if wild >= 0:
-            allowed = "a body with finite pose, velocity and inertia"
-            raise InvalidValue("bodyUniqueId", self.links[wild][0], allowed)
+            if not body.tell(core):
+                allowed = "a body with finite pose, velocity and inertia"
+                raise InvalidValue("bodyUniqueId", body.body, allowed)
 
     def note(self, core) -> bool:
         """Motion of what is held, right after pybullet's step; whether any of it seems to be let go."""
@@ -134,9 +131,9 @@ class Bodies:
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
-        gone = {s for s in range(len(self.links)) if s not in self._unused and self.is_gone(s)}
-        if not gone:
+        if all(map(self._marks.holds, self._mark_of)):
             return
+        gone = {s for s in range(len(self.links)) if s not in self._unused and self.is_gone(s)}
         for slot in sorted(gone & self.in_use()):
             body = self.links[slot][0]
             raise UnknownId("bodyUniqueId", body, "a body that was not removed: release what refers to it")

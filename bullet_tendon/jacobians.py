@@ -58,9 +58,9 @@ def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | N
     if tree.dofs == 0:
         return np.zeros((len(links), 6, 0)), np.zeros((0, 0))
     infos = [p.getDynamicsInfo(body, link, client) for link in range(-1, tree.links - 1)]
-    base = p.getBasePositionAndOrientation(body, client)
-    states = link_states(body, tree.links - 1, client)
-    return _core.dynamics(tree, infos, base, states, [link + 1 for link in links])
+    base = p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
+    joints = joint_states(body, movable_joints(body, client), client)
+    return _core.dynamics(tree, infos, *base, joints, [link + 1 for link in links])
 
 
 def rates(body, client) -> np.ndarray:
@@ -75,11 +75,6 @@ def joint_states(body, joints, client) -> tuple:
     return p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
 
 
-def link_states(body, count, client) -> tuple:
-    """p.getLinkStates of all links, of which there may be none."""
-    return p.getLinkStates(body, range(count), 0, 1, client) if count else ()
-
-
 def is_fixed(body, client) -> bool:
     """Whether nothing moves a body's base."""
     return p.getDynamicsInfo(body, -1, client)[0] == 0
@@ -87,15 +82,16 @@ def is_fixed(body, client) -> bool:
 
 def tree_of(infos, floating: bool) -> _core.Articulated | None:
     """How a body's links hang on its joints, by its joint_infos; None where it has others than those."""
-    return _tree(tuple([(info[2], info[13], info[16], info[8:10]) for info in infos]), floating)
+    return _tree(tuple([(info[2], info[16], *info[13:16], info[8:10]) for info in infos]), floating)
 
 
 @lru_cache(maxsize=256)
 def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
-    """joints: of every link its joint's kind, axis, parent link and limits."""
+    """joints: of every link its joint's kind, parent link, axis, pivot, turn and limits."""
     if any(kind not in _KINDS for kind, *_ in joints):
         return None
-    kinds, axes, parents, limits = zip(*joints, strict=True) if joints else ((), (), (), ())
-    limits = [limit if kind in _LIMITED else (1, 0) for kind, limit in zip(kinds, limits, strict=True)]
-    kinds = [_KINDS[kind] for kind in kinds]
-    return _core.Articulated(kinds, np.add(parents, 1), np.array(axes), np.array(limits), floating)
+    numbers = []
+    for kind, _, *places, limits in joints:
+        numbers += [v for part in (*places, limits if kind in _LIMITED else (1, 0)) for v in part]
+    parents = [parent + 1 for _, parent, *_ in joints]
+    return _core.Articulated([_KINDS[joint[0]] for joint in joints], parents, numbers, floating)

@@ -7,7 +7,7 @@ with its own mass: the stable side. Slots are those of bodies.Bodies.
 
 import pybullet as p
 
-from .jacobians import joint_infos, joint_states, link_states, movable_joints, tree_of
+from .jacobians import joint_infos, joint_states, movable_joints, tree_of
 
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
@@ -38,9 +38,9 @@ class Alone:
     def __init__(self, slot: int, body: int, link: int, falls: bool, client: int):
         self.slot, self.body, self.link, self.falls, self.client = slot, body, link, falls, client
 
-    def tell(self, core) -> None:
-        """Where it is, and how it answers."""
-        core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
+    def tell(self, core) -> bool:
+        """Where it is, and how it answers; whether all of that is finite."""
+        return core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
 
     def note(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been let go."""
@@ -63,25 +63,23 @@ class OnJoints:
         self._told = self._trees[0]  # of these, the one that was told last
         self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
 
-    def tell(self, core) -> None:
-        """Where its links are, and how they answer."""
+    def tell(self, core) -> bool:
+        """Where its links are, and how they answer; whether all of that is finite."""
         body, client = self.body, self.client
         info = p.getDynamicsInfo(body, -1, client)
         floating = info[0] > 0
         if not self._yields[floating]:
-            for slot, link in zip(self._slots, self._links, strict=True):
-                core.tell_link(slot, *read_link(body, link - 1, client), False, False)
-            return
+            links = zip(self._slots, self._links, strict=True)
+            told = [core.tell_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
+            return all(told)
         self._told = tree = self._trees[floating]
-        links = tree.links - 1
-        core.tell_body(
+        return core.tell_body(
             tree,
             self._slots,
             self._links,
-            [info, *[p.getDynamicsInfo(body, link, client) for link in range(links)]],
+            [info, *[p.getDynamicsInfo(body, link, client) for link in range(tree.links - 1)]],
             p.getBasePositionAndOrientation(body, client),
             p.getBaseVelocity(body, client),
-            link_states(body, links, client),
             joint_states(body, self._joints, client),
         )
 

@@ -85,9 +85,8 @@ class TakesSteps:
     def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
         """Where links are and how they answer; what was let go in the last step is put right."""
         self._bodies.tell(self._core)
-        self._core.sense(dt, *gravity.tolist(), held)
-        if held:
-            return
+        if not self._core.sense(dt, *gravity.tolist(), held) or held:
+            return  # nothing is held that could be let go
         for slot in self._bodies.unheld(self._core):
             self._core.let_go(slot)
         self._mend()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pybullet as p
+import pybullet_data
 import pytest
 from bullet_tendon.scenarios import suspended_plate
 from link_scenes import link_frame, matrix
@@ -217,3 +218,56 @@ def test_a_cut_plate_converges_with_first_order():
     assert coarse < 5e-4
     # Exactly first order against a sixteenth gives (1 - 1/16) / (1/2 - 1/16) = 2.14.
     assert coarse / fine > 1.8
+
+
+@pytest.mark.parametrize("name", ["franka_panda/panda.urdf", "r2d2.urdf", "mjcf/humanoid_symmetric.xml"])
+def test_robots_with_a_tendon_on_every_link(make_world, client, name):
+    """Their links are where pybullet has them, fixed joints and massless links too."""
+    world, rng = make_world(1 / 1000, (0, 0, -9.81)), np.random.default_rng(1)
+    path = f"{pybullet_data.getDataPath()}/{name}"
+    if name.endswith("xml"):
+        body = p.loadMJCF(path, physicsClientId=client)[-1]
+    else:
+        turn = p.getQuaternionFromEuler([0.3, 0.5, 0.2])
+        body = p.loadURDF(path, [0, 0, 1], turn, useFixedBase="panda" in name, physicsClientId=client)
+    for joint in range(p.getNumJoints(body, client)):
+        if p.getJointInfo(body, joint, client)[2] in (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):
+            p.resetJointState(body, joint, 0.3 * rng.normal(), physicsClientId=client)
+            p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    held = []
+    for link in range(-1, p.getNumJoints(body, client)):
+        end = link_frame(client, body, link)[0]
+        t = world.add_tendon([end + [0, 0, 0.2], end], 0.002, bt.Material(stiffness=100, damping=0.1), 3)
+        t.grip(0)
+        held.append((t, t.attach(-1, body, link)))
+    for _ in range(5):
+        world.step()
+        assert world.report.converged
+        assert max(misfit(t, a, client) for t, a in held) < 1e-5  # turns within a step are of second order
+
+
+def test_a_link_without_mass_passes_the_pull_on(make_world, client):
+    """An end effector's frame, fixed to the last link of a pendulum: its hinge bears the moment."""
+    world = make_world(1 / 240)
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    body = p.createMultiBody(
+        0,
+        linkMasses=[0.5, 0.0],
+        linkCollisionShapeIndices=[ball, -1],
+        linkVisualShapeIndices=[-1, -1],
+        linkPositions=[[0, 0, 0], [0, 0, -0.2]],
+        linkOrientations=[[0, 0, 0, 1]] * 2,
+        linkInertialFramePositions=[[0, 0, -0.1], [0, 0, 0]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2,
+        linkParentIndices=[0, 1],
+        linkJointTypes=[p.JOINT_REVOLUTE, p.JOINT_FIXED],
+        linkJointAxis=[[0, 1, 0], [0, 0, 1]],
+        physicsClientId=client,
+    )
+    p.setJointMotorControl2(body, 0, p.POSITION_CONTROL, 0.0, force=1e3, physicsClientId=client)
+    t = world.add_tendon([[0.3, 0, -0.2], [0, 0, -0.2]], 0.002, CORD, 10)
+    t.set_force(0, [10.0, 0, 0])
+    t.attach(-1, body, 1)
+    world.step(300)
+    # Bullet's motor bears 10 N on 0.2 m.
+    assert abs(p.getJointState(body, 0, client)[3]) == pytest.approx(2.0, rel=1e-3)

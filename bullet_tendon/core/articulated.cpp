@@ -20,33 +20,56 @@ int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == Joi
 
 }  // namespace
 
-Articulated::Articulated(const std::vector<Joint>& joints, bool floating) : links_(joints.size() + 1) {
-  base_ = floating ? 6 : 0;
+Articulated::Articulated(const std::vector<Joint>& joints, bool floating)
+    : joints_(joints), links_(joints.size() + 1), base_(floating ? 6 : 0) {
   for (int k = 0; k < base_; ++k) {
-    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0});
+    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0, 0});
     links_[0].moved_by.push_back(k);
   }
   for (int j = 0; j < static_cast<int>(joints.size()); ++j) {
+    const Joint& joint = joints[j];
     Placed& link = links_[j + 1];
-    link.moved_by = links_[joints[j].parent].moved_by;
-    for (int k = 0; k < count_of(joints[j].kind); ++k) {
-      const Vec3 axis = joints[j].kind == JointKind::ball ? unit_axis(k) : joints[j].axis;
+    link.moved_by = links_[joint.parent].moved_by;
+    for (int k = 0; k < count_of(joint.kind); ++k) {
+      const Vec3 axis = joint.kind == JointKind::ball ? unit_axis(k) : joint.axis;
+      const bool slides = joint.kind == JointKind::slider;
       link.moved_by.push_back(dofs());
-      twists_.push_back(
-          {j + 1, joints[j].kind == JointKind::slider, axis, {}, {}, joints[j].lower, joints[j].upper});
+      twists_.push_back({j + 1, slides, axis, {}, {}, joint.lower, joint.upper, places_});
     }
+    places_ += joint.kind == JointKind::ball ? 4 : count_of(joint.kind);
   }
 }
 
-void Articulated::place(const double* numbers) {
-  const Vec3 base{numbers[0], numbers[1], numbers[2]};
-  for (Placed& link : links_) {
-    const double* p = numbers;
-    link.centre = Vec3{p[0], p[1], p[2]} - base;
-    link.turn = rotation_of(p + 3), link.mass = p[7];
-    link.inertia = turned(link.turn, {p[8], p[9], p[10]});
-    link.joint = link.centre - link.turn * transposed_times(rotation_of(p + 14), {p[11], p[12], p[13]});
-    numbers += kPlacementWidth;
+void Articulated::place_inertia(Placed& link, const double* numbers) {
+  link.mass = numbers[0];
+  link.inertia = turned(link.turn, {numbers[1], numbers[2], numbers[3]});
+}
+
+void Articulated::place(const double* inertias, const double* base, const double* places) {
+  auto local_centre = [&](int link) {
+    const double* p = inertias + kInertiaWidth * link + 4;
+    return Vec3{p[0], p[1], p[2]};
+  };
+  auto local_turn = [&](int link) { return rotation_of(inertias + kInertiaWidth * link + 7); };
+  base_at_ = {base[0], base[1], base[2]};
+  Placed& root = links_[0];
+  root.turn = rotation_of(base + 3), root.frame = root.turn * transposed(local_turn(0));
+  root.centre = {}, root.joint = -(root.frame * local_centre(0));
+  place_inertia(root, inertias);
+  for (int j = 0; j + 1 < links(); ++j) {
+    const Joint& joint = joints_[j];
+    const Placed& parent = links_[joint.parent];
+    Placed& link = links_[j + 1];
+    link.turn = parent.turn * joint.turn, link.joint = parent.centre + parent.turn * joint.pivot;
+    if (joint.kind == JointKind::hinge)
+      link.turn = link.turn * rotation_about(unit_or(joint.axis, {0, 0, 1}), *places++);
+    else if (joint.kind == JointKind::slider)
+      link.joint += *places++ * (link.turn * joint.axis);
+    else if (joint.kind == JointKind::ball)
+      link.turn = link.turn * rotation_of(places), places += 4;
+    link.frame = link.turn * transposed(local_turn(j + 1));
+    link.centre = link.joint + link.frame * local_centre(j + 1);
+    place_inertia(link, inertias + kInertiaWidth * (j + 1));
   }
   for (int k = 0; k < dofs(); ++k) {
     Twist& t = twists_[k];
@@ -100,7 +123,7 @@ void Articulated::stops(const double* places, std::vector<double>& out) const {
   for (int k = base_; k < dofs(); ++k) {
     const Twist& t = twists_[k];
     if (t.lower > t.upper) continue;
-    const double place = places[k - base_];
+    const double place = places[t.place];
     if (t.lower >= place) out.insert(out.end(), {double(k), 1, t.lower - place});
     if (place >= t.upper) out.insert(out.end(), {double(k), -1, place - t.upper});
   }

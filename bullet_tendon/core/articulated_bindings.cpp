@@ -6,16 +6,17 @@ namespace bt {
 
 namespace {
 
-Articulated articulated(const Ints& kinds, const Ints& parents, const Array& axes, const Array& limits,
-                        bool floating) {
-  if (parents.size() != kinds.size() || axes.size() != 3 * kinds.size() || limits.size() != 2 * kinds.size())
-    throw py::value_error("joints");
+// By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
+// limits (2).
+Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers, bool floating) {
+  if (parents.size() != kinds.size() || numbers.size() != 12 * kinds.size()) throw py::value_error("joints");
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
     if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
-    const double* limit = limits.data() + 2 * j;
-    joints.push_back({kind, parents.data()[j], vec(axes.data() + 3 * j), limit[0], limit[1]});
+    const double* p = numbers.data() + 12 * j;
+    joints.push_back(
+        {kind, parents.data()[j], vec(p), vec(p + 3), transposed(rotation_of(p + 6)), p[10], p[11]});
   }
   return {joints, floating};
 }

@@ -192,8 +192,11 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
-      .def("sense", [](World& w, double dt, double gx, double gy, double gz,
-                       bool held) { w.sense(dt, {gx, gy, gz}, held); })
+      .def("sense",
+           [](World& w, double dt, double gx, double gy, double gz, bool held) {
+             w.sense(dt, {gx, gy, gz}, held);
+             return w.any_held() || w.any_released();
+           })
       .def("rewind", &World::rewind)
       .def("any_held", &World::any_held)
       .def("any_released", &World::any_released)

@@ -1,6 +1,8 @@
 // Bodies with joints, as pybullet tells of them.
 #include <pybind11/stl.h>
 
+#include <algorithm>
+
 #include "articulated.h"
 #include "told.h"
 
@@ -9,52 +11,48 @@ namespace bt {
 namespace {
 
 // What pybullet tells of a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
-// p.getBaseVelocity, p.getLinkStates of all but the base, p.getJointStatesMultiDof of the joints that move.
+// p.getBaseVelocity, p.getJointStatesMultiDof of the joints that move.
 struct Told {
   py::list infos;
-  py::tuple base, motion, states, joints;
-
-  PyObject* info(int link) const { return infos[link].ptr(); }
-  PyObject* pose(int link) const { return link == 0 ? base.ptr() : item(states.ptr(), link - 1); }
+  py::tuple base, motion, joints;
 };
 
-void place(Articulated& body, const Told& told) {
-  if (static_cast<int>(told.infos.size()) != body.links()) throw py::value_error("infos");
-  std::vector<double> numbers;
-  numbers.reserve(kPlacementWidth * body.links());
-  auto take = [&](PyObject* from, int count) {
-    for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
-  };
-  for (int link = 0; link < body.links(); ++link) {
-    PyObject *pose = told.pose(link), *info = told.info(link);
-    take(item(pose, 0), 3), take(item(pose, 1), 4);
-    take(info, 1), take(item(info, 2), 3), take(item(info, 3), 3), take(item(info, 4), 4);
-  }
-  body.place(numbers.data());
+void take(PyObject* from, int first, int count, std::vector<double>& numbers) {
+  for (int i = first; i < first + count; ++i) numbers.push_back(number(from, i));
 }
 
-// The rates of the degrees of freedom, and the places of the joints' (a ball's are not asked for).
+// The rates of the degrees of freedom, and where the joints are.
 void read_joints(const Articulated& body, const py::tuple& motion, const py::tuple& joints,
                  std::vector<double>& rates, std::vector<double>& places) {
   rates.clear(), places.clear();
-  if (body.floats())
-    for (int part = 0; part < 2; ++part)
-      for (int i = 0; i < 3; ++i) rates.push_back(number(item(motion.ptr(), part), i));
+  for (int part = 0; part < 2 && body.floats(); ++part) take(item(motion.ptr(), part), 0, 3, rates);
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    PyObject *state = item(joints.ptr(), static_cast<int>(j)), *now = item(state, 1);
-    const int count = static_cast<int>(PyTuple_Size(now));
-    for (int i = 0; i < count; ++i) {
-      rates.push_back(number(now, i));
-      places.push_back(count == 1 ? number(item(state, 0), 0) : 0);
-    }
+    PyObject* state = item(joints.ptr(), static_cast<int>(j));
+    PyObject *place = item(state, 0), *rate = item(state, 1);
+    take(place, 0, static_cast<int>(PyTuple_Size(place)), places);
+    take(rate, 0, static_cast<int>(PyTuple_Size(rate)), rates);
   }
-  if (static_cast<int>(rates.size()) != body.dofs()) throw py::value_error("joints");
+  if (static_cast<int>(rates.size()) != body.dofs() || static_cast<int>(places.size()) != body.places())
+    throw py::value_error("joints");
 }
 
-void set_mover(Mover& m, const Articulated& body, const Told& told) {
+void place(Articulated& body, const Told& told, const std::vector<double>& places) {
+  if (static_cast<int>(told.infos.size()) != body.links()) throw py::value_error("infos");
+  std::vector<double> inertias, base;
+  inertias.reserve(kInertiaWidth * body.links());
+  for (const py::handle& info : told.infos) {
+    take(info.ptr(), 0, 1, inertias);
+    for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), 0, part == 4 ? 4 : 3, inertias);
+  }
+  for (int part = 0; part < 2; ++part) take(item(told.base.ptr(), part), 0, 3 + part, base);
+  body.place(inertias.data(), base.data(), places.data());
+}
+
+void set_mover(Mover& m, Articulated& body, const Told& told) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   read_joints(body, told.motion, told.joints, m.rates, places);
+  place(body, told, places);
   body.mass_matrix(mass.data()), body.weight(weight.data());
   dense::set_identity(static_cast<int>(n), m.free);
   answer(static_cast<int>(n), static_cast<int>(n), mass.data(), m.free.data());
@@ -80,24 +78,26 @@ void set_motion(Link& l, const Articulated& body, const Told& told, const std::v
   l.now_velocity += Vec3{twist[0], twist[1], twist[2]}, l.now_spin += Vec3{twist[3], twist[4], twist[5]};
 }
 
-// Links of one body, by their slots, in the first of which is the body's mover.
-void tell_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
-               const py::list& infos, const py::tuple& base, const py::tuple& motion, const py::tuple& states,
+// Links of one body, by their slots, in the first of which is the body's mover. false: some number is not
+// finite.
+bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
+               const py::list& infos, const py::tuple& base, const py::tuple& motion,
                const py::tuple& joints) {
-  const Told told{infos, base, motion, states, joints};
-  place(body, told);
+  const Told told{infos, base, motion, joints};
+  for (int slot : slots) make_link(w, slot);
   Mover& m = w.movers[slots[0]];
   set_mover(m, body, told);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.links[slots[i]];
-    place(l, told.info(link), item(told.pose(link), 0), item(told.pose(link), 1));
+    l.centre = body.centre(link), l.pose = body.frame(link);
     if (i > 0) stand_still(w, slots[i]);
     l.mover = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
     set_motion(l, body, told, m.rates);
   }
+  return std::all_of(slots.begin(), slots.end(), [&](int slot) { return told_well(w, slot); });
 }
 
 // Its rates right after a step; whether it seems to have been let go.
@@ -109,9 +109,11 @@ bool note_body(World& w, int slot, const Articulated& body, const py::tuple& mot
 }
 
 // J (links, 6, dofs) and the mass matrix.
-py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& states,
-                   const py::list& chosen) {
-  place(body, Told{infos, base, py::tuple(), states, py::tuple()});
+py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& motion,
+                   const py::tuple& joints, const py::list& chosen) {
+  std::vector<double> rates, places;
+  read_joints(body, motion, joints, rates, places);
+  place(body, Told{infos, base, motion, joints}, places);
   const py::ssize_t n = body.dofs(), count = chosen.size();
   Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
   for (py::ssize_t i = 0; i < count; ++i) {

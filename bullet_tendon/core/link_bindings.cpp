@@ -5,13 +5,7 @@
 
 namespace bt {
 
-namespace {
-
-Rot3 transposed(const Rot3& r) {
-  return {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
-}
-
-}  // namespace
+namespace {}  // namespace
 
 // The frame of the URDF is the inertial one by the inverse of its local pose. Of bodies with maximal
 // coordinates (body type 1) pybullet does not know that, and gives what was in memory: there both are one.
@@ -23,10 +17,25 @@ void place(Link& l, PyObject* info, PyObject* centre, PyObject* turn) {
   l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(item(info, 3)));
 }
 
+void make_link(World& w, int slot) {
+  if (slot < static_cast<int>(w.links.size())) return;
+  w.links.resize(slot + 1), w.movers.resize(slot + 1);
+}
+
 void stand_still(World& w, int slot) {
   w.links[slot].mover = -1;
   w.links[slot].jacobian.clear();
   if (w.movers[slot].n() > 0) w.movers[slot] = Mover{};
+}
+
+bool told_well(const World& w, int slot) {
+  const Link& l = w.links[slot];
+  const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
+                   l.pose.rotation.r1 + l.pose.rotation.r2;
+  double none = max_abs(0 * sum);
+  for (const dense::Numbers* numbers : {&w.movers[slot].rates, &w.movers[slot].free})
+    for (double v : *numbers) none += 0 * v;
+  return none == 0;
 }
 
 namespace {
@@ -52,38 +61,20 @@ void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool f
   }
 }
 
-bool finite(const std::vector<double>& numbers) {
-  double sum = 0;
-  for (double v : numbers) sum += 0 * v;
-  return sum == 0;
-}
-
-bool finite(const Link& l) {
-  const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
-                   l.pose.rotation.r1 + l.pose.rotation.r2;
-  return max_abs(sum) < std::numeric_limits<double>::infinity();
-}
-
-// Which of the links or of their movers has a number that is not finite; -1: none.
-int first_wild(const World& w) {
-  for (size_t i = 0; i < w.links.size(); ++i) {
-    const Mover& m = w.movers[i];
-    if (!finite(w.links[i]) || !finite(m.rates) || !finite(m.free)) return static_cast<int>(i);
-  }
-  return -1;
-}
-
 // A link by p.getDynamicsInfo, its centre of mass, the orientation of its inertial frame, velocity and spin;
-// alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it.
-void tell_link(World& w, int slot, const py::tuple& info, const py::tuple& centre, const py::tuple& turn,
+// alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. false: some number
+// is not finite.
+bool tell_link(World& w, int slot, const py::tuple& info, const py::tuple& centre, const py::tuple& turn,
                const py::tuple& velocity, const py::tuple& spin, bool alone, bool falls) {
+  make_link(w, slot);
   Link& l = w.links[slot];
   place(l, info.ptr(), centre.ptr(), turn.ptr());
   l.now_velocity = vector(velocity.ptr()), l.now_spin = vector(spin.ptr());
-  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot);
+  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot);
   l.mover = slot;
   l.jacobian.clear();
   stand_alone(w.movers[slot], l, info.ptr(), turn.ptr(), falls);
+  return told_well(w, slot);
 }
 
 // Its velocity and spin right after a step; whether it seems to have been let go.
@@ -92,18 +83,15 @@ bool note_link(World& w, int slot, const py::tuple& velocity, const py::tuple& s
   return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
-void count_links(World& w, int count) { w.links.resize(count), w.movers.resize(count); }
-
-void clear_link(World& w, int slot) { w.links[slot] = Link{}, w.movers[slot] = Mover{}; }
+void clear_link(World& w, int slot) {
+  make_link(w, slot);
+  w.links[slot] = Link{}, w.movers[slot] = Mover{};
+}
 
 }  // namespace
 
 void bind_links(py::module_& m, py::class_<World>& world) {
-  world.def("count_links", &count_links)
-      .def("clear_link", &clear_link)
-      .def("tell_link", &tell_link)
-      .def("note_link", &note_link)
-      .def("first_wild", &first_wild);
+  world.def("clear_link", &clear_link).def("tell_link", &tell_link).def("note_link", &note_link);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& centre, const py::tuple& turn) {
     Link l;
     place(l, info.ptr(), centre.ptr(), turn.ptr());

@@ -27,6 +27,10 @@ inline Rot3 turn_of(PyObject* tuple) {
 
 // Places a link by p.getDynamicsInfo, its centre of mass, and the orientation of its inertial frame.
 void place(Link& l, PyObject* info, PyObject* centre, PyObject* turn);
+// There is a link, and a mover, in that slot.
+void make_link(World& w, int slot);
+// Whether all that was told of them is finite.
+bool told_well(const World& w, int slot);
 // Nothing of it moves.
 void stand_still(World& w, int slot);
 

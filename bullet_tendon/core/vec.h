@@ -86,6 +86,9 @@ struct Rot3 {
 inline Vec3 operator*(const Rot3& a, Vec3 v) { return {dot(a.r0, v), dot(a.r1, v), dot(a.r2, v)}; }
 inline Vec3 transposed_times(const Rot3& a, Vec3 v) { return v.x * a.r0 + v.y * a.r1 + v.z * a.r2; }
 
+inline Rot3 transposed(const Rot3& r) {
+  return {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
+}
 inline Rot3 operator*(const Rot3& a, const Rot3& b) {
   auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
   return {row(a.r0), row(a.r1), row(a.r2)};
