@@ -40,7 +40,17 @@ class Alone:
 
     def tell(self, core) -> bool:
         """Where it is, and how it answers; whether all of that is finite."""
-        return core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
+        well = core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
+        if self.falls and core.may_rest(self.slot):
+            self._tell_contacts(core)
+        return well
+
+    def _tell_contacts(self, core) -> None:
+        """What it rests on: contacts with bodies without mass."""
+        for contact in p.getContactPoints(bodyA=self.body, physicsClientId=self.client):
+            other, link, point, normal, distance = contact[2], contact[4], *contact[5:9:2], contact[8]
+            if p.getDynamicsInfo(other, link, self.client)[0] == 0:
+                core.add_contact(self.slot, point, normal, distance)
 
     def note(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been let go."""

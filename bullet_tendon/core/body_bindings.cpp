@@ -60,7 +60,7 @@ void set_mover(Mover& m, Articulated& body, const Told& told) {
   for (std::size_t i = 0; i < n; ++i)
     for (std::size_t k = 0; k < n; ++k)
       for (std::size_t e = 0; e < 3; ++e) m.falls[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
-  body.stops(places.data(), m.stops);
+  body.stops(places.data(), m.limits);
 }
 
 // Velocity and spin of a link by the rates, and by the base's motion where that is moved by hand.

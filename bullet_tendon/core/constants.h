@@ -146,7 +146,22 @@ constexpr double kMassless = 1e-13;
 // Share of the depth behind a joint's limit that pybullet takes back in a step (Bullet's erp) [-]. It cannot
 // be asked for; where it was set otherwise, that is learned as what holds the body.
 constexpr double kTakenBack = 0.2;
-// Share of what was missing to the rate at a limit that has to be made up for the limit to be believed [-].
+// What a contact may be deep without being pushed apart [m], and the share of the rest that is taken back in
+// a step [-] (pybullet's slop and contactERP, as it sets them; they cannot be asked for).
+constexpr double kContactSlop = 1e-5;
+constexpr double kContactTakenBack = 0.08;
+
+// A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
+constexpr double kLeastPush = 1e-9;
+
+// Sweeps over the limits and contacts of a body, to find which ones stop it. Fewer: wrong ones of many.
+constexpr int kStopSweeps = 100;
+
+// A part of a step is solved again at most this often because other limits and contacts act than foreseen.
+constexpr int kSettlings = 8;
+
+// Share of what was missing to the rate at a limit or contact that has to be made up for the limit to be
+// believed [-].
 constexpr double kLeastStopped = 0.5;
 
 // Depth from which it does not (its split impulse) [rad], [m].

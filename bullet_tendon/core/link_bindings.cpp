@@ -44,7 +44,7 @@ namespace {
 void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
   const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
-  m.stops.clear();
+  m.limits.clear(), m.contacts.clear();
   m.falls.clear();
   if (falls) m.falls.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
@@ -83,6 +83,15 @@ bool note_link(World& w, int slot, const py::tuple& velocity, const py::tuple& s
   return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
+bool may_rest(const World& w, int slot) { return w.movers[slot].may_rest(w.gravity()); }
+
+// A contact with what does not move: its point, the normal towards the body, and the distance.
+void add_contact(World& w, int slot, const py::tuple& point, const py::tuple& normal, double distance) {
+  const Vec3 n = vector(normal.ptr()), turn = cross(vector(point.ptr()) - w.links[slot].centre, n);
+  const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, distance};
+  w.movers[slot].contacts.insert(w.movers[slot].contacts.end(), row, row + 7);
+}
+
 void clear_link(World& w, int slot) {
   make_link(w, slot);
   w.links[slot] = Link{}, w.movers[slot] = Mover{};
@@ -91,7 +100,11 @@ void clear_link(World& w, int slot) {
 }  // namespace
 
 void bind_links(py::module_& m, py::class_<World>& world) {
-  world.def("clear_link", &clear_link).def("tell_link", &tell_link).def("note_link", &note_link);
+  world.def("clear_link", &clear_link)
+      .def("tell_link", &tell_link)
+      .def("note_link", &note_link)
+      .def("may_rest", &may_rest)
+      .def("add_contact", &add_contact);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& centre, const py::tuple& turn) {
     Link l;
     place(l, info.ptr(), centre.ptr(), turn.ptr());

@@ -11,31 +11,32 @@
 // touches the body gives y in the span of all B^T only: with an orthonormal basis Q of that, y = Q z with
 // fewer unknowns z, three for a single attachment (unknowns.cpp).
 //
-// Joint limits are foreseen: a coordinate that is past one, and would go on, pybullet gives the rate that
-// takes back a share of the depth in the step. With S those coordinates and R = E E^T,
-//
-//   rates += R_:S R_SS^-1 (wanted - rates)_S,     E -= R_:S R_SS^-1 E_S.
+// Joint limits and contacts with bodies that do not move are foreseen: where the rate along a direction d
+// would go on through one, pybullet gives it what takes back a share of the depth (stops.cpp).
 #pragma once
 #include "observer.h"
 #include "vec.h"
 
 namespace bt {
 
-// A limit that is thought to stop a coordinate in this step.
+// What may stop the rate along a direction in this step, from below: a limit that is reached, or a contact.
 struct Stop {
-  int coordinate = 0;
-  double side = 0;     // 1 where it pushes up, -1 where it pushes down
-  double wanted = 0;   // rate that it gives
-  double missing = 0;  // of that, to the rate foreseen without it
+  dense::Numbers direction;  // d (n)
+  double wanted = 0;         // rate that it gives
+  double missing = 0;        // of that, to the rate foreseen without it and without the tendons
+  double held_back = 0;      // and with them
+  int coordinate = -1;       // of a limit; -1: a contact
+  bool acts = false;
 };
 
 struct Mover {
   using Numbers = dense::Numbers;
-  Numbers rates;  // now: velocity of the centre of mass and spin, of the base, and of the joints
-  Numbers free;   // M^-1 (n n)
-  Numbers falls;  // acceleration by a unit of gravity (n 3); empty: not known
-  Vec3 gyration;  // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
-  Numbers stops;  // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  Numbers rates;     // now: velocity of the centre of mass and spin, of the base, and of the joints
+  Numbers free;      // M^-1 (n n)
+  Numbers falls;     // acceleration by a unit of gravity (n 3); empty: not known
+  Vec3 gyration;     // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
+  Numbers limits;    // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  Numbers contacts;  // of a rigid body: direction (6) and distance, below 0 inside, of every contact
   Observer observer;
   Numbers root;    // E, without what the stops take away in this step
   Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
@@ -52,9 +53,14 @@ struct Mover {
   // Coordinates that a limit stops in this step.
   std::vector<int> stopped() const {
     std::vector<int> coordinates;
-    for (const Stop& s : stopped_) coordinates.push_back(s.coordinate);
+    for (const Stop& s : stops_)
+      if (s.acts && s.coordinate >= 0) coordinates.push_back(s.coordinate);
     return coordinates;
   }
+  bool may_stop() const { return !stops_.empty(); }
+  bool is_stopped() const;
+  // Whether contacts could tell something of what it is going to do.
+  bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
   // One more direction (n) that it can be moved in, of which it gets the part that is new.
   void widen(Numbers direction);
@@ -65,6 +71,8 @@ struct Mover {
   bool note(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.
   void act(double dt);
+  // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
+  bool settle_stops(const Numbers& forces, double dt);
   // An impulse, generalized, changes its motion.
   void push(const Numbers& impulse);
 
@@ -74,12 +82,20 @@ struct Mover {
   const Numbers& known(Vec3 gravity);
   const Numbers& unforced(Vec3 gravity);
   void doubt_stops();
-  void find_stopped(double dt);
+  void find_stops(double dt);
+  void add_stop(Numbers direction, double wanted, int coordinate);
+  void choose_stops(const Numbers& forces, double dt, std::vector<char>& acts);
   void stop(double dt);
+  void take_away(double dt);
+  void push_by(const Numbers& impulse);
   Numbers stopped_by_;  // acceleration that the stops made in the last step, beside the response
-  std::vector<Stop> stopped_;
-  Numbers doubted_;  // by coordinate, not 0: it went on through what pybullet tells as its limit
-  Numbers known_, half_, within_, within_root_, missing_;
+  std::vector<Stop> stops_;
+  Numbers unstopped_;     // change without them and without the tendons
+  Numbers pushed_;        // impulses of the tendons in the parts that are done
+  Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
+  bool rested_ = false;   // on contacts, in the last step
+  bool slipped_ = false;  // through them
+  Numbers known_, half_, within_, within_root_, missing_, pushes_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h
 };

@@ -35,6 +35,7 @@ class Observer {
   // As if it was free, from the step before on.
   void let_go();
 
+  bool is_new() const { return samples_ < 2; }             // too little was seen of it yet
   bool held() const { return held_; }                      // something takes part of the response away
   bool released() const { return released_; }              // it was held before what was seen last
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T

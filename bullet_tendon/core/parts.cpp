@@ -71,6 +71,7 @@ Outcome World::solve() {
     if (!finite) return report_.take(attempt_), cancel(), Outcome::failed;
     if (can_split() && looks_ < kLooks && strayed()) return ++looks_, looking_ = true, Outcome::again;
   }
+  if (settle_stops()) return solve_again();
   report_.take(attempt_);
   if (done_ + size_ == kUnits) return Outcome::done;
   next_part();
@@ -103,14 +104,18 @@ bool World::take_new_rows() {
   return rows_.size() > known;
 }
 
-Outcome World::shrink(double share) {
+Outcome World::solve_again() {
   for (Chain* c : slots_)
     if (c) c->restore_multipliers(c->kept);
+  begin_part();
+  return Outcome::again;
+}
+
+Outcome World::shrink(double share) {
   if (done_ == 0 && backup_.empty()) copy_chains(backup_), backup_memory_ = memory_;
   do size_ /= 2, share *= 2;
   while (share < 1 && size_ > 1);
-  begin_part();
-  return Outcome::again;
+  return solve_again();
 }
 
 // Into copies of earlier steps where there are some: nothing has to be allocated.
@@ -132,29 +137,32 @@ void World::next_part() {
   if (done_ % (2 * size_) == 0) size_ *= 2;
   for (Chain* c : slots_)
     if (c) c->keep_multipliers(c->kept);
+  settlings_ = 0;
   begin_part();
+}
+
+// What the part that was solved does to the links.
+void World::push_links(double share) {
+  auto push = [&](Link& link, Vec3 force, Vec3 point) { ++link.touching, link.apply(share * force, point); };
+  for (const Row& row : rows_)  // on the centreline's point, not on the surface: particles do not spin
+    if (row.link >= 0) push(links[row.link], -row.mean_force, row.a.of(slots_[row.a.chain]->next));
+  for (const Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      const Hold& h = c->holds[i];
+      if (h.link >= 0) push(links[h.link], h.mean_force, to_world(links[h.link].pose, h.local));
+    }
 }
 
 // The part that was solved becomes the state, and the links feel it.
 void World::take_part() {
   const double share = static_cast<double>(size_) / kUnits;
   for (Link& l : links) l.touching = 0, l.before_force = l.force, l.before_torque = l.torque;
-  for (Row& row : rows_) {
-    if (row.link < 0) continue;
-    Link& link = links[row.link];
-    ++link.touching;
-    // On the centreline's point, not on the surface: particles do not spin.
-    link.apply(-share * row.mean_force, row.a.of(slots_[row.a.chain]->next));
-  }
+  push_links(share);
   for (Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) {
       Hold& h = c->holds[i];
       h.kept_force = h.mean_force;
       h.sum_force += share * h.mean_force;
-      if (h.link < 0) continue;
-      Link& link = links[h.link];
-      ++link.touching;
-      link.apply(share * h.mean_force, to_world(link.pose, h.local));
     }
   remember();
   for (Chain* c : slots_)

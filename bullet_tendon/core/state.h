@@ -87,19 +87,20 @@ void fields(A& a, Observer& observer) {
 
 template <class A>
 void fields(A& a, Stop& stop) {
-  auto& [coordinate, side, wanted, missing] = stop;
-  a(coordinate, side, wanted, missing);
+  auto& [direction, wanted, missing, held_back, coordinate, acts] = stop;
+  a(direction, wanted, missing, held_back, coordinate, acts);
 }
 
 template <class A>
 void fields(A& a, Mover& mover) {
-  auto& [rates, free, falls, gyration, stops, observer, root, change, forces, unknown, freedom, basis, y,
-         step, residual, gathered, first, lever, stopped_by, stopped, doubted, known, half, within,
-         within_root, missing] = mover;
+  auto& [rates, free, falls, gyration, limits, contacts, observer, root, change, forces, unknown, freedom,
+         basis, y, step, residual, gathered, first, lever, stopped_by, stops, unstopped, pushed, doubted,
+         rested, slipped, known, half, within, within_root, missing, pushes] = mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
-  a(rates, free, falls, gyration, stops, observer, root, change, unknown, stopped_by, stopped, doubted);
+  a(rates, free, falls, gyration, limits, contacts, observer, root, change, unknown, stopped_by, stops,
+    unstopped, pushed, doubted, rested, slipped);
   a.scratch(freedom, basis, forces, y, step, residual, gathered, first, lever, known, half, within,
-            within_root, missing);
+            within_root, missing, pushes);
 }
 
 template <class A>
@@ -189,10 +190,10 @@ void World::moving_fields(A& a) {
 template <class A>
 void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
-         whole_dt, whole, done, size, parts, looks, room, looking, unsettled, backup, backup_memory,
-         before_chains, before_memory, before_links, before_movers, slots, caches, queries, trees, pairs,
-         touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
-         attempt, kept_moving, kept_entries, kept_rows] = *this;
+         whole_dt, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
+         backup_memory, before_chains, before_memory, before_links, before_movers, slots, caches, queries,
+         trees, pairs, touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups,
+         group_of, report, attempt, kept_moving, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
   a.scratch(chains_, links_, movers_, memory, whole_dt, before_chains, before_memory, before_links,
@@ -206,7 +207,7 @@ void World::all_fields(A& a) {
     }
   a(rows);
   // Options are the user's, as they are now.
-  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, backup,
+  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
             backup_memory, slots, queries, trees, pairs, touches, found, before, keys, touching, bores,
             bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
 }

@@ -14,7 +14,8 @@ void World::each_touch(Do what) const {
       const Hold& h = slots_[c]->holds[i];
       if (h.link < 0 || !links[h.link].yields()) continue;
       const int mover = links[h.link].mover;
-      const bool loose = links[h.link].jacobian.empty() && !movers[mover].observer.held();
+      const Mover& m = movers[mover];
+      const bool loose = links[h.link].jacobian.empty() && !m.observer.held() && !m.is_stopped();
       what(mover, loose ? 1 : 2, static_cast<int>(c));
     }
   for (const Row& row : rows_)
@@ -94,6 +95,27 @@ void World::sum_forces(double scale, bool of_part) {
     const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
     l.add_generalized(l.jacobian, {scale * force, scale * torque}, movers[l.mover].forces);
   }
+}
+
+// Whether limits and contacts act with the forces of this solution that were not foreseen to, or the other
+// way.
+bool World::settle_stops() {
+  if (whole_ || settlings_ >= kSettlings ||
+      std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.may_stop(); }))
+    return false;
+  const std::vector<Link> before = links;
+  push_links(static_cast<double>(size_) / kUnits);
+  sum_forces(static_cast<double>(kUnits) / (done_ + size_), false);
+  links = before;
+  bool other = false;
+  for (size_t m = 0; m < movers.size(); ++m) {
+    if (!movers[m].may_stop() || !movers[m].settle_stops(movers[m].forces, whole_dt_)) continue;
+    other = true;
+    for (Link& l : links)
+      if (l.mover == static_cast<int>(m)) l.go_with(movers[m]);
+  }
+  settlings_ += other;
+  return other;
 }
 
 // What the part that was solved did to the bodies, in the parts to come.

@@ -228,6 +228,7 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   }
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);
   report_ = Report{};
+  settlings_ = 0;
   begin_part();
 }
 

@@ -96,6 +96,7 @@ class World {
   void restore(const char* from, size_t size);
 
   const Report& report() const { return report_; }
+  Vec3 gravity() const { return context_.gravity; }  // of the last step
   std::vector<ContactRecord> contacts() const;
 
  private:
@@ -117,6 +118,8 @@ class World {
   bool can_split() const;
   void begin_part();
   Outcome shrink(double share);
+  void push_links(double share);
+  Outcome solve_again();
   void copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const;
   bool strayed();
   bool take_new_rows();
@@ -131,6 +134,7 @@ class World {
   void narrow_bodies();
   void sum_forces(double scale, bool of_part);
   void push_bodies();
+  bool settle_stops();
   // groups.cpp
   bool solve_groups();
   void read_worst(const Group& group);
@@ -168,6 +172,7 @@ class World {
   double room_ = 1;            // share of the part that can be gone before something unforeseen touches
   bool looking_ = false;       // rows_ are solved for, and are only to be added to
   bool unsettled_ = false;     // a group with contacts did not converge
+  int settlings_ = 0;          // of this part, because other stops act than foreseen
   std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
   std::vector<ContactMemory> backup_memory_;
   // The state before the last step, kept while something holds a link.

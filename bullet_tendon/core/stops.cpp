@@ -1,0 +1,164 @@
+// Joint limits and contacts that stop a body in this step.
+//
+// Without them the tendons' forces w would take the rates to u = rates + change + dt R w, R = E E^T. A stop
+// along d gives the least impulse that keeps d u from falling below the rate that it wants:
+//
+//   D u' - wanted >= 0,   lambda >= 0,   complementary,     u' = u + R D^T lambda.
+//
+// Which ones act is found with the forces at hand by projected Gauss and Seidel, before the solution by those
+// of the last step and after it by its own (World::settle_stops). The solution itself takes those that act,
+// S, for what does not yield:
+//
+//   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
+#include <algorithm>
+#include <cmath>
+
+#include "constants.h"
+#include "mover.h"
+
+namespace bt {
+
+namespace {
+
+// The rate that pybullet gives what is behind a limit: outwards, or none where it is deep.
+double rate_at_limit(double depth, double dt) { return depth < kDeepBehind ? kTakenBack * depth / dt : 0; }
+
+// And at a contact, which may be deeper than it shows by its slop.
+double rate_at_contact(double distance, double dt) {
+  const double room = distance + kContactSlop;
+  return room > 0 ? -room / dt : -kContactTakenBack * room / dt;
+}
+
+}  // namespace
+
+// Limits that were changed (changeDynamics) are told as they were loaded, and contacts for longer than they
+// hold: what goes on through one has none.
+void Mover::doubt_stops() {
+  doubted_.resize(n());
+  if (contacts.empty()) slipped_ = false;
+  rested_ = false;
+  for (const Stop& s : stops_) {
+    if (!s.acts) continue;
+    const bool went_on = dense::dot(s.direction, rates) - s.wanted < -kLeastStopped * std::fabs(s.held_back);
+    if (s.coordinate < 0) rested_ = !went_on || rested_;
+    if (!went_on) continue;
+    stopped_by_.clear();
+    (s.coordinate >= 0 ? doubted_[s.coordinate] = 1 : slipped_ = true);
+  }
+}
+
+bool Mover::is_stopped() const {
+  return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts; });
+}
+
+bool Mover::may_rest(Vec3 gravity) const {
+  const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
+  return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
+         pushed > kLeastStopped * norm(gravity);
+}
+
+void Mover::add_stop(Numbers direction, double wanted, int coordinate) {
+  Numbers along;
+  dense::multiply_transposed(root, direction, along);
+  Numbers whole;
+  dense::multiply(free, direction, whole);
+  if (!(dense::dot(along, along) > kRank * dense::dot(direction, whole))) return;
+  const double foreseen = dense::dot(direction, rates) + dense::dot(direction, change);
+  stops_.push_back({std::move(direction), wanted, wanted - foreseen, 0, coordinate, false});
+}
+
+void Mover::find_stops(double dt) {
+  stops_.clear();
+  unstopped_ = change;
+  pushed_.assign(n(), 0.0);
+  doubted_.resize(n());
+  for (size_t s = 0; s < limits.size(); s += 3) {
+    const int i = static_cast<int>(limits[s]);
+    if (doubted_[i] != 0) continue;
+    Numbers direction(n());
+    direction[i] = limits[s + 1];
+    add_stop(std::move(direction), rate_at_limit(limits[s + 2], dt), i);
+  }
+  for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
+    Numbers direction(&contacts[c], &contacts[c] + 6);
+    // What it rests on gives way slowly and steadily.
+    const double now = dense::dot(direction, rates);
+    add_stop(std::move(direction), rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
+  }
+}
+
+// lambda of the complementarity problem above.
+void Mover::choose_stops(const Numbers& forces, double dt, std::vector<char>& acts) {
+  const size_t m = stops_.size();
+  Numbers along, given, row;
+  half_.clear();
+  for (const Stop& s : stops_) {
+    dense::multiply_transposed(observer.root(), s.direction, row);
+    half_.insert(half_.end(), row.begin(), row.end());
+  }
+  dense::product_transposed(n(), half_, half_, within_);
+  dense::multiply_transposed(observer.root(), forces, along);
+  dense::multiply(half_, along, given);
+  pushes_.assign(m, 0.0);
+  for (int sweep = 0; sweep < kStopSweeps; ++sweep)
+    for (size_t a = 0; a < m; ++a) {
+      double left = stops_[a].missing - dt * given[a];
+      for (size_t b = 0; b < m; ++b) left -= within_[a * m + b] * pushes_[b];
+      pushes_[a] = std::max(0.0, pushes_[a] + left / within_[a * m + a]);
+    }
+  for (size_t a = 0; a < m; ++a) {
+    stops_[a].held_back = stops_[a].missing - dt * given[a];
+    const double size = std::fabs(stops_[a].missing) + dt * std::fabs(given[a]);
+    acts[a] = pushes_[a] * within_[a * m + a] > kLeastPush * size;
+  }
+}
+
+bool Mover::settle_stops(const Numbers& forces, double dt) {
+  if (stops_.empty() || static_cast<int>(forces.size()) != n()) return false;
+  std::vector<char> acts(stops_.size());
+  choose_stops(forces, dt, acts);
+  bool other = false;
+  for (size_t a = 0; a < stops_.size(); ++a) {
+    other |= stops_[a].acts != (acts[a] != 0);
+    stops_[a].acts = acts[a] != 0;
+  }
+  if (other) stop(dt);
+  return other;
+}
+
+void Mover::stop(double dt) {
+  change = unstopped_, root = observer.root();
+  missing_.clear(), half_.clear();
+  Numbers row;
+  for (const Stop& s : stops_) {
+    if (!s.acts) continue;
+    missing_.push_back(s.missing);
+    dense::multiply_transposed(root, s.direction, row);
+    half_.insert(half_.end(), row.begin(), row.end());
+  }
+  stopped_by_.assign(n(), 0.0);
+  if (!missing_.empty()) take_away(dt);
+  push_by(pushed_);
+}
+
+// What acts, whose d^T E are in half_, keeps the rates and takes its directions from the response.
+void Mover::take_away(double dt) {
+  const int m = static_cast<int>(missing_.size());
+  dense::product_transposed(n(), half_, half_, within_);
+  dense::root(m, within_, within_root_);
+  dense::solve(within_root_, missing_);
+  Numbers along, gone, row(n());
+  dense::multiply_transposed(half_, missing_, gone);
+  dense::multiply(root, gone, known_);
+  for (int i = 0; i < n(); ++i) change[i] += known_[i], stopped_by_[i] = known_[i] / dt;
+  // Each row of E loses what is along those of S.
+  for (int i = 0; i < n(); ++i) {
+    std::copy_n(&root[i * n()], n(), row.begin());
+    dense::multiply(half_, row, along);
+    dense::solve(within_root_, along);
+    dense::multiply_transposed(half_, along, gone);
+    for (int k = 0; k < n(); ++k) root[i * n() + k] -= gone[k];
+  }
+}
+
+}  // namespace bt
