@@ -1,6 +1,7 @@
 #include "world.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "constants.h"
 
@@ -133,6 +134,9 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
   }
   if (held) return;
+  for (size_t i = 0; i < links.size(); ++i)
+    if (std::exchange(links[i].yielded, links[i].yields()) != links[i].yields())
+      interrupt(static_cast<int>(i));
   for (Mover& m : movers)
     if (m.n() > 0) m.sense(gravity), m.foresee(dt, gravity);
   for (Link& l : links)
@@ -149,6 +153,14 @@ void World::let_go(int mover) {
   m.foresee(context_.dt, context_.gravity);
   for (Link& l : links)
     if (l.mover == mover) l.go_with(m);
+  for (size_t l = 0; l < links.size(); ++l)
+    if (links[l].mover == mover) interrupt(static_cast<int>(l));
+}
+
+void World::interrupt(int link) {
+  auto pulls = [&](const Hold& h) { return h.link == link; };
+  for (auto& c : chains)
+    if (c && (c->touched || std::any_of(c->holds.begin(), c->holds.end(), pulls))) c->smooth = false;
 }
 
 bool World::any_held() const {

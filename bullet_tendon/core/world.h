@@ -111,6 +111,8 @@ class World {
   void forget_planes();
   bool take_back_chains();
   double share_left() const;
+  // A jump in the motion of a link: what pulls at it starts again at first order.
+  void interrupt(int link);
   void aim_attachments(Chain& c);
   // parts.cpp
   bool can_carry() const;
