@@ -14,11 +14,15 @@ from .identity import Marks
 from .movers import read_link, touched
 from .pushes import exchange
 
+_MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
+
 
 def client_of(physicsClientId) -> int:
     """The number of a client: an int, or a pybullet_utils BulletClient."""
     number = getattr(physicsClientId, "_client", physicsClientId)
-    if not isinstance(number, int) or isinstance(number, bool) or number < 0 or not p.isConnected(number):
+    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= _MOST_CLIENTS:
+        raise UnknownId("physicsClientId", physicsClientId, "a connected pybullet client")
+    if not p.isConnected(number):
         raise UnknownId("physicsClientId", physicsClientId, "a connected pybullet client")
     return number
 

@@ -15,8 +15,11 @@ def number(argument: str, value, *, above=None, at_least=None, at_most=None) -> 
     """A finite real number within the bounds given, as a float."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (numbers.Real, np.number)):
         raise InvalidType(argument, value, "a real number")
-    result = float(value)
     allowed = _range_text("a finite number", above, at_least, at_most)
+    try:
+        result = float(value)
+    except OverflowError:
+        raise InvalidValue(argument, value, allowed) from None
     inside = (
         np.isfinite(result)
         and (above is None or result > above)

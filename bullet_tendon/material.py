@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 from . import checks
+from .errors import InvalidValue
 
 _DENSITY = 1120.0  # kg/m^3 (Bennett et al. 1986; Ker 1981)
 
@@ -72,10 +73,12 @@ class Material:
         length = checks.number("spring_length", spring_length, above=0)
         p = checks.number("p", p, at_least=1)
         q = checks.number("q", q, at_least=1)
-        structure = checks.number("ks", ks, above=0) * length**p
-        shear = checks.number("shear_ks", shear_ks, at_least=0) * (2 * length) ** p
+        structure = checks.number("ks", ks, above=0) * _power(length, p)
+        shear = checks.number("shear_ks", shear_ks, at_least=0) * _power(2 * length, p)
         total = structure + 2 * shear
-        damping = checks.number("kd", kd, at_least=0) * length**q * total / structure
+        if not 0 < structure <= total < math.inf:
+            raise InvalidValue("ks", ks, "such that ks spring_length^p, shear springs too, is finite and > 0")
+        damping = checks.number("kd", kd, at_least=0) * _power(length, q) * total / structure
         return cls(
             stiffness=total, exponent=p, damping=damping, damping_exponent=q, shear_stiffness=shear, **others
         )
@@ -107,6 +110,14 @@ class Material:
     def toe(self) -> float:
         """toe_strain, or infinity."""
         return math.inf if self.toe_strain is None else float(self.toe_strain)
+
+
+def _power(base: float, exponent: float) -> float:
+    """base^exponent of a positive base, infinity where that is too large."""
+    try:
+        return base**exponent
+    except OverflowError:
+        return math.inf
 
 
 # Slope [N per unit strain] and toe strain. Native ACL: 242 N/mm over 32 mm (Woo 1991). Grafts:

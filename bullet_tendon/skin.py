@@ -166,6 +166,8 @@ class Skin:
 
 
 def _positions(tendon) -> np.ndarray:
+    if not hasattr(tendon, "positions"):
+        raise InvalidType("tendon", tendon, "a Tendon, or what has positions (n, 3) as well")
     positions = checks.array("tendon.positions", tendon.positions, (None, 3))
     if len(positions) < 2:
         raise InvalidValue("tendon.positions", positions, "at least two points")

@@ -89,28 +89,43 @@ class TakesSteps:
             return  # nothing is held that could be let go
         for slot in self._bodies.unheld(self._core):
             self._core.let_go(slot)
-        self._mend()
+        self._mend(dt, gravity)
 
-    def _mend(self) -> None:
+    def _mend(self, dt: float, gravity: np.ndarray) -> None:
         """Take back a step that pulled at links as held which had been let go, and put it right.
 
         The step is solved again with the free response of these links, and they get the difference of
-        the impulses, as if that had acted in the first place.
+        the impulses, as if that had acted in the first place. Where that has no solution, the step
+        stays as it was taken. dt, gravity: of the step to come.
         """
-        if not self._core.any_released():
+        released = self._core.released_movers()
+        if not released:
             return
-        before = self._core.wrenches()
-        if not self._core.rewind():
+        taken, given = self._core.save(), self._core.wrenches()
+        if not self._core.rewind(self._dt, *self._last_gravity.tolist()):
             return
+        try:
+            self._take_again(given)
+        except StepFailed:
+            self._core.restore(taken)
+            for mover in released:
+                self._core.let_go(mover)
+        else:
+            self._bodies.tell(self._core)
+        self._core.refresh_movers()
+        self._core.sense(dt, *gravity.tolist(), False)
+
+    def _take_again(self, before: np.ndarray) -> None:
+        """Solve the last step again, and give bodies the difference of its impulses to those of `before`.
+
+        before: (links, 6), the wrenches that acted in it.
+        """
         self._core.begin(self._dt, *self._last_gravity.tolist(), False)
         self._go_through(Clock())
         self._core.finish()
         after = self._core.wrenches()
         for slot in self._core.pushable():
             self._bodies.exchange(slot, before[slot], after[slot], self._dt, self._core.stopped(slot))
-        self._bodies.tell(self._core)
-        self._core.refresh_movers()
-        self._core.sense(self._dt, *self._last_gravity.tolist(), False)
 
     def _go_through(self, clock) -> None:
         """Near and solve, as often as the core wants it: to look again for contacts, or in parts."""

@@ -92,6 +92,9 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         """
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
+        area = math.pi * radius * radius
+        if not 0 < area < math.inf:
+            raise InvalidValue("radius", radius, "one with a finite cross-section > 0")
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
         if checks.choice("inside", inside, INSIDE) != "allow":
@@ -101,7 +104,7 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
         m = material
         law = (m.stiffness, m.exponent, m.toe, m.tension_only, m.damping, m.damping_exponent)
-        density = m.density * math.pi * radius**2
+        density = m.density * area
         stiffnesses = (m.shear_stiffness, m.bending_stiffness)
         whole = m.damping_form == "whole"
         slot = self._core.add_chain(line, radius, m.friction, *law, whole, *stiffnesses, density)

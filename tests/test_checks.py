@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+import bullet_tendon as bt
 from bullet_tendon import checks
 from bullet_tendon.errors import InvalidType, InvalidValue, TendonError, UnknownId
 
@@ -125,3 +126,21 @@ def test_long_values_are_cut():
     text = str(InvalidValue("points", list(range(1000)), "short"))
     assert len(text) < 200
     assert "..." in text
+
+
+def test_numbers_beyond_floats_are_refused(make_world):
+    """By the same errors as others: no overflow comes through."""
+    world, law = make_world(), bt.Material(stiffness=1e3)
+    line = [[0, 0, 0], [0, 0, 1]]
+    for radius in (1e308, 10**400, 5e-324):
+        with pytest.raises(InvalidValue, match="radius"):
+            world.add_tendon(line, radius, law)
+    assert world.tendons == ()
+    for client in (2**31, 2**63, 10**400):
+        with pytest.raises(bt.UnknownId, match="physicsClientId"):
+            bt.TendonWorld(client)
+    for springs in ({"ks": 5e-324}, {"p": 1e308}, {"p": 1e308, "spring_length": 2.0}):
+        with pytest.raises(InvalidValue, match="ks = "):
+            bt.Material.from_springs(**{"ks": 1.0, "spring_length": 0.1, **springs})
+    with pytest.raises(InvalidType, match="tendon"):
+        bt.Skin.tube(None)

@@ -1,6 +1,7 @@
 """A step without a finite solution is refused, and the world goes on from where it was."""
 
 import numpy as np
+import pybullet as p
 import pytest
 
 import bullet_tendon as bt
@@ -47,3 +48,38 @@ def test_goes_on_as_if_nothing_had_failed(make_world):
         world.step(60)
         tips.append(t.positions[-1])
     np.testing.assert_allclose(tips[0], tips[1], atol=1e-7)
+
+
+def test_a_mend_without_solution_leaves_the_step_as_it_was_taken(make_world, client, monkeypatch):
+    """A body is let go under load; solving the step again with it free fails."""
+    world = make_world(1 / 240)
+    body = p.createMultiBody(0.2, physicsClientId=client)
+    origin = [0, 0, 0]
+    pin = p.createConstraint(body, -1, -1, -1, p.JOINT_FIXED, origin, origin, origin, physicsClientId=client)
+    t = world.add_tendon([[0, 0, 0], [0, 0, -0.1]], 0.001, bt.Material(stiffness=1e4, damping=1.0), 10)
+    t.attach(0, body)
+    t.grip(-1, (0, 0, -0.1005))
+    world.step(60)
+    x, v = t.positions, t.velocities
+    world.apply()
+    p.removeConstraint(pin, client)
+    p.stepSimulation(client)
+    assert world._core.any_held()
+    tries, go_through = [], world._go_through
+
+    def fails_at_first(clock):
+        tries.append(clock)
+        if len(tries) == 1:
+            raise bt.StepFailed(t.name, 0, np.inf, 1e-9)
+        go_through(clock)
+
+    monkeypatch.setattr(world, "_go_through", fails_at_first)
+    taken = t.positions, t.velocities
+    world._sense(1 / 240, np.zeros(3))
+    assert len(tries) == 1
+    np.testing.assert_array_equal([t.positions, t.velocities], taken)
+    np.testing.assert_allclose([t.positions, t.velocities], [x, v], atol=1e-6)
+    assert not world._core.any_held()
+    world.step(60)
+    assert len(tries) == 61 and world.report.converged
+    assert np.isfinite(t.positions).all()

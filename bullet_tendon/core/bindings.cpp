@@ -197,9 +197,10 @@ PYBIND11_MODULE(_core, m) {
              w.sense(dt, {gx, gy, gz}, held);
              return w.any_held() || w.any_released();
            })
-      .def("rewind", &World::rewind)
+      .def("released_movers", &World::released_movers)
+      .def("rewind",
+           [](World& w, double dt, double gx, double gy, double gz) { return w.rewind(dt, {gx, gy, gz}); })
       .def("any_held", &World::any_held)
-      .def("any_released", &World::any_released)
       .def("held_movers",
            [](const World& w) {
              std::vector<int> held;

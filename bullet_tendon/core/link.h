@@ -20,6 +20,7 @@ struct Link {
   Vec3 now_velocity, now_spin;       // as the step began
   Vec3 velocity, spin;               // foreseen for its end, but for the tendons [m/s], [rad/s]
   int mover = -1;                    // none: nothing that tendons do moves it
+  bool yielded = false;              // in the last step
   dense::Numbers jacobian;           // (6 n); empty: the identity
   dense::Numbers root;               // J E (6 n)
   int touches = 0;                   // contacts and attachments that shared the response in the last step

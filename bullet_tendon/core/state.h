@@ -105,12 +105,12 @@ void fields(A& a, Mover& mover) {
 
 template <class A>
 void fields(A& a, Link& link) {
-  auto& [pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, jacobian,
-         root, touches, touching, force, torque, before_force, before_torque, reached, given, stepped, load] =
-      link;
+  auto& [pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded,
+         jacobian, root, touches, touching, force, torque, before_force, before_torque, reached, given,
+         stepped, load] = link;
   // As with movers.
-  a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, jacobian, root,
-    touches, touching, force, torque);
+  a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded, jacobian,
+    root, touches, touching, force, torque);
   a.scratch(before_force, before_torque, reached, given, stepped, load);
 }
 

@@ -12,7 +12,7 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   const bool second_order = method == Integrator::bdf2 || method == Integrator::tr_bdf2;
   const bool two = second_order && c.dt_before == dt && c.smooth;
   c.accelerated = method == Integrator::tr_bdf2 && history;
-  c.smooth = true, c.staged = false;
+  c.staged = false;
   c.b = two ? 2 * dt / 3 : dt;
   const double now = two ? 4.0 / 3 : 1, last = two ? -1.0 / 3 : 0;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};

@@ -1,21 +1,11 @@
 #include "world.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "constants.h"
 
 namespace bt {
-
-namespace {
-
-bool same_build(const Chain& a, const Chain& b) {
-  if (a.n() != b.n() || a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
-  for (size_t h = 0; h < a.holds.size(); ++h)
-    if (a.holds[h].id != b.holds[h].id) return false;
-  return true;
-}
-
-}  // namespace
 
 int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
@@ -133,6 +123,8 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
   }
   if (held) return;
+  for (Link& l : links)
+    if (std::exchange(l.yielded, l.yields()) != l.yields()) interrupt();
   for (Mover& m : movers)
     if (m.n() > 0) m.sense(gravity), m.foresee(dt, gravity);
   for (Link& l : links)
@@ -143,12 +135,16 @@ bool World::note(int mover, const dense::Numbers& rates) {
   return movers[mover].note(rates, context_.gravity);
 }
 
-void World::let_go(int mover) {
-  Mover& m = movers[mover];
-  m.observer.let_go();
-  m.foresee(context_.dt, context_.gravity);
+void World::foresee(int mover) {
+  if (movers[mover].n() == 0) return;
+  movers[mover].foresee(context_.dt, context_.gravity);
   for (Link& l : links)
-    if (l.mover == mover) l.go_with(m);
+    if (l.mover == mover) l.go_with(movers[mover]);
+}
+
+void World::interrupt() {
+  for (auto& c : chains)
+    if (c) c->smooth = false;
 }
 
 bool World::any_held() const {
@@ -159,48 +155,6 @@ bool World::any_held() const {
 
 bool World::any_released() const {
   return std::any_of(movers.begin(), movers.end(), [](const Mover& m) { return m.observer.released(); });
-}
-
-// What the user chose since then stays; where holds were made or lost, there is no way back.
-bool World::take_back_chains() {
-  if (before_chains_.size() != chains.size()) return false;
-  for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c] && !(before_chains_[c] && same_build(*chains[c], *before_chains_[c]))) return false;
-  for (size_t c = 0; c < chains.size(); ++c) {
-    if (!chains[c]) continue;
-    Chain& now = *chains[c];
-    Chain& then = *before_chains_[c];
-    then.force = now.force;
-    for (size_t h = 0; h < now.holds.size(); ++h) {
-      const Hold& user = now.holds[h];
-      Hold& hold = then.holds[h];
-      hold.goal = user.goal, hold.rigid = user.rigid, hold.viscosity = user.viscosity;
-      hold.clamped = user.clamped, hold.direction = user.direction;
-      if (user.link < 0) hold.stiffness = user.stiffness;
-    }
-    now = then;
-  }
-  return true;
-}
-
-std::vector<int> World::rewind() {
-  std::vector<int> released;
-  for (size_t i = 0; i < movers.size(); ++i)
-    if (movers[i].observer.released()) released.push_back(static_cast<int>(i));
-  const bool back = !released.empty() && take_back_chains();
-  if (back) {
-    memory_ = before_memory_;
-    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) links[i] = before_links_[i];
-    for (size_t i = 0; i < std::min(movers.size(), before_movers_.size()); ++i) {
-      std::swap(movers[i], before_movers_[i]);
-      movers[i].observer = before_movers_[i].observer;
-    }
-    rows_.clear();
-  }
-  for (int i : released) let_go(i);
-  before_chains_.clear();
-  if (!back) released.clear();
-  return released;
 }
 
 void World::refresh_movers() {

@@ -66,9 +66,11 @@ class World {
 
   // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
   void sense(double dt, Vec3 gravity, bool held);
-  // Movers that were let go in the last step, which was solved as if they were held; then everything is
-  // taken back to before that step, with these free. Empty: nothing has been changed.
-  std::vector<int> rewind();
+  // Movers that were let go in the last step, which was solved as if they were held.
+  std::vector<int> released_movers() const;
+  // They are free from now on, and everything is taken back to before that step, of dt. false: there is no
+  // way back.
+  bool rewind(double dt, Vec3 gravity);
   bool any_held() const;
   bool any_released() const;
   // The rates of a mover right after a step; whether it seems to have been let go.
@@ -112,6 +114,11 @@ class World {
   void forget_planes();
   bool take_back_chains();
   double share_left() const;
+  // How a mover is going to move in this step.
+  void foresee(int mover);
+  // A jump in the motion of a link: two-step methods start again, of all tendons, because those that share
+  // forces have to share their means.
+  void interrupt();
   void aim_attachments(Chain& c);
   // parts.cpp
   bool can_carry() const;
