@@ -83,6 +83,9 @@ class OnJoints:
             told = [core.tell_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
             return all(told)
         self._told = tree = self._trees[floating]
+        # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago, but
+        # for this.
+        p.getLinkState(body, 0, 0, 1, client)
         return core.tell_body(
             tree,
             self._slots,

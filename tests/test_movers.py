@@ -243,7 +243,8 @@ def test_robots_with_a_tendon_on_every_link(make_world, client, name):
     for _ in range(5):
         world.step()
         assert world.report.converged
-        assert max(misfit(t, a, client) for t, a in held) < 1e-5  # turns within a step are of second order
+        # Turns within a step are of second order; passed limits pybullet takes back in its own way.
+        assert max(misfit(t, a, client) for t, a in held) < 1e-4
 
 
 def test_a_link_without_mass_passes_the_pull_on(make_world, client):
@@ -271,3 +272,46 @@ def test_a_link_without_mass_passes_the_pull_on(make_world, client):
     world.step(300)
     # Bullet's motor bears 10 N on 0.2 m.
     assert abs(p.getJointState(body, 0, client)[3]) == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_force_on_a_spinning_link_acts_where_it_is(make_world, client, tmp_path):
+    """pybullet's own link poses are a step old: at 8 rad/s the arm of a force would be wrong by 3 %."""
+    arm = hinged(client, tmp_path)
+    p.resetJointState(arm, 0, -0.9, 8.0, physicsClientId=client)
+    world = make_world(1 / 240)
+    t = world.add_tendon([[0.3, 0, 0.3], [0.0622, 0, 0.0783]], 0.002, CORD, 12)
+    t.grip(0)
+    t.attach(-1, arm, 0)
+    inertia = 5e-5 + 0.05 * 0.05**2  # about the hinge
+    for _ in range(8):
+        centre = np.array(p.getLinkState(arm, 0, 0, 1, client)[0])
+        before = p.getJointState(arm, 0, client)[1]
+        world.step()
+        force, torque = np.split(world.wrench(arm, 0), 2)
+        change = (torque + np.cross(centre, force))[1] / 240 / inertia
+        assert p.getJointState(arm, 0, client)[1] - before == pytest.approx(change, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("mass", [0.02, 1.0])
+@pytest.mark.parametrize("stiffness", [1e3, 1e6])
+def test_what_rests_on_a_limit_is_not_thrown_off_it(make_world, client, tmp_path, mass, stiffness):
+    """A tendon above is tightened at once: the link gets no more energy than was put in."""
+    path = tmp_path / "lever.urdf"
+    text = HINGED.replace('lower="-1" upper="0.3"', 'lower="0" upper="1"').replace("0 1 0", "0 -1 0")
+    path.write_text(text.replace('mass value="0.05"', f'mass value="{mass}"'))
+    arm = p.loadURDF(str(path), useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+    p.changeDynamics(arm, 0, **UNDAMPED, jointDamping=0, physicsClientId=client)
+    p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    world = make_world(1 / 240, (0, 0, -9.81))
+    cord = bt.Material(stiffness=stiffness, damping=1e-4 * stiffness)
+    t = world.add_tendon([[0.05, 0, 0], [0.05, 0, 0.1]], 0.001, cord, 10)
+    t.attach(0, arm, 0)
+    hand = t.grip(-1)
+    world.step(30)
+    hand.target = hand.target + [0, 0, 200 / stiffness * 0.1]
+    fastest = 0.0
+    for _ in range(20):
+        world.step()
+        fastest = max(fastest, abs(p.getJointState(arm, 0, client)[1]))
+    given = 0.5 * 200**2 / stiffness * 0.1
+    assert 0.5 * (5e-5 + mass * 0.05**2) * fastest**2 <= 1.05 * given + 1e-6
