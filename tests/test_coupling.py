@@ -18,6 +18,16 @@ def on_table(client, mass):
     return body, -1, np.array([0, 0, 0.02])
 
 
+def on_block(client, mass):
+    """As on a table of the usual kind: four contacts, where a plane has one or two."""
+    block = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, 0.1], physicsClientId=client)
+    p.createMultiBody(0, block, basePosition=[0, 0, -0.1], physicsClientId=client)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
+    body = p.createMultiBody(mass, box, basePosition=[0, 0, 0.02], physicsClientId=client)
+    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+    return body, -1, np.array([0, 0, 0.02])
+
+
 def on_joint(client, mass, kind, axis, arm):
     """A link whose centre of mass is `arm` (3,) from its joint, at the origin, without a motor."""
     link = {"linkMasses": [mass], "linkCollisionShapeIndices": [-1], "linkVisualShapeIndices": [-1]}
@@ -60,7 +70,9 @@ def pulled(world, held, stiffness):
 
 CASES = [(hold, m, k) for hold in (on_motor, on_limit) for m in (0.02, 0.1, 1.0) for k in (1e3, 1e5, 1e6)]
 CASES += [(hold, 10.0, 1e3) for hold in (on_motor, on_limit, on_table)]
-# Under a stiffer tendon pybullet's own contact gives way for seconds, by more than the tendon stretches.
+CASES += [(hold, 10.0, 1e6) for hold in (on_motor, on_limit)]
+CASES += [(on_block, m, k) for m in (0.02, 0.1, 1.0, 10.0) for k in (1e3, 1e4, 1e5, 1e6)]
+# Light bodies stand on one or two points of a plane, and tip: under a stiffer tendon pybullet's own contact gives way for seconds, by more than the tendon stretches.
 CASES += [(on_table, m, 1e3) for m in (0.02, 0.1, 1.0)] + [(on_table, 1.0, 1e5), (on_table, 10.0, 1e5)]
 
 

@@ -59,12 +59,17 @@ void Observer::sample(const Numbers& rates, const Numbers& gravity) {
 
 void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }
 
-void Observer::let_go() {
+void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
   held_ = released_ = false;
   take_effective();
-  push_.assign(n_, 0.0), forces_.assign(n_, 0.0), samples_ = 0;
+  push_.assign(n_, 0.0);
+}
+
+void Observer::let_go() {
+  set_free();
+  forces_.assign(n_, 0.0), samples_ = 0;
 }
 
 // It went along the forces, by more of its free answer than it was thought to.

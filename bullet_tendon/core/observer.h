@@ -32,6 +32,8 @@ class Observer {
   void refresh(const Numbers& rates);
   // The generalized forces that act from now on for dt [s].
   void act(const Numbers& forces, double dt);
+  // As if it was free, in this step.
+  void set_free();
   // As if it was free, from the step before on.
   void let_go();
 
