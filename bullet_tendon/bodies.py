@@ -115,13 +115,22 @@ class Bodies:
         let_go = [body.note(core) for body in self._touched_bodies() if body.slot in held]
         return any(let_go)
 
+    def keep_contacts(self, core) -> None:
+        """What free bodies rest on becomes part of the core's state."""
+        if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
+            for body in self._touched_bodies():
+                body.keep_contacts(core)
+
+    def _used(self) -> list[int]:
+        return [slot for slot in range(len(self.links)) if slot not in self._unused]
+
     def _touched_bodies(self) -> list:
         """The bodies of the links in use; slots do not change what they mean while they are."""
         if self._touched is None:
             slots: dict[tuple[int, bytes], dict[int, int]] = {}
-            for slot, (body, link) in enumerate(self.links):
-                if slot not in self._unused:
-                    slots.setdefault((body, self._mark_of[slot][1]), {})[link] = slot
+            for slot in self._used():
+                body, link = self.links[slot]
+                slots.setdefault((body, self._mark_of[slot][1]), {})[link] = slot
             self._touched = [
                 t for (body, mark), links in slots.items() for t in touched(body, links, mark, self.client)
             ]
@@ -137,7 +146,7 @@ class Bodies:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
         if all(map(self._marks.holds, self._mark_of)):
             return
-        gone = {s for s in range(len(self.links)) if s not in self._unused and self.is_gone(s)}
+        gone = {s for s in self._used() if self.is_gone(s)}
         for slot in sorted(gone & self.in_use()):
             body = self.links[slot][0]
             raise UnknownId("bodyUniqueId", body, "a body that was not removed: release what refers to it")

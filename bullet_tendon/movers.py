@@ -45,6 +45,13 @@ class Alone:
             self._tell_contacts(core)
         return well
 
+    def keep_contacts(self, core) -> None:
+        """Into the state that is going to be saved: after restoreState pybullet tells later contacts."""
+        if self.falls and core.may_rest(self.slot):
+            core.clear_contacts(self.slot)
+            self._tell_contacts(core)
+            core.keep_contacts(self.slot)
+
     def _tell_contacts(self, core) -> None:
         """What it rests on: contacts with bodies without mass."""
         for contact in p.getContactPoints(bodyA=self.body, physicsClientId=self.client):
@@ -105,6 +112,9 @@ class OnJoints:
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return bool(self._joints) or _can_be_held(self.body, self.client)
+
+    def keep_contacts(self, core) -> None:
+        """None are asked for."""
 
 
 def _can_be_held(body: int, client: int) -> bool:

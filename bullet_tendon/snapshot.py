@@ -33,6 +33,7 @@ _ARRAYS = {
 
 def pack(world) -> bytes:
     """See TendonWorld.snapshot."""
+    world._bodies.keep_contacts(world._core)
     tendons, tunnels, obstacles = parts_of(world)
     links = [key[:2] if key else (-1, -2) for key in world._bodies.marked_links()]
     places, numbers = [], []

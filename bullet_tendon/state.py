@@ -32,6 +32,7 @@ def parts_of(world) -> tuple:
 
 
 def capture(world) -> State:
+    world._bodies.keep_contacts(world._core)
     holds = tuple((hold, hold._settings()) for t in world.tendons for hold in t.holds)
     return State(world._core.save(), parts_of(world), world._bodies.marked_links(), holds)
 

@@ -72,7 +72,8 @@ CASES = [(hold, m, k) for hold in (on_motor, on_limit) for m in (0.02, 0.1, 1.0)
 CASES += [(hold, 10.0, 1e3) for hold in (on_motor, on_limit, on_table)]
 CASES += [(hold, 10.0, 1e6) for hold in (on_motor, on_limit)]
 CASES += [(on_block, m, k) for m in (0.02, 0.1, 1.0, 10.0) for k in (1e3, 1e4, 1e5, 1e6)]
-# Light bodies stand on one or two points of a plane, and tip: under a stiffer tendon pybullet's own contact gives way for seconds, by more than the tendon stretches.
+# Light bodies stand on one or two points of a plane, and tip: under a stiffer tendon pybullet's own contact
+# gives way for seconds, by more than the tendon stretches.
 CASES += [(on_table, m, 1e3) for m in (0.02, 0.1, 1.0)] + [(on_table, 1.0, 1e5), (on_table, 10.0, 1e5)]
 
 

@@ -44,7 +44,8 @@ namespace {
 void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
   const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
-  m.limits.clear(), m.contacts.clear();
+  m.limits.clear();
+  if (!m.contacts_kept) m.contacts.clear();
   m.falls.clear();
   if (falls) m.falls.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
@@ -83,7 +84,15 @@ bool note_link(World& w, int slot, const py::tuple& velocity, const py::tuple& s
   return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
-bool may_rest(const World& w, int slot) { return w.movers[slot].may_rest(w.gravity()); }
+bool may_rest(const World& w, int slot) {
+  return slot < static_cast<int>(w.movers.size()) && w.movers[slot].n() > 0 &&
+         w.movers[slot].may_rest(w.gravity());
+}
+
+// Those that are told are the ones of the step to come.
+void keep_contacts(World& w, int slot) { w.movers[slot].contacts_kept = true; }
+
+void clear_contacts(World& w, int slot) { w.movers[slot].contacts.clear(); }
 
 // A contact with what does not move: its point, the normal towards the body, and the distance.
 void add_contact(World& w, int slot, const py::tuple& point, const py::tuple& normal, double distance) {
@@ -104,6 +113,9 @@ void bind_links(py::module_& m, py::class_<World>& world) {
       .def("tell_link", &tell_link)
       .def("note_link", &note_link)
       .def("may_rest", &may_rest)
+      .def("keep_contacts", &keep_contacts)
+      .def("clear_contacts", &clear_contacts)
+
       .def("add_contact", &add_contact);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& centre, const py::tuple& turn) {
     Link l;

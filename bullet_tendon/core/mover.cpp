@@ -37,6 +37,7 @@ const Mover::Numbers& Mover::unforced(Vec3 gravity) {
 void Mover::sense(Vec3 gravity) {
   doubt_stops();
   observer.see(rates, free, unforced(gravity));
+  contacts_kept = false;
   if (!contacts.empty() && !slipped_) observer.set_free();  // they tell what holds it
   gyration = gyroscopic();
 }

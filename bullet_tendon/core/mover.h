@@ -37,6 +37,7 @@ struct Mover {
   Vec3 gyration;     // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
   Numbers limits;    // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
   Numbers contacts;  // of a rigid body: direction (6) and distance, below 0 inside, of every contact
+  bool contacts_kept = false;  // those of a state that was saved: pybullet's own are not restored
   Observer observer;
   Numbers root;    // E, without what the stops take away in this step
   Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it

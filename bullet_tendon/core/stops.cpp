@@ -53,6 +53,7 @@ bool Mover::is_stopped() const {
 
 bool Mover::may_rest(Vec3 gravity) const {
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
+  if (contacts_kept) return false;
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
 }
