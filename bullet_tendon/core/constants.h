@@ -111,6 +111,11 @@ constexpr double kLeastLever = 0.25;
 // long step.
 constexpr double kFarOff = 1e3;
 
+// Share of the energy at hand under which what a step made out of nothing is rounding [-], and sweeps of
+// impulses, along springs and contacts and across them, by which it is taken back.
+constexpr double kCreated = 1e-12;
+constexpr int kBrakes = 4;
+
 // Share of a body's inertia that is left of it in the matrix at least, when what makes contacts and
 // compressed springs indefinite is let in [-]. Smaller: wild steps of light bodies. Larger: curvature is cut
 // off more often, and iterations are slower.
