@@ -190,9 +190,9 @@ template <class A>
 void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
          whole_dt, whole, done, size, parts, looks, room, looking, unsettled, backup, backup_memory,
-         before_chains, before_memory, before_links, before_movers, slots, caches, queries, trees, pairs,
-         touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
-         attempt, kept_moving, kept_entries, kept_rows] = *this;
+         before_chains, before_memory, before_links, before_movers, slots, caches, queries, trees, reach,
+         pairs, touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of,
+         report, attempt, kept_moving, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
   a.scratch(chains_, links_, movers_, memory, whole_dt, before_chains, before_memory, before_links,
@@ -207,7 +207,7 @@ void World::all_fields(A& a) {
   a(rows);
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, backup,
-            backup_memory, slots, queries, trees, pairs, touches, found, before, keys, touching, bores,
+            backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys, touching, bores,
             bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
 }
 
