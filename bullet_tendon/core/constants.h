@@ -34,6 +34,11 @@ constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
 
+// Share of that which is left of the force by which following its points may change a pair's, once iterations
+// have been thrown off by it [-]: pairs that jump more keep their points. Larger: more iterations until they
+// do. Smaller: more pairs do.
+constexpr double kLessJump = 0.25;
+
 // Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
 // slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
 // iterations step over it. Smaller: a sticking tendon gives visibly.
@@ -77,6 +82,11 @@ constexpr int kMixedIterations = 10;
 constexpr int kContactsAnIteration = 20;
 constexpr int kMostPatience = 60;
 constexpr double kProgress = 0.9;
+
+// Residuals that are the same up to this [-], within so many iterations, are taken for a circle. Looser: half
+// steps are taken for nothing. Tighter, or fewer iterations: circles are gone round until patience ends.
+constexpr double kSameResidual = 1e-3;
+constexpr int kLongestCircle = 12;
 
 // Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
 // two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,

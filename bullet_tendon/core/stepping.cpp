@@ -180,7 +180,9 @@ void follow(Group& group, Row& row) {
   } else if (row.b.chain >= 0) {
     Vec3 x[4];
     ends_of(group, row, x);
-    row.follow_pair(x);
+    const bool stayed = row.stays;
+    row.follow_pair(x, group.most_jump);
+    group.stayed |= row.stays && !stayed;
   }
 }
 

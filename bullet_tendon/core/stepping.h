@@ -65,7 +65,9 @@ struct Group {
   SparseFactor::Edges edges;
   std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
-  bool follows = true;     // points of rows move along with what they touch
+  bool follows = true;     // points of rows move along with what they touch,
+  double most_jump = 0;    // but for pairs whose force that would change by more than this [N],
+  bool stayed = false;     // of which there are some that have not been looked at
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;
