@@ -27,7 +27,8 @@ class SolverOptions:
     linear_solver: "banded", a direct block-banded Cholesky factorisation, or "pcg", the paper's
         preconditioned conjugate gradients (here: block Jacobi).
     tolerance: largest residual force of a converged step over the largest force at hand [-].
-    max_iterations: Newton iterations after which a step counts as not converged.
+    max_iterations: Newton iterations after which a step counts as not converged, counted anew
+        whenever friction limits or contacts have changed with its solution.
     linear_tolerance: of conjugate gradients, relative residual in the preconditioned norm [-].
     bone_contact: "spring", temporary constraint springs (section 4.1), or "constraint": particles
         that would enter a body which does not yield are constrained directly (Baraff and Witkin 1998).

@@ -119,6 +119,7 @@ class Chain {
   double start_dt_before = 0;
   bool split = false;     // parts of the step are being solved
   bool gathered = false;  // next and step hold the positions and velocities at their end
+  bool braked = false;    // step holds the velocities at the end (passivity.cpp)
 
   // Work space of a step.
   Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,

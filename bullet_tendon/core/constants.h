@@ -34,6 +34,11 @@ constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
 
+// Share of that which is left of the force by which following its points may change a pair's, once iterations
+// have been thrown off by it [-]: pairs that jump more keep their points. Larger: more iterations until they
+// do. Smaller: more pairs do.
+constexpr double kLessJump = 0.25;
+
 // Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
 // slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
 // iterations step over it. Smaller: a sticking tendon gives visibly.
@@ -78,6 +83,11 @@ constexpr int kContactsAnIteration = 20;
 constexpr int kMostPatience = 60;
 constexpr double kProgress = 0.9;
 
+// Residuals that are the same up to this [-], within so many iterations, are taken for a circle. Looser: half
+// steps are taken for nothing. Tighter, or fewer iterations: circles are gone round until patience ends.
+constexpr double kSameResidual = 1e-3;
+constexpr int kLongestCircle = 12;
+
 // Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
 // two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,
 // folded tendon may stay unsolved.
@@ -110,6 +120,11 @@ constexpr double kLeastLever = 0.25;
 // [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so far in a
 // long step.
 constexpr double kFarOff = 1e3;
+
+// Share of the energy at hand under which what a step made out of nothing is rounding [-], and sweeps of
+// impulses, along springs and contacts and across them, by which it is taken back.
+constexpr double kCreated = 1e-12;
+constexpr int kBrakes = 4;
 
 // Share of a body's inertia that is left of it in the matrix at least, when what makes contacts and
 // compressed springs indefinite is let in [-]. Smaller: wild steps of light bodies. Larger: curvature is cut

@@ -221,17 +221,27 @@ void World::half_space_rows(int chain, int s) {
   }
 }
 
+// Boxes of the tendons that could touch another or themselves; those of the others are empty.
+void World::fit_trees() {
+  const int count = static_cast<int>(slots_.size());
+  reach_.resize(count), trees_.resize(count);
+  for (int c = 0; c < count; ++c)
+    reach_[c] = slots_[c] ? box_of_reach(*slots_[c], options.contact_threshold) : Box{};
+  for (int c = 0; c < count; ++c) {
+    if (!slots_[c]) continue;
+    bool meets = !is_straight(*slots_[c], slots_[c]->x) || !is_straight(*slots_[c], slots_[c]->foreseen);
+    for (int other = 0; other < count && !meets; ++other)
+      meets = other != c && overlap(reach_[c], reach_[other]);
+    if (meets)
+      trees_[c].refit(*slots_[c], options.contact_threshold);
+    else
+      trees_[c].all = Box{};
+  }
+}
+
 // Algorithm 1, steps 3 and 4.
 void World::tendon_rows() {
-  const Chain* only = nullptr;
-  int count = 0;
-  for (const Chain* c : slots_)
-    if (c) only = c, ++count;
-  // Nothing to touch, now or at the end of the step.
-  if (count == 0 || (count == 1 && is_straight(*only, only->x) && is_straight(*only, only->foreseen))) return;
-  trees_.resize(slots_.size());
-  for (size_t c = 0; c < slots_.size(); ++c)
-    if (slots_[c]) trees_[c].refit(*slots_[c], options.contact_threshold);
+  fit_trees();
   pairs_.clear();
   report_.pairs = find_pairs(slots_, trees_, can_split(), pairs_);
   room_ = std::min(room_, report_.pairs.room);

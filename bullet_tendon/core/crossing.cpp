@@ -9,8 +9,10 @@
 //
 // As at an edge (edge.cpp), points that stay where the step began would be turned about or left by what
 // slides. A point at its segment's end stays there, and has no part in V. Nearly parallel segments have no
-// point that is nearest: theirs stay.
+// point that is nearest: theirs stay. So do those that would jump, and the iterations between two solutions
+// with them: what is touched besides gets a row of its own (missed.cpp).
 #include <algorithm>
+#include <cmath>
 
 #include "constants.h"
 #include "pairs.h"
@@ -18,10 +20,10 @@
 
 namespace bt {
 
-void Row::follow_pair(const Vec3 (&x)[4]) {
+void Row::follow_pair(const Vec3 (&x)[4], double most) {
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   const double square = dot(along, along) * dot(other, other), turned = dot(along, other);
-  follows = square > 0 && square - turned * turned > kCrossing * square;
+  follows = !stays && square > 0 && square - turned * turned > kCrossing * square;
   if (!follows) return;
   double u, w;
   nearest_parameters(x[0], x[1], x[2], x[3], u, w);
@@ -33,6 +35,10 @@ void Row::follow_pair(const Vec3 (&x)[4]) {
     normal = side;
     return;
   }
+  auto force_at = [&](double d) { return std::max(0.0, carried - stiffness * (d - offset - allowed)); };
+  const double here = dot(normal, a.w0 * x[0] + a.w1 * x[1] - b.w0 * x[2] - b.w1 * x[3]);
+  stays = std::fabs(force_at(distance) - force_at(here)) > most, follows = !stays;
+  if (stays) return;
   a.w0 = 1 - u, a.w1 = u, b.w0 = 1 - w, b.w1 = w;
   slid = (u - stuck_at) * along - (w - stuck_at_other) * other;
   normal = (1 / distance) * apart;

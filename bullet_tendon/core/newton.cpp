@@ -1,4 +1,5 @@
 // The converged implicit step: Newton's method with carried multipliers, and its safeguard.
+#include <array>
 #include <limits>
 
 #include "assembly.h"
@@ -16,6 +17,15 @@ void advance(Group& group, double alpha) {
       for (int i = 0; i < c->n(); ++i) x[i] += alpha * d[i];
     }
   advance_bodies(group, alpha);
+}
+
+// Sets of contacts that follow each other in a circle are left by going half the way.
+void halve_step(Group& group) {
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i) c->step[k][i] *= 0.5;
+  for (double& y : group.corner_side) y *= 0.5;
+  step_bodies(group);
 }
 
 double slope_along(Group& group) {
@@ -55,7 +65,17 @@ struct Progress {
   int patience = kMixedIterations;
   double best = std::numeric_limits<double>::infinity();
   int idle = 0;
+  std::array<double, kLongestCircle> seen{};  // the last residuals
+  size_t count = 0;
 };
+
+bool repeats(Progress& p, double residual) {
+  const bool again = std::any_of(p.seen.begin(), p.seen.end(), [&](double r) {
+    return std::fabs(r - residual) <= kSameResidual * residual;
+  });
+  p.seen[p.count++ % p.seen.size()] = residual;
+  return again;
+}
 
 Progress fresh_progress(const Group& group) {
   Progress p;
@@ -121,10 +141,11 @@ void restart_from_now(Group& group) {
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
   bool safe = false, far = true, turns = false;
-  int used = 0, round = 0;
+  int begun = 0, used = 0, round = 0, lost = 0;
+  group.most_jump = std::numeric_limits<double>::infinity(), group.stayed = false;
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
-  for (Row* row : group.rows) row->held = false, row->changes = 0;
+  for (Row* row : group.rows) row->held = row->stays = false, row->changes = 0;
   start_bodies(group);
   group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
@@ -139,8 +160,11 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
     const bool enough = a.residual <= o.tolerance * a.scale || (rounded && !ran_away(group));
     last_residual = a.residual;
+    const bool was_far = far;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     turns |= far;  // a guess that was near is corrected along lines
+    lost += far && !was_far;
+    group.most_jump = kNear * std::pow(kLessJump, lost) * a.scale;
     group.converged = !changed && enough;
     if (group.converged) {
       if (round >= kRounds) break;
@@ -148,16 +172,21 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       const bool missed = add_missed(group);
       const bool deep = stiffen(group);
       if (!slid && !deep && !missed) break;
-      ++round, progress = fresh_progress(group);
+      ++round, progress = fresh_progress(group), begun = iteration;
       continue;
     }
-    if (iteration >= o.max_iterations) break;
+    if (iteration - begun >= o.max_iterations) break;
     if (!safe && (stalled(progress, a.residual) || !std::isfinite(a.residual))) {
       if (!safeguarded) break;
       safe = true;
       if (!std::isfinite(a.residual)) restart_from_now(group);
       continue;
     }
+    if (group.stayed && add_missed(group)) {
+      group.stayed = false, progress = fresh_progress(group);
+      continue;
+    }
+    const bool circles = !safe && repeats(progress, a.residual);
     // As exact as this iteration can make use of.
     group.linear_tolerance = std::min(kLoosest, 0.05 * o.tolerance * a.scale / a.residual);
     assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe, safe || far);
@@ -166,6 +195,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       assemble(group, safe ? Linearisation::position : Linearisation::multiplier, true, true);
       solve_linear(group, context, true);
     }
+    if (circles) halve_step(group);
     if (safe) {
       line_search(group);
     } else {

@@ -1,5 +1,7 @@
 #include "pairs.h"
 
+#include <cmath>
+
 #include "constants.h"
 #include "near.h"
 
@@ -61,6 +63,18 @@ BT_VECTOR bool is_straight(const Chain& c, const Field& at) {
     bent += advance <= 0 || advance * advance < enough * (dx * dx + dy * dy + dz * dz);
   }
   return bent == 0;
+}
+
+BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
+  Box box;
+  double slack = 0, square = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i), moved = c.foreseen.at(i) - x;
+    box.include(x);
+    square = std::max(square, dot(moved, moved)), slack = std::max(slack, c.slack[i]);
+  }
+  box.grow(c.radius + 0.5 * threshold + slack + std::sqrt(square));
+  return box;
 }
 
 void BoxTree::refit(const Chain& c, double threshold) {

@@ -58,6 +58,10 @@ struct BoxTree {
 // Whether a tendon as a whole would run so straight at x that it cannot touch itself.
 bool is_straight(const Chain& c, const Field& x);
 
+// Around all that a tendon could touch within the step: two tendons whose boxes are apart have no pair that
+// find_pairs would find.
+Box box_of_reach(const Chain& c, double threshold);
+
 struct PairCounts {
   long considered = 0, near = 0;
   double room = 1;  // share of the step until tendons that are not near could touch, as foreseen [-]

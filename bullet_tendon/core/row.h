@@ -68,6 +68,7 @@ struct Row {
   double stuck_at_other = 0;   // the same of b
   Vec3 side;                   // of a pair: n as the step began
   bool follows = false;        // a pair whose points are the nearest ones
+  bool stays = false;          // but would have jumped, as between both ends of a segment that touch alike
   double limit = 0;            // mu N that friction is limited to [N]
   bool direct = false;         // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;           // a direct row that holds now
@@ -110,8 +111,8 @@ struct Row {
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
   void foresee(Vec3 moved);
-  // The same of a pair of segments, x their ends (see crossing.cpp).
-  void follow_pair(const Vec3 (&x)[4]);
+  // The same of a pair of segments, x their ends (see crossing.cpp). most: by which its force may change [N].
+  void follow_pair(const Vec3 (&x)[4], double most);
   void add_pair_levers(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);

@@ -103,6 +103,7 @@ void in_parts(Group& group, const StepContext& context) {
     }
     converged &= group.converged;
     worst = std::max(worst, group.residual);
+    keep_passive(group);
     add_means(group, share);
     gather_bodies(group, share);
     for (Chain* c : group.chains) finish_step(*c, part);
@@ -122,7 +123,10 @@ void converged_step(Group& group, const StepContext& context) {
   if (two_stages(group, context)) return;
   newton(group, context, context.splitting == Splitting::never);
   const bool by_world = context.splitting == Splitting::by_world && !group.rows.empty();
-  if (!group.converged && !by_world && context.splitting != Splitting::never) in_parts(group, context);
+  if (!group.converged && !by_world && context.splitting != Splitting::never)
+    in_parts(group, context);
+  else if (context.options.integrator == Integrator::implicit_euler)
+    keep_passive(group);
 }
 
 }  // namespace bt

@@ -64,15 +64,15 @@ void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
          overlaid, tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v,
          dt_before, smooth, touching, touched, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
-         start_x_before, start_v_before, start_dt_before, split, gathered, next, step, residual, anchor_x,
-         anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix,
-         factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+         start_x_before, start_v_before, start_dt_before, split, gathered, braked, next, step, residual,
+         anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved,
+         matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, accelerated, dt_before, smooth, touching, touched, split, gathered);
   a.scratch(staged, stage_x, stage_v, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
-            start_x_before, start_v_before, start_dt_before, next, step, residual, anchor_x, anchor_v, goal,
-            cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
+            start_x_before, start_v_before, start_dt_before, braked, next, step, residual, anchor_x, anchor_v,
+            goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
             inverse_blocks, residual_norm, worst_particle);
 }
 
@@ -140,13 +140,13 @@ template <class A>
 void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
          through, radius, stiffness, softest, grip, carried, before, multiplier, friction, stuck, reference,
-         stuck_at, stuck_at_other, side, follows, limit, direct, held, joins, pressed, sliding,
+         stuck_at, stuck_at_other, side, follows, stays, limit, direct, held, joins, pressed, sliding,
          kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
          total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
-            limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
+            stays, limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
             displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers, lever,
             lever_share);
 }
@@ -192,8 +192,8 @@ void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
          whole_dt, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
          backup_memory, before_chains, before_memory, before_links, before_movers, slots, caches, queries,
-         trees, pairs, touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups,
-         group_of, report, attempt, kept_moving, kept_entries, kept_rows] = *this;
+         trees, reach, pairs, touches, rows, found, before, keys, memory, touching, bores, bores_by_link,
+         groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
   a.scratch(chains_, links_, movers_, memory, whole_dt, before_chains, before_memory, before_links,
@@ -208,7 +208,7 @@ void World::all_fields(A& a) {
   a(rows);
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
-            backup_memory, slots, queries, trees, pairs, touches, found, before, keys, touching, bores,
+            backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys, touching, bores,
             bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
 }
 

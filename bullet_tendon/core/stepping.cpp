@@ -59,7 +59,7 @@ BT_VECTOR void read_acceleration(Chain& c) {
 
 BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
   // Explicit Euler and a split step leave their velocities in `step`.
-  const bool made_known = c.gathered || context.options.integrator == Integrator::explicit_euler;
+  const bool made_known = c.gathered || c.braked || context.options.integrator == Integrator::explicit_euler;
   for (int k = 0; k < 3; ++k) {
     double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
     const double *next = c.next[k], *xh = c.anchor_x[k], *made = c.step[k];
@@ -73,7 +73,7 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
   for (Hold& h : c.holds) h.target_before = h.target;
   if (context.options.integrator == Integrator::tr_bdf2) read_acceleration(c);
   c.dt_before = c.gathered || c.split ? 0 : context.dt;
-  c.gathered = false;
+  c.gathered = c.braked = false;
 }
 
 namespace {
@@ -101,7 +101,7 @@ bool is_sane(const Chain& c, const StepContext& context) {
 }  // namespace
 
 void solve(Group& group, const StepContext& context) {
-  for (Chain* c : group.chains) c->gathered = false;
+  for (Chain* c : group.chains) c->gathered = c->braked = false;
   if (context.options.integrator == Integrator::explicit_euler)
     explicit_euler(group, context);
   else if (context.options.iteration == Iteration::single)
@@ -180,7 +180,9 @@ void follow(Group& group, Row& row) {
   } else if (row.b.chain >= 0) {
     Vec3 x[4];
     ends_of(group, row, x);
-    row.follow_pair(x);
+    const bool stayed = row.stays;
+    row.follow_pair(x, group.most_jump);
+    group.stayed |= row.stays && !stayed;
   }
 }
 

@@ -32,6 +32,15 @@ struct StepContext {
   Options options;
 };
 
+// Two points that act on each other: by a spring, or by a contact, of a tendon (b.chain = -1: with a link).
+struct Push {
+  Spot a, b;
+  Vec3 along;       // unit, from b to a
+  Vec3 of_link;     // velocity of the link there [m/s]
+  double made = 0;  // energy that it made out of nothing [J]
+  Row* row = nullptr;
+};
+
 // Tendons joined by tendon-tendon contacts, with the rows that touch them.
 struct Group {
   const std::vector<Chain*>* slots = nullptr;  // all tendons of the world, as spots name them
@@ -56,7 +65,9 @@ struct Group {
   SparseFactor::Edges edges;
   std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
-  bool follows = true;     // points of rows move along with what they touch
+  bool follows = true;     // points of rows move along with what they touch,
+  double most_jump = 0;    // but for pairs whose force that would change by more than this [N],
+  bool stayed = false;     // of which there are some that have not been looked at
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;
@@ -70,6 +81,8 @@ struct Group {
   // the rest.
   std::vector<std::vector<Field>> border;
   dense::Numbers corner, corner_root, corner_side;
+
+  std::vector<Push> pushes;  // of passivity.cpp
 
   Chain& at(const Spot& s) const { return *(*slots)[s.chain]; }
 };
@@ -87,6 +100,8 @@ void finish_step(Chain& c, const StepContext& context);
 
 // Implicit, converged: whole, and where that fails in parts.
 void converged_step(Group& group, const StepContext& context);
+// Takes energy that a solution made out of nothing from its velocities.
+void keep_passive(Group& group);
 // One Newton solution at chain.next; the safeguard is used only if asked for.
 void newton(Group& group, const StepContext& context, bool safeguarded);
 void single_linearisation(Group& group, const StepContext& context);  // implicit, as published

@@ -76,7 +76,7 @@ py::tuple pair_term(const Array& ends, double offset, double stiffness, double c
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
   row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
-  row.follow_pair(x);
+  row.follow_pair(x, 1e300);
   const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
   row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
   row.add_pair_levers(x, false);

@@ -150,6 +150,7 @@ class World {
   void bone_rows();
   void half_space_rows(int chain, int shape);
   void tendon_rows();
+  void fit_trees();
   void finish_row(Row& row, int chain_slot, int particle);
   void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
@@ -191,6 +192,7 @@ class World {
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
   std::vector<BoxTree> trees_;
+  std::vector<Box> reach_;  // by tendon, around all that it could touch
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;

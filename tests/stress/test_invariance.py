@@ -62,20 +62,12 @@ def random_material(rng):
     )
 
 
-CONTACTS = pytest.mark.xfail(
-    strict=True, reason="a step of a crumpled tendon that is split into very many parts can gain energy"
-)
-COMPRESSED = pytest.mark.xfail(
-    strict=True, reason="1 of 1000: implicit Euler of an undamped tendon of 2 particles that collapses"
-)
-
-
 @pytest.mark.parametrize(
     ("count", "crumpled"),
     [
         (20, 0.002),
-        pytest.param(1000, 0.002, marks=[pytest.mark.slow, COMPRESSED]),
-        pytest.param(1000, 0.01, marks=[pytest.mark.slow, CONTACTS], id="touching themselves"),
+        pytest.param(1000, 0.002, marks=pytest.mark.slow),
+        pytest.param(1000, 0.01, marks=pytest.mark.slow, id="touching themselves"),
     ],
 )
 def test_passive_systems_do_not_gain_energy(client, make_world, count, crumpled):
