@@ -81,14 +81,16 @@ Outcome World::solve() {
 // Particles that end elsewhere than foreseen are foreseen where they end.
 bool World::strayed() {
   bool any = false;
-  for (Chain* c : slots_)
-    for (int i = 0; c && i < c->n(); ++i) {
+  for (Chain* c : slots_) {
+    if (!c || !strays(*c)) continue;
+    for (int i = 0; i < c->n(); ++i) {
       const double off = norm(c->next.at(i) - c->foreseen.at(i));
       if (!(off > c->slack[i])) continue;
       any = true;
       c->slack[i] = kSlack * c->radius + 0.5 * off;
       c->foreseen.set(i, c->next.at(i));
     }
+  }
   return any;
 }
 
