@@ -157,15 +157,20 @@ class Bodies:
 
     def push(self, core) -> None:
         """Put the core's wrenches on the links that answer to them."""
-        for slot, force, centre, torque in core.pushes():
+        for slot, force, point, torque in core.pushes():
             body, link = self.links[slot]
-            p.applyExternalForce(body, link, force, centre, p.WORLD_FRAME, self.client)
-            p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
+            p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
+            if torque is not None:
+                p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
 
     def unheld(self, core) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""
         held = core.held_movers()
         return held and [b.slot for b in self._touched_bodies() if b.slot in held and not b.can_be_held()]
+
+    def was_free(self, slot: int) -> bool:
+        """Whether neither a contact nor a constraint had a part in how a body without joints moved."""
+        return not any(b.slot == slot and b.can_be_held() for b in self._touched_bodies())
 
     def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

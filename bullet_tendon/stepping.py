@@ -92,17 +92,19 @@ class TakesSteps:
         self._mend(dt, gravity)
 
     def _mend(self, dt: float, gravity: np.ndarray) -> None:
-        """Take back a step that pulled at links as held which had been let go, and put it right.
+        """Take back a step that did not know of a release, or of a sudden pull at a body, and put it right.
 
-        The step is solved again with the free response of these links, and they get the difference of
-        the impulses, as if that had acted in the first place. Where that has no solution, the step
-        stays as it was taken. dt, gravity: of the step to come.
+        The step is solved again with the free response of the links that were let go, and with the motion
+        that was seen of bodies pulled at; links get the difference of the impulses, as if that had acted in
+        the first place. Where that has no solution, the step stays as it was taken. dt, gravity: of the step
+        to come.
         """
         released = self._core.released_movers()
-        if not released:
+        pulled = [slot for slot in self._core.pulled_movers() if self._bodies.was_free(slot)]
+        if not released and not pulled:
             return
         taken, given = self._core.save(), self._core.wrenches()
-        if not self._core.rewind(self._dt, *self._last_gravity.tolist()):
+        if not self._core.rewind(self._dt, *self._last_gravity.tolist(), pulled):
             return
         try:
             self._take_again(given)
@@ -113,6 +115,7 @@ class TakesSteps:
         else:
             self._bodies.tell(self._core)
         self._core.refresh_movers()
+        self._core.keep()  # where the step to come fails, bodies stay mended, and the tendons with them
         self._core.sense(dt, *gravity.tolist(), False)
 
     def _take_again(self, before: np.ndarray) -> None:

@@ -72,12 +72,19 @@ Array wrenches(const World& w) {
 }
 
 // Slot, force, centre of mass and torque about that of the links that answer to one.
+// Link, force, its point, and the torque about that, None where the force is all: so that of one attachment.
 py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.links.size(); ++i) {
     const Link& l = w.links[i];
-    if (l.yields() && (max_abs(l.force) > 0 || max_abs(l.torque) > 0))
+    const double force = norm(l.force), torque = norm(l.torque);
+    if (!l.yields() || !(force > 0 || torque > 0)) continue;
+    if (std::fabs(dot(l.force, l.torque)) <= kAcross * force * torque && force > 0) {
+      const Vec3 point = l.centre + (1 / (force * force)) * cross(l.force, l.torque);
+      out.append(py::make_tuple(i, tuple(l.force), tuple(point), py::none()));
+    } else {
       out.append(py::make_tuple(i, tuple(l.force), tuple(l.centre), tuple(l.torque)));
+    }
   }
   return out;
 }
@@ -195,11 +202,12 @@ PYBIND11_MODULE(_core, m) {
       .def("sense",
            [](World& w, double dt, double gx, double gy, double gz, bool held) {
              w.sense(dt, {gx, gy, gz}, held);
-             return w.any_held() || !w.released_movers().empty();
+             return w.any_held() || !w.released_movers().empty() || !w.pulled_movers().empty();
            })
       .def("released_movers", &World::released_movers)
-      .def("rewind",
-           [](World& w, double dt, double gx, double gy, double gz) { return w.rewind(dt, {gx, gy, gz}); })
+      .def("rewind", [](World& w, double dt, double gx, double gy, double gz,
+                        const std::vector<int>& pulled) { return w.rewind(dt, {gx, gy, gz}, pulled); })
+      .def("pulled_movers", &World::pulled_movers)
       .def("any_held", &World::any_held)
       .def("held_movers",
            [](const World& w) {

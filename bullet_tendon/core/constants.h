@@ -142,6 +142,18 @@ constexpr int kMostChanges = 4;
 // it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
 constexpr double kReleased = 0.2;
 
+// Stretch of a tendon by what pulled its body away unforeseen, in lengths of the tendon, from which the step
+// is mended [-], and share of that motion by which it may differ from what the velocity makes of a step, as
+// where pybullet takes substeps. Larger: a sudden pull is answered to a step late. Smaller: blows that do not
+// matter are solved for twice.
+constexpr double kSuddenPull = 1e-3;
+constexpr double kSubsteps = 0.6;
+// Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
+// Larger: what is thrown about is thrown back.
+constexpr double kFarthestTurn = 0.2;
+// Rate at which pybullet cuts off what is faster [m/s], [rad/s]: what did that to it cannot be told.
+constexpr double kMostRate = 100.0;
+
 // Share of a wrench by which it has to change for something to be learned of its change, the same for the
 // link to be thought to yield more than before, share of the free answer to the change by which the link has
 // to miss what was foreseen, and least cosine between both for the one to explain the other [-].
@@ -181,6 +193,9 @@ constexpr double kLeastStopped = 0.5;
 
 // Depth from which it does not (its split impulse) [rad], [m].
 constexpr double kDeepBehind = 0.04;
+
+// Cosine of force and torque under which a wrench is one force at some point: rounding [-].
+constexpr double kAcross = 1e-14;
 
 // Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
 constexpr int kSweeps = 12;

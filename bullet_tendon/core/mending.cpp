@@ -1,17 +1,35 @@
-// A step that pulled at bodies as held which had been let go in it is taken back, to be solved again.
+// A step that pulled at bodies as held which had been let go in it, or in which something pulled at a body
+// that nobody told of, is taken back, to be solved again.
+//
+// pybullet tells a force of the user's, or a blow, by what it has done. By then the body has gone F dt^2/m,
+// and with it the end of a tendon that had no part in that; what brings it back within a step gives it a
+// velocity of that over dt. So the step is solved again with the acceleration that was seen.
 #include <algorithm>
 
-#include "world.h"
+#include "constants.h"
+#include "state.h"
 
 namespace bt {
 
 namespace {
 
 bool same_build(const Chain& a, const Chain& b) {
-  if (a.n() != b.n() || a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
+  if (a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
   for (size_t h = 0; h < a.holds.size(); ++h)
     if (a.holds[h].id != b.holds[h].id) return false;
   return true;
+}
+
+// What the user chose since then stays.
+void choose_again(const Chain& user, Chain& c) {
+  c.force = user.force;
+  for (size_t h = 0; h < c.holds.size(); ++h) {
+    const Hold& chosen = user.holds[h];
+    Hold& hold = c.holds[h];
+    hold.goal = chosen.goal, hold.rigid = chosen.rigid, hold.viscosity = chosen.viscosity;
+    hold.clamped = chosen.clamped, hold.direction = chosen.direction;
+    if (chosen.link < 0) hold.stiffness = chosen.stiffness;
+  }
 }
 
 }  // namespace
@@ -22,25 +40,29 @@ void World::let_go(int mover) {
   interrupt();
 }
 
-// What the user chose since then stays; where holds were made or lost, there is no way back.
-bool World::take_back_chains() {
-  if (before_chains_.size() != chains.size()) return false;
-  for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c] && !(before_chains_[c] && same_build(*chains[c], *before_chains_[c]))) return false;
-  for (size_t c = 0; c < chains.size(); ++c) {
-    if (!chains[c]) continue;
-    Chain& now = *chains[c];
-    Chain& then = *before_chains_[c];
-    then.force = now.force;
-    for (size_t h = 0; h < now.holds.size(); ++h) {
-      const Hold& user = now.holds[h];
-      Hold& hold = then.holds[h];
-      hold.goal = user.goal, hold.rigid = user.rigid, hold.viscosity = user.viscosity;
-      hold.clamped = user.clamped, hold.direction = user.direction;
-      if (user.link < 0) hold.stiffness = user.stiffness;
+// Where tendons or holds were made or lost since, there is no way back.
+bool World::take_back() {
+  if (!way_back_ || kept_before_.empty()) return false;
+  std::vector<char> now;
+  Writer writer(now);
+  moving_fields(writer);
+  std::vector<std::unique_ptr<Chain>> users;
+  copy_chains(users);
+  try {
+    for (bool apply : {false, true}) {
+      Reader reader(kept_before_.data(), kept_before_.size(), apply);
+      moving_fields(reader);
     }
-    now = then;
+  } catch (const StateMismatch&) {
+    return false;
   }
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (!chains[c] || same_build(*chains[c], *users[c])) continue;
+    Reader reader(now.data(), now.size(), true);
+    return moving_fields(reader), false;
+  }
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c]) choose_again(*users[c], *chains[c]);
   return true;
 }
 
@@ -51,22 +73,69 @@ std::vector<int> World::released_movers() const {
   return released;
 }
 
-bool World::rewind(double dt, Vec3 gravity) {
+// By how much an attachment's point has gone on from its particle in a way that stretches the tendon, over
+// the tendon's length; -1 where the body turned too far for that to be taken back, or where pybullet cut its
+// speed off and not just along the tendon. By the body's velocity: what was moved by hand has no such
+// velocity, and one that was set has not moved.
+double World::pulled_away(const Chain& c, const Hold& h) const {
+  const Link& link = links[h.link];
+  const Mover& mover = movers[link.mover];
+  const dense::Numbers& missed = mover.observer.missed();
+  const double square = whole_dt_ * whole_dt_;
+  const Vec3 at = to_world(link.pose, h.local), here = c.x.at(h.particle), gone = at - here;
+  const Vec3 linear{missed[0], missed[1], missed[2]}, angular{missed[3], missed[4], missed[5]};
+  const Vec3 by_velocity = square * (linear + cross(angular, at - link.centre));
+  if (norm(gone - by_velocity) > kSubsteps * norm(gone)) return 0;
+  double stretch = 0, length = 0, across = 0;
+  for (double l : c.rest) length += l;
+  for (int i : {h.particle - 1, h.particle + 1}) {
+    if (i < 0 || i >= c.n()) continue;
+    const Vec3 along = unit_or(here - c.x.at(i), {});
+    stretch = std::max(stretch, dot(gone, along)), across = std::max(across, norm(without(gone, along)));
+  }
+  const bool cut_off = largest_of(mover.rates.data(), mover.n()) >= kMostRate;
+  if (square * norm(angular) > kFarthestTurn || (cut_off && across > kFarthestTurn * length)) return -1;
+  return stretch / length;
+}
+
+std::vector<int> World::pulled_movers() const {
+  std::vector<int> all;
+  if (!way_back_) return all;
+  std::vector<double> most(movers.size());
+  for (const auto& c : chains)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      const Hold& h = c->holds[i];
+      if (h.link < 0 || !links[h.link].yields() || !links[h.link].jacobian.empty()) continue;
+      const Observer& seen = movers[links[h.link].mover].observer;
+      if (seen.missed().empty() || seen.held()) continue;
+      double& of_body = most[links[h.link].mover];
+      const double away = pulled_away(*c, h);
+      of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);
+    }
+  for (size_t m = 0; m < movers.size(); ++m)
+    if (most[m] > kSuddenPull) all.push_back(static_cast<int>(m));
+  return all;
+}
+
+bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
   const std::vector<int> released = released_movers();
-  const bool back = !released.empty() && take_back_chains();
+  std::vector<Link> links_then = before_links_, links_now = links;
+  std::vector<Mover> movers_then = before_movers_, movers_now = movers;
+  const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
     context_.dt = dt, context_.gravity = gravity;
-    memory_ = before_memory_;
-    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) links[i] = before_links_[i];
-    for (size_t i = 0; i < std::min(movers.size(), before_movers_.size()); ++i) {
-      std::swap(movers[i], before_movers_[i]);
-      movers[i].observer = before_movers_[i].observer;
+    links.swap(links_now), movers.swap(movers_now);
+    for (size_t i = 0; i < std::min(links.size(), links_then.size()); ++i) links[i] = links_then[i];
+    for (int i : pulled) movers[i].observer.believe();
+    for (size_t i = 0; i < std::min(movers.size(), movers_then.size()); ++i) {
+      std::swap(movers[i], movers_then[i]);
+      movers[i].observer = movers_then[i].observer;
       foresee(static_cast<int>(i));  // by what has been learned since, of all of them
     }
     rows_.clear();
   }
   for (int i : released) let_go(i);
-  before_chains_.clear();
+  way_back_ = false;
   return back;
 }
 

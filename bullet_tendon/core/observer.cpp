@@ -20,8 +20,10 @@ void Observer::start(int n) {
 void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
+  missed_.clear();
   if (has_acted()) {
     sample(noted_.empty() ? rates : noted_, gravity);
+    compare(now_);
     released_ = held_ && was_released(now_);
     if (samples_ > 0) learn(now_);
     std::swap(before_, last_), std::swap(last_, now_);
@@ -49,6 +51,7 @@ bool Observer::note(const Numbers& rates, const Numbers& gravity) {
   if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
   noted_ = rates;
   sample(rates, gravity);
+  compare(now_);
   return was_released(now_);
 }
 
@@ -72,11 +75,15 @@ void Observer::let_go() {
   forces_.assign(n_, 0.0), samples_ = 0;
 }
 
+void Observer::compare(const Sample& now) {
+  respond(effective_root_, now.forces, one_, other_);
+  missed_.resize(n_);
+  for (int i = 0; i < n_; ++i) missed_[i] = now.acceleration[i] - other_[i] - push_[i];
+}
+
 // It went along the forces, by more of its free answer than it was thought to.
 bool Observer::was_released(const Sample& now) {
-  respond(effective_root_, now.forces, one_, other_);
-  double beyond = 0;
-  for (int i = 0; i < n_; ++i) beyond += now.forces[i] * (now.acceleration[i] - other_[i] - push_[i]);
+  const double beyond = dot(now.forces, missed_);
   multiply_transposed(root_, now.forces, one_);
   return beyond > kReleased * dot(one_, one_);
 }
@@ -119,6 +126,11 @@ void Observer::limit_share() {
     for (int i = 0; i < n_; ++i) share_root_[i * n_ + k] = value * vectors_[i * n_ + k];
   }
   product_transposed(n_, share_root_, share_root_, share_);
+}
+
+void Observer::believe() {
+  respond(effective_root_, last_.forces, one_, s_);
+  for (int i = 0; i < n_; ++i) push_[i] = last_.acceleration[i] - s_[i];
 }
 
 void Observer::find_push() {

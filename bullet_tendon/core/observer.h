@@ -37,12 +37,17 @@ class Observer {
   // As if it was free, from the step before on.
   void let_go();
 
+  // The push of the last step, all of it, is believed; and what two steps agree on again.
+  void believe();
+  void doubt() { find_push(); }
+
   bool is_new() const { return samples_ < 2; }             // too little was seen of it yet
   bool held() const { return held_; }                      // something takes part of the response away
   bool released() const { return released_; }              // it was held before what was seen last
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
   const Numbers& push() const { return push_; }            // acceleration
   const Numbers& forces() const { return forces_; }        // of the last step
+  const Numbers& missed() const { return missed_; }        // acceleration not foreseen; empty: not known
 
  private:
   template <class A>
@@ -53,6 +58,7 @@ class Observer {
   void start(int n);
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   void sample(const Numbers& rates, const Numbers& gravity);
+  void compare(const Sample& now);
   bool was_released(const Sample& now);
   void learn(const Sample& now);
   void limit_share();
@@ -63,6 +69,7 @@ class Observer {
   Numbers root_, effective_root_;  // L, E
   Numbers share_, share_root_;     // G, and S with G = S S^T
   Numbers rates_, forces_, push_;
+  Numbers missed_;
   Numbers noted_;  // rates after the last step; empty where nobody looked
   Sample last_, before_;
   double dt_ = 0;

@@ -21,6 +21,7 @@ void World::restore(const char* from, size_t size) {
 }
 
 void World::keep() {
+  kept_before_.swap(kept_moving_);
   kept_moving_.clear(), kept_entries_.clear();
   Writer writer(kept_moving_);
   moving_fields(writer);
@@ -37,7 +38,7 @@ void World::roll_back() {
     caches_[e.chain][e.shape].entries[e.feature] = e.entry;
   }
   rows_.swap(kept_rows_);
-  kept_moving_.clear();
+  kept_moving_.swap(kept_before_);
 }
 
 }  // namespace bt

@@ -78,11 +78,11 @@ void fields(A& a, Chain& chain) {
 
 template <class A>
 void fields(A& a, Observer& observer) {
-  auto& [n, root, effective_root, share, share_root, rates, forces, push, noted, last, before, dt, samples,
-         known, acted, held, released, now, s, e, one, other, turned, vectors] = observer;
+  auto& [n, root, effective_root, share, share_root, rates, forces, push, missed, noted, last, before, dt,
+         samples, known, acted, held, released, now, s, e, one, other, turned, vectors] = observer;
   a(n, root, effective_root, share, share_root, rates, forces, push, last.forces, last.acceleration,
     before.forces, before.acceleration, dt, samples, known, acted, held, released, noted);
-  a.scratch(now, s, e, one, other, turned, vectors);
+  a.scratch(missed, now, s, e, one, other, turned, vectors);
 }
 
 template <class A>
@@ -157,22 +157,6 @@ void fields(A& a, Spot& spot) {
   a(chain, first, w0, w1);
 }
 
-// The tendons in `list`, of which there are as many as tendons of the world, or none.
-template <class A>
-void World::fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list) {
-  const size_t count = a.length(list.size() == chains.size() ? list.size() : 0);
-  if (a.applies()) {
-    if (count == 0) list.clear();
-    if (count > 0 && list.size() != chains.size()) copy_chains(list);
-  }
-  if (count == 0) return;
-  for (auto& c : list.size() == chains.size() ? list : chains) {
-    bool there = c != nullptr;
-    a.same(there);
-    if (there) fields(a, *c);
-  }
-}
-
 // What a step changes, but for planes and rows, which it keeps aside itself (World::begin).
 template <class A>
 void World::moving_fields(A& a) {
@@ -183,21 +167,22 @@ void World::moving_fields(A& a) {
     a.same(there);
     if (there) fields(a, *c);
   }
-  a(links, movers, memory_, whole_dt_, before_memory_, before_links_, before_movers_);
-  fields_of(a, before_chains_);
+  a(links, movers, memory_, whole_dt_, way_back_, before_links_, before_movers_);
 }
 
 template <class A>
 void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
          whole_dt, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
-         backup_memory, before_chains, before_memory, before_links, before_movers, slots, caches, queries,
-         trees, reach, pairs, touches, rows, found, before, keys, memory, touching, bores, bores_by_link,
-         groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows] = *this;
+         backup_memory, way_back, before_links, before_movers, slots, caches, queries, trees, reach, pairs,
+         touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
+         attempt, kept_moving, kept_before, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
-  a.scratch(chains_, links_, movers_, memory, whole_dt, before_chains, before_memory, before_links,
-            before_movers);
+  a.scratch(chains_, links_, movers_, memory, whole_dt, way_back, before_links, before_movers);
+  // The start of the last step, which only keep() has.
+  std::vector<char> none;
+  a(way_back ? kept_moving : none);
   a.same(shape_alive_, shapes_, tunnel_alive_, tunnels_);
   for (auto& of_chain : caches)
     for (NearCache& cache : of_chain) {
@@ -209,7 +194,7 @@ void World::all_fields(A& a) {
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
             backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys, touching, bores,
-            bores_by_link, groups, group_of, report, attempt, kept_moving, kept_entries, kept_rows);
+            bores_by_link, groups, group_of, report, attempt, kept_before, kept_entries, kept_rows);
 }
 
 }  // namespace bt

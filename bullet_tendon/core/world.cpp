@@ -11,13 +11,13 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
   if (slot == static_cast<int>(chains.size())) chains.emplace_back();
   chains[slot] = std::move(chain);
-  before_chains_.clear();
+  way_back_ = false;
   return slot;
 }
 
 void World::remove_chain(int slot) {
   chains[slot].reset();
-  before_chains_.clear();
+  way_back_ = false;
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
@@ -158,7 +158,12 @@ bool World::any_held() const {
 }
 
 void World::refresh_movers() {
-  for (Mover& m : movers) m.observer.refresh(m.rates);
+  for (Mover& m : movers) m.observer.refresh(m.rates), m.observer.doubt();
+  way_back_ = false;
+}
+
+bool World::any_moved() const {
+  return any_held() || std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
 }
 
 void World::begin(double dt, Vec3 gravity, bool whole) {
@@ -167,10 +172,8 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   backup_.clear();
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
-  if (!any_held())
-    before_chains_.clear();
-  else
-    copy_chains(before_chains_), before_memory_ = memory_, before_links_ = links, before_movers_ = movers;
+  way_back_ = !whole && any_moved();
+  if (way_back_) before_links_ = links, before_movers_ = movers;
   for (auto& c : chains) {
     slots_.push_back(c.get());
     if (!c) continue;

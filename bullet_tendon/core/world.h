@@ -68,15 +68,18 @@ class World {
   void sense(double dt, Vec3 gravity, bool held);
   // Movers that were let go in the last step, which was solved as if they were held.
   std::vector<int> released_movers() const;
-  // They are free from now on, and everything is taken back to before that step, of dt. false: there is no
-  // way back.
-  bool rewind(double dt, Vec3 gravity);
+  // Free rigid bodies that something unforeseen pulled at in the last step, so that their tendons are
+  // stretched by what these have not answered to.
+  std::vector<int> pulled_movers() const;
+  // What was let go is free from now on, and everything is taken back to before that step, of dt, in which
+  // `pulled` go as was seen. false: there is no way back.
+  bool rewind(double dt, Vec3 gravity, const std::vector<int>& pulled);
   bool any_held() const;
   // The rates of a mover right after a step; whether it seems to have been let go.
   bool note(int mover, const dense::Numbers& rates);
   // Nothing can hold the mover.
   void let_go(int mover);
-  // Their rates were set from outside.
+  // Their rates were set from outside, to mend the last step, which is not taken back again.
   void refresh_movers();
   // whole: not in parts, whatever happens (for steps whose length means nothing).
   void begin(double dt, Vec3 gravity, bool whole);
@@ -105,13 +108,13 @@ class World {
   void moving_fields(A& a);  // state.h
   template <class A>
   void all_fields(A& a);
-  template <class A>
-  void fields_of(A& a, std::vector<std::unique_ptr<Chain>>& list);
   void size_caches();
   template <class Which>
   void forget_memory(Which which);
   void forget_planes();
-  bool take_back_chains();
+  bool any_moved() const;
+  double pulled_away(const Chain& c, const Hold& hold) const;
+  bool take_back();
   double share_left() const;
   // How a mover is going to move in this step.
   void foresee(int mover);
@@ -184,9 +187,8 @@ class World {
   int settlings_ = 0;          // of this part, because other stops act than foreseen
   std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
   std::vector<ContactMemory> backup_memory_;
-  // The state before the last step, kept while something holds a link.
-  std::vector<std::unique_ptr<Chain>> before_chains_;
-  std::vector<ContactMemory> before_memory_;
+  bool way_back_ = false;  // the last step can be taken back: bodies had a part in it
+  // As they were told before it.
   std::vector<Link> before_links_;
   std::vector<Mover> before_movers_;
   std::vector<Chain*> slots_;
@@ -206,12 +208,12 @@ class World {
   std::vector<int> group_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
-  // As it was before the step (keep).
+  // As it was before the step (keep), and before the last one.
   struct KeptEntry {
     int chain, shape, feature;
     Entry entry;
   };
-  std::vector<char> kept_moving_;
+  std::vector<char> kept_moving_, kept_before_;
   std::vector<KeptEntry> kept_entries_;
   std::vector<Row> kept_rows_;
 };
