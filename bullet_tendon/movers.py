@@ -9,6 +9,7 @@ import pybullet as p
 
 from .jacobians import joint_infos, joint_states, movable_joints, tree_of
 
+_MAY_REST = 2  # told by the core: contacts could tell more of what a body is going to do
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
 
@@ -40,10 +41,10 @@ class Alone:
 
     def tell(self, core) -> bool:
         """Where it is, and how it answers; whether all of that is finite."""
-        well = core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
-        if self.falls and core.may_rest(self.slot):
+        told = core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
+        if told == _MAY_REST:
             self._tell_contacts(core)
-        return well
+        return told > 0
 
     def keep_contacts(self, core) -> None:
         """Into the state that is going to be saved: after restoreState pybullet tells later contacts."""
@@ -87,7 +88,7 @@ class OnJoints:
         if not self._yields[floating]:
             links = zip(self._slots, self._links, strict=True)
             told = [core.tell_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
-            return all(told)
+            return 0 not in told
         self._told = tree = self._trees[floating]
         # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago, but
         # for this.

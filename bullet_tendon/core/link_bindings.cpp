@@ -59,19 +59,20 @@ void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool f
 }
 
 // A link by p.getDynamicsInfo, its centre of mass, the orientation of its inertial frame, velocity and spin;
-// alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. false: some number
-// is not finite.
-bool tell_link(World& w, int slot, const py::tuple& info, const py::tuple& centre, const py::tuple& turn,
-               const py::tuple& velocity, const py::tuple& spin, bool alone, bool falls) {
+// alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
+// not finite; 2: contacts could tell more; else 1.
+int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& centre, const py::tuple& turn,
+              const py::tuple& velocity, const py::tuple& spin, bool alone, bool falls) {
   make_link(w, slot);
   Link& l = w.links[slot];
   place(l, info.ptr(), centre.ptr(), turn.ptr());
   l.now_velocity = vector(velocity.ptr()), l.now_spin = vector(spin.ptr());
-  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot);
+  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot) ? 1 : 0;
   l.mover = slot;
   l.jacobian.clear();
   stand_alone(w.movers[slot], l, info.ptr(), turn.ptr(), falls);
-  return told_well(w, slot);
+  if (!told_well(w, slot)) return 0;
+  return falls && w.movers[slot].may_rest(w.gravity()) ? 2 : 1;
 }
 
 // Its velocity and spin right after a step; whether it seems to have been let go.

@@ -119,17 +119,17 @@ std::vector<int> World::pulled_movers() const {
 
 bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
   const std::vector<int> released = released_movers();
-  std::vector<Link> links_then = before_links_, links_now = links;
-  std::vector<Mover> movers_then = before_movers_, movers_now = movers;
+  std::vector<Link> links_now = links;
+  std::vector<Mover> movers_now = movers;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
     context_.dt = dt, context_.gravity = gravity;
     links.swap(links_now), movers.swap(movers_now);
-    for (size_t i = 0; i < std::min(links.size(), links_then.size()); ++i) links[i] = links_then[i];
+    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) links[i] = before_links_[i];
     for (int i : pulled) movers[i].observer.believe();
-    for (size_t i = 0; i < std::min(movers.size(), movers_then.size()); ++i) {
-      std::swap(movers[i], movers_then[i]);
-      movers[i].observer = movers_then[i].observer;
+    for (size_t i = 0; i < std::min(movers.size(), before_movers_.size()); ++i) {
+      std::swap(movers[i].observer, before_movers_[i].observer);
+      movers[i] = before_movers_[i];
       foresee(static_cast<int>(i));  // by what has been learned since, of all of them
     }
     rows_.clear();

@@ -23,6 +23,7 @@ void World::restore(const char* from, size_t size) {
 void World::keep() {
   kept_before_.swap(kept_moving_);
   kept_moving_.clear(), kept_entries_.clear();
+  begun_ = false;
   Writer writer(kept_moving_);
   moving_fields(writer);
   kept_rows_ = rows_;
@@ -39,6 +40,8 @@ void World::roll_back() {
   }
   rows_.swap(kept_rows_);
   kept_moving_.swap(kept_before_);
+  if (begun_) before_links_.swap(kept_links_), before_movers_.swap(kept_movers_);
+  begun_ = false;
 }
 
 }  // namespace bt

@@ -167,7 +167,7 @@ void World::moving_fields(A& a) {
     a.same(there);
     if (there) fields(a, *c);
   }
-  a(links, movers, memory_, whole_dt_, way_back_, before_links_, before_movers_);
+  a(links, movers, memory_, whole_dt_, way_back_);
 }
 
 template <class A>
@@ -176,13 +176,13 @@ void World::all_fields(A& a) {
          whole_dt, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
          backup_memory, way_back, before_links, before_movers, slots, caches, queries, trees, reach, pairs,
          touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
-         attempt, kept_moving, kept_before, kept_entries, kept_rows] = *this;
+         attempt, kept_moving, kept_before, kept_links, kept_movers, begun, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
-  a.scratch(chains_, links_, movers_, memory, whole_dt, way_back, before_links, before_movers);
-  // The start of the last step, which only keep() has.
+  a.scratch(chains_, links_, movers_, memory, whole_dt, way_back);
+  // The start of the last step, which keep() and begin() put aside themselves.
   std::vector<char> none;
-  a(way_back ? kept_moving : none);
+  a(way_back ? kept_moving : none, before_links, before_movers);
   a.same(shape_alive_, shapes_, tunnel_alive_, tunnels_);
   for (auto& of_chain : caches)
     for (NearCache& cache : of_chain) {
@@ -194,7 +194,8 @@ void World::all_fields(A& a) {
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
             backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys, touching, bores,
-            bores_by_link, groups, group_of, report, attempt, kept_before, kept_entries, kept_rows);
+            bores_by_link, groups, group_of, report, attempt, kept_before, kept_links, kept_movers, begun,
+            kept_entries, kept_rows);
 }
 
 }  // namespace bt

@@ -173,6 +173,8 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   slots_.clear();
   for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
   way_back_ = !whole && any_moved();
+  if (!begun_) before_links_.swap(kept_links_), before_movers_.swap(kept_movers_);
+  begun_ = true;
   if (way_back_) before_links_ = links, before_movers_ = movers;
   for (auto& c : chains) {
     slots_.push_back(c.get());

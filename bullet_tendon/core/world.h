@@ -214,6 +214,9 @@ class World {
     Entry entry;
   };
   std::vector<char> kept_moving_, kept_before_;
+  std::vector<Link> kept_links_;  // before_links_ and before_movers_, once begun_
+  std::vector<Mover> kept_movers_;
+  bool begun_ = false;
   std::vector<KeptEntry> kept_entries_;
   std::vector<Row> kept_rows_;
 };
