@@ -105,36 +105,15 @@ namespace {
 double worse(double a, double b) { return b > a || b != b ? b : a; }
 
 // Largest stiffness at the present state, which a rounding of a coordinate is multiplied by [N/m]. Not
-// the matrix's: that of a wild iteration would call any residual rounding. What holds a particle counts for
-// that particle alone: in a short part of a step it is stiff without end.
+// the matrix's: that of a wild iteration would call any residual rounding.
 double stiffness_at_hand(Chain& c) {
   double most = largest_of(c.mass.data(), c.n()) / (c.b * c.b);
   for (SpringSet* s : {&c.structure, &c.shear})
     if (s->count) most = std::max(most, largest_stiffness(*s, c.material.law, c.b));
+  for (const Hold& h : c.holds)
+    if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
   const double rest = c.rest[0];
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
-}
-
-double stiffness_of(const Hold& h, double b) {
-  return 2 * std::max({h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / b});
-}
-
-// Largest residual of a chain in units of a force's rounding: of a coordinate's (unit) by the stiffness at
-// hand.
-double in_roundings(const Chain& c, double stiffness, double unit) {
-  const double most = c.residual_norm / (unit * stiffness);
-  double stiffest = stiffness;
-  for (const Hold& h : c.holds)
-    if (!h.rigid) stiffest = std::max(stiffest, stiffness + stiffness_of(h, c.b));
-  if (!(most > 1) || !(c.residual_norm <= kRounding * unit * stiffest)) return most;
-  double worst = 0;
-  for (int i = 0; i < c.n(); ++i) {
-    double here = stiffness;
-    for (const Hold& h : c.holds)
-      if (!h.rigid && h.particle == i) here += stiffness_of(h, c.b);
-    worst = std::max(worst, max_abs(c.residual.at(i)) / (unit * here));
-  }
-  return worst;
 }
 
 }  // namespace
@@ -156,9 +135,9 @@ double in_roundings(Group& group, const Assembly& a) {
     if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
   for (Chain* c : group.chains) {
     const double stiffness = stiffness_at_hand(*c) + contact;
-    const double unit = std::numeric_limits<double>::epsilon() * c->next.largest();
-    most = worse(most, in_roundings(*c, stiffness, unit));
-    finest = std::min(finest, stiffness * unit);
+    const double one = std::numeric_limits<double>::epsilon() * stiffness * c->next.largest();
+    most = worse(most, c->residual_norm / one);
+    finest = std::min(finest, one);
   }
   return worse(most, a.of_bodies / finest);
 }
