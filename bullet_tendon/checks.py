@@ -18,7 +18,7 @@ def number(argument: str, value, *, above=None, at_least=None, at_most=None) -> 
     allowed = _range_text("a finite number", above, at_least, at_most)
     try:
         result = float(value)
-    except OverflowError:
+    except Exception:  # whatever its conversion raises, an overflow for one
         raise InvalidValue(argument, value, allowed) from None
     inside = (
         np.isfinite(result)
@@ -36,11 +36,15 @@ def integer(argument: str, value, *, at_least=None, at_most=None) -> int:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise InvalidType(argument, value, "an integer")
     allowed = _range_text("an integer", None, at_least, at_most)
-    below = at_least is not None and value < at_least
-    beyond = at_most is not None and value > at_most
+    try:
+        result = int(value)
+    except Exception:  # a subclass's own __int__
+        raise InvalidType(argument, value, "an integer") from None
+    below = at_least is not None and result < at_least
+    beyond = at_most is not None and result > at_most
     if below or beyond:
         raise InvalidValue(argument, value, allowed)
-    return int(value)
+    return result
 
 
 def vector(argument: str, value, size: int = 3) -> np.ndarray:
@@ -48,12 +52,17 @@ def vector(argument: str, value, size: int = 3) -> np.ndarray:
     return array(argument, value, (size,))
 
 
+def as_array(value) -> np.ndarray:
+    """What numpy makes of a value; array(None) where its own __array__, __len__ or __float__ raises."""
+    try:
+        return np.asarray(value)
+    except Exception:
+        return np.array(None)
+
+
 def array(argument: str, value, shape: tuple) -> np.ndarray:
     """A finite float array of the shape given; None in `shape` stands for any length >= 1."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError):
-        given = np.array(None)
+    given = as_array(value)
     if given.dtype.kind not in "iuf":  # neither text nor complex numbers, which numpy would convert
         raise InvalidType(argument, value, f"real numbers of shape {_shape_text(shape)}")
     result = given.astype(float)
@@ -94,7 +103,10 @@ def path(argument: str, value) -> str:
     """A path, as a string."""
     if not isinstance(value, (str, os.PathLike)):
         raise InvalidType(argument, value, "a path")
-    return str(os.fspath(value))
+    try:
+        return os.fsdecode(value)
+    except Exception:  # whatever its __fspath__ raises
+        raise InvalidType(argument, value, "a path") from None
 
 
 def _range_text(what, above, at_least, at_most) -> str:

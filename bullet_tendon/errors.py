@@ -74,5 +74,8 @@ class StepFailed(TendonError, RuntimeError):
 
 
 def _short(value: object, limit: int = 120) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except Exception:  # its own __repr__, which is not what was wrong with the call
+        text = object.__repr__(value)
     return text if len(text) <= limit else text[: limit - 4] + " ..."

@@ -175,7 +175,7 @@ def _positions(tendon) -> np.ndarray:
 
 
 def _radii(radius, layers) -> np.ndarray:
-    if np.ndim(radius) == 0:
+    if checks.as_array(radius).ndim == 0:
         return np.full(layers, checks.number("radius", radius, above=0.0))
     radii = checks.array("radius", radius, (layers,))
     if not (radii > 0).all():
@@ -184,7 +184,7 @@ def _radii(radius, layers) -> np.ndarray:
 
 
 def _checked_triangles(triangles, count) -> np.ndarray:
-    result = np.asarray(triangles)
+    result = checks.as_array(triangles)
     if result.dtype.kind not in "iu":
         raise InvalidType("triangles", triangles, "integers of shape (m, 3)")
     if result.ndim != 2 or result.shape[1] != 3 or not len(result):

@@ -144,3 +144,72 @@ def test_numbers_beyond_floats_are_refused(make_world):
             bt.Material.from_springs(**{"ks": 1.0, "spring_length": 0.1, **springs})
     with pytest.raises(InvalidType, match="tendon"):
         bt.Skin.tube(None)
+
+
+class Hostile:
+    """Whatever numpy, float or a message asks of it raises an error of its own."""
+
+    def _refuse(self, *arguments, **named):
+        raise OSError("hostile")
+
+    __array__ = __float__ = __index__ = __len__ = __getitem__ = __iter__ = __repr__ = __fspath__ = _refuse
+
+
+class HostileFloat(float):
+    __float__ = __repr__ = Hostile._refuse
+
+
+class HostileInt(int):
+    __int__ = __index__ = __repr__ = Hostile._refuse
+
+
+class Unfinished(Hostile):
+    """A sequence that ends badly when it is read."""
+
+    def __len__(self):
+        return 3
+
+    def __getitem__(self, index):
+        raise RuntimeError("unfinished")
+
+    __array__ = None
+
+
+@pytest.mark.parametrize(
+    ("check", "make"),
+    [
+        (checks.number, lambda: Hostile()),
+        (checks.number, lambda: HostileFloat(1.0)),
+        (checks.integer, lambda: Hostile()),
+        (checks.integer, lambda: HostileInt(1)),
+        (checks.vector, lambda: Hostile()),
+        (checks.vector, lambda: [Hostile()] * 3),
+        (checks.vector, lambda: [HostileFloat(1.0)] * 3),
+        (checks.vector, lambda: Unfinished()),
+        (checks.flag, lambda: Hostile()),
+        (checks.text, lambda: Hostile()),
+        (checks.path, lambda: Hostile()),
+    ],
+)
+def test_errors_of_the_value_itself_do_not_get_through(check, make):
+    with pytest.raises(TendonError, match="x = .*must be"):
+        check("x", make())
+
+
+def test_errors_of_the_value_itself_do_not_get_through_the_world(make_world):
+    world = make_world()
+    t = world.add_tendon([[0, 0, 0], [0, 0, 1]], 0.01, bt.Material(stiffness=1e3), 4)
+    before = world.state_hash()
+    for call in (
+        lambda: world.add_tendon(Hostile(), 0.01, bt.Material(stiffness=1e3)),
+        lambda: world.add_tendon([[0, 0, 0], [0, 0, 1]], Hostile(), bt.Material(stiffness=1e3)),
+        lambda: world.load_snapshot(Hostile()),
+        lambda: world.step(Hostile()),
+        lambda: t.set_force(0, Hostile()),
+        lambda: t.set_positions(Hostile()),
+        lambda: bt.Skin.tube(t, Hostile()),
+        lambda: bt.Skin.bind(t, [[0, 0, 0], [1, 0, 0], [0, 1, 0]], Hostile()),
+    ):
+        with pytest.raises(TendonError):
+            call()
+        assert world.state_hash() == before

@@ -91,7 +91,7 @@ constexpr int kLongestCircle = 12;
 // Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
 // two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,
 // folded tendon may stay unsolved.
-constexpr int kMostSubsteps = 256;
+constexpr int kMostSubsteps = 2048;
 
 // Units in which the parts of a world's step are counted [-], a power of two: the shortest part that fast
 // motion near a body or another tendon can ask for.

@@ -40,6 +40,7 @@ double World::share_left() const { return static_cast<double>(size_) / (kUnits -
 void World::begin_part() {
   const bool smallest = size_ <= kUnits / kMostSubsteps;
   context_.dt = whole_dt_ * size_ / kUnits;
+  context_.part = size_ < kUnits;
   context_.splitting = !can_split() ? Splitting::by_group : smallest ? Splitting::never : Splitting::by_world;
   looks_ = 0, looking_ = false;
   context_.reach = std::sqrt(time_of_part() * context_.dt);

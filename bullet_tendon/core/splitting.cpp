@@ -5,6 +5,7 @@
 // shrinks and makes every part solvable in the end. Parts are counted in units of dt / kMostSubsteps
 // and doubled again when they go well. Forces on holders and bodies are the parts' averages, so that
 // impulses stay exact.
+#include <algorithm>
 #include <cmath>
 
 #include "constants.h"
@@ -117,6 +118,11 @@ void in_parts(Group& group, const StepContext& context) {
   put_back_springs(group, springs);
 }
 
+bool by_euler(const Group& group, const StepContext& context) {
+  return std::all_of(group.chains.begin(), group.chains.end(),
+                     [&](const Chain* c) { return c->b == context.dt; });
+}
+
 }  // namespace
 
 void converged_step(Group& group, const StepContext& context) {
@@ -125,7 +131,7 @@ void converged_step(Group& group, const StepContext& context) {
   const bool by_world = context.splitting == Splitting::by_world && !group.rows.empty();
   if (!group.converged && !by_world && context.splitting != Splitting::never)
     in_parts(group, context);
-  else if (context.options.integrator == Integrator::implicit_euler)
+  else if (by_euler(group, context))
     keep_passive(group);
 }
 

@@ -9,7 +9,8 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   // What touches something has velocities that jump: they are not to be extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
-  const bool second_order = method == Integrator::bdf2 || method == Integrator::tr_bdf2;
+  const bool second_order =
+      (method == Integrator::bdf2 || method == Integrator::tr_bdf2) && !(context.part && c.touched);
   const bool two = second_order && c.dt_before == dt && c.smooth;
   c.accelerated = method == Integrator::tr_bdf2 && history;
   c.staged = false;

@@ -28,6 +28,7 @@ struct StepContext {
   double dt = 0;
   double reach = 0;  // s of mover.h [s]
   Splitting splitting = Splitting::by_group;
+  bool part = false;  // of a step: what touches something takes it by implicit Euler
   Vec3 gravity;
   Options options;
 };

@@ -107,7 +107,7 @@ void World::aim_attachments(Chain& c) {
     h.moves = link.yields() && movers[link.mover].unknown;
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
-    if (h.rigid && share_left() < 1) h.aim += (1 - share_left()) * (c.x.at(h.particle) - p);
+    if (share_left() < 1) h.aim += (1 - share_left()) * (c.x.at(h.particle) - p);
     if (h.rigid) continue;
     h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
     invert_definite(h.stiffness);
