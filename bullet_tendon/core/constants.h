@@ -34,8 +34,8 @@ constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
 
-// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share of
-// it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
+// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
+// of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
 // Larger: more iterations until they do. Smaller: more pairs do, and get rows at their other points besides.
 constexpr double kMostJump = 0.02;
 constexpr double kLessJump = 0.25;
