@@ -34,9 +34,10 @@ constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
 
-// Share of that which is left of the force by which following its points may change a pair's, once iterations
-// have been thrown off by it [-]: pairs that jump more keep their points. Larger: more iterations until they
-// do. Smaller: more pairs do.
+// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
+// of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
+// Larger: more iterations until they do. Smaller: more pairs do, and get rows at their other points besides.
+constexpr double kMostJump = 0.02;
 constexpr double kLessJump = 0.25;
 
 // Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
