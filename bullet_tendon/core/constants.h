@@ -214,6 +214,13 @@ constexpr int kLooks = 6;
 // wherever the nearest points go. Larger: it can. Smaller: more parts.
 constexpr double kFarthestMove = 0.9;
 
+// Times that two segments are advanced towards each other at most to see when they could touch [-]. Fewer:
+// steps are taken in parts because of what passes by.
+constexpr int kAdvances = 8;
+
+// One and the cosine of a turn, up to which it may as well be about any axis [-].
+constexpr double kHalfTurn = 1e-9;
+
 // Methods that do not split their steps foresee tendon pairs up to this many sums of radii [-]. A row
 // is a plane; far from touching it would hold back what passes beside it.
 constexpr double kFarthest = 2.0;

@@ -66,14 +66,14 @@ void fields(A& a, Chain& chain) {
          dt_before, smooth, touching, touched, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
          start_x_before, start_v_before, start_dt_before, split, gathered, next, step, residual, anchor_x,
          anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix,
-         factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+         factor, inverse_blocks, residual_norm, worst_particle, fixed, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, accelerated, dt_before, smooth, touching, touched, split, gathered);
   a.scratch(staged, stage_x, stage_v, b, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
             start_x_before, start_v_before, start_dt_before, next, step, residual, anchor_x, anchor_v, goal,
             cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
-            inverse_blocks, residual_norm, worst_particle);
+            inverse_blocks, residual_norm, worst_particle, fixed);
 }
 
 template <class A>
@@ -139,13 +139,13 @@ template <class A>
 void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
          through, radius, stiffness, softest, grip, carried, before, multiplier, friction, stuck, reference,
-         stuck_at, stuck_at_other, side, follows, limit, direct, held, joins, pressed, sliding,
+         stuck_at, stuck_at_other, side, follows, limit, direct, held, joins, passes, pressed, sliding,
          kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
          total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
-            limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
+            limit, direct, held, joins, passes, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
             displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers, lever,
             lever_share);
 }

@@ -133,7 +133,7 @@ void multiply(Group& group);
 void add_coupling(Group& group);
 
 // After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
-void keep_lengths(Chain& c);
+void keep_lengths(Group& group);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
