@@ -69,6 +69,10 @@ constexpr double kLeastShear = 1e-12;
 // Stands for an inertia that outweighs every compression [1/s^2].
 constexpr double kNoCut = 1e300;
 
+// Growth of a step from the last one up to which BDF2 goes on [-]: 1 + sqrt(2), where it ceases to be stable
+// (Grigorieff 1983). After shorter ones it is restarted.
+constexpr double kMostGrowth = 2.414;
+
 // Newton iterations with carried multipliers without progress (the residual under this share of the
 // best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
 // less patience splits what would converge; more makes violent steps slower.
