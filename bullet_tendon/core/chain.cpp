@@ -37,7 +37,6 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);
   slack.assign(n_, 0.0);
-  fixed.assign(n_, 0);
   structure.resize(1, n_);
   bool sheared = material.shear_stiffness > 0 && n_ > 2;
   shear.resize(2, sheared ? n_ : 0);

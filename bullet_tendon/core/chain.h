@@ -128,7 +128,6 @@ class Chain {
   Planes inverse_blocks;
   double residual_norm = 0;  // largest residual force [N]
   int worst_particle = 0;
-  std::vector<char> fixed;  // particles that keep_lengths does not shift (turning.cpp)
 
  private:
   template <class A>

@@ -101,6 +101,11 @@ bool ran_away(const Group& group) {
   return false;
 }
 
+// Contacts are stiff across the tendon: there it matters more where particles are than how long segments are.
+bool touches(const Group& group) {
+  return std::any_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->acts(); });
+}
+
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
@@ -169,7 +174,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
           if (s->count) carry(*s, c->material.law, c->step);
       for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
       advance(group, 1);
-      if (turns) keep_lengths(group);
+      if (turns && !touches(group))
+        for (Chain* c : group.chains) keep_lengths(*c);
     }
   }
   for (Row* row : group.rows)

@@ -80,8 +80,8 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
 namespace {
 
 // The mean over the step of a force whose value at its end is known: what the momentum of the tendon
-// changed by. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last one and b/dt
-// of F, which are one together.
+// changed by. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last one and
+// b/dt of F, which are one together.
 Vec3 step_mean(const Chain& c, const StepContext& context, Vec3 last_mean, Vec3 force) {
   const double share = c.b / context.dt;
   return share < 1 ? (1 - share) * last_mean + share * force : force;

@@ -135,7 +135,7 @@ void multiply(Group& group);
 void add_coupling(Group& group);
 
 // After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
-void keep_lengths(Group& group);
+void keep_lengths(Chain& c);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);

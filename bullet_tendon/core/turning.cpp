@@ -53,31 +53,17 @@ Vec3 mean_shift(const Chain& c, const Field& shift) {
   return (1 / mass) * sum;
 }
 
-// Particles that stay where the solution took them: what is held, and what touches, as contacts are stiff
-// across the tendon, where it matters more where particles are than how long segments are.
-void find_fixed(Group& group) {
-  for (Chain* c : group.chains) {
-    std::fill(c->fixed.begin(), c->fixed.end(), 0);
-    for (const Hold& h : c->holds) c->fixed[h.particle] = 1;
-  }
-  for (const Row* row : group.rows) {
-    if (!row->acts()) continue;
-    for (const Spot* s : {&row->a, &row->b}) {
-      if (s->chain < 0) continue;
-      if (s->w0 != 0) group.at(*s).fixed[s->first] = 1;
-      if (s->w1 != 0) group.at(*s).fixed[s->first + 1] = 1;
-    }
-  }
-}
+}  // namespace
 
-void keep_lengths_of(Chain& c) {
+void keep_lengths(Chain& c) {
   Field& shift = c.residual;  // which this iteration has used up
   measure_shifts(c, shift);
   sum_up(shift);
-  int last = -1;  // fixed particle, and its shift
+  int last = -1;  // held particle, and its shift
   Vec3 base;
   for (int i = 0; i < c.n(); ++i) {
-    if (!c.fixed[i]) continue;
+    const auto holds = [i](const Hold& h) { return h.particle == i; };
+    if (std::none_of(c.holds.begin(), c.holds.end(), holds)) continue;
     const Vec3 here = shift.at(i);
     if (last < 0)
       shift_span(c, shift, 0, i, here, {});
@@ -87,13 +73,6 @@ void keep_lengths_of(Chain& c) {
   }
   if (last < 0) base = mean_shift(c, shift);
   shift_span(c, shift, std::max(last, 0), c.n(), base, {});
-}
-
-}  // namespace
-
-void keep_lengths(Group& group) {
-  find_fixed(group);
-  for (Chain* c : group.chains) keep_lengths_of(*c);
 }
 
 }  // namespace bt
