@@ -259,6 +259,7 @@ void World::tendon_rows() {
     row.beyond = options.contact_threshold;
     row.friction = a.friction * b.friction;
     row.reference = p.apart, row.side = row.normal, row.stuck_at = p.u, row.stuck_at_other = p.w;
+    row.passes = p.passes;
     finish_row(row, p.chain_a, p.segment_a);
     add_row(row);
   }

@@ -9,8 +9,9 @@ namespace bt {
 struct SegmentPair {
   int chain_a, segment_a, chain_b, segment_b;
   double u, w;  // nearest points: x_a + u (x_a+1 - x_a), x_b + w (x_b+1 - x_b)
-  Vec3 apart;   // from b to a [m]
+  Vec3 apart;   // from b to a [m], turned as they are foreseen to turn together within the step
   double distance;
+  bool passes = false;  // as foreseen they do not touch
 };
 
 // Nearest parameters of segments p0-p1 and q0-q1.

@@ -92,16 +92,20 @@ bool World::strayed() {
   return any;
 }
 
-// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new.
+// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new that
+// touches.
 bool World::take_new_rows() {
   keys_.clear();
   for (const Row& row : before_) keys_.push_back(row.key);
   std::sort(keys_.begin(), keys_.end());
   const size_t known = before_.size();
+  bool touches = false;
   for (const Row& row : rows_)
-    if (!std::binary_search(keys_.begin(), keys_.end(), row.key)) before_.push_back(row);
+    if (!std::binary_search(keys_.begin(), keys_.end(), row.key))
+      before_.push_back(row), touches |= !row.passes;
+  if (!touches) before_.resize(known);
   rows_.swap(before_);
-  return rows_.size() > known;
+  return touches;
 }
 
 Outcome World::solve_again() {
