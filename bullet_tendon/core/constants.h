@@ -97,9 +97,15 @@ constexpr int kLongestCircle = 12;
 // folded tendon may stay unsolved.
 constexpr int kMostSubsteps = 256;
 
-// Units in which the parts of a world's step are counted [-], a power of two: the shortest part that fast
-// motion near a body or another tendon can ask for.
-constexpr int kUnits = 8192;
+// Units in which the parts of a world's step are counted [-], three times a power of two: the shortest part
+// that fast motion near a body or another tendon can ask for.
+constexpr int kUnits = 3 * 8192;
+
+// Angle that a segment is foreseen to turn by in a step above which BDF2 takes it in three parts [rad], and
+// above which in two, as each takes more iterations. Larger: the crack of a whip is lost. Smaller: fast
+// spinning costs more.
+constexpr double kTurn = 0.6;
+constexpr double kWildTurn = 1.0;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.

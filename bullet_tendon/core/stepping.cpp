@@ -17,7 +17,8 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
   c.b = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
-  const double ahead = history ? dt * std::min(1.0, dt / c.dt_before) : 0;
+  // Where the method's own velocity would take it; of the second order, where the motion does.
+  const double ahead = history ? (two ? 0.5 : 1.0) * dt * std::min(1.0, dt / c.dt_before) : 0;
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
     double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
