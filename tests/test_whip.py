@@ -43,20 +43,23 @@ def test_steps_that_turn_far_take_few_iterations(make_world, radius):
     assert parts.max() == 1
 
 
-@pytest.mark.parametrize(("radius", "struck"), [(1e-4, 1), (3.8e-3, 4)])
+@pytest.mark.parametrize(("radius", "struck"), [(1e-4, 0), (3.8e-3, 2)])
 def test_second_order_takes_few_iterations(make_world, radius, struck):
-    """All but the steps in which it strikes itself."""
+    """All parts of a step together; but for steps in which it strikes itself."""
     _, iterations, parts = released(make_world, radius, integrator="bdf2")
     assert np.median(iterations) <= 3
     assert np.sum(iterations > 10) <= struck
-    assert np.sum(parts > 1) <= struck
+    assert 1 < parts.max() <= 3
+    assert np.sum(parts > 1) <= 20
 
 
-@pytest.mark.parametrize("integrator", ["bdf2", "tr_bdf2"])
-@pytest.mark.parametrize(("radius", "share"), [(3.8e-3, 0.2), (1e-4, 0.45)])
+@pytest.mark.parametrize(
+    ("integrator", "radius", "share"),
+    [("bdf2", 3.8e-3, 0.15), ("bdf2", 1e-4, 0.3), ("tr_bdf2", 3.8e-3, 0.15), ("tr_bdf2", 1e-4, 0.15)],
+)
 def test_the_swing_is_kept(make_world, radius, share, integrator):
     """The tip is off by at most that share of one linearisation a step. (As thin as a wire, its second
-    crack magnifies what is off before by hundreds, and one step takes most of it.)"""
+    crack magnifies what is off before by hundreds.)"""
     exact, *_ = released(make_world, radius, finer=64, integrator="tr_bdf2")
     once, *_ = released(make_world, radius, iteration="single")
     tip, *_ = released(make_world, radius, integrator=integrator)
@@ -70,7 +73,7 @@ def test_what_only_turns_or_passes_by_is_not_split(make_world):
     material = bt.Material(stiffness=STIFFNESS, damping=1e-4 * STIFFNESS)
     turning = world.add_tendon(bend, 1e-4, material, 13)
     x = turning.positions
-    turning.set_positions(x, np.cross([0, 0, 100.0], x - x.mean(0)))
+    turning.set_positions(x, np.cross([0, 0, 60.0], x - x.mean(0)))
     passing = [world.add_tendon([[0, 1, z], [0.1, 1, z]], 1e-4, material, 13) for z in (0, 0.001)]
     x = passing[1].positions
     passing[1].set_positions(x, np.full_like(x, [3.0, 0, 0]))

@@ -101,9 +101,9 @@ constexpr int kMostSubsteps = 256;
 // that fast motion near a body or another tendon can ask for.
 constexpr int kUnits = 3 * 8192;
 
-// Angle that a segment is foreseen to turn by in a step above which BDF2 takes it in three parts [rad], and
-// above which in two, as each takes more iterations. Larger: the crack of a whip is lost. Smaller: fast
-// spinning costs more.
+// Angle that a segment is foreseen to turn by in a step above which methods of second order take it in three
+// parts [rad], and above which in two, as each takes more iterations. Larger: the crack of a whip is lost.
+// Smaller: fast spinning costs more.
 constexpr double kTurn = 0.6;
 constexpr double kWildTurn = 1.0;
 

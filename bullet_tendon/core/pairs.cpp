@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "constants.h"
+#include "near.h"
 #include "sweep.h"
 
 namespace bt {
@@ -141,7 +142,8 @@ struct Finder {
   int ia, ib;
   std::vector<SegmentPair>& out;
   PairCounts& counts;
-  bool far;
+  Foresight foresight;
+  bool far = foresight != Foresight::near;
   double margin = 0;
 
   // Segments that a spring joins, or so near along the tendon that no bend brings them together.
@@ -189,7 +191,9 @@ struct Finder {
     s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
     s.distance = norm(s.apart);
     if (s.distance >= reach) return;
-    if (far && moves > kFarthestMove * radii) {
+    if (foresight == Foresight::far)
+      counts.room = std::min(counts.room, share_to_go(s.distance, radii, moves));
+    if (foresight == Foresight::swept && moves > kFarthestMove * radii) {
       const Sweep swept = sweep(k, m);
       if (swept.share_apart(skins + slack) == 1) return;
       const double share = swept.share_apart(skins);
@@ -233,14 +237,14 @@ struct Finder {
 
 }  // namespace
 
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, bool far,
-                      std::vector<SegmentPair>& out) {
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+                      Foresight foresight, std::vector<SegmentPair>& out) {
   PairCounts counts;
   const int count = static_cast<int>(chains.size());
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
       if (chains[i] && chains[j])
-        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, far}.run();
+        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, foresight}.run();
   return counts;
 }
 

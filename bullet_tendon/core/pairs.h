@@ -68,9 +68,12 @@ struct PairCounts {
   double room = 1;  // share of the step until tendons that are not near could touch, as foreseen [-]
 };
 
+// Which pairs could touch within a step: of what is within kFarthest; of all, however far they move; and
+// of these only where they approach (sweep.h).
+enum class Foresight { near, far, swept };
+
 // Appends the pairs of segments that could touch within the step.
-// far: however far they move; else only what is within kFarthest.
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, bool far,
-                      std::vector<SegmentPair>& out);
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+                      Foresight foresight, std::vector<SegmentPair>& out);
 
 }  // namespace bt

@@ -8,7 +8,7 @@
 //   room        what is near something moves relative to it by more than its radius: only that share of
 //               the step is taken (share_to_go), and the rest from there
 //   unsettled   a group with contacts does not converge: half of it is taken
-//   turning     BDF2 loses accuracy where segments turn far: a third or half of it is taken
+//   turning     methods of second order lose it where segments turn far: a third or half of it is taken
 //
 // A part is a step of its own, with contacts of its own. Links go as they were going, and as earlier parts
 // have pushed them, from the start of the step on: pybullet moves them by the step's length times the
@@ -72,7 +72,8 @@ void World::begin_part() {
 
 // Parts that a step is begun with, by what its segments are foreseen to turn by.
 int World::turning_parts() const {
-  if (options.integrator != Integrator::bdf2 || !can_split()) return 1;
+  const bool second = options.integrator == Integrator::bdf2 || options.integrator == Integrator::tr_bdf2;
+  if (!second || !can_split()) return 1;
   bool turns = false;
   for (const Chain* c : slots_) {
     if (!c) continue;

@@ -146,9 +146,9 @@ void fields(A& a, Row& row) {
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
-            stays, limit, direct, held, joins, passes, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
-            displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers, lever,
-            lever_share);
+            stays, limit, direct, held, joins, passes, pressed, sliding, kept_multiplier, kept_sliding,
+            changes, raw, displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers,
+            lever, lever_share);
 }
 
 template <class A>
