@@ -20,9 +20,8 @@ _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
 def client_of(physicsClientId) -> int:
     """The number of a client: an int, or a pybullet_utils BulletClient."""
     number = getattr(physicsClientId, "_client", physicsClientId)
-    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= _MOST_CLIENTS:
-        raise UnknownId("physicsClientId", physicsClientId, "a connected pybullet client")
-    if not p.isConnected(number):
+    askable = isinstance(number, int) and not isinstance(number, bool) and 0 <= number <= _MOST_CLIENTS
+    if not (askable and p.isConnected(number)):
         raise UnknownId("physicsClientId", physicsClientId, "a connected pybullet client")
     return number
 

@@ -48,9 +48,8 @@ class Alone:
     def keep_contacts(self, core) -> None:
         """Into the state that is going to be saved: after restoreState pybullet tells later contacts."""
         if self.falls and core.may_rest(self.slot):
-            core.clear_contacts(self.slot)
-            self._tell_contacts(core)
             core.keep_contacts(self.slot)
+            self._tell_contacts(core)
 
     def _tell_contacts(self, core) -> None:
         """What it rests on: contacts with bodies without mass."""

@@ -4,6 +4,7 @@ import numpy as np
 import pybullet as p
 import pytest
 
+UNDAMPED = {"linearDamping": 0, "angularDamping": 0}
 PROBE = 1e-4  # radius of the sphere that asks pybullet [m]
 HULL_MARGIN = 1e-3  # what pybullet adds around a convex hull [m]
 TETRA = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]])
@@ -105,3 +106,30 @@ def urdf_body(client, tmp_path, *collisions, **flags):
     body = p.loadURDF(str(path), [3, 2, 1], [0.5, 0.5, 0.5, 0.5], physicsClientId=client, **flags)
     p.resetJointState(body, 0, 0.7, physicsClientId=client)
     return body
+
+
+HINGED = """<robot name="hinged"><link name="base"/><link name="arm">
+<inertial><origin xyz="0.05 0 0"/><mass value="0.05"/><inertia ixx="1e-5" iyy="5e-5" izz="5e-5"/></inertial>
+</link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="0.3" effort="10" velocity="100"/></joint></robot>"""
+
+
+def misfit(tendon, attachment, client):
+    """How far an attached particle is from its place on the body [m]."""
+    return away(tendon, attachment, *link_frame(client, attachment.bodyUniqueId, attachment.linkIndex))
+
+
+def away(tendon, attachment, origin, axes):
+    return np.linalg.norm(tendon.positions[attachment.particle] - origin - axes @ attachment.position)
+
+
+def hinged(client, tmp_path):
+    """A link on a hinge with a limit, in swing."""
+    path = tmp_path / "hinged.urdf"
+    path.write_text(HINGED)
+    arm = p.loadURDF(str(path), useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+    p.changeDynamics(arm, 0, **UNDAMPED, jointDamping=0, physicsClientId=client)
+    p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    p.resetJointState(arm, 0, 0.0, 8.0, physicsClientId=client)
+    return arm

@@ -8,8 +8,6 @@ namespace bt {
 
 namespace {
 
-Vec3 unit_axis(int k) { return {k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}; }
-
 // R diag(d) R^T
 Sym3 turned(const Rot3& r, Vec3 d) {
   const Vec3 column[3] = {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};

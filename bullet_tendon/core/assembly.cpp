@@ -13,14 +13,13 @@ namespace {
 // Residual of one chain at chain.next: inertia, springs and soft holds. Returns the largest force.
 double chain_residual(Chain& c) {
   const double inverse = 1 / (c.b * c.b);
-  double largest = 0;
   const double* mass = c.mass.data();
   for (int k = 0; k < 3; ++k) {
     const double *x = c.next[k], *y = c.goal[k];
     double* r = c.residual[k];
     for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i]);
-    largest = std::max(largest, largest_of(r, c.n()));
   }
+  double largest = c.residual.largest();
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
     largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.anchor_x, c.b));
@@ -102,17 +101,15 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
 
 namespace {
 
+// The larger one; what is not a number stays.
+double worse(double a, double b) { return b > a || b != b ? b : a; }
+
 // Largest stiffness at the present state, which a rounding of a coordinate is multiplied by [N/m]. Not
 // the matrix's: that of a wild iteration would call any residual rounding.
-double stiffness_at_hand(const Chain& c) {
-  double most = 0;
-  for (const SpringSet* s : {&c.structure, &c.shear})
-    for (int k = 0; k < s->count; ++k) {
-      double damping = c.material.law.whole_velocity ? s->damping[k] / (c.b * s->rest[k] * s->rest[k])
-                                                     : s->damping_slope[k];
-      most = std::max(most, s->elastic_slope[k] + damping + std::fabs(s->force[k]) / s->rest[k]);
-    }
-  for (int i = 0; i < c.n(); ++i) most = std::max(most, c.mass[i] / (c.b * c.b));
+double stiffness_at_hand(Chain& c) {
+  double most = largest_of(c.mass.data(), c.n()) / (c.b * c.b);
+  for (SpringSet* s : {&c.structure, &c.shear})
+    if (s->count) most = std::max(most, largest_stiffness(*s, c.material.law, c.b));
   for (const Hold& h : c.holds)
     if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
   const double rest = c.rest[0];
@@ -124,37 +121,31 @@ double stiffness_at_hand(const Chain& c) {
 // Residual norms, once what holds supply has been taken out.
 void measure_residual(Group& group, Assembly& a) {
   project_holds(group, &Chain::residual);
-  double contact = 0, finest = std::numeric_limits<double>::infinity();
+  for (Chain* c : group.chains) {
+    c->residual_norm = c->residual.largest();
+    a.residual = worse(a.residual, c->residual_norm);
+  }
+  a.of_bodies = body_residual(group);
+  a.residual = worse(a.residual, a.of_bodies);
+}
+
+double in_roundings(Group& group, const Assembly& a) {
+  double contact = 0, most = 0, finest = std::numeric_limits<double>::infinity();
   for (const Row* row : group.rows)
     if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
   for (Chain* c : group.chains) {
-    double coordinate = 0, residual = 0;
-    for (int k = 0; k < 3; ++k) {
-      coordinate = std::max(coordinate, largest_of(c->next[k], c->n()));
-      const double r = largest_of(c->residual[k], c->n());
-      if (!(r <= residual)) residual = r == r ? std::max(r, residual) : r;
-    }
-    c->residual_norm = residual;
-    a.residual = c->residual_norm > a.residual || !(c->residual_norm == c->residual_norm) ? c->residual_norm
-                                                                                          : a.residual;
-    constexpr double eps = std::numeric_limits<double>::epsilon();
-    const double rounding = c->residual_norm / (eps * (stiffness_at_hand(*c) + contact) * coordinate);
-    if (!(rounding <= a.rounding)) a.rounding = rounding;  // keeps what is not a number
-    finest = std::min(finest, eps * (stiffness_at_hand(*c) + contact) * coordinate);
+    const double stiffness = stiffness_at_hand(*c) + contact;
+    const double one = std::numeric_limits<double>::epsilon() * stiffness * c->next.largest();
+    most = worse(most, c->residual_norm / one);
+    finest = std::min(finest, one);
   }
-  // What is not a number stays.
-  const double body = body_residual(group);
-  if (body > a.residual || body != body) a.residual = body;
-  if (body > finest * a.rounding || body != body) a.rounding = body / finest;
+  return worse(most, a.of_bodies / finest);
 }
 
 void find_worst(Group& group) {
   for (Chain* c : group.chains) {
-    double most = -1;
-    for (int i = 0; i < c->n(); ++i) {
-      const double r = max_abs(c->residual.at(i));
-      if (r > most || !(r == r)) most = r, c->worst_particle = i;
-    }
+    for (int i = c->n() - 1; i >= 0; --i)
+      if (!(max_abs(c->residual.at(i)) < c->residual_norm)) c->worst_particle = i;
   }
 }
 

@@ -5,9 +5,9 @@
 namespace bt {
 
 struct Assembly {
-  double scale = 0;     // largest force at hand [N]
-  double residual = 0;  // largest residual force [N]
-  double rounding = 0;  // residual over the rounding of one coordinate, largest of the chains [-]
+  double scale = 0;      // largest force at hand [N]
+  double residual = 0;   // largest residual force [N]
+  double of_bodies = 0;  // largest of theirs
 };
 
 // A row that constrains its particle directly: it starts to hold when the particle is inside, and lets go
@@ -18,6 +18,8 @@ bool update_direct(Group& group, Row& row);
 Assembly residual_of(Group& group, bool at_position, bool definite);
 // Its norms, once what holds supply has been taken out.
 void measure_residual(Group& group, Assembly& a);
+// Residual over the rounding of one coordinate, largest of the chains [-].
+double in_roundings(Group& group, const Assembly& a);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the rows' blocks
 // alone.
 void assemble(Group& group, Linearisation how, bool definite, bool definite_rows);

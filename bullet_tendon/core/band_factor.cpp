@@ -134,11 +134,12 @@ bool BandFactor::factorise_middle(const Band& a) {
     }
   }
   bool ok = true;
+  double pivot[9];
   for (int j = 0; j < m; ++j) {
     double d = at(j, j), scaled[9];
-    for (int k = 0; k < j; ++k) scaled[k] = at(j, k) / at(k, k), d -= at(j, k) * scaled[k];
+    for (int k = 0; k < j; ++k) scaled[k] = at(j, k) * pivot[k], d -= at(j, k) * scaled[k];
     ok &= d > 0;
-    at(j, j) = 1 / d;
+    pivot[j] = d, at(j, j) = 1 / d;
     for (int i = j + 1; i < m; ++i) {
       double v = at(i, j);
       for (int k = 0; k < j; ++k) v -= at(i, k) * scaled[k];

@@ -195,7 +195,7 @@ PYBIND11_MODULE(_core, m) {
       .def("sense",
            [](World& w, double dt, double gx, double gy, double gz, bool held) {
              w.sense(dt, {gx, gy, gz}, held);
-             return w.any_held() || w.any_released();
+             return w.any_held() || !w.released_movers().empty();
            })
       .def("released_movers", &World::released_movers)
       .def("rewind",

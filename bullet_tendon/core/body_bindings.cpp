@@ -17,20 +17,20 @@ struct Told {
   py::tuple base, motion, joints;
 };
 
-void take(PyObject* from, int first, int count, std::vector<double>& numbers) {
-  for (int i = first; i < first + count; ++i) numbers.push_back(number(from, i));
+void take(PyObject* from, int count, std::vector<double>& numbers) {
+  for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
 }
 
 // The rates of the degrees of freedom, and where the joints are.
 void read_joints(const Articulated& body, const py::tuple& motion, const py::tuple& joints,
                  std::vector<double>& rates, std::vector<double>& places) {
   rates.clear(), places.clear();
-  for (int part = 0; part < 2 && body.floats(); ++part) take(item(motion.ptr(), part), 0, 3, rates);
+  for (int part = 0; part < 2 && body.floats(); ++part) take(item(motion.ptr(), part), 3, rates);
   for (std::size_t j = 0; j < joints.size(); ++j) {
     PyObject* state = item(joints.ptr(), static_cast<int>(j));
     PyObject *place = item(state, 0), *rate = item(state, 1);
-    take(place, 0, static_cast<int>(PyTuple_Size(place)), places);
-    take(rate, 0, static_cast<int>(PyTuple_Size(rate)), rates);
+    take(place, static_cast<int>(PyTuple_Size(place)), places);
+    take(rate, static_cast<int>(PyTuple_Size(rate)), rates);
   }
   if (static_cast<int>(rates.size()) != body.dofs() || static_cast<int>(places.size()) != body.places())
     throw py::value_error("joints");
@@ -41,10 +41,10 @@ void place(Articulated& body, const Told& told, const std::vector<double>& place
   std::vector<double> inertias, base;
   inertias.reserve(kInertiaWidth * body.links());
   for (const py::handle& info : told.infos) {
-    take(info.ptr(), 0, 1, inertias);
-    for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), 0, part == 4 ? 4 : 3, inertias);
+    take(info.ptr(), 1, inertias);
+    for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), part == 4 ? 4 : 3, inertias);
   }
-  for (int part = 0; part < 2; ++part) take(item(told.base.ptr(), part), 0, 3 + part, base);
+  for (int part = 0; part < 2; ++part) take(item(told.base.ptr(), part), 3 + part, base);
   body.place(inertias.data(), base.data(), places.data());
 }
 

@@ -19,6 +19,9 @@ namespace bt {
 // Largest |a| of n numbers; not a number where one of them is not finite.
 double largest_of(const double* a, int n);
 
+// Functions to be compiled with those that call them, for their vector units.
+#define BT_WITHIN __attribute__((always_inline))
+
 // `planes` rows of n doubles, each row padded to whole vector registers.
 class Planes {
  public:
@@ -31,6 +34,7 @@ class Planes {
   }
   void zero() { std::fill(data_.begin(), data_.end(), 0.0); }
   int size() const { return n_; }
+  int stride() const { return stride_; }
   double* operator[](int plane) { return data_.data() + static_cast<size_t>(plane) * stride_; }
   const double* operator[](int plane) const { return data_.data() + static_cast<size_t>(plane) * stride_; }
 
@@ -46,6 +50,8 @@ class Field : public Planes {
   void resize(int n) { Planes::resize(3, n); }
   Vec3 at(int i) const { return {(*this)[0][i], (*this)[1][i], (*this)[2][i]}; }
   void set(int i, Vec3 v) { (*this)[0][i] = v.x, (*this)[1][i] = v.y, (*this)[2][i] = v.z; }
+  // Largest |component|; not a number where one of them is not finite.
+  double largest() const { return largest_of((*this)[0], 3 * stride()); }  // what fills rows up is 0
   void add(int i, Vec3 v) { (*this)[0][i] += v.x, (*this)[1][i] += v.y, (*this)[2][i] += v.z; }
 };
 

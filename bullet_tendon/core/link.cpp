@@ -53,8 +53,7 @@ void Link::reach(const Mover& m) {
 
 dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
   const size_t n = root.size() / 6;
-  const Vec3 axis{direction == 0 ? 1.0 : 0, direction == 1 ? 1.0 : 0, direction == 2 ? 1.0 : 0};
-  const Vec3 spin = cross(arm, axis);
+  const Vec3 spin = cross(arm, unit_axis(direction));
   dense::Numbers row(n);
   for (size_t k = 0; k < n; ++k)
     row[k] = root[direction * n + k] + dot(spin, Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]});

@@ -1,11 +1,7 @@
 // Links that move by themselves, or not at all, as pybullet tells of them.
-#include <limits>
-
 #include "told.h"
 
 namespace bt {
-
-namespace {}  // namespace
 
 // The frame of the URDF is the inertial one by the inverse of its local pose. Of bodies with maximal
 // coordinates (body type 1) pybullet does not know that, and gives what was in memory: there both are one.
@@ -89,10 +85,11 @@ bool may_rest(const World& w, int slot) {
          w.movers[slot].may_rest(w.gravity());
 }
 
-// Those that are told are the ones of the step to come.
-void keep_contacts(World& w, int slot) { w.movers[slot].contacts_kept = true; }
-
-void clear_contacts(World& w, int slot) { w.movers[slot].contacts.clear(); }
+// Those that are told from here on are the ones of the step to come.
+void keep_contacts(World& w, int slot) {
+  w.movers[slot].contacts.clear();
+  w.movers[slot].contacts_kept = true;
+}
 
 // A contact with what does not move: its point, the normal towards the body, and the distance.
 void add_contact(World& w, int slot, const py::tuple& point, const py::tuple& normal, double distance) {
@@ -114,8 +111,6 @@ void bind_links(py::module_& m, py::class_<World>& world) {
       .def("note_link", &note_link)
       .def("may_rest", &may_rest)
       .def("keep_contacts", &keep_contacts)
-      .def("clear_contacts", &clear_contacts)
-
       .def("add_contact", &add_contact);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& centre, const py::tuple& turn) {
     Link l;

@@ -85,7 +85,8 @@ struct Mover {
   void doubt_stops();
   void find_stops(double dt);
   void add_stop(Numbers direction, double wanted, int coordinate);
-  void choose_stops(const Numbers& forces, double dt, std::vector<char>& acts);
+  void gather_stops(bool acting);
+  bool choose_stops(const Numbers& forces, double dt);
   void stop(double dt);
   void take_away(double dt);
   void push_by(const Numbers& impulse);

@@ -121,6 +121,12 @@ bool ran_away(const Group& group) {
   return false;
 }
 
+// Within a few roundings, what does not shrink any more is rounding.
+bool is_rounding(Group& group, const Assembly& a, double last_residual) {
+  const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
+  return in_roundings(group, a) <= most && !ran_away(group);
+}
+
 // Contacts are stiff across the tendon: there it matters more where particles are than how long segments are.
 bool touches(const Group& group) {
   return std::any_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->acts(); });
@@ -156,9 +162,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     measure_residual(group, a);
     used = iteration;
     group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
-    // Within a few roundings, what does not shrink any more is rounding.
-    const bool rounded = a.rounding <= 1 || (a.rounding <= kRounding && a.residual > 0.5 * last_residual);
-    const bool enough = a.residual <= o.tolerance * a.scale || (rounded && !ran_away(group));
+    const bool enough = a.residual <= o.tolerance * a.scale || is_rounding(group, a, last_residual);
     last_residual = a.residual;
     const bool was_far = far;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);

@@ -66,6 +66,18 @@ BT_VECTOR bool is_straight(const Chain& c, const Field& at) {
   return bent == 0;
 }
 
+BT_VECTOR bool strays(const Chain& c) {
+  int count = 0;
+  const double *x = c.next[0], *y = c.next[1], *z = c.next[2], *slack = c.slack.data();
+  const double *fx = c.foreseen[0], *fy = c.foreseen[1], *fz = c.foreseen[2];
+#pragma GCC ivdep
+  for (int i = 0; i < c.n(); ++i) {
+    const double dx = x[i] - fx[i], dy = y[i] - fy[i], dz = z[i] - fz[i];
+    count += dx * dx + dy * dy + dz * dz > slack[i] * slack[i];
+  }
+  return count > 0;
+}
+
 BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
   Box box;
   double slack = 0, square = 0;

@@ -59,6 +59,9 @@ struct BoxTree {
 // Whether a tendon as a whole would run so straight at x that it cannot touch itself.
 bool is_straight(const Chain& c, const Field& x);
 
+// Whether any particle ends up elsewhere than foreseen.
+bool strays(const Chain& c);
+
 // Around all that a tendon could touch within the step: two tendons whose boxes are apart have no pair that
 // find_pairs would find.
 Box box_of_reach(const Chain& c, double threshold);

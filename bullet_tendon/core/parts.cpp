@@ -117,14 +117,16 @@ Outcome World::solve() {
 // Particles that end elsewhere than foreseen are foreseen where they end.
 bool World::strayed() {
   bool any = false;
-  for (Chain* c : slots_)
-    for (int i = 0; c && i < c->n(); ++i) {
+  for (Chain* c : slots_) {
+    if (!c || !strays(*c)) continue;
+    for (int i = 0; i < c->n(); ++i) {
       const double off = norm(c->next.at(i) - c->foreseen.at(i));
       if (!(off > c->slack[i])) continue;
       any = true;
       c->slack[i] = kSlack * c->radius + 0.5 * off;
       c->foreseen.set(i, c->next.at(i));
     }
+  }
   return any;
 }
 
@@ -185,8 +187,9 @@ void World::next_part() {
   begin_part();
 }
 
-// What the part that was solved does to the links.
+// What the part that was solved does to the links, after those before it.
 void World::push_links(double share) {
+  for (Link& l : links) l.touching = 0, l.before_force = l.force, l.before_torque = l.torque;
   auto push = [&](Link& link, Vec3 force, Vec3 point) { ++link.touching, link.apply(share * force, point); };
   for (const Row& row : rows_)  // on the centreline's point, not on the surface: particles do not spin
     if (row.link >= 0) push(links[row.link], -row.mean_force, row.a.of(slots_[row.a.chain]->next));
@@ -200,7 +203,6 @@ void World::push_links(double share) {
 // The part that was solved becomes the state, and the links feel it.
 void World::take_part() {
   const double share = static_cast<double>(size_) / kUnits;
-  for (Link& l : links) l.touching = 0, l.before_force = l.force, l.before_torque = l.torque;
   push_links(share);
   for (Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) {

@@ -21,8 +21,8 @@ namespace bt {
 
 namespace {
 
-const Hold* rigid_hold(const Chain& c, int i) {
-  for (const Hold& h : c.holds)
+Hold* rigid_hold(Chain& c, int i) {
+  for (Hold& h : c.holds)
     if (h.rigid && h.particle == i) return &h;
   return nullptr;
 }
@@ -36,7 +36,7 @@ void each_particle(const Spot& s, Do what) {
 
 double lightness(const Group& group, const Spot& s) {
   if (s.chain < 0) return 0;
-  const Chain& c = group.at(s);
+  Chain& c = group.at(s);
   double sum = 0;
   each_particle(s, [&](int i, double w) { sum += rigid_hold(c, i) ? 0 : w * w / c.mass[i]; });
   return sum;
@@ -47,16 +47,17 @@ void hit(Group& group, const Spot& s, Vec3 p) {
   if (s.chain < 0) return;
   Chain& c = group.at(s);
   each_particle(s, [&](int i, double w) {
-    if (!rigid_hold(c, i)) return c.step.add(i, (w / c.mass[i]) * p);
-    for (Hold& h : c.holds)
-      if (h.rigid && h.particle == i) h.force += (w / c.b) * p;
+    if (Hold* h = rigid_hold(c, i))
+      h->force += (w / c.b) * p;
+    else
+      c.step.add(i, (w / c.mass[i]) * p);
   });
 }
 
 bool carried_by_body(const Group& group, const Spot& s) {
   bool any = false;
   if (s.chain < 0) return false;
-  const Chain& c = group.at(s);
+  Chain& c = group.at(s);
   each_particle(s, [&](int i, double) {
     const Hold* h = rigid_hold(c, i);
     any |= h && h->moves;

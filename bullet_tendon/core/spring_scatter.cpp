@@ -3,15 +3,24 @@
 
 namespace bt {
 
+namespace {
+
+// r -= f(k) at the first particle of every spring, r += f(k) at the second.
+template <class Force>
+BT_WITHIN inline void scatter(double* r, int m, int reach, Force f) {
+  const int lo = std::min(m, reach);
+  for (int i = 0; i < lo; ++i) r[i] -= f(i);
+#pragma GCC ivdep
+  for (int i = lo; i < m; ++i) r[i] = (r[i] - f(i)) + f(i - reach);
+  for (int i = std::max(m, reach); i < m + reach; ++i) r[i] += f(i - reach);
+}
+
+}  // namespace
+
 BT_VECTOR void scatter_forces(const SpringSet& s, Field& residual) {
-  const int m = s.count, reach = s.reach;
   for (int c = 0; c < 3; ++c) {
     const double* f = s.vector[c];
-    double* r = residual[c];
-#pragma GCC ivdep
-    for (int k = 0; k < m; ++k) r[k] -= f[k];
-#pragma GCC ivdep
-    for (int k = 0; k < m; ++k) r[k + reach] += f[k];
+    scatter(residual[c], s.count, s.reach, [=](int k) BT_WITHIN { return f[k]; });
   }
 }
 
@@ -58,12 +67,8 @@ BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
 BT_VECTOR void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand) {
   if (is_linear(law)) return;
   for (int c = 0; c < 3; ++c) {
-    const double* n = s.direction[c];
-    double* r = right_hand[c];
-    for (int k = 0; k < s.count; ++k) {
-      double more = (s.linear[k] - s.true_elastic[k]) * n[k];
-      r[k] -= more, r[k + s.reach] += more;
-    }
+    const double *n = s.direction[c], *linear = s.linear.data(), *truth = s.true_elastic.data();
+    scatter(right_hand[c], s.count, s.reach, [=](int k) BT_WITHIN { return (linear[k] - truth[k]) * n[k]; });
   }
 }
 

@@ -7,8 +7,9 @@ namespace bt {
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
-  for (auto* v : {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history,
-                  &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope})
+  for (auto* v :
+       {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history, &length, &force,
+        &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -33,7 +34,7 @@ BT_VECTOR void measure(SpringSet& s, const Field& x) {
 namespace {
 
 template <int P>
-void elastic_forces(SpringSet& s, const Law& law) {
+BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
   double *force = s.force.data(), *truth = s.true_elastic.data(), *slope = s.elastic_slope.data();
 #pragma GCC ivdep
@@ -47,27 +48,30 @@ void elastic_forces(SpringSet& s, const Law& law) {
 
 // The elastic law linearised where the multipliers are (springs.h).
 template <int P>
-void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
+BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
+  const double *elastic_part = s.elastic.data(), *truth = s.true_elastic.data();
+  double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
+  const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
+#pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    double strain = len[k] / rest[k] - 1, multiplier = s.elastic[k], value, df;
-    double tight = mixed ? std::max(multiplier, floor_force) : floor_force;
-    double at = strain_of<P>(law, tight / stiffness[k]);
+    const double inv = 1 / rest[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
+    const double tight = mixed && multiplier > floor_force ? multiplier : floor_force;
+    const double at = strain_of<P>(law, tight / stiffness[k]);
+    double value, df;
     elastic<P>(law, at, value, df);
-    double slope = stiffness[k] * df / rest[k];
-    if (mixed && multiplier > floor_force && strain > 0) {
-      s.linear[k] = stiffness[k] * (value + df * (strain - at));
-      s.elastic_slope[k] = slope;
-    } else {
-      s.linear[k] = s.true_elastic[k];
-      if (strain >= 0 || !law.tension_only) s.elastic_slope[k] = std::max(s.elastic_slope[k], slope);
-    }
+    const double slope = stiffness[k] * df * inv, now = elastic_slope[k];
+    const double raised = strain >= least && slope > now ? slope : now;
+    const bool there = mixed & (multiplier > floor_force) & (strain > 0);
+    const double line = stiffness[k] * (value + df * (strain - at));
+    linear[k] = there ? line : truth[k];
+    elastic_slope[k] = there ? slope : raised;
   }
 }
 
 // One of the templates above for the law's exponent.
 template <class Call>
-void by_exponent(const Law& law, Call call) {
+BT_WITHIN inline void by_exponent(const Law& law, Call call) {
   switch (power_class(law.exponent)) {
     case 2:
       return call(std::integral_constant<int, 2>{});
@@ -163,9 +167,9 @@ void take_true_multipliers(SpringSet& s) {
 
 }  // namespace
 
-double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b) {
+BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b) {
   measure(s, x);
-  by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
+  by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
   if (s.damped && !law.whole_velocity)
     add_axial_damping(s, law, s.start.data(), b, 1,
                       [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
@@ -177,11 +181,12 @@ double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, d
   return largest_of(s.force.data(), s.count);
 }
 
-void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b, bool definite) {
+BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
+                         bool definite) {
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
-    by_exponent(law, [&](auto P) { elastic_linearisation<P>(s, law, mixed, floor_force); });
+    by_exponent(law, [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
   blocks(s, definite ? 1 / (b * b) : kNoCut);
   if (s.damped && law.whole_velocity) {
@@ -224,6 +229,19 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
     carried[k] = t;
     elastic[k] = (same ? truth[k] : linear[k]) + elastic_slope[k] * elongation;
   }
+}
+
+BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
+  const double *rest = s.rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
+  const double *damping_slope = s.damping_slope.data(), *force = s.force.data();
+  double* now = s.stiffness_now.data();
+  const bool whole = law.whole_velocity;
+#pragma GCC ivdep
+  for (int k = 0; k < s.count; ++k) {
+    const double inv = 1 / rest[k], braking = whole ? damping[k] / b * inv * inv : damping_slope[k];
+    now[k] = slope[k] + braking + std::fabs(force[k]) * inv;
+  }
+  return largest_of(now, s.count);
 }
 
 double stored_energy(const SpringSet& s, const Law& law) {

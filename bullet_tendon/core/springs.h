@@ -42,6 +42,7 @@ struct SpringSet {
   std::vector<double> true_elastic, linear;      // elastic part of F, and of its linearisation [N]
   std::vector<double> elastic_slope;             // its elastic part of F' [N/m]
   std::vector<double> damping_slope;             // and its damping part [N/m]
+  std::vector<double> stiffness_now;             // all of F' and |F|/l, at the present state [N/m]
   Planes direction;                              // n
   Planes block;                                  // B, symmetric, six planes
   Planes vector;                                 // force vector on the first particle
@@ -84,6 +85,8 @@ void start_matrix(const SpringSet& s, const std::vector<double>& mass, double in
 void scatter_blocks(const SpringSet& s, Band& matrix);
 // T_e and T after the displacements dx, as the linearisation predicts them.
 void carry(SpringSet& s, const Law& law, const Field& dx);
+// Largest stiffness at the present state, along and across a spring [N/m].
+double largest_stiffness(SpringSet& s, const Law& law, double b);
 // Elastic energy [J] at the lengths last measured.
 double stored_energy(const SpringSet& s, const Law& law);
 

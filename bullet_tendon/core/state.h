@@ -50,13 +50,13 @@ void fields(A& a, Hold& hold) {
 template <class A>
 void fields(A& a, SpringSet& set) {
   auto& [reach, count, rest, stiffness, damping, carried, elastic, lighter, start, before, history, length,
-         force, slope, true_elastic, linear, elastic_slope, damping_slope, direction, block, vector, damped,
-         whole_position, whole_anchor] = set;
+         force, slope, true_elastic, linear, elastic_slope, damping_slope, stiffness_now, direction, block,
+         vector, damped, whole_position, whole_anchor] = set;
   a.same(reach, count, damped);
   // The slope of the last step is what contacts take their stiffness from.
   a(rest, stiffness, damping, carried, elastic, lighter, start, before, history, slope);
-  a.scratch(length, force, true_elastic, linear, elastic_slope, damping_slope, direction, block, vector,
-            whole_position, whole_anchor);
+  a.scratch(length, force, true_elastic, linear, elastic_slope, damping_slope, stiffness_now, direction,
+            block, vector, whole_position, whole_anchor);
 }
 
 template <class A>

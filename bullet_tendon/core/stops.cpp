@@ -12,6 +12,7 @@
 //   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "constants.h"
 #include "mover.h"
@@ -52,8 +53,8 @@ bool Mover::is_stopped() const {
 }
 
 bool Mover::may_rest(Vec3 gravity) const {
-  const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   if (contacts_kept) return false;
+  const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
 }
@@ -88,16 +89,24 @@ void Mover::find_stops(double dt) {
   }
 }
 
-// lambda of the complementarity problem above.
-void Mover::choose_stops(const Numbers& forces, double dt, std::vector<char>& acts) {
-  const size_t m = stops_.size();
-  Numbers along, given, row;
+// D E of all stops, or of those that act, and D R D^T.
+void Mover::gather_stops(bool acting) {
+  Numbers row;
   half_.clear();
   for (const Stop& s : stops_) {
+    if (acting && !s.acts) continue;
     dense::multiply_transposed(observer.root(), s.direction, row);
     half_.insert(half_.end(), row.begin(), row.end());
   }
   dense::product_transposed(n(), half_, half_, within_);
+}
+
+// By lambda of the complementarity problem above; whether they are other ones.
+bool Mover::choose_stops(const Numbers& forces, double dt) {
+  const size_t m = stops_.size();
+  bool other = false;
+  Numbers along, given;
+  gather_stops(false);
   dense::multiply_transposed(observer.root(), forces, along);
   dense::multiply(half_, along, given);
   pushes_.assign(m, 0.0);
@@ -108,35 +117,27 @@ void Mover::choose_stops(const Numbers& forces, double dt, std::vector<char>& ac
       pushes_[a] = std::max(0.0, pushes_[a] + left / within_[a * m + a]);
     }
   for (size_t a = 0; a < m; ++a) {
-    stops_[a].held_back = stops_[a].missing - dt * given[a];
-    const double size = std::fabs(stops_[a].missing) + dt * std::fabs(given[a]);
-    acts[a] = pushes_[a] * within_[a * m + a] > kLeastPush * size;
+    Stop& s = stops_[a];
+    s.held_back = s.missing - dt * given[a];
+    const double size = std::fabs(s.missing) + dt * std::fabs(given[a]);
+    const bool acts = pushes_[a] * within_[a * m + a] > kLeastPush * size;
+    other |= std::exchange(s.acts, acts) != acts;
   }
+  return other;
 }
 
 bool Mover::settle_stops(const Numbers& forces, double dt) {
   if (stops_.empty() || static_cast<int>(forces.size()) != n()) return false;
-  std::vector<char> acts(stops_.size());
-  choose_stops(forces, dt, acts);
-  bool other = false;
-  for (size_t a = 0; a < stops_.size(); ++a) {
-    other |= stops_[a].acts != (acts[a] != 0);
-    stops_[a].acts = acts[a] != 0;
-  }
-  if (other) stop(dt);
-  return other;
+  if (!choose_stops(forces, dt)) return false;
+  stop(dt);
+  return true;
 }
 
 void Mover::stop(double dt) {
   change = unstopped_, root = observer.root();
-  missing_.clear(), half_.clear();
-  Numbers row;
-  for (const Stop& s : stops_) {
-    if (!s.acts) continue;
-    missing_.push_back(s.missing);
-    dense::multiply_transposed(root, s.direction, row);
-    half_.insert(half_.end(), row.begin(), row.end());
-  }
+  missing_.clear();
+  for (const Stop& s : stops_)
+    if (s.acts) missing_.push_back(s.missing);
   stopped_by_.assign(n(), 0.0);
   if (!missing_.empty()) take_away(dt);
   push_by(pushed_);
@@ -145,7 +146,7 @@ void Mover::stop(double dt) {
 // What acts, whose d^T E are in half_, keeps the rates and takes its directions from the response.
 void Mover::take_away(double dt) {
   const int m = static_cast<int>(missing_.size());
-  dense::product_transposed(n(), half_, half_, within_);
+  gather_stops(true);
   dense::root(m, within_, within_root_);
   dense::solve(within_root_, missing_);
   Numbers along, gone, row(n());

@@ -49,10 +49,8 @@ void World::find_bodies() {
   });
 }
 
-// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, else its attached
-// points alone.
-void World::narrow_bodies() {
-  if (std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.unknown; })) return;
+// Links that tendons can touch anywhere.
+std::vector<char> World::solid_links() const {
   std::vector<char> solid(links.size());
   for (size_t s = 0; s < shapes.size(); ++s)
     if (shape_alive[s]) solid[shapes[s].link] = 1;
@@ -60,6 +58,14 @@ void World::narrow_bodies() {
     if (tunnel_alive[t]) solid[tunnels[t].link] = 1;
   for (const Row& row : rows_)
     if (row.link >= 0) solid[row.link] = 1;
+  return solid;
+}
+
+// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, else its attached
+// points alone.
+void World::narrow_bodies() {
+  if (std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.unknown; })) return;
+  const std::vector<char> solid = solid_links();
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
     for (size_t l = 0; l < links.size(); ++l)
       if (solid[l] && links[l].yields()) what(links[l], 6, Vec3{});
@@ -73,14 +79,10 @@ void World::narrow_bodies() {
   };
   for (Mover& m : movers) m.freedom = 0, m.basis.clear();
   each_reached([&](const Link& link, int count, Vec3) { movers[link.mover].freedom += count; });
-  std::vector<char> all(movers.size());
-  for (size_t m = 0; m < movers.size(); ++m) {
-    Mover& mover = movers[m];
-    all[m] = !mover.unknown || mover.freedom >= mover.n();
-    mover.freedom = all[m] ? mover.n() : 0;
-  }
+  for (Mover& m : movers) m.freedom = !m.unknown || m.freedom >= m.n() ? m.n() : 0;
   each_reached([&](const Link& link, int count, Vec3 arm) {
-    for (int k = 0; k < count && !all[link.mover]; ++k) movers[link.mover].widen(link.motion_of(k, arm));
+    Mover& m = movers[link.mover];
+    for (int k = 0; k < count && m.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
   });
   for (Link& l : links)
     if (l.yields() && movers[l.mover].unknown) l.reach(movers[l.mover]);
@@ -103,16 +105,14 @@ bool World::settle_stops() {
   if (whole_ || settlings_ >= kSettlings ||
       std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.may_stop(); }))
     return false;
-  const std::vector<Link> before = links;
   push_links(static_cast<double>(size_) / kUnits);
   sum_forces(static_cast<double>(kUnits) / (done_ + size_), false);
-  links = before;
+  for (Link& l : links) l.force = l.before_force, l.torque = l.before_torque;
   bool other = false;
   for (size_t m = 0; m < movers.size(); ++m) {
     if (!movers[m].may_stop() || !movers[m].settle_stops(movers[m].forces, whole_dt_)) continue;
     other = true;
-    for (Link& l : links)
-      if (l.mover == static_cast<int>(m)) l.go_with(movers[m]);
+    lead_links(static_cast<int>(m));
   }
   settlings_ += other;
   return other;

@@ -32,6 +32,7 @@ inline Vec3 any_perpendicular(Vec3 a) {
 inline double max_abs(Vec3 a) {
   return std::max({std::fabs(a.x), std::fabs(a.y), std::fabs(a.z)}) + 0 * (a.x + a.y + a.z);
 }
+inline Vec3 unit_axis(int k) { return {k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}; }
 inline Vec3 without(Vec3 a, Vec3 n) { return a - dot(a, n) * n; }  // n: unit
 
 // Symmetric, stored xx xy xz yy yz zz.

@@ -138,6 +138,10 @@ bool World::note(int mover, const dense::Numbers& rates) {
 void World::foresee(int mover) {
   if (movers[mover].n() == 0) return;
   movers[mover].foresee(context_.dt, context_.gravity);
+  lead_links(mover);
+}
+
+void World::lead_links(int mover) {
   for (Link& l : links)
     if (l.mover == mover) l.go_with(movers[mover]);
 }
@@ -151,10 +155,6 @@ bool World::any_held() const {
   for (const Mover& m : movers)
     if (m.observer.held()) return true;
   return false;
-}
-
-bool World::any_released() const {
-  return std::any_of(movers.begin(), movers.end(), [](const Mover& m) { return m.observer.released(); });
 }
 
 void World::refresh_movers() {

@@ -72,7 +72,6 @@ class World {
   // way back.
   bool rewind(double dt, Vec3 gravity);
   bool any_held() const;
-  bool any_released() const;
   // The rates of a mover right after a step; whether it seems to have been let go.
   bool note(int mover, const dense::Numbers& rates);
   // Nothing can hold the mover.
@@ -116,6 +115,7 @@ class World {
   double share_left() const;
   // How a mover is going to move in this step.
   void foresee(int mover);
+  void lead_links(int mover);
   // A jump in the motion of a link: two-step methods start again, of all tendons, because those that share
   // forces have to share their means.
   void interrupt();
@@ -144,6 +144,7 @@ class World {
   void sum_forces(double scale, bool of_part);
   void push_bodies();
   bool settle_stops();
+  std::vector<char> solid_links() const;
   // groups.cpp
   bool solve_groups();
   void read_worst(const Group& group);
