@@ -34,9 +34,10 @@ constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
 
-// Share of that which is left of the force by which following its points may change a pair's, once iterations
-// have been thrown off by it [-]: pairs that jump more keep their points. Larger: more iterations until they
-// do. Smaller: more pairs do.
+// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
+// of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
+// Larger: more iterations until they do. Smaller: more pairs do, and get rows at their other points besides.
+constexpr double kMostJump = 0.02;
 constexpr double kLessJump = 0.25;
 
 // Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
@@ -74,6 +75,10 @@ constexpr double kLeastShear = 1e-12;
 // Stands for an inertia that outweighs every compression [1/s^2].
 constexpr double kNoCut = 1e300;
 
+// Growth of a step from the last one up to which BDF2 goes on [-]: 1 + sqrt(2), where it ceases to be stable
+// (Grigorieff 1983). After shorter ones it is restarted.
+constexpr double kMostGrowth = 2.414;
+
 // Newton iterations with carried multipliers without progress (the residual under this share of the
 // best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
 // less patience splits what would converge; more makes violent steps slower.
@@ -93,9 +98,15 @@ constexpr int kLongestCircle = 12;
 // folded tendon may stay unsolved.
 constexpr int kMostSubsteps = 2048;
 
-// Units in which the parts of a world's step are counted [-], a power of two: the shortest part that fast
-// motion near a body or another tendon can ask for.
-constexpr int kUnits = 8192;
+// Units in which the parts of a world's step are counted [-], three times a power of two: the shortest part
+// that fast motion near a body or another tendon can ask for.
+constexpr int kUnits = 3 * 8192;
+
+// Angle that a segment is foreseen to turn by in a step above which methods of second order take it in three
+// parts [rad], and above which in two, as each takes more iterations. Larger: the crack of a whip is lost.
+// Smaller: fast spinning costs more.
+constexpr double kTurn = 0.6;
+constexpr double kWildTurn = 1.0;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
@@ -258,6 +269,13 @@ constexpr int kLooks = 6;
 // radii, for two tendons) relative to it [-]: a centreline that starts outside then cannot get through,
 // wherever the nearest points go. Larger: it can. Smaller: more parts.
 constexpr double kFarthestMove = 0.9;
+
+// Times that two segments are advanced towards each other at most to see when they could touch [-]. Fewer:
+// steps are taken in parts because of what passes by.
+constexpr int kAdvances = 8;
+
+// One and the cosine of a turn, up to which it may as well be about any axis [-].
+constexpr double kHalfTurn = 1e-9;
 
 // Methods that do not split their steps foresee tendon pairs up to this many sums of radii [-]. A row
 // is a plane; far from touching it would hold back what passes beside it.

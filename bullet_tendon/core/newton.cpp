@@ -91,13 +91,15 @@ bool stalled(Progress& p, double residual) {
 }
 
 // Friction limits follow the normal forces between solutions, each of which minimises a fixed
-// potential. true: some limit moved by more than `enough`, and the step has to be solved again.
+// potential. What had none slid freely; taken to stick, it would be pulled back all the way that it has slid.
+// true: some limit moved by more than `enough`, and the step has to be solved again.
 bool update_friction(Group& group, double enough) {
   bool moved = false;
   for (Row* row : group.rows) {
     if (row->friction <= 0) continue;
     double limit = row->friction * row->normal_force;
     moved |= std::fabs(limit - row->limit) > std::max(enough, kFrictionAccuracy * limit);
+    if (row->limit <= 0) row->sliding = row->grip * norm(row->raw) > limit;
     row->limit = limit;
   }
   return moved;
@@ -168,7 +170,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
     turns |= far;  // a guess that was near is corrected along lines
     lost += far && !was_far;
-    group.most_jump = kNear * std::pow(kLessJump, lost) * a.scale;
+    group.most_jump = kMostJump * std::pow(kLessJump, lost) * a.scale;
     group.converged = !changed && enough;
     if (group.converged) {
       if (round >= kRounds) break;

@@ -4,6 +4,7 @@
 
 #include "constants.h"
 #include "near.h"
+#include "sweep.h"
 
 namespace bt {
 
@@ -153,7 +154,8 @@ struct Finder {
   int ia, ib;
   std::vector<SegmentPair>& out;
   PairCounts& counts;
-  bool far;
+  Foresight foresight;
+  bool far = foresight != Foresight::near;
   double margin = 0;
 
   // Segments that a spring joins, or so near along the tendon that no bend brings them together.
@@ -172,6 +174,18 @@ struct Finder {
     return farthest;
   }
 
+  // What a straight stretch of tendon joins turns with it.
+  Sweep sweep(int k, int m) const {
+    const Field &y = a->foreseen, &z = b->foreseen;
+    Sweep s({a->x.at(k), a->x.at(k + 1), b->x.at(m), b->x.at(m + 1)},
+            {y.at(k), y.at(k + 1), z.at(m), z.at(m + 1)});
+    if (a != b) return s;
+    const Vec3 before = s.from[2] - s.from[1], after = z.at(m) - y.at(k + 1);
+    const double enough = kStraight * (ta->arc[m] - ta->arc[k + 1]);
+    if (norm(before) > enough && norm(after) > enough) s.unturn(before, after);
+    return s;
+  }
+
   void measure(int k, int m) {
     if (!overlap(ta->segments[k], tb->segments[m], margin) || joined(k, m)) return;
     if (a == b && a->is_overlaid(k, m)) return;
@@ -179,16 +193,26 @@ struct Finder {
     Vec3 p0 = a->x.at(k), p1 = a->x.at(k + 1), q0 = b->x.at(m), q1 = b->x.at(m + 1);
     const double radii = a->radius + b->radius, moves = motion(k, m);
     const double slack = std::max(a->slack[k], a->slack[k + 1]) + std::max(b->slack[m], b->slack[m + 1]);
-    double reach = ta->skin + tb->skin + slack + (far ? moves : std::min(moves, kFarthest * radii));
+    const double skins = ta->skin + tb->skin;
+    double reach = skins + slack + (far ? moves : std::min(moves, kFarthest * radii));
     double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
     if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
-    SegmentPair s{ia, k, ib, m, 0, 0, {}, 0};
+    SegmentPair s{ia, k, ib, m, 0, 0, {}, 0, false};
     nearest_parameters(p0, p1, q0, q1, s.u, s.w);  // step 2
     between_ends(p0, p1, q0, q1, kPairEnds * radii, s.u, s.w);
     s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
     s.distance = norm(s.apart);
     if (s.distance >= reach) return;
-    if (far) counts.room = std::min(counts.room, share_to_go(s.distance, radii, moves));
+    if (foresight == Foresight::far)
+      counts.room = std::min(counts.room, share_to_go(s.distance, radii, moves));
+    if (foresight == Foresight::swept && moves > kFarthestMove * radii) {
+      const Sweep swept = sweep(k, m);
+      if (swept.share_apart(skins + slack) == 1) return;
+      const double share = swept.share_apart(skins);
+      counts.room = std::min(counts.room, std::max(share, kFarthestMove * radii / moves));
+      s.passes = share == 1;
+      s.apart = swept.turned(s.apart);
+    }
     ++counts.near, out.push_back(s);
   }
 
@@ -225,14 +249,14 @@ struct Finder {
 
 }  // namespace
 
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, bool far,
-                      std::vector<SegmentPair>& out) {
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+                      Foresight foresight, std::vector<SegmentPair>& out) {
   PairCounts counts;
   const int count = static_cast<int>(chains.size());
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
       if (chains[i] && chains[j])
-        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, far}.run();
+        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, foresight}.run();
   return counts;
 }
 

@@ -9,8 +9,9 @@ namespace bt {
 struct SegmentPair {
   int chain_a, segment_a, chain_b, segment_b;
   double u, w;  // nearest points: x_a + u (x_a+1 - x_a), x_b + w (x_b+1 - x_b)
-  Vec3 apart;   // from b to a [m]
+  Vec3 apart;   // from b to a [m], turned as they are foreseen to turn together within the step
   double distance;
+  bool passes = false;  // as foreseen they do not touch
 };
 
 // Nearest parameters of segments p0-p1 and q0-q1.
@@ -70,9 +71,12 @@ struct PairCounts {
   double room = 1;  // share of the step until tendons that are not near could touch, as foreseen [-]
 };
 
+// Which pairs could touch within a step: of what is within kFarthest; of all, however far they move; and
+// of these only where they approach (sweep.h).
+enum class Foresight { near, far, swept };
+
 // Appends the pairs of segments that could touch within the step.
-// far: however far they move; else only what is within kFarthest.
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees, bool far,
-                      std::vector<SegmentPair>& out);
+PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
+                      Foresight foresight, std::vector<SegmentPair>& out);
 
 }  // namespace bt

@@ -8,6 +8,7 @@
 //   room        what is near something moves relative to it by more than its radius: only that share of
 //               the step is taken (share_to_go), and the rest from there
 //   unsettled   a group with contacts does not converge: half of it is taken
+//   turning     methods of second order lose it where segments turn far: a third or half of it is taken
 //
 // A part is a step of its own, with contacts of its own. Links go as they were going, and as earlier parts
 // have pushed them, from the start of the step on: pybullet moves them by the step's length times the
@@ -28,6 +29,22 @@ namespace {
 void aim_grips(Chain& c, double share) {
   for (Hold& h : c.holds)
     if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
+}
+
+// Angular velocity as foreseen, times the time [rad].
+BT_VECTOR double greatest_turn(const Chain& c) {
+  const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
+  const double *fx = c.foreseen[0], *fy = c.foreseen[1], *fz = c.foreseen[2];
+  double most = 0;
+#pragma GCC ivdep
+  for (int k = 0; k + 1 < c.n(); ++k) {
+    const double dx = x[k + 1] - x[k], dy = y[k + 1] - y[k], dz = z[k + 1] - z[k];
+    const double ex = fx[k + 1] - fx[k], ey = fy[k + 1] - fy[k], ez = fz[k + 1] - fz[k];
+    const double a = dy * ez - dz * ey, b = dz * ex - dx * ez, d = dx * ey - dy * ex;
+    const double square = dx * dx + dy * dy + dz * dz;
+    most = std::max(most, (a * a + b * b + d * d) / (square * square));
+  }
+  return std::sqrt(most);
 }
 
 }  // namespace
@@ -54,7 +71,26 @@ void World::begin_part() {
   find_bores();
 }
 
+// Parts that a step is begun with, by what its segments are foreseen to turn by.
+int World::turning_parts() const {
+  const bool second = options.integrator == Integrator::bdf2 || options.integrator == Integrator::tr_bdf2;
+  if (!second || !can_split()) return 1;
+  bool turns = false;
+  for (const Chain* c : slots_) {
+    if (!c) continue;
+    const double most = greatest_turn(*c);
+    if (most > kWildTurn) return 2;
+    turns |= most > kTurn;
+  }
+  return turns ? 3 : 1;
+}
+
 Outcome World::solve() {
+  if (const int parts = size_ == kUnits && !looking_ ? turning_parts() : 1; parts > 1) {
+    keep_start();
+    size_ = kUnits / parts;
+    return solve_again();
+  }
   if (looking_) rows_.swap(before_);
   collect_rows();
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
@@ -95,16 +131,20 @@ bool World::strayed() {
   return any;
 }
 
-// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new.
+// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new that
+// touches.
 bool World::take_new_rows() {
   keys_.clear();
   for (const Row& row : before_) keys_.push_back(row.key);
   std::sort(keys_.begin(), keys_.end());
   const size_t known = before_.size();
+  bool touches = false;
   for (const Row& row : rows_)
-    if (!std::binary_search(keys_.begin(), keys_.end(), row.key)) before_.push_back(row);
+    if (!std::binary_search(keys_.begin(), keys_.end(), row.key))
+      before_.push_back(row), touches |= !row.passes;
+  if (!touches) before_.resize(known);
   rows_.swap(before_);
-  return rows_.size() > known;
+  return touches;
 }
 
 Outcome World::solve_again() {
@@ -114,8 +154,12 @@ Outcome World::solve_again() {
   return Outcome::again;
 }
 
-Outcome World::shrink(double share) {
+void World::keep_start() {
   if (done_ == 0 && backup_.empty()) copy_chains(backup_), backup_memory_ = memory_;
+}
+
+Outcome World::shrink(double share) {
+  keep_start();
   do size_ /= 2, share *= 2;
   while (share < 1 && size_ > 1);
   return solve_again();
@@ -137,7 +181,7 @@ void World::next_part() {
   push_bodies();
   for (Link& l : links) l.advance_to(time_of_part());
   done_ += size_;
-  if (done_ % (2 * size_) == 0) size_ *= 2;
+  if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
   for (Chain* c : slots_)
     if (c) c->keep_multipliers(c->kept);
   settlings_ = 0;

@@ -73,6 +73,7 @@ struct Row {
   bool direct = false;         // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;           // a direct row that holds now
   bool joins = false;          // two tendons, in the pattern of their matrix
+  bool passes = false;         // what it is for does not touch as foreseen
   bool pressed = false;        // touches, in the linearisation
   bool sliding = false;        // else it sticks, in the linearisation
   double kept_multiplier = 0;  // both, before a part of a split step was tried

@@ -140,15 +140,15 @@ template <class A>
 void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
          through, radius, stiffness, softest, grip, carried, before, multiplier, friction, stuck, reference,
-         stuck_at, stuck_at_other, side, follows, stays, limit, direct, held, joins, pressed, sliding,
+         stuck_at, stuck_at_other, side, follows, stays, limit, direct, held, joins, passes, pressed, sliding,
          kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
          total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
-            stays, limit, direct, held, joins, pressed, sliding, kept_multiplier, kept_sliding, changes, raw,
-            displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers, lever,
-            lever_share);
+            stays, limit, direct, held, joins, passes, pressed, sliding, kept_multiplier, kept_sliding,
+            changes, raw, displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers,
+            lever, lever_share);
 }
 
 template <class A>

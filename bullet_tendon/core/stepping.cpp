@@ -11,13 +11,15 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   const Integrator method = context.options.integrator;
   const bool second_order =
       (method == Integrator::bdf2 || method == Integrator::tr_bdf2) && !(context.part && c.touched);
-  const bool two = second_order && c.dt_before == dt && c.smooth;
+  const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
+  const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
   c.accelerated = method == Integrator::tr_bdf2 && history;
   c.staged = false;
-  c.b = two ? 2 * dt / 3 : dt;
-  const double now = two ? 4.0 / 3 : 1, last = two ? -1.0 / 3 : 0;
+  const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
+  c.b = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
-  const double ahead = history ? dt * std::min(1.0, dt / c.dt_before) : 0;
+  // Where the method's own velocity would take it; of the second order, where the motion does.
+  const double ahead = history ? (two ? 0.5 : 1.0) * dt * std::min(1.0, dt / c.dt_before) : 0;
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
     double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
@@ -80,9 +82,11 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
 namespace {
 
 // The mean over the step of a force whose value at its end is known: what the momentum of the tendon
-// changed by. BDF2, M (3 v_1 - 4 v_0 + v_-1)/2 = dt F, gives M (v_1 - v_0) = M (v_0 - v_-1)/3 + 2 dt F/3.
+// changed by. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last one and
+// b/dt of F, which are one together.
 Vec3 step_mean(const Chain& c, const StepContext& context, Vec3 last_mean, Vec3 force) {
-  return c.b < context.dt ? (1.0 / 3) * last_mean + (2.0 / 3) * force : force;
+  const double share = c.b / context.dt;
+  return share < 1 ? (1 - share) * last_mean + share * force : force;
 }
 
 // Finite, and not so far away that lengths could no longer be told from rounding.

@@ -4,6 +4,8 @@
 //
 //   implicit Euler   b = dt,       xh = x_0,                vh = v_0
 //   BDF2             b = 2 dt/3,   xh = (4 x_0 - x_-1)/3,   vh = (4 v_0 - v_-1)/3
+//     after a step of another length, dt/w:
+//                    b = (1 + w)/(1 + 2 w) dt,   xh = x_0 + w^2/(1 + 2 w) (x_0 - x_-1),   vh likewise
 //   TR-BDF2          in two such stages (stages.cpp)
 //
 // the end of the step solves (7), written for positions, with y = xh + b vh + b^2 M^-1 f_ext:

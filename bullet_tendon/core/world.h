@@ -127,6 +127,8 @@ class World {
   bool can_carry() const;
   bool can_split() const;
   void begin_part();
+  int turning_parts() const;
+  void keep_start();
   Outcome shrink(double share);
   void push_links(double share);
   Outcome solve_again();
