@@ -2,7 +2,7 @@
 //
 // Where centrelines were put nearer to each other than this, neither side is the right one: pushed apart
 // by what direction happens to be between them, a collapsed tendon ties itself in a knot. Such pairs do not
-// touch until they have come apart.
+// touch until they have come apart, and neither do their neighbours, onto which the crossing slides.
 #include <algorithm>
 
 #include "chain.h"
@@ -45,14 +45,27 @@ void Chain::find_overlaid() {
 }
 
 bool Chain::is_overlaid(int k, int m) const {
-  return !overlaid.empty() && std::binary_search(overlaid.begin(), overlaid.end(), pair_of(k, m));
+  if (overlaid.empty()) return false;
+  for (int i = k - 1; i <= k + 1; ++i)
+    for (int j = m - 1; j <= m + 1; ++j)
+      if (i >= 0 && std::binary_search(overlaid.begin(), overlaid.end(), pair_of(i, j))) return true;
+  return false;
 }
 
 void Chain::let_overlaid_part() {
-  auto apart = [&](uint64_t pair) {
-    return distance_of(x, static_cast<int>(pair >> 32), static_cast<int>(pair & 0xffffffffu)) >= 2 * radius;
-  };
-  overlaid.erase(std::remove_if(overlaid.begin(), overlaid.end(), apart), overlaid.end());
+  if (overlaid.empty()) return;
+  std::vector<uint64_t> still;
+  for (const uint64_t pair : overlaid) {
+    const int k = static_cast<int>(pair >> 32), m = static_cast<int>(pair & 0xffffffffu);
+    if (distance_of(x, k, m) < 2 * radius) still.push_back(pair);
+    // Where it slides on to.
+    for (int i = std::max(k - 1, 0); i <= k + 1; ++i)
+      for (int j = std::max(m - 1, i + 2); j <= std::min(m + 1, n_ - 2); ++j)
+        if (distance_of(x, i, j) < kStillOverlaid * 2 * radius) still.push_back(pair_of(i, j));
+  }
+  std::sort(still.begin(), still.end());
+  still.erase(std::unique(still.begin(), still.end()), still.end());
+  overlaid.swap(still);
 }
 
 }  // namespace bt

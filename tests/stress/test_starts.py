@@ -37,7 +37,7 @@ def exploded(random, x):
 
 
 @pytest.mark.parametrize("start", [point, nearly_a_point, flattened, folded, exploded])
-@pytest.mark.parametrize(("count", "seed"), [(3, 1), slow(200, 2)])
+@pytest.mark.parametrize(("count", "seed"), [(3, 1), slow(200, 2), slow(200, 5)])
 def test_back_to_rest_length(make_world, start, count, seed):
     random = np.random.default_rng(seed)
     unsolved = steps = 0
