@@ -157,7 +157,7 @@ constexpr double kReleased = 0.2;
 // is mended [-], and share of that motion by which it may differ from what the velocity makes of a step, as
 // where pybullet takes substeps. Larger: a sudden pull is answered to a step late. Smaller: blows that do not
 // matter are solved for twice.
-constexpr double kSuddenPull = 1e-3;
+constexpr double kSuddenPull = 1e-4;
 constexpr double kSubsteps = 0.6;
 // Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
 // Larger: what is thrown about is thrown back.
