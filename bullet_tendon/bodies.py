@@ -11,7 +11,7 @@ import pybullet as p
 from . import _core
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
-from .movers import read_link, touched
+from .movers import can_be_hit, read_link, touched
 from .pushes import exchange
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
@@ -170,7 +170,7 @@ class Bodies:
 
     def was_free(self, slot: int) -> bool:
         """Whether neither a contact nor a constraint had a part in how a body without joints moved."""
-        return not any(b.slot == slot and b.can_be_held() for b in self._touched_bodies())
+        return not can_be_hit(self.links[slot][0], self.client)
 
     def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

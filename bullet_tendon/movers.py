@@ -117,6 +117,13 @@ class OnJoints:
         """None are asked for."""
 
 
+def can_be_hit(body: int, client: int) -> bool:
+    """Whether any other body is near, or there are constraints; whatever contacts pybullet still tells of."""
+    others = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
+    near = (o != body and p.getClosestPoints(body, o, _TOUCHING, physicsClientId=client) for o in others)
+    return p.getNumConstraints(client) > 0 or any(near)
+
+
 def _can_be_held(body: int, client: int) -> bool:
     """Whether another body touches it, or there are constraints.
 

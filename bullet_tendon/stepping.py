@@ -113,6 +113,7 @@ class TakesSteps:
             for mover in released:
                 self._core.let_go(mover)
         else:
+            self._core.keep_told_contacts()  # pybullet may tell others, of a later time (restoreState)
             self._bodies.tell(self._core)
         self._core.refresh_movers()
         self._core.keep()  # where the step to come fails, bodies stay mended, and the tendons with them

@@ -208,6 +208,7 @@ PYBIND11_MODULE(_core, m) {
       .def("rewind", [](World& w, double dt, double gx, double gy, double gz,
                         const std::vector<int>& pulled) { return w.rewind(dt, {gx, gy, gz}, pulled); })
       .def("pulled_movers", &World::pulled_movers)
+      .def("keep_told_contacts", &World::keep_told_contacts)
       .def("any_held", &World::any_held)
       .def("held_movers",
            [](const World& w) {

@@ -117,6 +117,11 @@ std::vector<int> World::pulled_movers() const {
   return all;
 }
 
+void World::keep_told_contacts() {
+  for (size_t i = 0; i < movers.size(); ++i)
+    if (i < told_contacts_.size()) movers[i].contacts = told_contacts_[i], movers[i].contacts_kept = true;
+}
+
 bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
   const std::vector<int> released = released_movers();
   std::vector<Link> links_now = links;
@@ -125,6 +130,8 @@ bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
   if (back) {
     context_.dt = dt, context_.gravity = gravity;
     links.swap(links_now), movers.swap(movers_now);
+    told_contacts_.clear();
+    for (const Mover& m : movers) told_contacts_.push_back(m.contacts);
     for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) links[i] = before_links_[i];
     for (int i : pulled) movers[i].observer.believe();
     for (size_t i = 0; i < std::min(movers.size(), before_movers_.size()); ++i) {

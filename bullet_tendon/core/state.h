@@ -176,7 +176,8 @@ void World::all_fields(A& a) {
          whole_dt, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
          backup_memory, way_back, before_links, before_movers, slots, caches, queries, trees, reach, pairs,
          touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
-         attempt, kept_moving, kept_before, kept_links, kept_movers, begun, kept_entries, kept_rows] = *this;
+         attempt, kept_moving, kept_before, kept_links, kept_movers, begun, told_contacts, kept_entries,
+         kept_rows] = *this;
   moving_fields(a);
   // Done by it.
   a.scratch(chains_, links_, movers_, memory, whole_dt, way_back);
@@ -195,7 +196,7 @@ void World::all_fields(A& a) {
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
             backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys, touching, bores,
             bores_by_link, groups, group_of, report, attempt, kept_before, kept_links, kept_movers, begun,
-            kept_entries, kept_rows);
+            told_contacts, kept_entries, kept_rows);
 }
 
 }  // namespace bt

@@ -79,6 +79,8 @@ class World {
   bool note(int mover, const dense::Numbers& rates);
   // Nothing can hold the mover.
   void let_go(int mover);
+  // What bodies rest on is what was told before rewind, though they are told of once more.
+  void keep_told_contacts();
   // Their rates were set from outside, to mend the last step, which is not taken back again.
   void refresh_movers();
   // whole: not in parts, whatever happens (for steps whose length means nothing).
@@ -219,6 +221,7 @@ class World {
   std::vector<Link> kept_links_;  // before_links_ and before_movers_, once begun_
   std::vector<Mover> kept_movers_;
   bool begun_ = false;
+  std::vector<dense::Numbers> told_contacts_;  // by mover, at rewind
   std::vector<KeptEntry> kept_entries_;
   std::vector<Row> kept_rows_;
 };

@@ -36,7 +36,7 @@ def test_runs_end_with_the_same_hash(runs, steps):
     assert len(found) == 1
 
 
-@pytest.mark.parametrize(("count", "steps"), [(4, 25), slow(100, 1000)])
+@pytest.mark.parametrize(("count", "steps"), [(2, 1000), slow(100, 1000)])
 def test_restored_at_random_points(client, tmp_path, count, steps):
     """Each run on from a state in memory, and every tenth (at least one) from a file in another process."""
     rng = np.random.default_rng(4)
