@@ -11,6 +11,8 @@ _Contact = tuple[int, int, int, int, int, _Vector, _Vector, float, float, float]
 
 def allocated_bytes() -> int: ...
 
+MOST_RATE: float  # m/s, rad/s: at which pybullet cuts off what is faster
+
 HINGE: int
 SLIDER: int
 BALL: int

@@ -119,9 +119,8 @@ class OnJoints:
 
 def can_be_hit(body: int, client: int) -> bool:
     """Whether any other body is near, or there are constraints; whatever contacts pybullet still tells of."""
-    others = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
-    near = (o != body and p.getClosestPoints(body, o, _TOUCHING, physicsClientId=client) for o in others)
-    return p.getNumConstraints(client) > 0 or any(near)
+    others = {p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))}
+    return p.getNumConstraints(client) > 0 or _is_near(body, others - {body}, client)
 
 
 def _can_be_held(body: int, client: int) -> bool:
@@ -131,5 +130,8 @@ def _can_be_held(body: int, client: int) -> bool:
     """
     if p.getNumConstraints(client):
         return True
-    others = {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=client)}
+    return _is_near(body, {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=client)}, client)
+
+
+def _is_near(body: int, others: set[int], client: int) -> bool:
     return any(p.getClosestPoints(body, o, _TOUCHING, physicsClientId=client) for o in others)

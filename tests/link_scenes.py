@@ -133,3 +133,11 @@ def hinged(client, tmp_path):
     p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
     p.resetJointState(arm, 0, 0.0, 8.0, physicsClientId=client)
     return arm
+
+
+def free_ball(client, mass, at=(0, 0, 0), radius=0.01):
+    """A ball without damping."""
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
+    body = p.createMultiBody(mass, ball, -1, list(at), physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
+    return body

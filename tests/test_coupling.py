@@ -3,18 +3,18 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import UNDAMPED, free_ball
 
 import bullet_tendon as bt
 
 LENGTH, RADIUS, LOAD = 0.1, 0.001, 200.0  # m, m, N
-NO_DAMPING = {"linearDamping": 0, "angularDamping": 0}
 
 
 def on_table(client, mass):
     p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client), physicsClientId=client)
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
     body = p.createMultiBody(mass, box, basePosition=[0, 0, 0.02], physicsClientId=client)
-    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
     return body, -1, np.array([0, 0, 0.02])
 
 
@@ -24,7 +24,7 @@ def on_block(client, mass):
     p.createMultiBody(0, block, basePosition=[0, 0, -0.1], physicsClientId=client)
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
     body = p.createMultiBody(mass, box, basePosition=[0, 0, 0.02], physicsClientId=client)
-    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
     return body, -1, np.array([0, 0, 0.02])
 
 
@@ -36,7 +36,7 @@ def on_joint(client, mass, kind, axis, arm):
     link |= {"linkParentIndices": [0], "linkJointTypes": [kind], "linkJointAxis": [axis]}
     body = p.createMultiBody(0, **link, physicsClientId=client)
     inertia = {"localInertiaDiagonal": [1e-4 * mass] * 3}
-    p.changeDynamics(body, 0, jointDamping=0, **inertia, **NO_DAMPING, physicsClientId=client)
+    p.changeDynamics(body, 0, jointDamping=0, **inertia, **UNDAMPED, physicsClientId=client)
     p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
     return body, 0, np.array(arm, float)
 
@@ -112,13 +112,6 @@ def test_a_held_body_feels_the_load_however_heavy(make_world, client, mass, stif
         assert world.wrench(*held[:2])[2] == pytest.approx(-LOAD, rel=1e-3)
 
 
-def free_ball(client, mass, at=(0, 0, 0)):
-    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
-    body = p.createMultiBody(mass, ball, -1, list(at), physicsClientId=client)
-    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
-    return body
-
-
 def pin(client, body):
     at = p.getBasePositionAndOrientation(body, client)[0]
     origin = [0, 0, 0]
@@ -149,7 +142,7 @@ def frozen(client, mass):
     """Held by having no mass."""
     body = free_ball(client, mass)
     p.changeDynamics(body, -1, mass=0, physicsClientId=client)
-    inertia = {"localInertiaDiagonal": [1e-4 * mass] * 3, **NO_DAMPING}
+    inertia = {"localInertiaDiagonal": [1e-4 * mass] * 3, **UNDAMPED}
     return body, -1, lambda: p.changeDynamics(body, -1, mass=mass, **inertia, physicsClientId=client)
 
 
@@ -209,7 +202,7 @@ def test_a_spinning_free_body_is_never_taken_for_held(make_world, client):
     world = make_world(1 / 240)
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.02, 0.01], physicsClientId=client)
     body = p.createMultiBody(0.3, box, physicsClientId=client)
-    p.changeDynamics(body, -1, **NO_DAMPING, physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
     p.resetBaseVelocity(body, [0, 0, 0], [9, 14, 5], client)
     t = world.add_tendon([[0.05, 0, 0], [0.05 + LENGTH, 0, 0]], RADIUS, bt.Material(stiffness=1e3), 8)
     t.attach(0, body)

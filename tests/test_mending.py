@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import free_ball
 
 import bullet_tendon as bt
 
@@ -11,10 +12,7 @@ LENGTH, LEVER = 0.2, 0.03  # m
 
 def hung(client, world, mass, stiffness):
     """A ball between three tendons, whose far ends are held; and these tendons."""
-    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
-    body = p.createMultiBody(mass, ball, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
-    tendons = []
+    body, tendons = free_ball(client, mass), []
     for angle in np.radians([0, 120, 240]):
         along = np.array([np.cos(angle), np.sin(angle), 0.3])
         material = bt.Material(stiffness=stiffness, density=100.0)

@@ -3,15 +3,9 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import free_ball
 
 import bullet_tendon as bt
-
-
-def ball(client, mass, radius, position=(0, 0, 0)):
-    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
-    body = p.createMultiBody(mass, shape, basePosition=position, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
-    return body
 
 
 @pytest.mark.parametrize("off", [-0.004, 0.004, 0.008])
@@ -19,7 +13,7 @@ def ball(client, mass, radius, position=(0, 0, 0)):
 def test_a_tendon_off_its_body_is_drawn_back_the_same_in_parts(client, make_world, off, stiffness):
     """By m off/dt^2, however many parts the step is taken in because something smooth is near."""
     world = make_world()
-    body = ball(client, 0.3, 0.02)
+    body = free_ball(client, 0.3, radius=0.02)
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05] * 3, physicsClientId=client)
     near = p.createMultiBody(0, box, basePosition=(0.1, 0, -0.032), physicsClientId=client)
     world.add_obstacle(near, friction=0)

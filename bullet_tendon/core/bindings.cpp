@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include "allocations.h"
+#include "constants.h"
 #include "world.h"
 
 using namespace bt;
@@ -71,8 +72,8 @@ Array wrenches(const World& w) {
   return out;
 }
 
-// Slot, force, centre of mass and torque about that of the links that answer to one.
-// Link, force, its point, and the torque about that, None where the force is all: so that of one attachment.
+// Slot, force, its point and the torque about that of the links that answer to one; None for a torque where
+// the force is all, as of one attachment.
 py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.links.size(); ++i) {
@@ -128,6 +129,7 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
   using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
+  m.attr("MOST_RATE") = kMostRate;
   py::class_<World> world(m, "World");
   py::class_<Report>(m, "Report")
       .def_readonly("iterations", &Report::iterations)

@@ -75,10 +75,16 @@ void Observer::let_go() {
   forces_.assign(n_, 0.0), samples_ = 0;
 }
 
+// a - R_eff w.
+void Observer::unexplained(const Sample& by, Numbers& rest) {
+  respond(effective_root_, by.forces, one_, other_);
+  rest.resize(n_);
+  for (int i = 0; i < n_; ++i) rest[i] = by.acceleration[i] - other_[i];
+}
+
 void Observer::compare(const Sample& now) {
-  respond(effective_root_, now.forces, one_, other_);
-  missed_.resize(n_);
-  for (int i = 0; i < n_; ++i) missed_[i] = now.acceleration[i] - other_[i] - push_[i];
+  unexplained(now, missed_);
+  for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
 }
 
 // It went along the forces, by more of its free answer than it was thought to.
@@ -128,20 +134,14 @@ void Observer::limit_share() {
   product_transposed(n_, share_root_, share_root_, share_);
 }
 
-void Observer::believe() {
-  respond(effective_root_, last_.forces, one_, s_);
-  for (int i = 0; i < n_; ++i) push_[i] = last_.acceleration[i] - s_[i];
-}
+void Observer::believe() { unexplained(last_, push_); }
 
 void Observer::find_push() {
-  respond(effective_root_, last_.forces, one_, s_);
-  if (samples_ < 2) {
-    push_.assign(n_, 0.0);
-    return;
-  }
-  respond(effective_root_, before_.forces, one_, e_);
+  if (samples_ < 2) return push_.assign(n_, 0.0);
+  unexplained(last_, s_);
+  unexplained(before_, e_);
   for (int i = 0; i < n_; ++i) {
-    const double a = last_.acceleration[i] - s_[i], b = before_.acceleration[i] - e_[i];
+    const double a = s_[i], b = e_[i];
     push_[i] = a * b <= 0 ? 0 : std::fabs(a) < std::fabs(b) ? a : b;
   }
 }

@@ -58,6 +58,7 @@ class Observer {
   void start(int n);
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   void sample(const Numbers& rates, const Numbers& gravity);
+  void unexplained(const Sample& by, Numbers& rest);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
   void learn(const Sample& now);

@@ -8,6 +8,10 @@ enum class Iteration { newton, single };
 enum class LinearSolver { banded, pcg };
 enum class BoneContact { spring, constraint };
 
+inline bool is_second_order(Integrator method) {
+  return method == Integrator::bdf2 || method == Integrator::tr_bdf2;
+}
+
 struct Options {
   Integrator integrator = Integrator::implicit_euler;
   Iteration iteration = Iteration::newton;

@@ -73,8 +73,7 @@ void World::begin_part() {
 
 // Parts that a step is begun with, by what its segments are foreseen to turn by.
 int World::turning_parts() const {
-  const bool second = options.integrator == Integrator::bdf2 || options.integrator == Integrator::tr_bdf2;
-  if (!second || !can_split()) return 1;
+  if (!is_second_order(options.integrator) || !can_split()) return 1;
   bool turns = false;
   for (const Chain* c : slots_) {
     if (!c) continue;

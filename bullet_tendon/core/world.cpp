@@ -163,7 +163,7 @@ void World::refresh_movers() {
 }
 
 bool World::any_moved() const {
-  return any_held() || std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
+  return std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
 }
 
 void World::begin(double dt, Vec3 gravity, bool whole) {
