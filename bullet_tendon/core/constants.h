@@ -113,6 +113,12 @@ constexpr double kWildTurn = 1.0;
 constexpr int kRounds = 8;
 constexpr double kFrictionAccuracy = 5e-4;
 
+// Residual over the forces at hand under which it is seen to that before the solution is exact, and over what
+// the last round began with [-]. Larger: limits and depths are wild, and rounds are used up by that. Smaller:
+// each round is solved to an accuracy that the next one throws away.
+constexpr double kLooseRound = 3e-3;
+constexpr double kNextRound = 0.5;
+
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 

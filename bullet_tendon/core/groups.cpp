@@ -28,7 +28,7 @@ void World::make_groups() {
     g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
     g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.substeps = 1, g.staged = false;
+    g.residual = 0, g.substeps = 1, g.staged = g.strays = false;
     g.linear_tolerance = 0, g.patterned = false;
     g.movers = &movers, g.links = &links, g.part_end = g.part_root = 1, g.reach = context_.reach,
     g.freedom = 0;
@@ -57,7 +57,7 @@ void World::make_groups() {
 bool World::solve_groups() {
   bool finite = true;
   attempt_ = Report{};
-  unsettled_ = false;
+  unsettled_ = stray_ = false;
   found_.clear();
   for (Group& g : groups_) {
     if (g.chains.empty()) continue;
@@ -65,7 +65,8 @@ bool World::solve_groups() {
     found_.insert(found_.end(), g.extra.begin(), g.extra.end());
     if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
     finite &= g.finite;
-    unsettled_ |= !g.converged && !g.rows.empty();
+    stray_ |= g.strays;
+    unsettled_ |= !g.converged && !g.strays && !g.rows.empty();
     attempt_.iterations = std::max(attempt_.iterations, g.iterations);
     attempt_.substeps = std::max(attempt_.substeps, g.substeps);
     ++attempt_.groups;

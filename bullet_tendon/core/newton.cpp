@@ -4,6 +4,7 @@
 
 #include "assembly.h"
 #include "constants.h"
+#include "pairs.h"
 
 namespace bt {
 
@@ -112,6 +113,23 @@ bool stiffen(Group& group) {
   return any;
 }
 
+// Rounds of that: from which iteration on this one is solved, and how well before the next.
+struct Rounds {
+  int count = 0, begun = 0;
+  double loose = kLooseRound;  // residual over the forces at hand
+  bool fresh = false;          // what it begins with is not known yet
+};
+
+void begin_round(Rounds& r, int iteration) { ++r.count, r.begun = iteration, r.fresh = true; }
+
+void note_start(Rounds& r, double residual) {
+  if (r.fresh) r.loose = kNextRound * residual, r.fresh = false;
+}
+
+bool any_strays(const Group& group) {
+  return std::any_of(group.chains.begin(), group.chains.end(), [](const Chain* c) { return strays(*c); });
+}
+
 // Iterates so far off that rounding would excuse any residual.
 bool ran_away(const Group& group) {
   for (const Chain* c : group.chains)
@@ -148,12 +166,17 @@ void restart_from_now(Group& group) {
 
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
-  bool safe = false, far = true, turns = false;
-  int begun = 0, used = 0, round = 0, lost = 0;
+  bool safe = false, far = !context.goes_on, turns = false;
+  int used = 0, lost = 0;
+  Rounds rounds;
   group.most_jump = std::numeric_limits<double>::infinity(), group.stayed = false;
   Progress progress = fresh_progress(group);
   double last_residual = std::numeric_limits<double>::infinity();
-  for (Row* row : group.rows) row->held = row->stays = false, row->changes = 0;
+  group.strays = false;
+  for (Row* row : group.rows) {
+    row->held = false, row->changes = 0;
+    row->stays &= context.goes_on;
+  }
   start_bodies(group);
   group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
@@ -172,16 +195,24 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     lost += far && !was_far;
     group.most_jump = kMostJump * std::pow(kLessJump, lost) * a.scale;
     group.converged = !changed && enough;
-    if (group.converged) {
-      if (round >= kRounds) break;
+    note_start(rounds, group.residual);
+    const bool more = rounds.count < kRounds;
+    const bool loosely = more && !safe && !far && iteration > rounds.begun && group.residual <= rounds.loose;
+    if (group.converged || (loosely && !changed)) {
+      if (!more) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);
       const bool missed = add_missed(group);
       const bool deep = stiffen(group);
-      if (!slid && !deep && !missed) break;
-      ++round, progress = fresh_progress(group), begun = iteration;
-      continue;
+      if (slid || deep || missed) {
+        begin_round(rounds, iteration), progress = fresh_progress(group);
+        continue;
+      }
+      if (group.converged) break;
+      group.strays = !group.converged && context.may_look && touches(group) && any_strays(group);
+      if (group.strays) break;
+      rounds.loose = 0;
     }
-    if (iteration - begun >= o.max_iterations) break;
+    if (iteration - rounds.begun >= o.max_iterations) break;
     if (!safe && (stalled(progress, a.residual) || !std::isfinite(a.residual))) {
       if (!safeguarded) break;
       safe = true;

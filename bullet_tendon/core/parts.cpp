@@ -93,7 +93,8 @@ Outcome World::solve() {
   if (looking_) rows_.swap(before_);
   collect_rows();
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
-  if (!looking_ || take_new_rows()) {
+  const bool left = looking_ && stray_;
+  if (!looking_ || take_new_rows() || left) {
     const bool other_unknowns = find_unknowns();
     for (Chain* c : slots_) {
       if (!c) continue;
@@ -102,6 +103,8 @@ Outcome World::solve() {
         c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
     }
     make_groups();
+    context_.goes_on = looking_ && !other_unknowns;
+    context_.may_look = can_split() && looks_ < kLooks;
     const bool finite = solve_groups();
     if ((!finite || unsettled_) && context_.splitting == Splitting::by_world) return shrink(0.5);
     if (!finite) return report_.take(attempt_), cancel(), Outcome::failed;

@@ -74,6 +74,7 @@ void gather(Chain& c) {
 
 void in_parts(Group& group, const StepContext& context) {
   StepContext part = context;
+  part.goes_on = part.may_look = false;
   part.options.integrator = Integrator::implicit_euler;
   for (Chain* c : group.chains) {
     c->start_x = c->x, c->start_v = c->v, c->split = true;
@@ -128,6 +129,7 @@ bool by_euler(const Group& group, const StepContext& context) {
 void converged_step(Group& group, const StepContext& context) {
   if (two_stages(group, context)) return;
   newton(group, context, context.splitting == Splitting::never);
+  if (group.strays) return;
   const bool by_world = context.splitting == Splitting::by_world && !group.rows.empty();
   if (!group.converged && !by_world && context.splitting != Splitting::never)
     in_parts(group, context);

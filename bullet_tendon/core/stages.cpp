@@ -97,7 +97,9 @@ void give_up(Group& group, const StepContext& context) {
 
 }  // namespace
 
-bool two_stages(Group& group, const StepContext& context) {
+bool two_stages(Group& group, const StepContext& whole) {
+  StepContext context = whole;
+  context.goes_on = context.may_look = false;
   if (context.options.integrator != Integrator::tr_bdf2 || !applies(group)) return false;
   for (Chain* c : group.chains) c->staged = true, start_first(*c, context);
   newton(group, context, false);

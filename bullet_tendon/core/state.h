@@ -173,7 +173,7 @@ void World::moving_fields(A& a) {
 template <class A>
 void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
-         whole_dt, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
+         whole_dt, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings, backup,
          backup_memory, way_back, before_links, before_movers, slots, caches, queries, trees, reach, pairs,
          touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
          attempt, kept_moving, kept_before, kept_links, kept_movers, begun, told_contacts, kept_entries,
@@ -193,10 +193,10 @@ void World::all_fields(A& a) {
     }
   a(rows);
   // Options are the user's, as they are now.
-  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, unsettled, settlings, backup,
-            backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys, touching, bores,
-            bores_by_link, groups, group_of, report, attempt, kept_before, kept_links, kept_movers, begun,
-            told_contacts, kept_entries, kept_rows);
+  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings,
+            backup, backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys,
+            touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before, kept_links,
+            kept_movers, begun, told_contacts, kept_entries, kept_rows);
 }
 
 }  // namespace bt

@@ -30,7 +30,9 @@ struct StepContext {
   double dt = 0;
   double reach = 0;  // s of mover.h [s]
   Splitting splitting = Splitting::by_group;
-  bool part = false;  // of a step: what touches something takes it by implicit Euler
+  bool part = false;      // of a step: what touches something takes it by implicit Euler
+  bool goes_on = false;   // from the last solution, with more rows
+  bool may_look = false;  // for rows where particles stray: solutions are left for that before they are exact
   Vec3 gravity;
   Options options;
 };
@@ -76,6 +78,7 @@ struct Group {
   int iterations = 0;
   double residual = 0;  // largest residual force over the largest force at hand
   bool converged = false;
+  bool strays = false;  // left, for that
   bool finite = true;
   int substeps = 1;
   bool staged = false;          // the step was taken in two stages, which leave the holds' mean forces

@@ -187,6 +187,7 @@ class World {
   int parts_ = 0, looks_ = 0;  // finished; looks for contacts in this one
   double room_ = 1;            // share of the part that can be gone before something unforeseen touches
   bool looking_ = false;       // rows_ are solved for, and are only to be added to
+  bool stray_ = false;         // a group was left because its particles end elsewhere than foreseen
   bool unsettled_ = false;     // a group with contacts did not converge
   int settlings_ = 0;          // of this part, because other stops act than foreseen
   std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
