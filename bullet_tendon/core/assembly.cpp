@@ -50,14 +50,22 @@ bool update_direct(Group& group, Row& row) {
   return true;
 }
 
+// A row at chain.next, where its points follow what they touch.
+void evaluate(Group& group, Row& row, bool at_position, bool definite) {
+  if (group.follows && (row.kind == ContactKind::mouth || !definite)) follow(group, row);
+  row.evaluate(relative_position(group, row, &Chain::next), at_position, definite);
+}
+
 // True residual of the group at chain.next; what holds supply is still in it.
 Assembly residual_of(Group& group, bool at_position, bool definite) {
   Assembly a;
   clear_loads(group);
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
-  for (Row* row : group.rows) {
-    if (group.follows && (row->kind == ContactKind::mouth || !definite)) follow(group, *row);
-    row->evaluate(relative_position(group, *row, &Chain::next), at_position, definite);
+  for (size_t r = 0; r < group.rows.size(); ++r) {
+    if (waits(group, r)) continue;
+    Row* row = group.rows[r];
+    evaluate(group, *row, at_position, definite);
+    let_wait(group, r);
     if (!row->acts()) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
@@ -86,12 +94,12 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
     add_bending_blocks(*c, c->next, definite);
     add_soft_holds(*c, c->next, true);
   }
-  for (Row* row : group.rows)
-    if (row->acts()) {
-      if (group.follows) add_lever_blocks(group, *row, definite_rows);
-      add_row_block(group, *row);
-      add_row_linearisation(group, *row);
-    }
+  find_acting(group);
+  for (Row* row : group.acting) {
+    if (group.follows) add_lever_blocks(group, *row, definite_rows);
+    add_row_block(group, *row);
+    add_row_linearisation(group, *row);
+  }
   load_carried(group);
   add_body_residual(group);
   make_border(group);

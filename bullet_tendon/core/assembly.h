@@ -13,11 +13,25 @@ struct Assembly {
 // A row that constrains its particle directly: it starts to hold when the particle is inside, and lets go
 // when it would have to pull. true: it has changed.
 bool update_direct(Group& group, Row& row);
-// True residual of the group at chain.next; what holds supply is still in it. at_position: contacts are
-// judged by where they are, not by what was foreseen.
+// A row at chain.next, its points where they are nearest. at_position: judged by where it is, not by what was
+// foreseen.
+void evaluate(Group& group, Row& row, bool at_position, bool definite);
+// True residual of the group at chain.next; what holds supply is still in it.
 Assembly residual_of(Group& group, bool at_position, bool definite);
 // Its norms, once what holds supply has been taken out.
 void measure_residual(Group& group, Assembly& a);
+// What cannot touch yet (waiting.cpp). Nothing, where a solution begins.
+void start_waiting(Group& group);
+bool waits(const Group& group, size_t r);
+// After row r was evaluated: it may wait from now on.
+void let_wait(Group& group, size_t r);
+// How far the step takes each tendon at most, and that it has been taken.
+void measure_stride(Group& group);
+void travel(Group& group, double alpha);
+// The gaps of what waits, at the end of a solution.
+void measure_waiting(Group& group, bool definite);
+// The rows' multipliers from the step, before it is taken.
+void foresee_contacts(Group& group);
 // Residual over the rounding of one coordinate, largest of the chains [-].
 double in_roundings(Group& group, const Assembly& a);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the rows' blocks

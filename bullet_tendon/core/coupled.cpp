@@ -9,8 +9,8 @@ namespace {
 // this solution, so that the pattern lasts.
 void find_pattern(Group& group) {
   bool same = group.factor.blocks() > 0 && group.patterned;
-  for (Row* row : group.rows)
-    if (row->b.chain >= 0 && row->acts() && !row->joins) row->joins = true, same = false;
+  for (Row* row : group.acting)
+    if (row->b.chain >= 0 && !row->joins) row->joins = true, same = false;
   if (same) return;
   group.patterned = true;
   group.edges.clear(), group.offset.assign(group.slots->size(), 0);
@@ -50,7 +50,7 @@ void find_freedom(Group& group) {
   for (size_t k = 0; k < group.chains.size(); ++k)
     for (const Hold& h : group.chains[k]->holds)
       if (h.rigid) group.free[group.offset[group.numbers[k]] + h.particle] = {};
-  for (const Row* row : group.rows)
+  for (const Row* row : group.acting)
     if (row->held) {
       const int i = row->a.w0 != 0 ? row->a.first : row->a.first + 1;
       group.free[group.offset[row->a.chain] + i] = across(row->normal);
@@ -88,8 +88,8 @@ bool factorise_coupled(Group& group) {
   group.factor.start();
   for (size_t k = 0; k < group.chains.size(); ++k)
     add_band(group, *group.chains[k], group.offset[group.numbers[k]]);
-  for (const Row* row : group.rows)
-    if (row->b.chain >= 0 && row->acts()) add_coupling(group, *row);
+  for (const Row* row : group.acting)
+    if (row->b.chain >= 0) add_coupling(group, *row);
   return group.factor.factorise();
 }
 

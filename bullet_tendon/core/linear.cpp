@@ -10,8 +10,8 @@ namespace bt {
 
 // y += (the blocks of coupling rows beside the band) p, for p in directions and y in images.
 void add_coupling(Group& group) {
-  for (const Row* row : group.rows) {
-    if (row->b.chain < 0 || !row->acts()) continue;
+  for (const Row* row : group.acting) {
+    if (row->b.chain < 0) continue;
     Chain &a = group.at(row->a), &b = group.at(row->b);
     const Vec3 pull_a = row->block * row->b.of(b.cg_direction);
     const Vec3 pull_b = row->block * row->a.of(a.cg_direction);

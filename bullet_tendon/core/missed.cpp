@@ -38,6 +38,9 @@ bool same_place(const Row& a, const Row& b) {
 bool add_missed(Group& group) {
   const size_t known = group.rows.size();
   bool any = false;
+  std::vector<const Row*> besides;
+  for (const Row* row : group.rows)
+    if (row->key & kExtraKey) besides.push_back(row);
   for (size_t r = 0; r < known && group.extra.size() < group.extra.capacity(); ++r) {
     Row& row = *group.rows[r];
     if (row.b.chain < 0 || row.follows) continue;  // what follows has its points with it
@@ -46,10 +49,10 @@ bool add_missed(Group& group) {
     if (row.softest > 0) more.stiffness = row.softest;
     if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
     auto there = [&](const Row* other) { return same_place(*other, more); };
-    if (std::any_of(group.rows.begin(), group.rows.end(), there)) continue;
+    if (there(&row) || std::any_of(besides.begin(), besides.end(), there)) continue;
     more.key |= kExtraKey;
     group.extra.push_back(more);
-    group.rows.push_back(&group.extra.back());
+    group.rows.push_back(&group.extra.back()), besides.push_back(group.rows.back());
     any = true;
   }
   return any;

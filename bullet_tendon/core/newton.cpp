@@ -18,6 +18,7 @@ void advance(Group& group, double alpha) {
       for (int i = 0; i < c->n(); ++i) x[i] += alpha * d[i];
     }
   advance_bodies(group, alpha);
+  travel(group, alpha);
 }
 
 // Sets of contacts that follow each other in a circle are left by going half the way.
@@ -148,9 +149,7 @@ bool is_rounding(Group& group, const Assembly& a, double last_residual) {
 }
 
 // Contacts are stiff across the tendon: there it matters more where particles are than how long segments are.
-bool touches(const Group& group) {
-  return std::any_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->acts(); });
-}
+bool touches(const Group& group) { return !group.acting.empty(); }
 
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
@@ -160,6 +159,7 @@ void restart_from_now(Group& group) {
       if (h.rigid) c->next.set(h.particle, h.target);
   }
   forget_bodies(group);
+  wake(group);
 }
 
 }  // namespace
@@ -178,6 +178,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     row->stays &= context.goes_on;
   }
   start_bodies(group);
+  start_waiting(group);
   group.follows = o.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   for (int iteration = 0;; ++iteration) {
     Assembly a = residual_of(group, safe, safe || far);
@@ -191,6 +192,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     last_residual = a.residual;
     const bool was_far = far;
     far = !(a.residual <= (far ? kNear : kLost) * a.scale);
+    if (was_far && !far) wake(group);
     turns |= far;  // a guess that was near is corrected along lines
     lost += far && !was_far;
     group.most_jump = kMostJump * std::pow(kLessJump, lost) * a.scale;
@@ -233,18 +235,22 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       solve_linear(group, context, true);
     }
     if (circles) halve_step(group);
+    measure_stride(group);
     if (safe) {
       line_search(group);
     } else {
       for (Chain* c : group.chains)
         for (SpringSet* s : {&c->structure, &c->shear})
           if (s->count) carry(*s, c->material.law, c->step);
-      for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
+      foresee_contacts(group);
       advance(group, 1);
-      if (turns && !touches(group))
+      if (turns && !touches(group)) {
         for (Chain* c : group.chains) keep_lengths(*c);
+        wake(group);
+      }
     }
   }
+  measure_waiting(group, safe || far);
   for (Row* row : group.rows)
     if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
   find_worst(group);

@@ -27,6 +27,7 @@ void forces_now(Chain& c, const StepContext& context, bool matrix, double dampin
 }
 
 void rows_now(Group& group, bool matrix) {
+  wake(group);
   for (Row* row : group.rows) {
     row->direct = false;
     const Vec3 relative = relative_position(group, *row, &Chain::x);
@@ -38,6 +39,7 @@ void rows_now(Group& group, bool matrix) {
     add_row_force(group, *row);
     if (matrix) add_row_block(group, *row);
   }
+  find_acting(group);
 }
 
 Vec3 held_velocity(const Chain& c, const Hold& h, double dt) {
