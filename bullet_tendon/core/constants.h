@@ -92,6 +92,8 @@ constexpr double kProgress = 0.9;
 // steps are taken for nothing. Tighter, or fewer iterations: circles are gone round until patience ends.
 constexpr double kSameResidual = 1e-3;
 constexpr int kLongestCircle = 12;
+// Iterations without progress from which on half steps are taken. More: heaps go on for long.
+constexpr int kIdle = 6;
 
 // Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
 // two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,

@@ -21,7 +21,7 @@ void advance(Group& group, double alpha) {
   travel(group, alpha);
 }
 
-// Sets of contacts that follow each other in a circle are left by going half the way.
+// Sets of contacts that follow each other in a circle, or get nowhere, are left by going half the way.
 void halve_step(Group& group) {
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k)
@@ -210,7 +210,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
         continue;
       }
       if (group.converged) break;
-      group.strays = !group.converged && context.may_look && touches(group) && any_strays(group);
+      group.strays = context.may_look && touches(group) && any_strays(group);
       if (group.strays) break;
       rounds.loose = 0;
     }
@@ -225,7 +225,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       group.stayed = false, progress = fresh_progress(group);
       continue;
     }
-    const bool circles = !safe && repeats(progress, a.residual);
+    const bool circles = !safe && (repeats(progress, a.residual) || progress.idle > kIdle);
     // As exact as this iteration can make use of.
     group.linear_tolerance = std::min(kLoosest, 0.05 * o.tolerance * a.scale / a.residual);
     assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe, safe || far);

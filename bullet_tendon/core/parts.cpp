@@ -108,7 +108,8 @@ Outcome World::solve() {
     const bool finite = solve_groups();
     if ((!finite || unsettled_) && context_.splitting == Splitting::by_world) return shrink(0.5);
     if (!finite) return report_.take(attempt_), cancel(), Outcome::failed;
-    if (can_split() && looks_ < kLooks && strayed()) return ++looks_, looking_ = true, Outcome::again;
+    if (can_split() && looks_ < kLooks && (strayed() || stray_))
+      return ++looks_, looking_ = true, Outcome::again;
   }
   if (settle_stops()) return solve_again();
   report_.take(attempt_);

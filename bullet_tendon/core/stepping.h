@@ -76,13 +76,14 @@ struct Group {
   SparseFactor::Edges edges;
   std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
-  // Of what cannot touch yet (waiting.cpp): by row; by slot, how far in this solution and by its next step [m].
+  // Of what cannot touch yet (waiting.cpp): by row; by slot, how far in this solution and by its next step
+  // [m].
   std::vector<Waiting> waiting;
   std::vector<double> travelled, stride;
   std::vector<Row*> acting;  // in the matrix that is being made
-  bool follows = true;     // points of rows move along with what they touch,
-  double most_jump = 0;    // but for pairs whose force that would change by more than this [N],
-  bool stayed = false;     // of which there are some that have not been looked at
+  bool follows = true;       // points of rows move along with what they touch,
+  double most_jump = 0;      // but for pairs whose force that would change by more than this [N],
+  bool stayed = false;       // of which there are some that have not been looked at
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;
