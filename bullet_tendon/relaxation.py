@@ -16,6 +16,7 @@ _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FIRST = 1 / 240  # s
 _FARTHEST, _NEAREST = 0.5, 0.1  # of the radius, moved in a step: shorter above, longer below
 _GROWTH = 4.0
+_DEPTH = 2.5e-4  # of the radius, of contacts at rest: half of what a step may leave
 _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 
 
@@ -53,13 +54,20 @@ def relax(world, tolerance: float, max_steps: int) -> None:
             take_back(world, kept)
             break
         settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
-        if world.report.converged and settled:
+        if world.report.converged and settled and _depth(world) <= _DEPTH:
             break
         ratio = max((moved[t] / t.radius for t in start), default=0.0)
         dt = dt / _GROWTH if ratio > _FARTHEST and not alone else dt
         dt = min(dt * _GROWTH, _ENDLESS) if ratio < _NEAREST else dt
     world.report.iterations, world.report.residual = iterations, float(residual)
     world.report.converged = bool(world.report.converged and settled)
+
+
+def _depth(world) -> float:
+    """Of the deepest contact, in radii of its tendon [-]."""
+    contacts = world.contacts
+    radii = {t.name: t.radius for t in world.tendons}
+    return max((-c["distance"] / radii[c["tendon"]] for c in contacts if c["normal_force"] > 0), default=0.0)
 
 
 def _lost(tendon, start) -> bool:

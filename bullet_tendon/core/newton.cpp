@@ -229,10 +229,16 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     // As exact as this iteration can make use of.
     group.linear_tolerance = std::min(kLoosest, 0.05 * o.tolerance * a.scale / a.residual);
     assemble(group, safe ? Linearisation::position : Linearisation::multiplier, safe, safe || far);
-    if (!solve_linear(group, context, safe)) {  // indefinite: once more, with compression cut off
+    bool solved = solve_linear(group, context, safe);
+    if (!solved) {  // indefinite: once more, with compression cut off
       residual_of(group, safe, true);
       assemble(group, safe ? Linearisation::position : Linearisation::multiplier, true, true);
-      solve_linear(group, context, true);
+      solved = solve_linear(group, context, true);
+    }
+    if (!solved) {  // out of numbers
+      if (safe || !safeguarded) break;
+      safe = true, restart_from_now(group);
+      continue;
     }
     if (circles) halve_step(group);
     measure_stride(group);
