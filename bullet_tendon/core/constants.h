@@ -216,6 +216,10 @@ constexpr double kDeepBehind = 0.04;
 // Cosine of force and torque under which a wrench is one force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
 
+// Pivots of a panel at most [-]. More: they take longer among themselves. Fewer: the blocks that they take
+// something off are fetched more often.
+constexpr int kWidest = 16;
+
 // Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
 constexpr int kSweeps = 12;
 
