@@ -101,9 +101,10 @@ class Bodies:
         InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
-        for slot in self._unused:
-            core.clear_link(slot)
-        for body in self._touched_bodies():
+        if self._unused:
+            for slot in self._unused:
+                core.clear_link(slot)
+        for body in self._touched or self._touched_bodies():
             if not body.tell(core):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
@@ -143,7 +144,7 @@ class Bodies:
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
-        if all(map(self._marks.holds, self._mark_of)):
+        if self._marks.all_hold(self._mark_of):
             return
         gone = {s for s in self._used() if self.is_gone(s)}
         for slot in sorted(gone & self.in_use()):
@@ -153,7 +154,7 @@ class Bodies:
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
-        return _core.link_frame(*read_link(int(body), int(link), self.client)[:3])
+        return _core.link_frame(*read_link(int(body), int(link), self.client)[:2])
 
     def push(self, core) -> None:
         """Put the core's wrenches on the links that answer to them."""

@@ -19,18 +19,18 @@ _PARAMETERS = ("fixedTimeStep", *["gravityAcceleration" + axis for axis in "XYZ"
 class TakesSteps:
     """The part of a TendonWorld that takes its steps."""
 
-    def _step_and_gravity(self) -> tuple[float, np.ndarray]:
-        """pybullet's time step [s] and gravity [m/s^2], checked."""
+    def _step_and_gravity(self) -> tuple[float, tuple]:
+        """pybullet's time step [s] and gravity (3 numbers) [m/s^2], checked."""
         self._bodies.require_client()
         found = p.getPhysicsEngineParameters(self._client)
         told = tuple([found[name] for name in _PARAMETERS])
         if told != self._told:
             step = checks.number("fixedTimeStep", told[0], above=0)
-            self._checked = step, checks.vector("gravity", told[1:])
+            self._checked = step, tuple(checks.vector("gravity", told[1:]).tolist())
             self._told = told
         return self._checked
 
-    def _solve(self, dt: float, gravity: np.ndarray, held: bool = False) -> bool:
+    def _solve(self, dt: float, gravity: tuple, held: bool = False) -> bool:
         """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield.
 
         False where it could not be solved and the options say to go on.
@@ -50,12 +50,12 @@ class TakesSteps:
             raise
         return True
 
-    def _step_of(self, dt: float, gravity: np.ndarray, held: bool, clock: Clock) -> None:
+    def _step_of(self, dt: float, gravity: tuple, held: bool, clock: Clock) -> None:
         if self._bodies.links:
             self._sense(dt, gravity, held)
         if not held:
             self._dt, self._last_gravity = dt, gravity
-        self._core.begin(dt, *gravity.tolist(), held)
+        self._core.begin(dt, gravity, held)
         clock.enter("sense")
         self._go_through(clock)
         self._core.finish()
@@ -82,16 +82,16 @@ class TakesSteps:
         self.report.converged = False
         warnings.warn(str(problem), StepWarning, stacklevel=5)
 
-    def _sense(self, dt: float, gravity: np.ndarray, held: bool = False) -> None:
+    def _sense(self, dt: float, gravity: tuple, held: bool = False) -> None:
         """Where links are and how they answer; what was let go in the last step is put right."""
         self._bodies.tell(self._core)
-        if not self._core.sense(dt, *gravity.tolist(), held) or held:
+        if not self._core.sense(dt, gravity, held) or held:
             return  # nothing is held that could be let go
         for slot in self._bodies.unheld(self._core):
             self._core.let_go(slot)
         self._mend(dt, gravity)
 
-    def _mend(self, dt: float, gravity: np.ndarray) -> None:
+    def _mend(self, dt: float, gravity: tuple) -> None:
         """Take back a step that did not know of a release, or of a sudden pull at a body, and put it right.
 
         The step is solved again with the free response of the links that were let go, and with the motion
@@ -104,7 +104,7 @@ class TakesSteps:
         if not released and not pulled:
             return
         taken, given = self._core.save(), self._core.wrenches()
-        if not self._core.rewind(self._dt, *self._last_gravity.tolist(), pulled):
+        if not self._core.rewind(self._dt, self._last_gravity, pulled):
             return
         try:
             self._take_again(given)
@@ -117,14 +117,14 @@ class TakesSteps:
             self._bodies.tell(self._core)
         self._core.refresh_movers()
         self._core.keep()  # where the step to come fails, bodies stay mended, and the tendons with them
-        self._core.sense(dt, *gravity.tolist(), False)
+        self._core.sense(dt, gravity, False)
 
     def _take_again(self, before: np.ndarray) -> None:
         """Solve the last step again, and give bodies the difference of its impulses to those of `before`.
 
         before: (links, 6), the wrenches that acted in it.
         """
-        self._core.begin(self._dt, *self._last_gravity.tolist(), False)
+        self._core.begin(self._dt, self._last_gravity, False)
         self._go_through(Clock())
         self._core.finish()
         after = self._core.wrenches()

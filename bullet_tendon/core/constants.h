@@ -200,8 +200,10 @@ constexpr double kContactTakenBack = 0.08;
 // A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
 constexpr double kLeastPush = 1e-9;
 
-// Sweeps over the limits and contacts of a body, to find which ones stop it. Fewer: wrong ones of many.
+// Sweeps over the limits and contacts of a body at most, to find which ones stop it, and change of a rate by
+// one, as a share of those at hand, under which no more are made [-]. Fewer: wrong ones of many.
 constexpr int kStopSweeps = 100;
+constexpr double kStopSettled = 1e-11;
 
 // A part of a step is solved again at most this often because other limits and contacts act than foreseen.
 constexpr int kSettlings = 8;

@@ -46,6 +46,7 @@ bool World::take_back() {
   std::vector<char> now;
   Writer writer(now);
   moving_fields(writer);
+  writer.finish();
   std::vector<std::unique_ptr<Chain>> users;
   copy_chains(users);
   try {

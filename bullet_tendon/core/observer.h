@@ -77,7 +77,7 @@ class Observer {
   int samples_ = 0;  // of the last steps that are known: 0, 1 or 2
   bool known_ = false, acted_ = false, held_ = false, released_ = false;
   Sample now_;  // work space, like the rest
-  Numbers s_, e_, one_, other_, turned_, vectors_;
+  dense::Scratch s_, e_, one_, other_, turned_, vectors_;
 };
 
 }  // namespace bt
