@@ -12,7 +12,7 @@ from . import _core
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
 from .movers import can_be_hit, read_link, touched
-from .pushes import exchange
+from .pushes import change_rates, exchange
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
 
@@ -172,6 +172,13 @@ class Bodies:
     def was_free(self, slot: int) -> bool:
         """Whether neither a contact nor a constraint had a part in how a body without joints moved."""
         return not can_be_hit(self.links[slot][0], self.client)
+
+    def change_rates(self, slot: int, by: np.ndarray, dt: float) -> None:
+        """Change a free body's motion as if its rates had changed by more in the last step, of dt [s].
+
+        by (6,): velocity of its centre of mass and spin, world frame [m/s], [rad/s].
+        """
+        change_rates(self.links[slot][0], by, dt, self.client)
 
     def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

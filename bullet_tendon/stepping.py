@@ -96,16 +96,30 @@ class TakesSteps:
 
         The step is solved again with the free response of the links that were let go, and with the motion
         that was seen of bodies pulled at; links get the difference of the impulses, as if that had acted in
-        the first place. Where that has no solution, the step stays as it was taken. dt, gravity: of the step
-        to come.
+        the first place. Where that has no solution, the step stays as it was taken. Bodies that pybullet
+        has cut off, whose pull is not known, go as they were foreseen to. dt, gravity: of the step to come.
         """
         released = self._core.released_movers()
         pulled = [slot for slot in self._core.pulled_movers() if self._bodies.was_free(slot)]
         if not released and not pulled:
             return
+        cut = [slot for slot in pulled if self._core.was_cut(slot)]
+        for slot in cut:
+            self._bodies.change_rates(slot, -self._dt * self._core.missed(slot), self._dt)
+        if not self._take_back(released, [slot for slot in pulled if slot not in cut]) and not cut:
+            return
+        self._bodies.tell(self._core)
+        self._core.refresh_movers()
+        self._core.keep()  # where the step to come fails, bodies stay mended, and the tendons with them
+        self._core.sense(dt, gravity, False)
+
+    def _take_back(self, released: list[int], pulled: list[int]) -> bool:
+        """Solve the last step again, without what held and with what pulled; whether there was a way back."""
+        if not released and not pulled:
+            return False
         taken, given = self._core.save(), self._core.wrenches()
         if not self._core.rewind(self._dt, self._last_gravity, pulled):
-            return
+            return False
         try:
             self._take_again(given)
         except StepFailed:
@@ -114,10 +128,7 @@ class TakesSteps:
                 self._core.let_go(mover)
         else:
             self._core.keep_told_contacts()  # pybullet may tell others, of a later time (restoreState)
-            self._bodies.tell(self._core)
-        self._core.refresh_movers()
-        self._core.keep()  # where the step to come fails, bodies stay mended, and the tendons with them
-        self._core.sense(dt, gravity, False)
+        return True
 
     def _take_again(self, before: np.ndarray) -> None:
         """Solve the last step again, and give bodies the difference of its impulses to those of `before`.

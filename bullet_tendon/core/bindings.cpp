@@ -224,6 +224,8 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("let_go", &World::let_go)
       .def("stopped", [](const World& w, int link) { return w.movers[w.links[link].mover].stopped(); })
+      .def("missed", [](const World& w, int mover) { return copy_of(w.movers[mover].observer.missed()); })
+      .def("was_cut", [](const World& w, int mover) { return w.movers[mover].observer.was_cut(); })
       .def("pushable",
            [](const World& w) {
              std::vector<int> free;
