@@ -92,9 +92,12 @@ void Observer::compare(const Sample& now) {
 
 // A rate that pybullet has cut off would have gone farther: what is missing to what was foreseen is nothing,
 // and what is more is the least that it can have been. Whether there is one, that nothing can be learned of.
+// Of rigid bodies, but what spins so fast: there arms are not what they were.
 bool Observer::leave_out_cut(const Numbers& rates) {
   bool any = false;
-  for (int i = 0; i < n_; ++i) {
+  for (int i = 3; i < n_; ++i)
+    if (is_cut_off(rates[i])) return false;
+  for (int i = 0; i < 3; ++i) {
     if (!is_cut_off(rates[i])) continue;
     any = true;
     now_.cut[i] = rates[i] > 0 ? 1 : -1;
