@@ -12,7 +12,7 @@ from . import _core
 from .errors import InvalidValue, UnknownId
 from .identity import Marks
 from .movers import can_be_hit, read_link, touched
-from .pushes import exchange
+from .pushes import change_rates, exchange
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
 
@@ -101,9 +101,10 @@ class Bodies:
         InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
-        for slot in self._unused:
-            core.clear_link(slot)
-        for body in self._touched_bodies():
+        if self._unused:
+            for slot in self._unused:
+                core.clear_link(slot)
+        for body in self._touched or self._touched_bodies():
             if not body.tell(core):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
@@ -143,7 +144,7 @@ class Bodies:
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
-        if all(map(self._marks.holds, self._mark_of)):
+        if self._marks.all_hold(self._mark_of):
             return
         gone = {s for s in self._used() if self.is_gone(s)}
         for slot in sorted(gone & self.in_use()):
@@ -153,7 +154,7 @@ class Bodies:
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
-        return _core.link_frame(*read_link(int(body), int(link), self.client)[:3])
+        return _core.link_frame(*read_link(int(body), int(link), self.client)[:2])
 
     def push(self, core) -> None:
         """Put the core's wrenches on the links that answer to them."""
@@ -171,6 +172,13 @@ class Bodies:
     def was_free(self, slot: int) -> bool:
         """Whether neither a contact nor a constraint had a part in how a body without joints moved."""
         return not can_be_hit(self.links[slot][0], self.client)
+
+    def change_rates(self, slot: int, by: np.ndarray, dt: float) -> None:
+        """Change a free body's motion as if its rates had changed by more in the last step, of dt [s].
+
+        by (6,): velocity of its centre of mass and spin, world frame [m/s], [rad/s].
+        """
+        change_rates(self.links[slot][0], by, dt, self.client)
 
     def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

@@ -27,6 +27,16 @@ class Marks:
             number = p.addUserData(body, _KEY, value, physicsClientId=self._client)
         return number, p.getUserData(number, self._client)
 
+    def all_hold(self, marks) -> bool:
+        """Whether all bodies that carry these marks are still there."""
+        value_of, client = p.getUserData, self._client
+        for number, value in marks:
+            if value_of(number, client) != value:
+                break
+        else:
+            return True
+        return False
+
     def holds(self, mark: tuple[int, bytes]) -> bool:
         """Whether the body that carries the mark is still there."""
         return p.getUserData(mark[0], self._client) == mark[1]

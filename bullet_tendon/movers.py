@@ -24,13 +24,13 @@ def touched(body: int, slots: dict[int, int], mark: bytes, client: int) -> list[
 
 
 def read_link(body: int, link: int, client: int) -> tuple:
-    """Dynamics, centre of mass, orientation of the inertial frame, velocity, spin, as pybullet tells."""
+    """Dynamics, (centre of mass, orientation of the inertial frame), (velocity, spin), as pybullet tells."""
     info = p.getDynamicsInfo(body, link, client)
     if link < 0:
-        return (info, *p.getBasePositionAndOrientation(body, client), *p.getBaseVelocity(body, client))
+        return info, p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
     # The link frame that getLinkState reports itself is rounded to single precision.
     state = p.getLinkState(body, link, 1, 1, client)
-    return info, state[0], state[1], state[6], state[7]
+    return info, state[:2], state[6:]
 
 
 class Alone:
@@ -41,7 +41,8 @@ class Alone:
 
     def tell(self, core) -> bool:
         """Where it is, and how it answers; whether all of that is finite."""
-        told = core.tell_link(self.slot, *read_link(self.body, self.link, self.client), True, self.falls)
+        info, where, motion = read_link(self.body, self.link, self.client)
+        told = core.tell_link(self.slot, info, where, motion, True, self.falls)
         if told == _MAY_REST:
             self._tell_contacts(core)
         return told > 0
@@ -54,14 +55,17 @@ class Alone:
 
     def _tell_contacts(self, core) -> None:
         """What it rests on: contacts with bodies without mass."""
+        stays = {}  # by body and link
         for contact in p.getContactPoints(bodyA=self.body, physicsClientId=self.client):
-            other, link, point, normal, distance = contact[2], contact[4], *contact[5:9:2], contact[8]
-            if p.getDynamicsInfo(other, link, self.client)[0] == 0:
-                core.add_contact(self.slot, point, normal, distance)
+            other = contact[2], contact[4]
+            if other not in stays:
+                stays[other] = p.getDynamicsInfo(*other, self.client)[0] == 0
+            if stays[other]:
+                core.add_contact(self.slot, contact[5], contact[7], contact[8])
 
     def note(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been let go."""
-        return core.note_link(self.slot, *read_link(self.body, self.link, self.client)[3:])
+        return core.note_link(self.slot, read_link(self.body, self.link, self.client)[2])
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

@@ -32,6 +32,11 @@ def exchange(body, link, old, new, dt, client, stopped=()) -> None:
     _push_joints(body, change, dt, client)
 
 
+def change_rates(body, by, dt, client) -> None:
+    """Change a free body's motion as if its rates had changed by (6,) more in the last step."""
+    _push_base(body, rates(body, client) + by, by, dt, client)
+
+
 def _push_base(body, motion, change, dt, client) -> None:
     centre, turn = p.getBasePositionAndOrientation(body, client)
     turn = product(rotation_by(dt * change[3:]), turn)

@@ -94,7 +94,7 @@ def _lay_out(world, tendon, gravity) -> None:
     if not held:
         return
     forces = np.array([tendon._core.force(tendon._slot, i) for i in range(len(x))])
-    load = (forces + tendon.masses[:, None] * gravity).sum(axis=0)
+    load = (forces + tendon.masses[:, None] * np.array(gravity)).sum(axis=0)
     where = sorted(held)
     for i, j in zip(where[:-1], where[1:], strict=True):
         x[i : j + 1] = _span(held[i], held[j], rest[i:j], load)

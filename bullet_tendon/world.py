@@ -43,9 +43,9 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
         self._count = 0
-        self._dt, self._last_gravity = 0.0, np.zeros(3)  # of the last step
+        self._dt, self._last_gravity = 0.0, (0.0, 0.0, 0.0)  # of the last step
         self.options = SolverOptions() if options is None else options
-        self._told, self._checked = (), (0.0, np.zeros(3))  # pybullet's parameters, as told and checked
+        self._told, self._checked = (), (0.0, (0.0, 0.0, 0.0))  # pybullet's parameters, as told and checked
         self._report, self._unread = StepReport(), None
 
     @property

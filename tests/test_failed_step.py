@@ -75,7 +75,7 @@ def test_a_mend_without_solution_leaves_the_step_as_it_was_taken(make_world, cli
 
     monkeypatch.setattr(world, "_go_through", fails_at_first)
     taken = t.positions, t.velocities
-    world._sense(1 / 240, np.zeros(3))
+    world._sense(1 / 240, (0.0, 0.0, 0.0))
     assert len(tries) == 1
     np.testing.assert_array_equal([t.positions, t.velocities], taken)
     np.testing.assert_allclose([t.positions, t.velocities], [x, v], atol=1e-6)

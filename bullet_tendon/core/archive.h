@@ -77,12 +77,14 @@ class Archive {
   }
 };
 
+// Writes over what is in `out`, which keeps its length, and with it its memory, until finish.
 class Writer : public Archive<Writer> {
  public:
   explicit Writer(std::vector<char>& out) : out_(out) {}
   void bytes(const void* p, size_t size) {
-    const char* c = static_cast<const char*>(p);
-    out_.insert(out_.end(), c, c + size);
+    if (size > out_.size() - written_) out_.resize(2 * (written_ + size));
+    if (size) std::memcpy(out_.data() + written_, p, size);
+    written_ += size;
   }
   void equal(const void* p, size_t size) { bytes(p, size); }
   size_t length(size_t count) {
@@ -98,9 +100,11 @@ class Writer : public Archive<Writer> {
     bytes(list.data(), count * sizeof(T));
   }
   bool applies() const { return false; }
+  void finish() { out_.resize(written_); }
 
  private:
   std::vector<char>& out_;
+  size_t written_ = 0;
 };
 
 // Reads what Writer wrote. Without `apply` nothing is changed: so a state is looked through to its end

@@ -6,7 +6,7 @@
 
 #include "allocations.h"
 #include "constants.h"
-#include "world.h"
+#include "told.h"
 
 using namespace bt;
 
@@ -202,13 +202,15 @@ PYBIND11_MODULE(_core, m) {
       .def("remove_hold", &remove_hold)
       .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); })
       .def("sense",
-           [](World& w, double dt, double gx, double gy, double gz, bool held) {
-             w.sense(dt, {gx, gy, gz}, held);
+           [](World& w, double dt, const py::tuple& gravity, bool held) {
+             w.sense(dt, vector(gravity.ptr()), held);
              return w.any_held() || !w.released_movers().empty() || !w.pulled_movers().empty();
            })
       .def("released_movers", &World::released_movers)
-      .def("rewind", [](World& w, double dt, double gx, double gy, double gz,
-                        const std::vector<int>& pulled) { return w.rewind(dt, {gx, gy, gz}, pulled); })
+      .def("rewind",
+           [](World& w, double dt, const py::tuple& gravity, const std::vector<int>& pulled) {
+             return w.rewind(dt, vector(gravity.ptr()), pulled);
+           })
       .def("pulled_movers", &World::pulled_movers)
       .def("keep_told_contacts", &World::keep_told_contacts)
       .def("any_held", &World::any_held)
@@ -222,6 +224,8 @@ PYBIND11_MODULE(_core, m) {
            })
       .def("let_go", &World::let_go)
       .def("stopped", [](const World& w, int link) { return w.movers[w.links[link].mover].stopped(); })
+      .def("missed", [](const World& w, int mover) { return copy_of(w.movers[mover].observer.missed()); })
+      .def("was_cut", [](const World& w, int mover) { return w.movers[mover].observer.was_cut(); })
       .def("pushable",
            [](const World& w) {
              std::vector<int> free;
@@ -238,8 +242,8 @@ PYBIND11_MODULE(_core, m) {
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("begin", [](World& w, double dt, double gx, double gy, double gz,
-                       bool whole) { w.begin(dt, {gx, gy, gz}, whole); })
+      .def("begin", [](World& w, double dt, const py::tuple& gravity,
+                       bool whole) { w.begin(dt, vector(gravity.ptr()), whole); })
       .def("near", &near_queries)
       .def("answers", [](World& w, const Array& d, const Array& points,
                          const Array& u) { w.answers(d.data(), points.data(), u.data()); })

@@ -223,10 +223,14 @@ void couple_levers(Group& group, const Row& row) {
   }
 }
 
+// Whether bodies take particles of the tendon along.
+bool carries(const Chain& c) {
+  return std::any_of(c.holds.begin(), c.holds.end(), [](const Hold& h) { return h.moves; });
+}
+
 // The motion of unknown k of mover m, attached particles going along.
 void move_one(Group& group, int m, int k) {
-  for (Chain* c : group.chains)
-    for (int e = 0; e < 3; ++e) std::fill_n(c->cg_direction[e], c->n(), 0.0);
+  for (Chain* c : group.chains) c->cg_direction.zero();
   for (int l : group.carried) {
     Link& link = (*group.links)[l];
     link.stepped = link.load = {};
@@ -239,7 +243,12 @@ void move_one(Group& group, int m, int k) {
 }
 
 void multiply_all(Group& group) {
-  for (Chain* c : group.chains) c->matrix.multiply(c->cg_direction, c->cg_image);
+  for (Chain* c : group.chains) {
+    if (carries(*c))
+      c->matrix.multiply(c->cg_direction, c->cg_image);
+    else
+      c->cg_image.zero();
+  }
   add_coupling(group);
   for (const Row* row : group.rows) {
     if (!row->acts() || !row->moves) continue;

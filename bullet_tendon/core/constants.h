@@ -170,8 +170,11 @@ constexpr double kSubsteps = 0.6;
 // Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
 // Larger: what is thrown about is thrown back.
 constexpr double kFarthestTurn = 0.2;
-// Rate at which pybullet cuts off what is faster [m/s], [rad/s]: what did that to it cannot be told.
+// Rate at which pybullet cuts off what is faster [m/s], [rad/s]: what did that to it cannot be told. Share of
+// it from which a rate is taken for one that was cut off [-]: damping comes after.
 constexpr double kMostRate = 100.0;
+constexpr double kCutOff = 0.999;
+inline bool is_cut_off(double rate) { return rate >= kCutOff * kMostRate || -rate >= kCutOff * kMostRate; }
 
 // Share of a wrench by which it has to change for something to be learned of its change, the same for the
 // link to be thought to yield more than before, share of the free answer to the change by which the link has
@@ -200,8 +203,10 @@ constexpr double kContactTakenBack = 0.08;
 // A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
 constexpr double kLeastPush = 1e-9;
 
-// Sweeps over the limits and contacts of a body, to find which ones stop it. Fewer: wrong ones of many.
+// Sweeps over the limits and contacts of a body at most, to find which ones stop it, and change of a rate by
+// one, as a share of those at hand, under which no more are made [-]. Fewer: wrong ones of many.
 constexpr int kStopSweeps = 100;
+constexpr double kStopSettled = 1e-11;
 
 // A part of a step is solved again at most this often because other limits and contacts act than foreseen.
 constexpr int kSettlings = 8;

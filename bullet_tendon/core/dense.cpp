@@ -14,9 +14,12 @@ void set_identity(int n, Numbers& a) {
 
 void multiply(const Numbers& a, const Numbers& x, Numbers& y) {
   const size_t n = x.size(), rows = n ? a.size() / n : 0;
-  y.assign(rows, 0.0);
-  for (size_t i = 0; i < rows; ++i)
-    for (size_t j = 0; j < n; ++j) y[i] += a[i * n + j] * x[j];
+  y.resize(rows);
+  for (size_t i = 0; i < rows; ++i) {
+    double sum = 0;
+    for (size_t j = 0; j < n; ++j) sum += a[i * n + j] * x[j];
+    y[i] = sum;
+  }
 }
 
 void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y) {

@@ -6,6 +6,16 @@ namespace bt::dense {
 
 using Numbers = std::vector<double>;
 
+// Work space: nothing of it goes into a copy.
+struct Scratch : Numbers {
+  using Numbers::operator=;
+  Scratch() = default;
+  Scratch(const Scratch&) {}
+  Scratch& operator=(const Scratch&) { return *this; }
+  Scratch(Scratch&&) = default;
+  Scratch& operator=(Scratch&&) = default;
+};
+
 void set_identity(int n, Numbers& a);
 // y = A x, and y = A^T x.
 void multiply(const Numbers& a, const Numbers& x, Numbers& y);

@@ -1,11 +1,15 @@
 // Links that move by themselves, or not at all, as pybullet tells of them.
+#include <cmath>
+#include <limits>
+
 #include "told.h"
 
 namespace bt {
 
 // The frame of the URDF is the inertial one by the inverse of its local pose. Of bodies with maximal
 // coordinates (body type 1) pybullet does not know that, and gives what was in memory: there both are one.
-void place(Link& l, PyObject* info, PyObject* centre, PyObject* turn) {
+void place(Link& l, PyObject* info, PyObject* where) {
+  PyObject *centre = item(where, 0), *turn = item(where, 1);
   const bool maximal = number(info, 10) == 1;
   const Rot3 local = maximal ? Rot3{} : turn_of(item(info, 4));
   l.pose.rotation = turn_of(turn) * transposed(local);
@@ -28,10 +32,10 @@ bool told_well(const World& w, int slot) {
   const Link& l = w.links[slot];
   const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
                    l.pose.rotation.r1 + l.pose.rotation.r2;
-  double none = max_abs(0 * sum);
+  bool well = max_abs(0 * sum) == 0;
   for (const dense::Numbers* numbers : {&w.movers[slot].rates, &w.movers[slot].free})
-    for (double v : *numbers) none += 0 * v;
-  return none == 0;
+    for (double v : *numbers) well &= std::fabs(v) <= std::numeric_limits<double>::max();
+  return well;
 }
 
 namespace {
@@ -58,26 +62,26 @@ void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool f
   }
 }
 
-// A link by p.getDynamicsInfo, its centre of mass, the orientation of its inertial frame, velocity and spin;
+// A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
 // alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
 // not finite; 2: contacts could tell more; else 1.
-int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& centre, const py::tuple& turn,
-              const py::tuple& velocity, const py::tuple& spin, bool alone, bool falls) {
+int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
+              bool alone, bool falls) {
   make_link(w, slot);
   Link& l = w.links[slot];
-  place(l, info.ptr(), centre.ptr(), turn.ptr());
-  l.now_velocity = vector(velocity.ptr()), l.now_spin = vector(spin.ptr());
+  place(l, info.ptr(), where.ptr());
+  l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
   if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot) ? 1 : 0;
   l.mover = slot;
   l.jacobian.clear();
-  stand_alone(w.movers[slot], l, info.ptr(), turn.ptr(), falls);
+  stand_alone(w.movers[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!told_well(w, slot)) return 0;
   return falls && w.movers[slot].may_rest(w.gravity()) ? 2 : 1;
 }
 
 // Its velocity and spin right after a step; whether it seems to have been let go.
-bool note_link(World& w, int slot, const py::tuple& velocity, const py::tuple& spin) {
-  const Vec3 v = vector(velocity.ptr()), s = vector(spin.ptr());
+bool note_link(World& w, int slot, const py::tuple& motion) {
+  const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
   return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
@@ -113,9 +117,9 @@ void bind_links(py::module_& m, py::class_<World>& world) {
       .def("may_rest", &may_rest)
       .def("keep_contacts", &keep_contacts)
       .def("add_contact", &add_contact);
-  m.def("link_frame", [](const py::tuple& info, const py::tuple& centre, const py::tuple& turn) {
+  m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
-    place(l, info.ptr(), centre.ptr(), turn.ptr());
+    place(l, info.ptr(), where.ptr());
     const Vec3 o = l.pose.origin;
     const Rot3& r = l.pose.rotation;
     const std::vector<double> axes{r.r0.x, r.r0.y, r.r0.z, r.r1.x, r.r1.y, r.r1.z, r.r2.x, r.r2.y, r.r2.z};

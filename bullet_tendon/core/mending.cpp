@@ -46,6 +46,7 @@ bool World::take_back() {
   std::vector<char> now;
   Writer writer(now);
   moving_fields(writer);
+  writer.finish();
   std::vector<std::unique_ptr<Chain>> users;
   copy_chains(users);
   try {
@@ -93,7 +94,7 @@ double World::pulled_away(const Chain& c, const Hold& h) const {
     const Vec3 along = unit_or(here - c.x.at(i), {});
     stretch = std::max(stretch, dot(gone, along)), across = std::max(across, norm(without(gone, along)));
   }
-  const bool cut_off = largest_of(mover.rates.data(), mover.n()) >= kMostRate;
+  const bool cut_off = !mover.observer.was_cut() && largest_of(mover.rates.data(), mover.n()) >= kMostRate;
   if (square * norm(angular) > kFarthestTurn || (cut_off && across > kFarthestTurn * length)) return -1;
   return stretch / length;
 }

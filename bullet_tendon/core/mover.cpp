@@ -36,7 +36,8 @@ const Mover::Numbers& Mover::unforced(Vec3 gravity) {
 
 void Mover::sense(Vec3 gravity) {
   doubt_stops();
-  observer.see(rates, free, unforced(gravity));
+  // Of several tendons, or what they press at, it cannot be told what they would have done.
+  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && !unknown);
   contacts_kept = false;
   if (!contacts.empty() && !slipped_) observer.set_free();  // they tell what holds it
   gyration = gyroscopic();

@@ -97,7 +97,7 @@ struct Mover {
   Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
   bool rested_ = false;   // on contacts, in the last step
   bool slipped_ = false;  // through them
-  Numbers known_, half_, within_, within_root_, missing_, pushes_;
+  dense::Scratch known_, half_, within_, within_root_, missing_, pushes_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h
 };

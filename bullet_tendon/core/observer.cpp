@@ -17,15 +17,18 @@ void Observer::start(int n) {
   push_.assign(n, 0.0), forces_.assign(n, 0.0);
 }
 
-void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity) {
+void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
   if (has_acted()) {
     sample(noted_.empty() ? rates : noted_, gravity);
     compare(now_);
-    released_ = held_ && was_released(now_);
-    if (samples_ > 0) learn(now_);
+    now_.cut.assign(n_, 0.0);
+    if (!alone || !leave_out_cut(noted_.empty() ? rates : noted_)) {
+      released_ = held_ && was_released(now_);
+      if (samples_ > 0 && !was_cut()) learn(now_);
+    }
     std::swap(before_, last_), std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     find_push();
@@ -87,6 +90,23 @@ void Observer::compare(const Sample& now) {
   for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
 }
 
+// A rate that pybullet has cut off would have gone farther: what is missing to what was foreseen is nothing,
+// and what is more is the least that it can have been. Whether there is one, that nothing can be learned of.
+// Of rigid bodies, but what spins so fast: there arms are not what they were.
+bool Observer::leave_out_cut(const Numbers& rates) {
+  bool any = false;
+  for (int i = 3; i < n_; ++i)
+    if (is_cut_off(rates[i])) return false;
+  for (int i = 0; i < 3; ++i) {
+    if (!is_cut_off(rates[i])) continue;
+    any = true;
+    now_.cut[i] = rates[i] > 0 ? 1 : -1;
+    if (missed_[i] * rates[i] >= 0) continue;
+    now_.acceleration[i] -= missed_[i];
+  }
+  return any;
+}
+
 // It went along the forces, by more of its free answer than it was thought to.
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);
@@ -142,7 +162,10 @@ void Observer::find_push() {
   unexplained(before_, e_);
   for (int i = 0; i < n_; ++i) {
     const double a = s_[i], b = e_[i];
-    push_[i] = a * b <= 0 ? 0 : std::fabs(a) < std::fabs(b) ? a : b;
+    const bool a_least = last_.cut[i] != 0, b_least = before_.cut[i] != 0,
+               smaller = std::fabs(a) < std::fabs(b);
+    const bool takes_a = a_least == b_least ? smaller != a_least : b_least;
+    push_[i] = a * b <= 0 ? 0 : takes_a ? a : b;
   }
 }
 

@@ -10,7 +10,8 @@
 //              With s = L^T d(w), y = L^-1 d(a), e = y - G s: G += e e^T/(e.s), the symmetric rank-one update
 //              (Conn, Gould and Toint 1991), its eigenvalues kept in [0, 1]: never more than free. One
 //              rigid constraint is found by one update.
-//   push       r = a - R_eff w, of two steps the smaller by coordinate, so that a blow is not repeated.
+//   push       r = a - R_eff w, of two steps the smaller by coordinate, so that a blow is not repeated. Of a
+//              rate that pybullet cut off, r is the least that it can have been.
 //
 // Sizes of accelerations are those of the kinetic energy, |L^-1 a|. A body that was held and yields more
 // along the forces than R_eff foresaw has been let go: they meant a held body, and the step has to be mended
@@ -23,8 +24,9 @@ namespace bt {
 class Observer {
  public:
   using Numbers = dense::Numbers;
-  // The rates (n) now, the free response (n n), and what gravity makes of the rates by itself (n).
-  void see(const Numbers& rates, const Numbers& free, const Numbers& gravity);
+  // The rates (n) now, the free response (n n), and what gravity makes of the rates by itself (n). alone: all
+  // that it does is known, but for a pull.
+  void see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone);
   // The rates right after what it was thought to do; true where that means that it has been let go. What
   // is seen next may have been set from outside since.
   bool note(const Numbers& rates, const Numbers& gravity);
@@ -48,17 +50,21 @@ class Observer {
   const Numbers& push() const { return push_; }            // acceleration
   const Numbers& forces() const { return forces_; }        // of the last step
   const Numbers& missed() const { return missed_; }        // acceleration not foreseen; empty: not known
+  // Whether pybullet cut off some rate in the last step.
+  bool was_cut() const { return !last_.cut.empty() && dense::dot(last_.cut, last_.cut) > 0; }
 
  private:
   template <class A>
   friend void fields(A& a, Observer& observer);  // state.h
   struct Sample {
     Numbers forces, acceleration;
+    Numbers cut;  // by rate: its sign where pybullet cut it off, else 0
   };
   void start(int n);
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   void sample(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
+  bool leave_out_cut(const Numbers& rates);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
   void learn(const Sample& now);
@@ -77,7 +83,7 @@ class Observer {
   int samples_ = 0;  // of the last steps that are known: 0, 1 or 2
   bool known_ = false, acted_ = false, held_ = false, released_ = false;
   Sample now_;  // work space, like the rest
-  Numbers s_, e_, one_, other_, turned_, vectors_;
+  dense::Scratch s_, e_, one_, other_, turned_, vectors_;
 };
 
 }  // namespace bt

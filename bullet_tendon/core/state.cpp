@@ -8,6 +8,7 @@ std::vector<char> World::save() {
   std::vector<char> out;
   Writer writer(out);
   all_fields(writer);
+  writer.finish();
   return out;
 }
 
@@ -22,10 +23,11 @@ void World::restore(const char* from, size_t size) {
 
 void World::keep() {
   kept_before_.swap(kept_moving_);
-  kept_moving_.clear(), kept_entries_.clear();
+  kept_entries_.clear();
   begun_ = false;
   Writer writer(kept_moving_);
   moving_fields(writer);
+  writer.finish();
   kept_rows_ = rows_;
 }
 

@@ -80,8 +80,8 @@ template <class A>
 void fields(A& a, Observer& observer) {
   auto& [n, root, effective_root, share, share_root, rates, forces, push, missed, noted, last, before, dt,
          samples, known, acted, held, released, now, s, e, one, other, turned, vectors] = observer;
-  a(n, root, effective_root, share, share_root, rates, forces, push, last.forces, last.acceleration,
-    before.forces, before.acceleration, dt, samples, known, acted, held, released, noted);
+  a(n, root, effective_root, share, share_root, rates, forces, push, last.forces, last.acceleration, last.cut,
+    before.forces, before.acceleration, before.cut, dt, samples, known, acted, held, released, noted);
   a.scratch(missed, now, s, e, one, other, turned, vectors);
 }
 

@@ -110,12 +110,19 @@ bool Mover::choose_stops(const Numbers& forces, double dt) {
   dense::multiply_transposed(observer.root(), forces, along);
   dense::multiply(half_, along, given);
   pushes_.assign(m, 0.0);
-  for (int sweep = 0; sweep < kStopSweeps; ++sweep)
+  double change = 1;  // of a rate, in those at hand
+  for (int sweep = 0; sweep < kStopSweeps && change > kStopSettled; ++sweep) {
+    change = 0;
     for (size_t a = 0; a < m; ++a) {
       double left = stops_[a].missing - dt * given[a];
+      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * given[a]);
       for (size_t b = 0; b < m; ++b) left -= within_[a * m + b] * pushes_[b];
-      pushes_[a] = std::max(0.0, pushes_[a] + left / within_[a * m + a]);
+      const double before = pushes_[a];
+      pushes_[a] = std::max(0.0, before + left / within_[a * m + a]);
+      const double by = within_[a * m + a] * std::fabs(pushes_[a] - before);
+      if (by > 0) change = std::max(change, by / whole);
     }
+  }
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
     s.held_back = s.missing - dt * given[a];

@@ -7,14 +7,17 @@ namespace bt {
 
 // Item i of a tuple; and the number that it is.
 inline PyObject* item(PyObject* tuple, int i) {
+  if (PyTuple_CheckExact(tuple) && i < PyTuple_GET_SIZE(tuple)) return PyTuple_GET_ITEM(tuple, i);
   PyObject* found = PyTuple_GetItem(tuple, i);
   if (!found) throw py::error_already_set();
   return found;
 }
 
 inline double number(PyObject* tuple, int i) {
-  const double value = PyFloat_AsDouble(item(tuple, i));
-  if (PyErr_Occurred()) throw py::error_already_set();
+  PyObject* found = item(tuple, i);
+  if (PyFloat_CheckExact(found)) return PyFloat_AS_DOUBLE(found);
+  const double value = PyFloat_AsDouble(found);
+  if (value == -1 && PyErr_Occurred()) throw py::error_already_set();
   return value;
 }
 
@@ -25,8 +28,8 @@ inline Rot3 turn_of(PyObject* tuple) {
   return rotation_of(q);
 }
 
-// Places a link by p.getDynamicsInfo, its centre of mass, and the orientation of its inertial frame.
-void place(Link& l, PyObject* info, PyObject* centre, PyObject* turn);
+// Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame).
+void place(Link& l, PyObject* info, PyObject* where);
 // There is a link, and a mover, in that slot.
 void make_link(World& w, int slot);
 // Whether all that was told of them is finite.

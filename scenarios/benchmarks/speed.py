@@ -186,7 +186,7 @@ def _core_allocated(scene) -> int:
     """Bytes that the core asked for in one step, freed or not: begin, solve and finish of its world."""
     core = scene.world._core
     before = _core.allocated_bytes()
-    core.begin(TIME_STEP, 0.0, 0.0, -GRAVITY, False)
+    core.begin(TIME_STEP, (0.0, 0.0, -GRAVITY), False)
     core.solve()
     core.finish()
     return _core.allocated_bytes() - before

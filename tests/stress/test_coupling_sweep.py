@@ -77,3 +77,14 @@ def test_energy_and_convergence(make_world, client, case, most, seconds):
     worst = max(gained, key=gained.get)
     print(f"{case}: at most {gained[worst]:.2e} at (mass, stiffness, dt) = {worst}")
     assert gained[worst] <= most
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(0.1, 1e3), (0.126, 1152.0), (0.05, 550.0), (0.02, 4200.0)])
+def test_what_pybullet_cuts_off_is_not_believed(make_world, client, mass, stiffness):
+    """A pull that takes the body to the fastest rate at once: no gain, and its tension in ten steps."""
+    bob = Bob(make_world, client, "pulled", mass, stiffness, 1 / 60)
+    gains = [bob.step() for _ in range(60)]
+    assert max(gains) <= 1e-4
+    for _ in range(10):
+        bob.step()
+        assert bob.tendon.tension[-1] == pytest.approx(PULL, rel=1e-3)
