@@ -18,7 +18,7 @@ class SolverOptions:
     """How a world steps its tendons. Immutable; give a world another one to change it.
 
     integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted at first
-        order where the time step grows by more than 2.4, a hold is made or lost, or a body is let go),
+        order where the time step grows by more than 4.8, a hold is made or lost, or a body is let go),
         "tr_bdf2" (order and stability of bdf2, at twice the cost of a step and an eighth of its error; bdf2
         where a tendon is near something or pulls a body that yields) or "explicit_euler" (equation 6; stable
         for tiny steps only). "bdf2" and "tr_bdf2" take a step in three parts where a segment is about to

@@ -43,19 +43,20 @@ def test_steps_that_turn_far_take_few_iterations(make_world, radius):
     assert parts.max() == 1
 
 
-@pytest.mark.parametrize(("radius", "struck"), [(1e-4, 0), (3.8e-3, 2)])
-def test_second_order_takes_few_iterations(make_world, radius, struck):
-    """All parts of a step together; but for steps in which it strikes itself."""
+@pytest.mark.parametrize(("radius", "most"), [(1e-4, 10), (3.8e-3, 14)])
+def test_second_order_takes_few_iterations(make_world, radius, most):
+    """All parts of a step together; more than ten only in a step in which it strikes itself."""
     _, iterations, parts = released(make_world, radius, integrator="bdf2")
-    assert np.median(iterations) <= 3
-    assert np.sum(iterations > 10) <= struck
+    assert np.median(iterations) <= 2
+    assert iterations.max() <= most
+    assert np.sum(iterations > 10) <= 1
     assert 1 < parts.max() <= 3
     assert np.sum(parts > 1) <= 20
 
 
 @pytest.mark.parametrize(
     ("integrator", "radius", "share"),
-    [("bdf2", 3.8e-3, 0.15), ("bdf2", 1e-4, 0.3), ("tr_bdf2", 3.8e-3, 0.15), ("tr_bdf2", 1e-4, 0.15)],
+    [("bdf2", 3.8e-3, 0.1), ("bdf2", 1e-4, 0.2), ("tr_bdf2", 3.8e-3, 0.15), ("tr_bdf2", 1e-4, 0.15)],
 )
 def test_the_swing_is_kept(make_world, radius, share, integrator):
     """The tip is off by at most that share of one linearisation a step. (As thin as a wire, its second

@@ -104,11 +104,12 @@ constexpr int kMostSubsteps = 2048;
 // that fast motion near a body or another tendon can ask for.
 constexpr int kUnits = 3 * 8192;
 
-// Angle that a segment is foreseen to turn by in a step above which methods of second order take it in three
-// parts [rad], and above which in two, as each takes more iterations. Larger: the crack of a whip is lost.
-// Smaller: fast spinning costs more.
+// Sine of the angle that a segment is foreseen to turn by in a step above which methods of second order take
+// it in three parts [-]. Larger: the crack of a whip is lost. Smaller: fast spinning costs more.
 constexpr double kTurn = 0.6;
-constexpr double kWildTurn = 1.0;
+// The same above which the lengths of segments are kept, by the guess and by iterations [-]. Larger: more
+// iterations. Smaller: each takes longer for nothing.
+constexpr double kTurned = 0.1;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.

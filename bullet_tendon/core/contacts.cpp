@@ -61,10 +61,7 @@ void World::collect_rows() {
   tendon_rows();
 }
 
-// Whether steps are solved to convergence, with multipliers.
-bool World::can_carry() const {
-  return options.iteration == Iteration::newton && options.integrator != Integrator::explicit_euler;
-}
+bool World::can_carry() const { return carries(options); }
 
 // A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
 Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec3 normal, uint64_t key,

@@ -148,8 +148,19 @@ bool is_rounding(Group& group, const Assembly& a, double last_residual) {
   return in_roundings(group, a) <= most && !ran_away(group);
 }
 
-// Contacts are stiff across the tendon: there it matters more where particles are than how long segments are.
+// Contacts are stiff across the tendon: there it matters more where particles are than how long segments are,
+// but for what strikes another tendon, or itself, while it turns far.
+bool may_keep_lengths(const Group& group, bool violent) {
+  return std::none_of(group.acting.begin(), group.acting.end(),
+                      [violent](const Row* row) { return !violent || row->link >= 0; });
+}
+
 bool touches(const Group& group) { return !group.acting.empty(); }
+
+bool turns_far(const Group& group) {
+  return std::any_of(group.chains.begin(), group.chains.end(),
+                     [](const Chain* c) { return c->turn > kTurned; });
+}
 
 // The guess was useless: begin at the state that is known to be finite.
 void restart_from_now(Group& group) {
@@ -166,7 +177,8 @@ void restart_from_now(Group& group) {
 
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   const Options& o = context.options;
-  bool safe = false, far = !context.goes_on, turns = false;
+  const bool violent = turns_far(group);
+  bool safe = false, far = !context.goes_on, turns = violent;
   int used = 0, lost = 0;
   Rounds rounds;
   group.most_jump = std::numeric_limits<double>::infinity(), group.stayed = false;
@@ -249,9 +261,11 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
         for (SpringSet* s : {&c->structure, &c->shear})
           if (s->count) carry(*s, c->material.law, c->step);
       foresee_contacts(group);
+      if (violent)
+        for (Row* row : group.acting) row->settle_limits();
       advance(group, 1);
-      if (turns && !touches(group)) {
-        for (Chain* c : group.chains) keep_lengths(*c);
+      if (turns && may_keep_lengths(group, violent)) {
+        for (Chain* c : group.chains) violent ? pull_to_lengths(*c) : keep_lengths(*c);
         wake(group);
       }
     }

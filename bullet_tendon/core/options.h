@@ -25,4 +25,9 @@ struct Options {
   double reuse_tolerance = 1e-6;    // error allowed to a reused contact plane [m]
 };
 
+// Whether steps are solved to convergence, with multipliers.
+inline bool carries(const Options& o) {
+  return o.iteration == Iteration::newton && o.integrator != Integrator::explicit_euler;
+}
+
 }  // namespace bt

@@ -31,22 +31,6 @@ void aim_grips(Chain& c, double share) {
     if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
 }
 
-// Angular velocity as foreseen, times the time [rad].
-BT_VECTOR double greatest_turn(const Chain& c) {
-  const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
-  const double *fx = c.foreseen[0], *fy = c.foreseen[1], *fz = c.foreseen[2];
-  double most = 0;
-#pragma GCC ivdep
-  for (int k = 0; k + 1 < c.n(); ++k) {
-    const double dx = x[k + 1] - x[k], dy = y[k + 1] - y[k], dz = z[k + 1] - z[k];
-    const double ex = fx[k + 1] - fx[k], ey = fy[k + 1] - fy[k], ez = fz[k + 1] - fz[k];
-    const double a = dy * ez - dz * ey, b = dz * ex - dx * ez, d = dx * ey - dy * ex;
-    const double square = dx * dx + dy * dy + dz * dz;
-    most = std::max(most, (a * a + b * b + d * d) / (square * square));
-  }
-  return std::sqrt(most);
-}
-
 }  // namespace
 
 bool World::can_split() const { return !whole_ && can_carry(); }
@@ -57,7 +41,7 @@ double World::share_left() const { return static_cast<double>(size_) / (kUnits -
 void World::begin_part() {
   const bool smallest = size_ <= kUnits / kMostSubsteps;
   context_.dt = whole_dt_ * size_ / kUnits;
-  context_.part = size_ < kUnits;
+  context_.whole = whole_, context_.part = size_ < kUnits;
   context_.splitting = !can_split() ? Splitting::by_group : smallest ? Splitting::never : Splitting::by_world;
   looks_ = 0, looking_ = false;
   context_.reach = std::sqrt(time_of_part() * context_.dt);
@@ -71,17 +55,19 @@ void World::begin_part() {
   find_bores();
 }
 
-// Parts that a step is begun with, by what its segments are foreseen to turn by.
+// Parts that a step is begun with, by what its segments are foreseen to turn by: fewer beside contacts, where
+// each takes more iterations. After shorter ones it grows in two, so that second order is not begun anew.
 int World::turning_parts() const {
   if (!is_second_order(options.integrator) || !can_split()) return 1;
-  bool turns = false;
+  bool turns = false, touched = false, grows = false;
   for (const Chain* c : slots_) {
     if (!c) continue;
-    const double most = greatest_turn(*c);
-    if (most > kWildTurn) return 2;
-    turns |= most > kTurn;
+    turns |= c->turn > kTurn;
+    touched |= c->touched;
+    const double growth = c->dt_before > 0 ? context_.dt / c->dt_before : 1;
+    grows |= growth > kMostGrowth && growth <= 2 * kMostGrowth;
   }
-  return turns ? 3 : 1;
+  return turns ? (touched ? 2 : 3) : grows ? 2 : 1;
 }
 
 Outcome World::solve() {

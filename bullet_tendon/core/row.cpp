@@ -73,6 +73,17 @@ bool Row::stiffen() {
   return true;
 }
 
+void Row::settle_limits() {
+  if (direct) return;
+  if (friction > 0) {
+    if (limit <= 0) sliding = grip * norm(raw) > friction * multiplier;
+    limit = friction * multiplier;
+  }
+  if (softest == 0 || multiplier - carried <= stiffness * kDepth * radius) return;
+  carried = multiplier;
+  if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
+}
+
 void Row::settle(Vec3 relative) {
   Vec3 z = without(stuck + relative - reference, normal);
   double pull = grip * norm(z);

@@ -101,7 +101,7 @@ bool two_stages(Group& group, const StepContext& whole) {
   StepContext context = whole;
   context.goes_on = context.may_look = false;
   if (context.options.integrator != Integrator::tr_bdf2 || !applies(group)) return false;
-  for (Chain* c : group.chains) c->staged = true, start_first(*c, context);
+  for (Chain* c : group.chains) c->staged = true, c->restore_multipliers(c->kept), start_first(*c, context);
   newton(group, context, false);
   const double first_residual = group.residual;
   if (group.converged) {

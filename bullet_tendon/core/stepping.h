@@ -30,6 +30,7 @@ struct StepContext {
   double dt = 0;
   double reach = 0;  // s of mover.h [s]
   Splitting splitting = Splitting::by_group;
+  bool whole = false;     // the step's length means nothing: it is a way to rest
   bool part = false;      // of a step: what touches something takes it by implicit Euler
   bool goes_on = false;   // from the last solution, with more rows
   bool may_look = false;  // for rows where particles stray: solutions are left for that before they are exact
@@ -170,6 +171,13 @@ void add_coupling(Group& group);
 
 // After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
 void keep_lengths(Chain& c);
+// Greatest sine of the angle by which a segment turns from chain.x to the guess in chain.next; what is turned
+// over along itself does not count.
+double greatest_turn(const Chain& c);
+// The same where they turn far within the step, by pulls that are added to the multipliers (pulls.cpp); and
+// the guess in chain.next with pulls that answer it.
+void pull_to_lengths(Chain& c);
+void guess_turned(Chain& c);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
