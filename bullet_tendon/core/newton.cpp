@@ -210,8 +210,9 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     group.most_jump = kMostJump * std::pow(kLessJump, lost) * a.scale;
     group.converged = !changed && enough;
     note_start(rounds, group.residual);
-    const bool more = rounds.count < kRounds;
-    const bool loosely = more && !safe && !far && iteration > rounds.begun && group.residual <= rounds.loose;
+    const bool more = rounds.count < kRounds;  // what turns far has its limits settled within iterations
+    const bool loosely =
+        more && !violent && !safe && !far && iteration > rounds.begun && group.residual <= rounds.loose;
     if (group.converged || (loosely && !changed)) {
       if (!more) break;
       const bool slid = update_friction(group, o.tolerance * a.scale);
