@@ -72,6 +72,16 @@ def test_any_pattern(seed, share):
     agree(system(random, n, np.concatenate([edges, again])))
 
 
+@pytest.mark.parametrize("n", [2, 16, 17, 32, 33, 50])
+@pytest.mark.parametrize("apart", [0, 1, 4])
+def test_all_joined(n, apart):
+    """Panels of one width and the next, with nothing, an odd and an even number of blocks below."""
+    random = np.random.default_rng(n)
+    joined = np.stack(np.triu_indices(n, 1), axis=1)
+    rest = np.array([(i, n + k) for k in range(apart) for i in (0, 1)], dtype=int).reshape(-1, 2)
+    agree(system(random, n + apart, np.concatenate([joined, rest]).astype(np.int32)))
+
+
 def test_a_factor_forgets_what_it_solved_before():
     """To the bit: a state that is restored into a world goes on as it did where it came from."""
     random = np.random.default_rng(4)
