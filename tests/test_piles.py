@@ -3,25 +3,11 @@
 import numpy as np
 import pybullet as p
 import pytest
-
-import bullet_tendon as bt
-
-RADIUS, LENGTH = 0.002, 0.2
-MATERIAL = bt.Material(stiffness=1e3, damping=1.0, friction=0.3)
+from bullet_tendon.scenarios.benchmarks.heap import LENGTH, MATERIAL, RADIUS, drop
 
 
 def floor(world, client):
     world.add_obstacle(p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)))
-
-
-def heap(world, count, n):
-    """Tendons dropped on each other, in directions by chance."""
-    random = np.random.default_rng(0)
-    for k in range(count):
-        angle, (x, y) = random.uniform(0, np.pi), 0.02 * random.standard_normal(2)
-        centre = np.array([x, y, 2 * RADIUS + 3 * RADIUS * k])
-        half = np.array([np.cos(angle), np.sin(angle), 0]) * LENGTH / 2
-        world.add_tendon([centre - half, centre + half], RADIUS, MATERIAL, n)
 
 
 def speed(world):
@@ -31,7 +17,7 @@ def speed(world):
 def test_a_heap_comes_to_rest(make_world, client):
     world = make_world(gravity=(0, 0, -9.81))
     floor(world, client)
-    heap(world, 5, 100)
+    drop(world, 5, 100)
     world.step(400)
     assert speed(world) < 1e-7
     for _ in range(20):
