@@ -22,7 +22,8 @@ class SolverOptions:
         "tr_bdf2" (order and stability of bdf2, at twice the cost of a step and an eighth of its error; bdf2
         where a tendon is near something or pulls a body that yields) or "explicit_euler" (equation 6; stable
         for tiny steps only). "bdf2" and "tr_bdf2" take a step in three parts where a segment is about to
-        turn by more than 0.6 rad in it, in two where by more than 1 rad.
+        turn in it by more than an angle of sine 0.6, in two where some tendon was touched in the last one,
+        or where it is 2.4 to 4.8 times as long as that.
     iteration: "newton" solves the implicit step to `tolerance`; "single" is the paper's one
         linearisation a step (equations 8 and 9).
     linear_solver: "banded", a direct block-banded Cholesky factorisation, or "pcg", the paper's
