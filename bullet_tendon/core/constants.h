@@ -112,9 +112,10 @@ constexpr double kTurn = 0.6;
 constexpr double kTurned = 0.1;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
-// more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step.
+// more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step. Larger share: what
+// slides is off by as much, and rounding decides by how much.
 constexpr int kRounds = 8;
-constexpr double kFrictionAccuracy = 5e-4;
+constexpr double kFrictionAccuracy = 1e-6;
 
 // Residual over the forces at hand under which it is seen to that before the solution is exact, and over what
 // the last round began with [-]. Larger: limits and depths are wild, and rounds are used up by that. Smaller:

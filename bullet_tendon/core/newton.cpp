@@ -183,7 +183,9 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
   Rounds rounds;
   group.most_jump = std::numeric_limits<double>::infinity(), group.stayed = false;
   Progress progress = fresh_progress(group);
-  double last_residual = std::numeric_limits<double>::infinity();
+  // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  double last_residual = kNone;
   group.strays = false;
   for (Row* row : group.rows) {
     row->held = false, row->changes = 0;
@@ -219,7 +221,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       const bool missed = add_missed(group);
       const bool deep = stiffen(group);
       if (slid || deep || missed) {
-        begin_round(rounds, iteration), progress = fresh_progress(group);
+        begin_round(rounds, iteration), progress = fresh_progress(group), last_residual = kNone;
         continue;
       }
       if (group.converged) break;
@@ -235,7 +237,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       continue;
     }
     if (group.stayed && add_missed(group)) {
-      group.stayed = false, progress = fresh_progress(group);
+      group.stayed = false, progress = fresh_progress(group), last_residual = kNone;
       continue;
     }
     const bool circles = !safe && (repeats(progress, a.residual) || progress.idle > kIdle);
@@ -253,7 +255,7 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
       safe = true, restart_from_now(group);
       continue;
     }
-    if (circles) halve_step(group);
+    if (circles) halve_step(group), last_residual = kNone;
     measure_stride(group);
     if (safe) {
       line_search(group);

@@ -51,6 +51,39 @@ def test_place(client, axis):
     assert_same(draped(client, 1.0, np.zeros(3)), draped(client, 1.0, 1e3 * np.eye(3)[axis]))
 
 
+def crossed(client, offset, integrator):
+    """Two weighted tendons that slide over a capsule and on each other: positions, less the offset."""
+    p.resetSimulation(physicsClientId=client)
+    p.setTimeStep(1 / 240, physicsClientId=client)
+    p.setGravity(0, 0, -9.81, physicsClientId=client)
+    world = bt.TendonWorld(client, bt.SolverOptions(integrator=integrator))
+    capsule = p.createCollisionShape(p.GEOM_CAPSULE, radius=0.05, height=0.4, physicsClientId=client)
+    turn = p.getQuaternionFromEuler([np.pi / 2, 0, 0.1])
+    body = p.createMultiBody(0, capsule, basePosition=offset, baseOrientation=turn, physicsClientId=client)
+    world.add_obstacle(body, friction=0.6)
+    material = bt.Material(stiffness=2e3, exponent=1.5, damping=3.0, shear_stiffness=100.0, friction=0.5)
+    x = np.column_stack([np.linspace(-0.15, 0.14, 26), 0.003 * np.sin(np.arange(26)), np.full(26, 0.06)])
+    tendons = [
+        world.add_tendon(x, 0.004, material),
+        world.add_tendon(x[::-1] * [0.8, 1, 1] + [0, 0.02, 0.01], 0.003, material),
+    ]
+    for t in tendons:
+        t.set_positions(t.positions + offset)
+        t.set_point_mass(0, 0.02)
+    tendons[0].set_point_mass(-1, 0.02)
+    world.step(150)
+    assert world.report.counts["tendon_pairs_considered"]
+    return np.concatenate([t.positions - offset for t in tendons])
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_place_of_what_slides(client, integrator):
+    """Friction is solved for so exactly that rounding far from the origin decides nothing."""
+    here = crossed(client, np.zeros(3), integrator)
+    for offset in ([1e3, 0, 0], [600.0, 500, -620]):
+        assert np.abs(crossed(client, np.array(offset), integrator) - here).max() <= 1e-6 * 0.29
+
+
 def random_material(rng):
     return bt.Material(
         stiffness=10 ** rng.uniform(1, 4),
