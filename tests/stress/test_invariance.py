@@ -69,10 +69,13 @@ def crossed(client, offset, integrator):
     ]
     for t in tendons:
         t.set_positions(t.positions + offset)
-        t.set_point_mass(0, 0.02)
-    tendons[0].set_point_mass(-1, 0.02)
-    world.step(150)
-    assert world.report.counts["tendon_pairs_considered"]
+    tendons[0].set_point_mass(0, 0.03), tendons[0].set_point_mass(-1, 0.02)
+    tendons[1].set_point_mass(0, 0.01), tendons[1].set_force(0, (0.02, -0.01, 0))
+    met = 0
+    for _ in range(150):
+        world.step()
+        met += "tendon" in world.contacts["kind"]
+    assert met > 10
     return np.concatenate([t.positions - offset for t in tendons])
 
 
