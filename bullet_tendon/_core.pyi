@@ -11,7 +11,7 @@ _Contact = tuple[int, int, int, int, int, _Vector, _Vector, float, float, float]
 
 def allocated_bytes() -> int: ...
 
-MOST_RATE: float  # m/s, rad/s: at which pybullet cuts off what is faster
+CUT_OFF_RATE: float  # m/s, rad/s: from which a rate is taken for one that pybullet cut off
 
 HINGE: int
 SLIDER: int

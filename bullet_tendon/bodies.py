@@ -101,10 +101,9 @@ class Bodies:
         InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
-        if self._unused:
-            for slot in self._unused:
-                core.clear_link(slot)
-        for body in self._touched or self._touched_bodies():
+        for slot in self._unused:
+            core.clear_link(slot)
+        for body in self._touched_bodies():
             if not body.tell(core):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)

@@ -30,12 +30,7 @@ class Marks:
     def all_hold(self, marks) -> bool:
         """Whether all bodies that carry these marks are still there."""
         value_of, client = p.getUserData, self._client
-        for number, value in marks:
-            if value_of(number, client) != value:
-                break
-        else:
-            return True
-        return False
+        return all(value_of(number, client) == value for number, value in marks)
 
     def holds(self, mark: tuple[int, bytes]) -> bool:
         """Whether the body that carries the mark is still there."""

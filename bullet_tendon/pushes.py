@@ -24,7 +24,7 @@ def exchange(body, link, old, new, dt, client, stopped=()) -> None:
     jacobian, now = parts[0][0], rates(body, client)
     parts[1][stopped, stopped] *= _WALL
     took, gives = dt * _core.answer(parts[1], jacobian.T @ np.transpose([old, new])).T
-    most = np.where(np.abs(now) > 0.999 * _core.MOST_RATE, np.abs(now), np.inf)
+    most = np.where(np.abs(now) > _core.CUT_OFF_RATE, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     if p.getDynamicsInfo(body, -1, client)[0] > 0:
         _push_base(body, now[:6] + change[:6], change[:6], dt, client)

@@ -5,7 +5,7 @@
 #include <pybind11/stl.h>
 
 #include "allocations.h"
-#include "constants.h"
+#include "body_constants.h"
 #include "told.h"
 
 using namespace bt;
@@ -129,7 +129,7 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
   using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
-  m.attr("MOST_RATE") = kMostRate;
+  m.attr("CUT_OFF_RATE") = kCutOff * kMostRate;
   py::class_<World> world(m, "World");
   py::class_<Report>(m, "Report")
       .def_readonly("iterations", &Report::iterations)

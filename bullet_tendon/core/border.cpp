@@ -224,7 +224,7 @@ void couple_levers(Group& group, const Row& row) {
 }
 
 // Whether bodies take particles of the tendon along.
-bool carries(const Chain& c) {
+bool takes_along(const Chain& c) {
   return std::any_of(c.holds.begin(), c.holds.end(), [](const Hold& h) { return h.moves; });
 }
 
@@ -244,14 +244,14 @@ void move_one(Group& group, int m, int k) {
 
 void multiply_all(Group& group) {
   for (Chain* c : group.chains) {
-    if (carries(*c))
+    if (takes_along(*c))
       c->matrix.multiply(c->cg_direction, c->cg_image);
     else
       c->cg_image.zero();
   }
   add_coupling(group);
-  for (const Row* row : group.rows) {
-    if (!row->acts() || !row->moves) continue;
+  for (const Row* row : group.acting) {
+    if (!row->moves) continue;
     couple(group, *row);
     if (row->kind == ContactKind::mouth) couple_levers(group, *row);
   }

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "constants.h"
+#include "body_constants.h"
 
 namespace bt::dense {
 

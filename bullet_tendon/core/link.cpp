@@ -62,14 +62,13 @@ dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
 
 void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
   const size_t n = to.size();
-  if (through.empty() && n == 6) {
-    to[0] += w.linear.x, to[1] += w.linear.y, to[2] += w.linear.z;
-    to[3] += w.angular.x, to[4] += w.angular.y, to[5] += w.angular.z;
+  const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
+  if (through.empty()) {  // its own six
+    for (size_t k = 0; k < std::min<size_t>(n, 6); ++k) to[k] += wrench[k];
     return;
   }
-  const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
   for (size_t r = 0; r < 6; ++r)
-    for (size_t k = 0; k < n; ++k) to[k] += (through.empty() ? r == k : through[r * n + k]) * wrench[r];
+    for (size_t k = 0; k < n; ++k) to[k] += through[r * n + k] * wrench[r];
 }
 
 // B B^T / s^2, of B = s [I, -[r]] root.

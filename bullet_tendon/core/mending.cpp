@@ -6,7 +6,7 @@
 // velocity of that over dt. So the step is solved again with the acceleration that was seen.
 #include <algorithm>
 
-#include "constants.h"
+#include "body_constants.h"
 #include "state.h"
 
 namespace bt {

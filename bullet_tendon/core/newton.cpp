@@ -93,7 +93,7 @@ bool stalled(Progress& p, double residual) {
 }
 
 // Friction limits follow the normal forces between solutions, each of which minimises a fixed
-// potential. What had none slid freely; taken to stick, it would be pulled back all the way that it has slid.
+// potential.
 // true: some limit moved by more than `enough`, and the step has to be solved again.
 bool update_friction(Group& group, double enough) {
   bool moved = false;
@@ -101,8 +101,7 @@ bool update_friction(Group& group, double enough) {
     if (row->friction <= 0) continue;
     double limit = row->friction * row->normal_force;
     moved |= std::fabs(limit - row->limit) > std::max(enough, kFrictionAccuracy * limit);
-    if (row->limit <= 0) row->sliding = row->grip * norm(row->raw) > limit;
-    row->limit = limit;
+    row->limit_friction(limit);
   }
   return moved;
 }
@@ -212,7 +211,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     group.most_jump = kMostJump * std::pow(kLessJump, lost) * a.scale;
     group.converged = !changed && enough;
     note_start(rounds, group.residual);
-    const bool more = rounds.count < kRounds;  // what turns far has its limits settled within iterations
+    const bool more = rounds.count < kRounds;
+    // What turns far has its limits settled within iterations.
     const bool loosely =
         more && !violent && !safe && !far && iteration > rounds.begun && group.residual <= rounds.loose;
     if (group.converged || (loosely && !changed)) {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "constants.h"
+#include "body_constants.h"
 
 namespace bt {
 
@@ -89,6 +89,10 @@ void Observer::compare(const Sample& now) {
   unexplained(now, missed_);
   for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
 }
+
+namespace {
+bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
+}  // namespace
 
 // A rate that pybullet has cut off would have gone farther: what is missing to what was foreseen is nothing,
 // and what is more is the least that it can have been. Whether there is one, that nothing can be learned of.

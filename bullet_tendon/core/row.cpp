@@ -68,20 +68,25 @@ void Row::evaluate(Vec3 relative, bool at_position, bool definite) {
 bool Row::stiffen() {
   if (softest == 0 || direct || normal_force <= 0) return false;
   if (-gap <= kDepth * radius) return false;
-  carried = normal_force;
-  if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
+  take_over(normal_force);
   return true;
+}
+
+void Row::take_over(double force) {
+  carried = force;
+  if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
+}
+
+void Row::limit_friction(double most) {
+  if (limit <= 0) sliding = grip * norm(raw) > most;
+  limit = most;
 }
 
 void Row::settle_limits() {
   if (direct) return;
-  if (friction > 0) {
-    if (limit <= 0) sliding = grip * norm(raw) > friction * multiplier;
-    limit = friction * multiplier;
-  }
+  if (friction > 0) limit_friction(friction * multiplier);
   if (softest == 0 || multiplier - carried <= stiffness * kDepth * radius) return;
-  carried = multiplier;
-  if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
+  take_over(multiplier);
 }
 
 void Row::settle(Vec3 relative) {

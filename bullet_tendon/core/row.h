@@ -107,6 +107,10 @@ struct Row {
   void add_lever(Vec3 start, Vec3 end, bool definite);
   // k too small: the multiplier takes over the force that there is, and k grows. false: depth is small.
   bool stiffen();
+  void take_over(double force);
+  // Friction's limit from now on [N]. What had none slid freely: taken to stick, it would be pulled back all
+  // the way that it has slid.
+  void limit_friction(double most);
   // The normal force, and whether the contact slides, in the next iteration, from the relative
   // displacement that this one found. Both are multipliers like those of springs: judged by present
   // positions they are wild, because contacts are stiff. What sticks slides when its force would

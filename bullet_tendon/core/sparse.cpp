@@ -164,6 +164,7 @@ void SparseFactor::add(int i, int j, const Block3& b) {
 BT_VECTOR bool SparseFactor::factorise_panel(int k, int m) {
   const int r = first_[k + m] - first_[k + m - 1];
   scaled_.resize(r * m), turned_.resize((r + 1) / 2 * m);
+  PaddedBlock w[kWidest];
   for (int j = 0; j < m; ++j) {
     PaddedBlock& pivot = diagonal_[k + j];
     if (!invert(pivot)) return false;
@@ -174,22 +175,15 @@ BT_VECTOR bool SparseFactor::factorise_panel(int k, int m) {
       put(transposed(column[inside + a]), turned_[a / 2 * m + j], a % 2);
     }
     if (r % 2) put(PaddedBlock{}, turned_[r / 2 * m + j], 1);
+    for (int c = 0; c < inside; ++c) multiply(column[c], pivot, w[c]);
     for (int c = 0; c < inside; ++c) {
       const PaddedBlock turned = transposed(column[c]);
-      PaddedBlock w;
-      multiply(column[c], pivot, w);
-      subtract_product(w, turned, diagonal_[k + j + 1 + c]);
+      subtract_product(w[c], turned, diagonal_[k + j + 1 + c]);
       PaddedBlock* later = below_.data() + first_[k + j + 1 + c];
-      for (int b = c + 1; b < inside; ++b) {
-        multiply(column[b], pivot, w);
-        subtract_product(w, turned, later[b - c - 1]);
-      }
+      for (int b = c + 1; b < inside; ++b) subtract_product(w[b], turned, later[b - c - 1]);
       for (int a = 0; a < r; ++a) subtract_product(scaled_[a * m + j], turned, later[inside - c - 1 + a]);
     }
-    for (int c = 0; c < inside; ++c) {
-      const PaddedBlock a = column[c];
-      multiply(a, pivot, column[c]);
-    }
+    std::copy_n(w, inside, column);
     for (int a = 0; a < r; ++a) column[inside + a] = scaled_[a * m + j];
   }
   return true;

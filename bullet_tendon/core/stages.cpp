@@ -97,10 +97,10 @@ void give_up(Group& group, const StepContext& context) {
 
 }  // namespace
 
-bool two_stages(Group& group, const StepContext& whole) {
-  StepContext context = whole;
+bool two_stages(Group& group, const StepContext& step) {
+  if (step.options.integrator != Integrator::tr_bdf2 || !applies(group)) return false;
+  StepContext context = step;
   context.goes_on = context.may_look = false;
-  if (context.options.integrator != Integrator::tr_bdf2 || !applies(group)) return false;
   for (Chain* c : group.chains) c->staged = true, c->restore_multipliers(c->kept), start_first(*c, context);
   newton(group, context, false);
   const double first_residual = group.residual;

@@ -14,7 +14,7 @@
 #include <cmath>
 #include <utility>
 
-#include "constants.h"
+#include "body_constants.h"
 #include "mover.h"
 
 namespace bt {

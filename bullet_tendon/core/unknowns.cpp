@@ -1,6 +1,7 @@
 // Which bodies' coordinates are unknowns of the solution, and what parts of a step do to them.
 #include <algorithm>
 
+#include "body_constants.h"
 #include "world.h"
 
 namespace bt {
