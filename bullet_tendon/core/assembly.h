@@ -40,4 +40,13 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
 // The particle of every tendon with the largest residual.
 void find_worst(Group& group);
 
+// Ways to go on (safeguard.cpp): by that share of the step.
+void advance(Group& group, double alpha);
+// Half the step: sets of contacts that follow each other in a circle, or get nowhere, are left by that.
+void halve_step(Group& group);
+// Along a direction of descent, to where the slope of the step's potential has at least halved.
+void line_search(Group& group);
+// From the state that is known to be finite.
+void restart_from_now(Group& group);
+
 }  // namespace bt

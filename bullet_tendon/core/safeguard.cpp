@@ -1,0 +1,73 @@
+// What a Newton solution does that its full steps do not solve: half steps, steps along a line, and beginning
+// anew.
+#include <algorithm>
+#include <cmath>
+
+#include "assembly.h"
+
+namespace bt {
+
+namespace {
+
+double slope_along(Group& group) {
+  double sum = body_slope(group);
+  for (Chain* c : group.chains) sum += inner(c->residual, c->step);
+  return sum;
+}
+
+}  // namespace
+
+void advance(Group& group, double alpha) {
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k) {
+      double* x = c->next[k];
+      const double* d = c->step[k];
+      for (int i = 0; i < c->n(); ++i) x[i] += alpha * d[i];
+    }
+  advance_bodies(group, alpha);
+  travel(group, alpha);
+}
+
+void halve_step(Group& group) {
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i) c->step[k][i] *= 0.5;
+  for (double& y : group.corner_side) y *= 0.5;
+  step_bodies(group);
+}
+
+// Regula falsi on the slope; no potential needed, so no cancellation.
+void line_search(Group& group) {
+  const double start = slope_along(group);
+  double at = 0, lo = 0, hi = 0, alpha = 1, slope_lo = start, slope_hi = 0;
+  for (int trial = 0; trial < 24; ++trial) {
+    advance(group, alpha - at);
+    at = alpha;
+    Assembly a = residual_of(group, true, true);
+    measure_residual(group, a);
+    double slope = slope_along(group);
+    bool finite = std::isfinite(slope);
+    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
+    if (finite && slope < 0) {
+      lo = alpha, slope_lo = slope;
+    } else {
+      hi = alpha, slope_hi = finite ? slope : 1e3 * std::fabs(start);
+    }
+    double guess = hi > lo ? lo - slope_lo * (hi - lo) / (slope_hi - slope_lo) : 2 * alpha;
+    double width = hi - lo;
+    alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
+  }
+}
+
+void restart_from_now(Group& group) {
+  for (Chain* c : group.chains) {
+    c->next = c->x;
+    for (const Hold& h : c->holds)
+      if (h.rigid) c->next.set(h.particle, h.target);
+  }
+  forget_bodies(group);
+  wake(group);
+}
+
+}  // namespace bt
