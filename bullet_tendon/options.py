@@ -42,6 +42,9 @@ class SolverOptions:
         is reused instead of measured again [m]. Triangles of meshes that were near are kept and measured
         by the core between queries, to rounding, for as long as no other one can be nearest. 0 queries
         always.
+    sleep: whether steps leave out tendons at rest (slower than 1e-5 of their radius a second, for half a
+        second) that something static holds or carries, until they or what is within reach of them moves or
+        is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
     on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
         the report says converged False; the tendons stay as they were, without a force on bodies, for
         that step. A step that ends finite above the tolerance is taken in both cases: its report
@@ -60,6 +63,7 @@ class SolverOptions:
     contact_stiffness: float | None = None
     contact_threshold: float = 0.0
     reuse_tolerance: float = 1e-6
+    sleep: bool = True
     on_failure: str = "raise"
 
     def __post_init__(self):
@@ -73,6 +77,7 @@ class SolverOptions:
             checks.number("contact_stiffness", self.contact_stiffness, above=0)
         checks.number("contact_threshold", self.contact_threshold, at_least=0)
         checks.number("reuse_tolerance", self.reuse_tolerance, at_least=0)
+        checks.flag("sleep", self.sleep)
 
     @classmethod
     def published(cls, **changes) -> "SolverOptions":
@@ -90,4 +95,5 @@ class SolverOptions:
             float(self.contact_stiffness or 0.0),
             float(self.contact_threshold),
             float(self.reuse_tolerance),
+            bool(self.sleep),
         )

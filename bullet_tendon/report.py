@@ -64,7 +64,7 @@ class StepReport:
     boxes, culled, skipped (too far since their last query), reused (last plane or triangles) and queried
     (FCL);
     tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:
-    parts that the step was taken in.
+    parts that the step was taken in; tendons_asleep: left out of it because they rest.
     """
 
     iterations: int = 0

@@ -95,6 +95,11 @@ class Tendon:
         return self._core.energy(self._alive())
 
     @property
+    def asleep(self) -> bool:
+        """Whether it rests, and steps leave it out until something that it feels changes."""
+        return self._core.is_asleep(self._alive())
+
+    @property
     def holds(self) -> tuple[Grip | Attachment, ...]:
         """Its grips and attachments that were not released, by particle."""
         return tuple(self._holds[i] for i in sorted(self._holds))

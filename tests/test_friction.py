@@ -74,3 +74,24 @@ def test_sliding_contacts_are_at_their_limits(make_world, client):
     c = world.contacts[world.contacts["normal_force"] > 1e-3]
     assert len(c) > 20
     np.testing.assert_allclose(c["friction_force"], 0.3 * c["normal_force"], rtol=2e-3)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2", "tr_bdf2"])
+def test_what_rests_over_an_edge_goes_on_resting(make_world, client, integrator, friction):
+    """Whatever the weights of the method: it neither begins to vibrate nor starts where they change."""
+    world = make_world(1 / 240, (0, 0, -9.81), sleep=False)
+    half = [0.02, 0.1, 0.02]
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    world.add_obstacle(
+        p.createMultiBody(0, shape, basePosition=[0, 0, 0.1], physicsClientId=client), friction=1.0
+    )
+    line = [[-0.08, 0, 0.09], [-0.023, 0, 0.123], [0.023, 0, 0.123], [0.08, 0, 0.09]]
+    t = world.add_tendon(line, 0.002, bt.Material(stiffness=500.0, damping=0.5, friction=friction), 24)
+    t.grip(0), t.grip(-1)
+    world.step(500)
+    x = t.positions
+    world.options = bt.SolverOptions(integrator=integrator, sleep=False)
+    world.step(600)
+    assert np.abs(t.velocities).max() < 1e-8
+    np.testing.assert_allclose(t.positions, x, atol=1e-9)

@@ -8,7 +8,7 @@ from scene_runs import holds, run, with_options
 SCENES = {
     "overhand_knot": (overhand_knot, {}),
     "reef_knot": (reef_knot, {"TAIL": 0.015, "SNUGGING": 100, "PULLING": 270, "HOLDING": 30}),
-    "braid": (braid, {"TWISTING": 300, "PULLING": 180}),
+    "braid": (braid, {"TWISTING": 360, "PULLING": 180}),
 }
 
 

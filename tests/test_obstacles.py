@@ -65,7 +65,8 @@ def test_far_obstacles_cost_no_query(falling, client):
     assert counts["pairs_culled"] == features
 
 
-def test_resting_contacts_are_not_measured_again(falling, client):
+def test_resting_contacts_are_not_measured_again(make_world, client):
+    falling = make_world(1 / 240, (0, 0, -G), sleep=False)
     falling.add_obstacle(box(client))
     over(falling, height=RADIUS)
     falling.step()

@@ -25,6 +25,12 @@ int add_chain(World& w, const Array& points, double radius, double friction, dou
   return w.add_chain(std::make_unique<Chain>(p, radius, friction, m));
 }
 
+// A tendon about which something is going to change.
+Chain& stirred(World& w, int chain) {
+  w.rouse(chain);
+  return *w.chains[chain];
+}
+
 Hold& hold_of(World& w, int chain, int id) {
   for (Hold& h : w.chains[chain]->holds)
     if (h.id == id) return h;
@@ -32,7 +38,7 @@ Hold& hold_of(World& w, int chain, int id) {
 }
 
 void remove_hold(World& w, int chain, int id) {
-  auto& holds = w.chains[chain]->holds;
+  auto& holds = stirred(w, chain).holds;
   w.chains[chain]->smooth = false;
   holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }),
               holds.end());
@@ -40,7 +46,9 @@ void remove_hold(World& w, int chain, int id) {
 
 void set_grip(World& w, int chain, int id, const Array& target, double stiffness, double viscosity) {
   Hold& h = hold_of(w, chain, id);
-  h.goal = vec(target);
+  const Vec3 goal = vec(target);
+  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity) w.rouse(chain);
+  h.goal = goal;
   h.rigid = stiffness <= 0;
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
 }
@@ -96,6 +104,7 @@ py::dict counts(const Report& r) {
   d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused, d["pairs_queried"] = r.near.queried;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
   d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
+  d["tendons_asleep"] = r.asleep;
   return d;
 }
 
@@ -110,7 +119,8 @@ py::list contacts(const World& w) {
 
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
                  double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
-                 double contact_threshold, double reuse_tolerance) {
+                 double contact_threshold, double reuse_tolerance, bool sleep) {
+  w.rouse_all();
   w.options = {static_cast<Integrator>(integrator),
                static_cast<Iteration>(iteration),
                static_cast<LinearSolver>(linear_solver),
@@ -120,7 +130,8 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                linear_tolerance,
                contact_stiffness,
                contact_threshold,
-               reuse_tolerance};
+               reuse_tolerance,
+               sleep};
 }
 
 }  // namespace
@@ -151,39 +162,41 @@ PYBIND11_MODULE(_core, m) {
       .def("velocities", [](World& w, int c) { return rows_of(w.chains[c]->v); })
       .def("set_state",
            [](World& w, int c, const Array& x, const Array& v) {
-             fill(w.chains[c]->x, x), fill(w.chains[c]->v, v);
-             w.chains[c]->spread_coincident();
-             w.chains[c]->find_overlaid();
-             w.chains[c]->reset_history();
+             Chain& chain = stirred(w, c);
+             fill(chain.x, x), fill(chain.v, v);
+             chain.spread_coincident();
+             chain.find_overlaid();
+             chain.reset_history();
            })
-      .def("stop", [](World& w, int c) { w.chains[c]->stop(); })
+      .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
       .def("guess_multipliers",
-           [](World& w, int c, const Array& g) { w.chains[c]->guess_multipliers(vec(g)); })
+           [](World& w, int c, const Array& g) { stirred(w, c).guess_multipliers(vec(g)); })
       .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
-      .def("set_rest", [](World& w, int c, const Array& rest) { w.chains[c]->set_rest(list_of(rest)); })
+      .def("set_rest", [](World& w, int c, const Array& rest) { stirred(w, c).set_rest(list_of(rest)); })
       .def("set_point_mass",
            [](World& w, int c, int i, double m) {
-             w.chains[c]->set_point_mass(i, m);
+             stirred(w, c).set_point_mass(i, m);
              w.chains[c]->smooth = false;
            })
       .def("set_stiffness_scale",
-           [](World& w, int c, const Array& scale) { w.chains[c]->set_stiffness_scale(list_of(scale)); })
+           [](World& w, int c, const Array& scale) { stirred(w, c).set_stiffness_scale(list_of(scale)); })
       .def("tension",
            [](World& w, int c) {
              std::vector<double> t;
              w.chains[c]->tension(t);
              return copy_of(t);
            })
+      .def("is_asleep", [](World& w, int c) { return w.chains[c]->bed >= 0; })
       .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
       .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
-      .def("set_force", [](World& w, int c, int i, const Array& f) { w.chains[c]->force.set(i, vec(f)); })
+      .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })
       .def("add_grip",
            [](World& w, int c, int id, int particle) {
              Hold h;
              h.id = id, h.particle = particle;
-             w.chains[c]->holds.push_back(h);
+             stirred(w, c).holds.push_back(h);
              w.chains[c]->smooth = false;
            })
       .def("set_grip", &set_grip)
@@ -191,12 +204,13 @@ PYBIND11_MODULE(_core, m) {
            [](World& w, int c, int id, int particle, int link, const Array& local) {
              Hold h;
              h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
-             w.chains[c]->holds.push_back(h);
+             stirred(w, c).holds.push_back(h);
              w.chains[c]->smooth = false;
            })
       .def("set_clamp",
            [](World& w, int c, int id, const Array& direction) {
              Hold& h = hold_of(w, c, id);
+             w.rouse(c);
              h.clamped = true, h.direction = vec(direction);
            })
       .def("remove_hold", &remove_hold)

@@ -100,6 +100,8 @@ class Chain {
   Field stage_x, stage_v;    // at the end of the first stage
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost or changed since: two-step methods may go on
+  double quiet = 0;          // for how long it has been at rest, up to the last step [s]
+  int bed = -1;              // it sleeps (sleep.cpp), with all others of the same number
   uint64_t touching = 0;     // a hash of the contacts with bodies
   bool touched = false;      // a contact pressed on it in the last step
   double b = 0;              // step weight of this step (stepping.h)

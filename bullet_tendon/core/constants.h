@@ -18,6 +18,11 @@ constexpr double kSpread = 1e-6;
 // Smaller: more rounds of stiffening after impacts.
 constexpr double kContactRatio = 30.0;
 
+// The same for the weights of two-step methods [-]. A force that is carried over lags behind the depth that
+// it answers to, which feeds vibrations; the less so the stiffer, and two-step methods damp them hardly. At
+// 30 what rests over an edge begins to vibrate; at 100 it does not.
+constexpr double kTwoStepContactRatio = 300.0;
+
 // Depth, in radii, from which a contact is stiffened within the step, by how much, and until when [-].
 // Stiffer: what the sliding of a segment over an edge presses in becomes a wild force.
 constexpr double kDepth = 5e-4;
@@ -111,6 +116,15 @@ constexpr double kTurn = 0.6;
 // The same above which the lengths of segments are kept, by the guess and by iterations [-]. Larger: more
 // iterations. Smaller: each takes longer for nothing.
 constexpr double kTurned = 0.1;
+
+// Speed up to which a tendon is at rest, in radii a second [1/s], for how long until it sleeps [s], and in
+// how many steps at least (sleep.cpp). Faster, or sooner: what creeps, or turns back, is stopped. Slower, or
+// later: heaps, which settle ever more slowly, are solved for longer.
+constexpr double kRestSpeed = 1e-5;
+constexpr double kRestTime = 0.5;
+// Share of its largest force, or of its weight, that a tendon's dampers carry at most when it is at rest [-].
+constexpr double kRestDamped = 1e-4;
+constexpr int kRestSteps = 30;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step. Larger share: what

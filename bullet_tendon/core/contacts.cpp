@@ -107,7 +107,8 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   // Without multipliers, contacts have to be stiff by themselves.
   const bool carries = can_carry(), chosen = options.contact_stiffness > 0;
   const double at_hand = stiffness_at(c, particle, !carries);
-  row.stiffness = chosen ? options.contact_stiffness : (carries ? kContactRatio : kSpringRatio) * at_hand;
+  const double ratio = !carries ? kSpringRatio : c.b < context_.dt ? kTwoStepContactRatio : kContactRatio;
+  row.stiffness = chosen ? options.contact_stiffness : ratio * at_hand;
   // A particle that lies loose is gripped before it gathers speed.
   const double inertia = c.mass[particle] / (c.b * c.b);
   row.grip = carries ? kGripRatio * at_hand + kLooseGripRatio * inertia : kSpringGripRatio * at_hand;
@@ -127,9 +128,11 @@ void World::recall(Row& row) {
                                 [](const ContactMemory& m, uint64_t key) { return m.key < key; });
   if (found == memory_.end() || found->key != row.key) return;
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
-  row.stuck = without(turn * found->stuck, row.normal);
-  row.before = found->carried;
   const bool carries = can_carry() && options.contact_stiffness == 0;  // a spring as published has no memory
+  // What sticks goes on with its force, whatever its stiffness is now: that changes with the step's weight.
+  const double share = carries && row.grip > 0 ? found->grip / row.grip : 1;
+  row.stuck = share * without(turn * found->stuck, row.normal);
+  row.before = found->carried;
   row.carried = !carries ? 0 : whole_ ? found->carried : found->confirmed;
   row.multiplier = row.before;
   row.last_mean = found->mean_force;
@@ -139,7 +142,8 @@ void World::recall(Row& row) {
 }
 
 void World::remember() {
-  memory_.clear();
+  auto awake = [&](const ContactMemory& m) { return chains[parts_of(m.key).chain]->bed < 0; };
+  memory_.erase(std::remove_if(memory_.begin(), memory_.end(), awake), memory_.end());
   touching_.assign(slots_.size(), 0);
   for (Chain* c : slots_)
     if (c) c->touched = false;
@@ -150,7 +154,7 @@ void World::remember() {
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
     memory_.push_back({row.key, row.normal_force, std::min(row.normal_force, row.before), row.sliding,
-                       row.mean_force, transposed_times(turn, row.displacement)});
+                       row.mean_force, row.grip, transposed_times(turn, row.displacement)});
   }
   std::sort(memory_.begin(), memory_.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });

@@ -21,6 +21,7 @@ struct Link {
   Vec3 velocity, spin;               // foreseen for its end, but for the tendons [m/s], [rad/s]
   int mover = -1;                    // none: nothing that tendons do moves it
   bool yielded = false;              // in the last step
+  bool moved = false;                // it has been elsewhere or has a velocity, since the last step began
   dense::Numbers jacobian;           // (6 n); empty: the identity
   dense::Numbers root;               // J E (6 n)
   int touches = 0;                   // contacts and attachments that shared the response in the last step
@@ -33,6 +34,8 @@ struct Link {
   Twist given, stepped, load;
 
   bool yields() const { return mover >= 0; }
+  // Told anew, and the step's start still being the last one's.
+  void note_motion();
   // How the mover's foreseen motion carries it.
   void follow(const Mover& m);
   // That, and the root of its response.

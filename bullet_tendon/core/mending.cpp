@@ -63,7 +63,10 @@ bool World::take_back() {
     return moving_fields(reader), false;
   }
   for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c]) choose_again(*users[c], *chains[c]);
+    if (chains[c]) {
+      choose_again(*users[c], *chains[c]);
+      if (users[c]->bed < 0) rouse(static_cast<int>(c));
+    }
   return true;
 }
 

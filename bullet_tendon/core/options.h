@@ -23,6 +23,7 @@ struct Options {
   double contact_stiffness = 0;     // [N/m]; 0: chosen per contact, with carried multipliers
   double contact_threshold = 0;     // d_collision beyond the surfaces [m]
   double reuse_tolerance = 1e-6;    // error allowed to a reused contact plane [m]
+  bool sleep = true;                // leave out what rests
 };
 
 // Whether steps are solved to convergence, with multipliers.

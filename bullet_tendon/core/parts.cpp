@@ -78,6 +78,7 @@ Outcome World::solve() {
   }
   if (looking_) rows_.swap(before_);
   collect_rows();
+  if (rouse_met()) return solve_again();
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
   const bool left = looking_ && stray_;
   if (!looking_ || take_new_rows() || left) {
@@ -214,6 +215,9 @@ void World::finish() {
     if (m.n() > 0) m.act(whole_dt_);
   for (Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
+  push_asleep();
+  report_.asleep = std::count_if(chains.begin(), chains.end(), [](auto& c) { return c && c->bed >= 0; });
+  fall_asleep();
 }
 
 void World::cancel() {

@@ -63,13 +63,14 @@ template <class A>
 void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
          overlaid, tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v,
-         dt_before, smooth, touching, touched, b, turn, foreseen, slack, kept, kept_smooth, start_x, start_v,
-         start, start_x_before, start_v_before, start_dt_before, split, gathered, braked, next, step,
-         residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column,
-         solved, matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+         dt_before, smooth, quiet, bed, touching, touched, b, turn, foreseen, slack, kept, kept_smooth,
+         start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split, gathered, braked,
+         next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
+         cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
-  a(x_before, v_before, acceleration, accelerated, dt_before, smooth, touching, touched, split, gathered);
+  a(x_before, v_before, acceleration, accelerated, dt_before, smooth, quiet, bed, touching, touched, split,
+    gathered);
   a.scratch(staged, stage_x, stage_v, b, turn, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
             start_x_before, start_v_before, start_dt_before, braked, next, step, residual, anchor_x, anchor_v,
             goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
@@ -106,11 +107,11 @@ void fields(A& a, Mover& mover) {
 template <class A>
 void fields(A& a, Link& link) {
   auto& [pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded,
-         jacobian, root, touches, touching, force, torque, before_force, before_torque, reached, given,
+         moved, jacobian, root, touches, touching, force, torque, before_force, before_torque, reached, given,
          stepped, load] = link;
   // As with movers.
-  a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded, jacobian,
-    root, touches, touching, force, torque);
+  a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded, moved,
+    jacobian, root, touches, touching, force, torque);
   a.scratch(before_force, before_torque, reached, given, stepped, load);
 }
 
@@ -131,11 +132,11 @@ void fields(A& a, Entry& entry) {
 
 template <class A>
 void fields(A& a, ContactMemory& memory) {
-  auto& [key, carried, confirmed, sliding, mean_force, stuck] = memory;
-  a(key, carried, confirmed, sliding, mean_force, stuck);
+  auto& [key, carried, confirmed, sliding, mean_force, grip, stuck] = memory;
+  a(key, carried, confirmed, sliding, mean_force, grip, stuck);
 }
 
-// Rows are of the last step, and only read out after it.
+// Rows are of the last step, and only read out after it; what sleeps goes on pushing at links.
 template <class A>
 void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
@@ -143,12 +144,12 @@ void fields(A& a, Row& row) {
          stuck_at, stuck_at_other, side, follows, stays, limit, direct, held, joins, passes, pressed, sliding,
          kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
          total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
-  a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force);
+  a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force, mean_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
             stays, limit, direct, held, joins, passes, pressed, sliding, kept_multiplier, kept_sliding,
-            changes, raw, displacement, total_force, linear_force, last_mean, mean_force, slid, block, levers,
-            lever, lever_share);
+            changes, raw, displacement, total_force, linear_force, last_mean, slid, block, levers, lever,
+            lever_share);
 }
 
 template <class A>
@@ -167,7 +168,7 @@ void World::moving_fields(A& a) {
     a.same(there);
     if (there) fields(a, *c);
   }
-  a(links, movers, memory_, whole_dt_, way_back_);
+  a(links, movers, memory_, whole_dt_, way_back_, asleep_rows_, rest_gravity_);
 }
 
 template <class A>
@@ -175,12 +176,12 @@ void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
          whole_dt, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings, backup,
          backup_memory, way_back, before_links, before_movers, slots, caches, queries, trees, reach, pairs,
-         touches, rows, found, before, keys, memory, touching, bores, bores_by_link, groups, group_of, report,
-         attempt, kept_moving, kept_before, kept_links, kept_movers, begun, told_contacts, kept_entries,
-         kept_rows] = *this;
+         touches, rows, found, before, asleep_rows, rest_gravity, restful, restless, keys, memory, touching,
+         bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_before, kept_links,
+         kept_movers, begun, told_contacts, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
-  a.scratch(chains_, links_, movers_, memory, whole_dt, way_back);
+  a.scratch(chains_, links_, movers_, memory, whole_dt, way_back, asleep_rows, rest_gravity);
   // The start of the last step, which keep() and begin() put aside themselves.
   std::vector<char> none;
   a(way_back ? kept_moving : none, before_links, before_movers);
@@ -194,9 +195,9 @@ void World::all_fields(A& a) {
   a(rows);
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings,
-            backup, backup_memory, slots, queries, trees, reach, pairs, touches, found, before, keys,
-            touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before, kept_links,
-            kept_movers, begun, told_contacts, kept_entries, kept_rows);
+            backup, backup_memory, slots, queries, trees, reach, pairs, touches, found, before, restful,
+            restless, keys, touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before,
+            kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows);
 }
 
 }  // namespace bt

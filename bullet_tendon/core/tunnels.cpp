@@ -13,7 +13,7 @@ void World::find_bores() {
     bores_[t] = in_world(tunnels[t], links[tunnels[t].link]);
     bores_by_link_[tunnels[t].link].push_back(bores_[t]);
   }
-  for (auto& c : chains)
+  for (Chain* c : slots_)
     if (c && !tunnels.empty()) classify(*c);
 }
 

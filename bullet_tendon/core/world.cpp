@@ -16,6 +16,7 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
 }
 
 void World::remove_chain(int slot) {
+  rouse(slot);
   chains[slot].reset();
   way_back_ = false;
   while (!chains.empty() && !chains.back()) chains.pop_back();
@@ -46,9 +47,13 @@ void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
 
 }  // namespace
 
-int World::add_shape(const Shape& shape) { return put(shapes, shape_alive, shape); }
+int World::add_shape(const Shape& shape) {
+  rouse_all();
+  return put(shapes, shape_alive, shape);
+}
 
 void World::remove_shape(int slot) {
+  rouse_all();
   take(shapes, shape_alive, slot);
   rows_.clear();
   for (auto& of_chain : caches_)
@@ -57,12 +62,14 @@ void World::remove_shape(int slot) {
 }
 
 int World::add_tunnel(const Tunnel& tunnel) {
+  rouse_all();
   const int slot = put(tunnels, tunnel_alive, tunnel);
   forget_planes();
   return slot;
 }
 
 void World::remove_tunnel(int slot) {
+  rouse_all();
   take(tunnels, tunnel_alive, slot);
   rows_.clear();
   forget_planes();
@@ -87,6 +94,7 @@ void World::forget_planes() {
 }
 
 void World::forget_contacts() {
+  rouse_all();
   memory_.clear();
   rows_.clear();
   forget_planes();
@@ -117,6 +125,7 @@ void World::aim_attachments(Chain& c) {
 void World::sense(double dt, Vec3 gravity, bool held) {
   context_.dt = dt, context_.gravity = gravity;
   for (Link& l : links) {
+    l.note_motion();
     l.start_pose = l.pose, l.start_centre = l.centre;
     if (held) l.mover = -1;
     if (l.yields()) continue;
@@ -176,15 +185,8 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   if (!begun_) before_links_.swap(kept_links_), before_movers_.swap(kept_movers_);
   begun_ = true;
   if (way_back_) before_links_ = links, before_movers_ = movers;
-  for (auto& c : chains) {
-    slots_.push_back(c.get());
-    if (!c) continue;
-    c->keep_multipliers(c->kept), c->kept_smooth = c->smooth;
-    for (Hold& h : c->holds) {
-      h.kept_force = h.mean_force, h.sum_force = {};
-      if (h.link >= 0) ++links[h.link].touching;
-    }
-  }
+  rouse_disturbed(dt);
+  join_step();
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);
   report_ = Report{};
   settlings_ = 0;
@@ -211,7 +213,7 @@ const std::vector<Query>& World::near() {
   queries_.clear();
   size_caches();
   for (size_t c = 0; c < chains.size(); ++c) {
-    if (!chains[c]) continue;
+    if (!slots_[c]) continue;
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
       NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
@@ -234,18 +236,23 @@ void World::answers(const double* distance, const double* points, const double* 
   }
 }
 
+namespace {
+
+ContactRecord record_of(const Row& row, const Field& x) {
+  ContactRecord r;
+  r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link;
+  r.kind = row.kind, r.position = row.a.of(x), r.normal = row.normal;
+  r.distance = row.gap + row.allowed + row.beyond;
+  r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);
+  return r;
+}
+
+}  // namespace
+
 std::vector<ContactRecord> World::contacts() const {
   std::vector<ContactRecord> out;
-  for (const Row& row : rows_) {
-    const Chain& c = *chains[row.a.chain];
-    ContactRecord r;
-    r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link,
-    r.kind = row.kind;
-    r.position = row.a.of(c.x), r.normal = row.normal;
-    r.distance = row.gap + row.allowed + row.beyond;
-    r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);
-    out.push_back(r);
-  }
+  for (const std::vector<Row>* rows : {&rows_, &asleep_rows_})
+    for (const Row& row : *rows) out.push_back(record_of(row, chains[row.a.chain]->x));
   return out;
 }
 

@@ -36,7 +36,7 @@ struct Report {
   int worst_chain = -1, worst_particle = -1;
   NearCounts near;
   PairCounts pairs;
-  long rows = 0, groups = 0;
+  long rows = 0, groups = 0, asleep = 0;
   int substeps = 1;  // parts that the step was split into, or that of the most violent group
   // Adds a part that was solved.
   void take(const Report& part);
@@ -104,6 +104,9 @@ class World {
   const Report& report() const { return report_; }
   Vec3 gravity() const { return context_.gravity; }  // of the last step
   std::vector<ContactRecord> contacts() const;
+  // The tendon steps again, with all that rest with it: something about it has changed (sleep.cpp).
+  void rouse(int chain);
+  void rouse_all();
 
  private:
   template <class A>
@@ -165,6 +168,17 @@ class World {
   double depth_to_leave(const Row& row, double most) const;
   void recall(Row& row);
   void remember();
+  // sleep.cpp
+  bool any_asleep() const;
+  bool feels(const Chain& c, int link, double dt) const;
+  void rouse_disturbed(double dt);
+  bool meets(const Chain& awake, const Chain& asleep) const;
+  bool rouse_met();
+  void join_step();
+  bool count_rest(double dt);
+  void find_restful();
+  void fall_asleep();
+  void push_asleep();
   // tunnels.cpp
   void find_bores();
   void classify(Chain& c);
@@ -204,6 +218,9 @@ class World {
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;
+  std::vector<Row> asleep_rows_;          // of tendons that sleep
+  Vec3 rest_gravity_;                     // when the last of them fell asleep
+  std::vector<char> restful_, restless_;  // by root of a group
   std::vector<uint64_t> keys_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
