@@ -1,5 +1,6 @@
 // Rows of bones, planes and tendon pairs, and what contacts remember between steps.
 #include <algorithm>
+#include <cmath>
 
 #include "constants.h"
 #include "world.h"
@@ -116,22 +117,26 @@ void World::finish_row(Row& row, int chain_slot, int particle) {
   if (row.link >= 0 && links[row.link].yields()) soften(row, links[row.link], row.a.of(c.x));
   row.softest = carries && !chosen ? row.stiffness : 0;
   row.allowed = depth_to_leave(row, kPushOut * c.radius);
-  recall(row);
+  recall(row, inertia);
 }
 
 void World::add_row(const Row& row) {
   if (!overruled(row, *slots_[row.a.chain])) rows_.push_back(row);
 }
 
-void World::recall(Row& row) {
+void World::recall(Row& row, double inertia) {
   auto found = std::lower_bound(memory_.begin(), memory_.end(), row.key,
                                 [](const ContactMemory& m, uint64_t key) { return m.key < key; });
   if (found == memory_.end() || found->key != row.key) return;
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
   const bool carries = can_carry() && options.contact_stiffness == 0;  // a spring as published has no memory
-  // What sticks goes on with its force, whatever its stiffness is now: that changes with the step's weight.
-  const double share = carries && row.grip > 0 ? found->grip / row.grip : 1;
-  row.stuck = share * without(turn * found->stuck, row.normal);
+  row.stuck = without(turn * found->stuck, row.normal);
+  // What sticks goes on with its force where its stiffness changes with the step's weight.
+  if (carries && found->b != slots_[row.a.chain]->b) {
+    const double per_inertia = kGripRatio + kLooseGripRatio;
+    const double more = inertia * (std::pow(slots_[row.a.chain]->b / found->b, 2) - 1);
+    row.stuck = (1 + per_inertia * more / row.grip) * row.stuck;
+  }
   row.before = found->carried;
   row.carried = !carries ? 0 : whole_ ? found->carried : found->confirmed;
   row.multiplier = row.before;
@@ -154,7 +159,7 @@ void World::remember() {
     if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
     memory_.push_back({row.key, row.normal_force, std::min(row.normal_force, row.before), row.sliding,
-                       row.mean_force, row.grip, transposed_times(turn, row.displacement)});
+                       row.mean_force, slots_[row.a.chain]->b, transposed_times(turn, row.displacement)});
   }
   std::sort(memory_.begin(), memory_.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });

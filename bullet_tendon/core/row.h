@@ -135,8 +135,8 @@ struct ContactMemory {
   double confirmed = 0;  // the least of the last two [N]
   bool sliding = false;
   Vec3 mean_force;
-  double grip = 0;  // k_t [N/m]
-  Vec3 stuck;       // in the link's frame, or the world's for two tendons
+  double b = 0;  // step weight of the tendon [s]
+  Vec3 stuck;    // in the link's frame, or the world's for two tendons
 };
 
 inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other, int other_feature) {

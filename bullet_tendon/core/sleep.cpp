@@ -138,15 +138,18 @@ void World::rouse_disturbed(double dt) {
   for (Link& l : links) l.moved = false;
 }
 
-bool World::meets(const Chain& awake, const Chain& asleep) const {
-  const double threshold = options.contact_threshold;
-  const Box reach = box_of_reach(awake, threshold);
-  const double skin = skin_of(asleep, 0.5 * threshold);
-  for (int k = 0; k < asleep.n() - 1; k += BoxTree::kLeaf) {
-    const Box leaf = box_of(asleep, k, std::min(k + BoxTree::kLeaf, asleep.n() - 1) - 1, skin);
-    if (!overlap(reach, leaf)) continue;
-    for (int m = 0; m < awake.n() - 1; ++m)
-      if (overlap(box_ahead(awake, m, threshold), leaf)) return true;
+// By the boxes of the step's tendons that rows were looked for with.
+bool World::is_met(const Chain& asleep) const {
+  const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
+  const int segments = asleep.n() - 1;
+  const Box all = box_of(asleep, 0, segments - 1, skin);
+  for (size_t a = 0; a < slots_.size(); ++a) {
+    if (!slots_[a] || !overlap(reach_[a], all)) continue;
+    for (int k = 0; k < segments; k += BoxTree::kLeaf) {
+      const Box leaf = box_of(asleep, k, std::min(k + BoxTree::kLeaf, segments) - 1, skin);
+      for (int m = 0; overlap(reach_[a], leaf) && m < slots_[a]->n() - 1; ++m)
+        if (overlap(box_ahead(*slots_[a], m, threshold), leaf)) return true;
+    }
   }
   return false;
 }
@@ -155,10 +158,8 @@ bool World::meets(const Chain& awake, const Chain& asleep) const {
 bool World::rouse_met() {
   if (!any_asleep()) return false;
   bool any = false;
-  for (size_t a = 0; a < slots_.size(); ++a)
-    for (size_t b = 0; slots_[a] && b < chains.size(); ++b)
-      if (chains[b] && chains[b]->bed >= 0 && meets(*slots_[a], *chains[b]))
-        rouse(static_cast<int>(b)), any = true;
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c] && chains[c]->bed >= 0 && is_met(*chains[c])) rouse(static_cast<int>(c)), any = true;
   if (any) join_step();
   return any;
 }

@@ -132,8 +132,8 @@ void fields(A& a, Entry& entry) {
 
 template <class A>
 void fields(A& a, ContactMemory& memory) {
-  auto& [key, carried, confirmed, sliding, mean_force, grip, stuck] = memory;
-  a(key, carried, confirmed, sliding, mean_force, grip, stuck);
+  auto& [key, carried, confirmed, sliding, mean_force, b, stuck] = memory;
+  a(key, carried, confirmed, sliding, mean_force, b, stuck);
 }
 
 // Rows are of the last step, and only read out after it; what sleeps goes on pushing at links.

@@ -166,13 +166,14 @@ class World {
   void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
   double depth_to_leave(const Row& row, double most) const;
-  void recall(Row& row);
+  // inertia: of the particle that the row is of, over the step's weight squared [N/m].
+  void recall(Row& row, double inertia);
   void remember();
   // sleep.cpp
   bool any_asleep() const;
   bool feels(const Chain& c, int link, double dt) const;
   void rouse_disturbed(double dt);
-  bool meets(const Chain& awake, const Chain& asleep) const;
+  bool is_met(const Chain& asleep) const;
   bool rouse_met();
   void join_step();
   bool count_rest(double dt);
