@@ -61,8 +61,8 @@ class StepReport:
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).
     worst: name of the tendon and particle with that residual. seconds: wall time by room.
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
-    boxes, culled, skipped (too far since their last query), reused (last plane or triangles) and queried
-    (FCL);
+    boxes, culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
+    nearest triangle anew, in the core) and queried (FCL);
     tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:
     parts that the step was taken in; tendons_asleep: left out of it because they rest.
     """

@@ -212,6 +212,11 @@ constexpr double kFresh = 1e-2;
 // queries.
 constexpr double kListed = 0.05;
 constexpr size_t kMostNearby = 64;
+// Distance, as a share of a surface's size, up to which rounding may hide that it is touched [-]: FCL is
+// asked.
+constexpr double kTouches = 1e-9;
+// What a bound on a distance is enlarged by, so that what it was taken from is within it [-].
+constexpr double kRoundedUp = 1e-9;
 // Triangles in a leaf of a surface's tree [-].
 constexpr int kLeafTriangles = 4;
 

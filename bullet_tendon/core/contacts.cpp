@@ -1,5 +1,6 @@
 // Rows of bones, planes and tendon pairs, and what contacts remember between steps.
 #include <algorithm>
+#include <chrono>
 
 #include "constants.h"
 #include "world.h"
@@ -242,12 +243,14 @@ void World::fit_trees() {
 
 // Algorithm 1, steps 3 and 4.
 void World::tendon_rows() {
+  const auto start = std::chrono::steady_clock::now();
   fit_trees();
   pairs_.clear();
   // TR-BDF2 gains by the shorter parts that whatever moves beside something asks for.
   const bool staged = options.integrator == Integrator::tr_bdf2;
   const Foresight foresight = !can_split() ? Foresight::near : staged ? Foresight::far : Foresight::swept;
   report_.pairs = find_pairs(slots_, trees_, foresight, pairs_);
+  report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   room_ = std::min(room_, report_.pairs.room);
   for (const SegmentPair& p : pairs_) {
     const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];

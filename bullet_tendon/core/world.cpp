@@ -217,7 +217,7 @@ const std::vector<Query>& World::near() {
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
       NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
-                       &bores_of(shapes[s].link)};
+                       &bores_of(shapes[s].link), &kept_entries_};
       ask(*chains[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near,
           caches_[c][s], queries_, report_.near);
     }

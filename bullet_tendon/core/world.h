@@ -37,7 +37,8 @@ struct Report {
   NearCounts near;
   PairCounts pairs;
   long rows = 0, groups = 0, asleep = 0;
-  int substeps = 1;  // parts that the step was split into, or that of the most violent group
+  double search_seconds = 0;  // of wall time: which segments of tendons could touch
+  int substeps = 1;           // parts that the step was split into, or that of the most violent group
   // Adds a part that was solved.
   void take(const Report& part);
 };
@@ -231,10 +232,6 @@ class World {
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
   // As it was before the step (keep), and before the last one.
-  struct KeptEntry {
-    int chain, shape, feature;
-    Entry entry;
-  };
   std::vector<char> kept_moving_, kept_before_;
   std::vector<Link> kept_links_;  // before_links_ and before_movers_, once begun_
   std::vector<Mover> kept_movers_;
