@@ -55,6 +55,19 @@ Box box_of(const Chain& c, int first, int last, double margin) {
   return box;
 }
 
+// Around all that a tendon could touch within the step.
+BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
+  Box box;
+  double square = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i), moved = c.foreseen.at(i) - x;
+    box.include(x);
+    square = std::max(square, dot(moved, moved));
+  }
+  box.grow(c.radius + 0.5 * threshold + c.most_slack + std::sqrt(square));
+  return box;
+}
+
 // Around where segment k is and, as foreseen, will be at the end of the step.
 Box box_ahead(const Chain& c, int k, double threshold) {
   Box box;
@@ -142,8 +155,8 @@ bool World::meets(const Chain& awake, const Chain& asleep) const {
   const double threshold = options.contact_threshold;
   const Box reach = box_of_reach(awake, threshold);
   const double skin = skin_of(asleep, 0.5 * threshold);
-  for (int k = 0; k < asleep.n() - 1; k += BoxTree::kLeaf) {
-    const Box leaf = box_of(asleep, k, std::min(k + BoxTree::kLeaf, asleep.n() - 1) - 1, skin);
+  for (int k = 0; k < asleep.n() - 1; k += SweptBoxes::kLeaf) {
+    const Box leaf = box_of(asleep, k, std::min(k + SweptBoxes::kLeaf, asleep.n() - 1) - 1, skin);
     if (!overlap(reach, leaf)) continue;
     for (int m = 0; m < awake.n() - 1; ++m)
       if (overlap(box_ahead(awake, m, threshold), leaf)) return true;

@@ -168,7 +168,7 @@ namespace {
 
 // The nearest found so far, and the direction from it to the segment. Both are convex, so what lies lower
 // along that than the segment, by more than the distance, is no nearer.
-struct Found {
+struct NearestSoFar {
   const Vec3 a, b;
   const Box around;
   double reach;
@@ -197,7 +197,7 @@ struct Found {
 }  // namespace
 
 Nearest Surface::search(Vec3 a, Vec3 b, double within) const {
-  Found found{a, b, box_of(a, b), within};
+  NearestSoFar found{a, b, box_of(a, b), within};
   auto below = [&](const Box& box) { return found.is_below(box); };
   visit(found.around, found.reach, below, [&](const Node& leaf) {
     for (int k = leaf.first; k < leaf.first + leaf.count; ++k)

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "box.h"
 #include "pairs.h"
 
 namespace bt {

@@ -162,7 +162,6 @@ class World {
   void bone_rows();
   void half_space_rows(int chain, int shape);
   void tendon_rows();
-  void fit_trees();
   void finish_row(Row& row, int chain_slot, int particle);
   void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
@@ -214,8 +213,7 @@ class World {
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
-  std::vector<BoxTree> trees_;
-  std::vector<Box> reach_;  // by tendon, around all that it could touch
+  PairFinder finder_;
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;
