@@ -110,9 +110,9 @@ struct Considering {
     const double within = (1 + kRoundedUp) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
     const Nearest found = surface.search(q.a, q.b, within);
     if (found.distance == 0) return false;
+    e.nearby.clear();  // the list can be made again
     context.kept->push_back({q.chain, q.shape, q.feature, e});
     e.a = q.a, e.b = q.b, e.distance = found.distance, e.listed = (1 + 2 * kListed) * found.distance;
-    e.nearby.clear();
     e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
     e.now = e.asked, e.clearance = e.distance;
     return true;
