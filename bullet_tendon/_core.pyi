@@ -34,6 +34,7 @@ class Report:
     converged: bool
     worst_chain: int
     worst_particle: int
+    search_seconds: float
     def counts(self) -> dict[str, int]: ...
 
 def dynamics(

@@ -59,10 +59,13 @@ class StepReport:
     over all that was tried where the step was taken in parts.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).
-    worst: name of the tendon and particle with that residual. seconds: wall time by room.
+    worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of
+    the solution, what the search for tendons that touch took.
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
-    boxes, culled, skipped (too far since their last query), reused (last plane or triangles) and queried
-    (FCL);
+    boxes, culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
+    nearest triangle anew, in the core) and queried (FCL);
+    tendon_searches: pairs of tendons (each with itself too) of which it was searched anew which segments are
+    near; tendon_searches_skipped: those that cannot have come near since, or nearer than what was listed;
     tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:
     parts that the step was taken in; tendons_asleep: left out of it because they rest.
     """
@@ -73,12 +76,15 @@ class StepReport:
     worst: tuple[str, int] = ("", -1)
     seconds: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(ROOMS, 0.0))
     counts: dict[str, int] = dataclasses.field(default_factory=dict)
+    search_seconds: float = 0.0
 
     @classmethod
     def read(cls, core, worst: str, seconds: dict[str, float]) -> "StepReport":
         """From the core's report, and the name of the tendon that is worst in it."""
         where = (worst, core.worst_particle)
-        return cls(core.iterations, core.residual, core.converged, where, seconds, core.counts())
+        return cls(
+            core.iterations, core.residual, core.converged, where, seconds, core.counts(), core.search_seconds
+        )
 
 
 def contact_table(records: list, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:

@@ -55,7 +55,7 @@ def segment_triangles(a, b, triangles):
     best = min(point_triangles(a, triangles).min(), point_triangles(b, triangles).min())
     p, q, r = np.moveaxis(triangles, 1, 0)
     for start, end in ((p, q), (q, r), (r, p)):
-        best = min(best, _segment_segments(a, b, start, end).min())
+        best = min(best, segment_segments(a, b, start, end).min())
     return 0.0 if _crosses(a, b, p, q, r).any() else best
 
 
@@ -73,19 +73,23 @@ class Triangles:
         return segment_triangles(a, b, self.triangles[off - self.radii <= off.min() * (1 + 1e-9) + 1e-12])
 
 
-def _segment_segments(a, b, p, q):
-    """Each end against the other segment, and the lines' common normal where its feet are within both."""
-    best = np.full(len(p), np.inf)
+def segment_segments(a, b, p, q):
+    """Distance (...,) of segments a -> b to segments p -> q, of shapes (..., 3) that fit each other.
+
+    Each end against the other segment, and the lines' common normal where its feet are within both.
+    """
+    best = np.inf
     for end in (a, b):
-        best = np.minimum(best, np.linalg.norm(end - p - _clamped(end - p, q - p) * (q - p), axis=1))
+        best = np.minimum(best, np.linalg.norm(end - p - _clamped(end - p, q - p) * (q - p), axis=-1))
     for end in (p, q):
-        best = np.minimum(best, np.linalg.norm(end - a - _clamped(end - a, b - a) * (b - a), axis=1))
+        best = np.minimum(best, np.linalg.norm(end - a - _clamped(end - a, b - a) * (b - a), axis=-1))
     normal = np.cross(b - a, q - p)
     square = _dot(normal, normal)
     safe = np.where(square > 0, square, 1.0)
     u = _dot(np.cross(p - a, q - p), normal) / safe
-    v = _dot(np.cross(p - a, np.broadcast_to(b - a, p.shape)), normal) / safe
-    within = (square > 0) & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    v = _dot(np.cross(p - a, b - a), normal) / safe
+    parallel = square <= 1e-24 * _dot(b - a, b - a) * _dot(q - p, q - p)  # then the ends speak for all
+    within = ~parallel & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
     apart = np.abs(_dot(p - a, normal)) / np.sqrt(safe)
     return np.where(within, np.minimum(apart, best), best)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pybullet as p
 import pytest
 from brute_force import segment_triangles
+from scipy.spatial import ConvexHull
 
 import bullet_tendon as bt
 from bullet_tendon import _core
@@ -49,8 +50,42 @@ def test_what_was_listed_answers_until_something_else_can_be_nearest(soup, lengt
         assert np.linalg.norm(moved[0] + u * (moved[1] - moved[0]) - point) == pytest.approx(exact, abs=1e-15)
 
 
-def draw(make_world, client, friction, pause=None, **options):
-    """A tendon drawn across hills by a hand: positions at the end, and how many distances were asked for."""
+@pytest.mark.parametrize("surface", ["hills", "soup", "closed"])
+def test_what_is_nearest_of_all_is_found_from_a_bound(surface):
+    """Points and segments, many of which cross the surface: there, and only there, the distance is 0."""
+    rng = np.random.default_rng(3)
+    vertices, triangles = hills(2, cells=12)
+    corners = vertices[triangles]
+    if surface == "soup":
+        corners = rng.uniform(-0.05, 0.05, (300, 1, 3)) + rng.normal(0, 8e-3, (300, 3, 3))
+    elif surface == "closed":
+        hull = ConvexHull(rng.standard_normal((60, 3)) * 0.03)
+        corners = hull.points[hull.simplices]
+    a = rng.uniform(-0.05, 0.05, (400, 3))
+    b = a + rng.normal(0, 0.01, (400, 3)) * (rng.random((400, 1)) < 0.7)
+    exact = np.array([segment_triangles(*ends, corners) for ends in zip(a, b, strict=True)])
+    within = exact * (1 + 10 ** rng.uniform(-8, 1, 400))
+    found = _core.searched_nearest(corners, np.c_[a, b], within)
+    np.testing.assert_allclose(found[:, 0], exact, rtol=0, atol=1e-15)
+    assert 20 <= (exact == 0).sum() <= 300
+    apart = exact > 0
+    between = a + found[:, 4:] * (b - a) - found[:, 1:4]
+    np.testing.assert_allclose(np.linalg.norm(between, axis=1)[apart], exact[apart], rtol=0, atol=1e-15)
+
+
+def test_flat_faces_are_not_crossed_by_what_lies_in_their_planes():
+    square = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 1, 0], [0, 1, 0], [1, 0, 0]]], float)
+    beside = [2.0, 0.2, 0.0, 2.5, 0.8, 0.0]
+    inside, through = [0.2, 0.2, 0.0, 0.3, 0.3, 0.0], [0.5, 0.5, -1.0, 0.5, 0.5, 1.0]
+    found = _core.searched_nearest(square, np.array([beside, inside, through]), np.full(3, 2.0))
+    np.testing.assert_allclose(found[:, 0], [1.0, 0.0, 0.0], atol=1e-15)
+
+
+def draw(make_world, client, friction, pause=None, speed=1, **options):
+    """A tendon drawn across hills by a hand: positions at the end, and how many distances were asked for.
+
+    speed: in hundredths of a metre a second.
+    """
     world = make_world(gravity=(0, 0, -9.81), **options)
     vertices, triangles = hills(7)
     shape = p.createCollisionShape(
@@ -69,7 +104,8 @@ def draw(make_world, client, friction, pause=None, **options):
     t.set_force(0, [-3.0, 0.0, -3.0])
     asked = 0
     for k in range(360):
-        hand.target = np.array([0.06 + 5e-5 * min(k, 200), 0.0, 0.006 - 2e-5 * min(k, 200)])
+        gone = min(speed * k, 200)
+        hand.target = np.array([0.06 + 5e-5 * gone, 0.0, 0.006 - 2e-5 * gone])
         if k == 150 and pause:
             pause(world)
         world.step()
@@ -83,7 +119,45 @@ def test_friction_is_led_over_the_same_surface(make_world, client, friction):
     anew, many = draw(make_world, client, friction, reuse_tolerance=0.0)
     assert np.ptp(reused[:, 0]) > 0.1
     assert np.abs(reused - anew).max() <= 1e-9
-    assert many >= 5 * few
+    assert many >= 50 * few
+
+
+@pytest.mark.parametrize("speed", [20, 100, 200])
+def test_fast_motion_needs_few_queries_as_well(make_world, client, speed):
+    """To 2.4 m/s, where a step is longer than the tendon is thick."""
+    reused, few = draw(make_world, client, 0.1, speed=speed)
+    anew, many = draw(make_world, client, 0.1, speed=speed, reuse_tolerance=0.0)
+    assert np.abs(reused - anew).max() <= 1e-9
+    assert many >= 10 * few
+
+
+@pytest.mark.parametrize("convex", [False, True])
+def test_what_jumps_about_touches_what_it_touches(make_world, client, convex):
+    """A bone put anywhere, into a tendon and beyond it: contacts are those of new queries."""
+    vertices = 0.02 * ConvexHull(np.random.default_rng(1).standard_normal((40, 3))).points
+    triangles = ConvexHull(vertices).simplices
+    listed = {} if convex else {"indices": triangles.ravel().tolist()}
+    shape = p.createCollisionShape(p.GEOM_MESH, vertices=vertices.tolist(), physicsClientId=client, **listed)
+    bone = p.createMultiBody(0, shape, physicsClientId=client)
+    worlds = [make_world(reuse_tolerance=tolerance) for tolerance in (1e-6, 0.0)]
+    for world in worlds:
+        world.add_obstacle(bone, meshes=[] if convex else [(vertices, triangles)])
+        tendon = world.add_tendon([[-0.05, 0, 0], [0.05, 0, 0]], RADIUS, bt.Material(stiffness=1e3), 12)
+        for i in range(12):
+            tendon.grip(i, stiffness=100.0, damping=0.1)
+    rng, touched = np.random.default_rng(2), 0
+    for _ in range(120):
+        place, turn = rng.uniform(-0.07, 0.07, 3), rng.standard_normal(4)
+        p.resetBasePositionAndOrientation(bone, place, turn / np.linalg.norm(turn), physicsClientId=client)
+        found = []
+        for world in worlds:
+            world.apply()
+            found.append(np.sort(world.contacts, order=["segment", "distance"]))
+        assert len(found[0]) == len(found[1])
+        touched += len(found[0])
+        for name in ("segment", "position", "normal", "distance", "normal_force"):
+            np.testing.assert_allclose(found[0][name], found[1][name], rtol=1e-6, atol=1e-9)
+    assert touched > 60
 
 
 def test_lists_are_made_again_after_a_restore(make_world, client):

@@ -101,7 +101,9 @@ py::list pushes(const World& w) {
 py::dict counts(const Report& r) {
   py::dict d;
   d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
-  d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused, d["pairs_queried"] = r.near.queried;
+  d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused;
+  d["pairs_searched"] = r.near.searched, d["pairs_queried"] = r.near.queried;
+  d["tendon_searches"] = r.pairs.searches, d["tendon_searches_skipped"] = r.pairs.skipped;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
   d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
   d["tendons_asleep"] = r.asleep;
@@ -148,12 +150,14 @@ PYBIND11_MODULE(_core, m) {
       .def_readonly("converged", &Report::converged)
       .def_readonly("worst_chain", &Report::worst_chain)
       .def_readonly("worst_particle", &Report::worst_particle)
+      .def_readonly("search_seconds", &Report::search_seconds)
       .def("counts", &counts);
   bind_articulated(m);
   bind_terms(m, world);
   bind_links(m, world);
   bind_bodies(m, world);
   bind_sparse(m);
+  bind_pairs(m);
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)

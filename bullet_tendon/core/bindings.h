@@ -62,6 +62,8 @@ void bind_terms(py::module_& m, py::class_<World>& world);
 // What pybullet tells of links (link_bindings.cpp) and of bodies with joints (body_bindings.cpp).
 void bind_links(py::module_& m, py::class_<World>& world);
 void bind_bodies(py::module_& m, py::class_<World>& world);
+// The search for tendons that touch (pair_bindings.cpp).
+void bind_pairs(py::module_& m);
 // The sparse solver by itself (sparse_bindings.cpp).
 void bind_sparse(py::module_& m);
 

@@ -52,6 +52,7 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
 }
 
 void Chain::set_rest(const std::vector<double>& lengths) {
+  ++rest_set;
   rest = lengths;
   mass = point_mass;
   for (int k = 0; k + 1 < n_; ++k) {
@@ -111,7 +112,8 @@ void Chain::restore_multipliers(const Multipliers& from) {
 
 void Chain::foresee() {
   foreseen = next;
-  std::fill(slack.begin(), slack.end(), kSlack * radius);
+  most_slack = kSlack * radius;
+  std::fill(slack.begin(), slack.end(), most_slack);
 }
 
 // Directions that fill a sphere evenly, one by the golden angle from the last (Saff and Kuijlaars 1997).

@@ -111,6 +111,8 @@ class Chain {
   // much they may miss it [m].
   Field foreseen;
   std::vector<double> slack;
+  double most_slack = 0;
+  int rest_set = 0;  // how often rest lengths were
   // At the start of the step, or of the part of it that is being solved.
   Multipliers kept;
   bool kept_smooth = true;

@@ -1,5 +1,6 @@
 // Rows of bones, planes and tendon pairs, and what contacts remember between steps.
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "constants.h"
@@ -227,32 +228,15 @@ void World::half_space_rows(int chain, int s) {
   }
 }
 
-// Boxes of the tendons that could touch another or themselves; those of the others are empty.
-void World::fit_trees() {
-  const int count = static_cast<int>(slots_.size());
-  reach_.resize(count), trees_.resize(count);
-  for (int c = 0; c < count; ++c)
-    reach_[c] = slots_[c] ? box_of_reach(*slots_[c], options.contact_threshold) : Box{};
-  for (int c = 0; c < count; ++c) {
-    if (!slots_[c]) continue;
-    bool meets = !is_straight(*slots_[c], slots_[c]->x) || !is_straight(*slots_[c], slots_[c]->foreseen);
-    for (int other = 0; other < count && !meets; ++other)
-      meets = other != c && overlap(reach_[c], reach_[other]);
-    if (meets)
-      trees_[c].refit(*slots_[c], options.contact_threshold);
-    else
-      trees_[c].all = Box{};
-  }
-}
-
 // Algorithm 1, steps 3 and 4.
 void World::tendon_rows() {
-  fit_trees();
+  const auto start = std::chrono::steady_clock::now();
   pairs_.clear();
   // TR-BDF2 gains by the shorter parts that whatever moves beside something asks for.
   const bool staged = options.integrator == Integrator::tr_bdf2;
   const Foresight foresight = !can_split() ? Foresight::near : staged ? Foresight::far : Foresight::swept;
-  report_.pairs = find_pairs(slots_, trees_, foresight, pairs_);
+  report_.pairs = finder_.find(slots_, options.contact_threshold, foresight, pairs_);
+  report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   room_ = std::min(room_, report_.pairs.room);
   for (const SegmentPair& p : pairs_) {
     const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];

@@ -80,6 +80,11 @@ struct Considering {
         e.wanted = is_within_reach(e);
         return;
       }
+      if (shape.surface && searched(e, query, moved)) {
+        ++counts.searched;
+        e.wanted = is_within_reach(e);
+        return;
+      }
     }
     ++counts.queried;
     queries.push_back(query);
@@ -87,11 +92,29 @@ struct Considering {
 
  private:
   bool remeasured(Entry& e, const Query& q, double moved) const {
-    if (moved > 0.5 * (e.listed - e.distance)) return false;
-    if (e.nearby.empty()) shape.surface->list(e.a, e.b, e.listed, e.nearby);
+    auto missing = [&] { return moved > 0.5 * (e.listed - e.distance); };
+    if (missing()) return false;
+    if (e.nearby.empty()) e.listed = shape.surface->list(e.a, e.b, e.listed, e.nearby);
+    if (missing()) return false;
     const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
     e.now = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
     e.clearance = found.distance;
+    return true;
+  }
+
+  // What was nearest is no farther away than from the feature as it is now. Where the feature's ends have
+  // moved by no more than its distance, or have not gone through the surface, it is on the side where it was.
+  bool searched(Entry& e, const Query& q, double moved) const {
+    const Surface& surface = *shape.surface;
+    if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
+    const double within = (1 + kRoundedUp) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
+    const Nearest found = surface.search(q.a, q.b, within);
+    if (found.distance == 0) return false;
+    e.nearby.clear();  // the list can be made again
+    context.kept->push_back({q.chain, q.shape, q.feature, e});
+    e.a = q.a, e.b = q.b, e.distance = found.distance, e.listed = (1 + 2 * kListed) * found.distance;
+    e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
+    e.now = e.asked, e.clearance = e.distance;
     return true;
   }
 

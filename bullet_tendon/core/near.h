@@ -6,8 +6,9 @@
 //   skipped  while d - m > reach, because the feature cannot have come within reach,
 //   reused   while the list of triangles that were near then still has the nearest one (surface.h), or, of
 //            a shape without triangles, while the plane's error is under the reuse tolerance,
-//   queried  otherwise.
-// Triangles listed are measured anew, so that friction is led over the true surface, at any tolerance but 0.
+//   searched for the nearest triangle from where the last one bounds its distance, by the core,
+//   queried  otherwise: of what is not known yet, and of what has gone through a surface or crosses it.
+// Triangles are measured anew, so that friction is led over the true surface, at any tolerance but 0.
 // Without them: distance to a convex body at a displacement from distance d is at least the plane's value;
 // with m the displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is
 // at most sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal
@@ -65,7 +66,13 @@ struct Query {
 };
 
 struct NearCounts {
-  long considered = 0, culled = 0, skipped = 0, reused = 0, queried = 0;
+  long considered = 0, culled = 0, skipped = 0, reused = 0, searched = 0, queried = 0;
+};
+
+// An entry as it was, of the tendon, shape and feature.
+struct KeptEntry {
+  int chain, shape, feature;
+  Entry entry;
 };
 
 struct NearCache {
@@ -77,6 +84,7 @@ struct NearCache {
 struct NearContext {
   double dt = 0, threshold = 0, reuse_tolerance = 0;
   const std::vector<Bore>* bores = nullptr;  // those of the shape's link
+  std::vector<KeptEntry>* kept = nullptr;    // what is changed by a search
 };
 
 // Appends the queries needed for one chain and one shape, and marks the entries that are to make rows.

@@ -78,51 +78,11 @@ BT_VECTOR bool strays(const Chain& c) {
   return count > 0;
 }
 
-BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
-  Box box;
-  double slack = 0, square = 0;
-  for (int i = 0; i < c.n(); ++i) {
-    const Vec3 x = c.x.at(i), moved = c.foreseen.at(i) - x;
-    box.include(x);
-    square = std::max(square, dot(moved, moved)), slack = std::max(slack, c.slack[i]);
-  }
-  box.grow(c.radius + 0.5 * threshold + slack + std::sqrt(square));
-  return box;
-}
-
-void BoxTree::refit(const Chain& c, double threshold) {
-  const int m = c.n() - 1;
-  segments.resize(m);
-  leaves.assign((m + kLeaf - 1) / kLeaf, Box{});
-  all = Box{};
-  mean_motion = {};
-  for (int i = 0; i < c.n(); ++i) mean_motion += (1.0 / c.n()) * (c.foreseen.at(i) - c.x.at(i));
-  skin = c.radius + 0.5 * threshold;
-  farthest_ = 0;
-  for (int k = 0; k < m; ++k) {
-    Box b;
-    for (int i : {k, k + 1}) {
-      b.include(c.x.at(i)), b.include(c.foreseen.at(i) - mean_motion);
-      farthest_ = std::max(farthest_, norm(c.foreseen.at(i) - mean_motion - c.x.at(i)));
-    }
-    b.grow(skin + std::max(c.slack[k], c.slack[k + 1]));
-    segments[k] = b;
-    leaves[k / kLeaf].include(b);
-  }
-  branches.assign((leaves.size() + kLeaf - 1) / kLeaf, Box{});
-  for (size_t i = 0; i < leaves.size(); ++i) branches[i / kLeaf].include(leaves[i]);
-  for (const Box& b : branches) all.include(b);
-  arc.resize(c.n());
-  arc[0] = 0;
-  for (int k = 0; k < m; ++k) arc[k + 1] = arc[k] + c.rest[k];
-  find_straight(c);
-}
-
 // With every segment of leaf j within the angle t of its heading, and cos(t) >= kStraight = cos(f), all are
 // within f of another heading if that is within f - t of the leaf's: cos(f - t) = cos f cos t + sin f sin t.
-void BoxTree::find_straight(const Chain& c) {
-  const int m = c.n() - 1, count = static_cast<int>(leaves.size());
-  heading_.resize(count), agrees_.resize(count), straight_to.resize(count);
+void Straight::find(const Chain& c, double off) {
+  const int m = c.n() - 1, count = (m + kLeaf - 1) / kLeaf;
+  heading_.resize(count), agrees_.resize(count), to_.resize(count);
   const double across = std::sqrt(1 - kStraight * kStraight);
   for (int i = 0; i < count; ++i) {
     const int from = i * kLeaf, to = std::min(from + kLeaf, m);
@@ -138,66 +98,58 @@ void BoxTree::find_straight(const Chain& c) {
   }
   for (int i = 0; i < count; ++i) {
     int j = i - 1;
-    straight_to[i] = j;
-    if (farthest_ > kFarthestMove * c.radius) continue;  // may not be straight at the end of the step
+    to_[i] = j;
+    if (off > kFarthestMove * c.radius) continue;  // may not be straight at the end of the step
     while (j + 1 < std::min(count, i + kFarthestLeaf) && dot(heading_[i], heading_[j + 1]) >= agrees_[j + 1])
       ++j;
-    straight_to[i] = j;
+    to_[i] = j;
   }
 }
 
 namespace {
 
-struct Finder {
-  const Chain *a, *b;
-  const BoxTree *ta, *tb;
-  int ia, ib;
-  std::vector<SegmentPair>& out;
+// Of two tendons, or of one.
+struct Measuring {
+  const Searched &of_a, &of_b;
+  const Chain &a = *of_a.chain, &b = *of_b.chain;
+  const int slot_a, slot_b;
+  const Foresight foresight;
+  const Straight* straight;  // of one tendon
   PairCounts& counts;
-  Foresight foresight;
-  bool far = foresight != Foresight::near;
-  double margin = 0;
-
-  // Segments that a spring joins, or so near along the tendon that no bend brings them together.
-  bool joined(int k, int m) const {
-    if (a != b) return false;
-    if (m - k <= 1) return true;
-    return ta->arc[m] - ta->arc[k + 1] < kSelfContactArc * a->radius;
-  }
-
+  std::vector<SegmentPair>& out;
+  const bool far = foresight != Foresight::near;
+  const double radii = a.radius + b.radius, skins = of_a.travel.skin() + of_b.travel.skin();
   // How much two segments move relative to each other in the step, as foreseen [m].
   double motion(int k, int m) const {
     double farthest = 0;
     for (int i : {k, k + 1})
       for (int j : {m, m + 1})
-        farthest = std::max(farthest, norm(a->foreseen.at(i) - a->x.at(i) - b->foreseen.at(j) + b->x.at(j)));
+        farthest = std::max(farthest, norm(a.foreseen.at(i) - a.x.at(i) - b.foreseen.at(j) + b.x.at(j)));
     return farthest;
   }
 
   // What a straight stretch of tendon joins turns with it.
   Sweep sweep(int k, int m) const {
-    const Field &y = a->foreseen, &z = b->foreseen;
-    Sweep s({a->x.at(k), a->x.at(k + 1), b->x.at(m), b->x.at(m + 1)},
+    const Field &y = a.foreseen, &z = b.foreseen;
+    Sweep s({a.x.at(k), a.x.at(k + 1), b.x.at(m), b.x.at(m + 1)},
             {y.at(k), y.at(k + 1), z.at(m), z.at(m + 1)});
-    if (a != b) return s;
+    if (!straight) return s;
     const Vec3 before = s.from[2] - s.from[1], after = z.at(m) - y.at(k + 1);
-    const double enough = kStraight * (ta->arc[m] - ta->arc[k + 1]);
+    const double enough = kStraight * of_a.arc_between(k, m);
     if (norm(before) > enough && norm(after) > enough) s.unturn(before, after);
     return s;
   }
 
-  void measure(int k, int m) {
-    if (!overlap(ta->segments[k], tb->segments[m], margin) || joined(k, m)) return;
-    if (a == b && a->is_overlaid(k, m)) return;
+  void operator()(int k, int m) {
+    if (straight && (straight->joins(k, m) || of_a.joins(k, m) || a.is_overlaid(k, m))) return;
     ++counts.considered;
-    Vec3 p0 = a->x.at(k), p1 = a->x.at(k + 1), q0 = b->x.at(m), q1 = b->x.at(m + 1);
-    const double radii = a->radius + b->radius, moves = motion(k, m);
-    const double slack = std::max(a->slack[k], a->slack[k + 1]) + std::max(b->slack[m], b->slack[m + 1]);
-    const double skins = ta->skin + tb->skin;
+    Vec3 p0 = a.x.at(k), p1 = a.x.at(k + 1), q0 = b.x.at(m), q1 = b.x.at(m + 1);
+    const double moves = motion(k, m);
+    const double slack = std::max(a.slack[k], a.slack[k + 1]) + std::max(b.slack[m], b.slack[m + 1]);
     double reach = skins + slack + (far ? moves : std::min(moves, kFarthest * radii));
     double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
     if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
-    SegmentPair s{ia, k, ib, m, 0, 0, {}, 0, false};
+    SegmentPair s{slot_a, k, slot_b, m, 0, 0, {}, 0, false};
     nearest_parameters(p0, p1, q0, q1, s.u, s.w);  // step 2
     between_ends(p0, p1, q0, q1, kPairEnds * radii, s.u, s.w);
     s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
@@ -215,49 +167,65 @@ struct Finder {
     }
     ++counts.near, out.push_back(s);
   }
-
-  void run() {
-    // Two tendons may move towards each other as wholes.
-    margin = a == b ? 0 : norm(ta->mean_motion - tb->mean_motion);
-    if (!far) margin = std::min(margin, kFarthest * (a->radius + b->radius));
-    if (!overlap(ta->all, tb->all, margin)) return;
-    const int branches_a = static_cast<int>(ta->branches.size()),
-              branches_b = static_cast<int>(tb->branches.size());
-    for (int i = 0; i < branches_a; ++i)
-      for (int j = a == b ? i : 0; j < branches_b; ++j)
-        if (overlap(ta->branches[i], tb->branches[j], margin)) in_branches(i, j);
-  }
-
-  void in_branches(int branch_a, int branch_b) {
-    const int L = BoxTree::kLeaf;
-    const int la = static_cast<int>(ta->leaves.size()), lb = static_cast<int>(tb->leaves.size());
-    for (int i = branch_a * L; i < std::min((branch_a + 1) * L, la); ++i) {
-      // Nothing of a straight stretch touches itself.
-      const int first = a == b ? std::max({branch_b * L, i, ta->straight_to[i] + 1}) : branch_b * L;
-      for (int j = first; j < std::min((branch_b + 1) * L, lb); ++j)
-        if (overlap(ta->leaves[i], tb->leaves[j], margin)) in_leaves(i, j);
-    }
-  }
-
-  void in_leaves(int i, int j) {
-    const int L = BoxTree::kLeaf;
-    for (int k = i * L; k < std::min((i + 1) * L, a->n() - 1); ++k)
-      for (int m = a == b ? std::max(j * L, k + 1) : j * L; m < std::min((j + 1) * L, b->n() - 1); ++m)
-        measure(k, m);
-  }
 };
 
 }  // namespace
 
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
-                      Foresight foresight, std::vector<SegmentPair>& out) {
-  PairCounts counts;
+void PairFinder::clear() { tendons_.clear(), searches_.clear(), crowd_.forget(); }
+
+PairCounts PairFinder::find(const std::vector<Chain*>& chains, double threshold, Foresight foresight,
+                            std::vector<SegmentPair>& out) {
   const int count = static_cast<int>(chains.size());
+  if (tendons_.size() != chains.size()) clear();
+  tendons_.resize(count), searches_.resize(slot_of(0, count));
+  long there = 0;
+  for (int c = 0; c < count; ++c) {
+    tendons_[c].chain = chains[c];
+    if (chains[c]) tendons_[c].look(*chains[c], threshold), ++there;
+  }
+  ++looks_;
+  PairCounts counts;
+  counts.skipped = there * (there + 1) / 2;
+  if (crowd_.stays_clear(tendons_)) return counts;
+  if (all_clear()) return crowd_.share(tendons_, searches_), counts;
+  counts.skipped = 0;
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
-      if (chains[i] && chains[j])
-        Finder{chains[i], chains[j], &trees[i], &trees[j], i, j, out, counts, foresight}.run();
+      if (chains[i] && chains[j]) find_of(i, j, foresight, counts, out);
   return counts;
+}
+
+bool PairFinder::all_clear() const {
+  for (size_t j = 0; j < tendons_.size(); ++j)
+    for (size_t i = 0; i <= j; ++i)
+      if (tendons_[i].chain && tendons_[j].chain &&
+          !searches_[slot_of(i, j)].stays_clear(tendons_[i], tendons_[j]))
+        return false;
+  return true;
+}
+
+void PairFinder::find_of(int i, int j, Foresight foresight, PairCounts& counts,
+                         std::vector<SegmentPair>& out) {
+  Searched &a = tendons_[i], &b = tendons_[j];
+  PairSearch& search = searches_[slot_of(i, j)];
+  if (search.stays_clear(a, b)) return void(++counts.skipped);
+  const Travel &p = a.travel.way(), &q = b.travel.way();
+  const double most = foresight == Foresight::near ? kFarthest * (a.chain->radius + b.chain->radius) : 1e300;
+  const double reach =
+      a.travel.reach() + b.travel.reach() + std::min(most, norm(p.by - q.by) + p.off + q.off);
+  const long before = counts.searches;
+  const Found found = search.look(a, b, reach, looks_, counts.searches);
+  counts.skipped += found != Found::boxes && counts.searches == before;
+  if (found == Found::nothing || (i == j && a.is_straight())) return;
+  if (i == j) straight_.find(*a.chain, a.farthest());
+  // Two tendons may move towards each other as wholes.
+  const double margin = std::min(most, norm(a.mean_motion() - b.mean_motion()));
+  Measuring measure{a, b, *a.chain, *b.chain, i, j, foresight, i == j ? &straight_ : nullptr, counts, out};
+  if (found == Found::boxes) return each_overlap(a.boxes(), b.boxes(), margin, measure);
+  auto box_of = [](Searched& s, int k) { return swept_box(*s.chain, k, s.mean_motion(), s.travel.skin()); };
+  search.each_listed([&](int k, int m) {
+    if (overlap(box_of(a, k), box_of(b, m), margin)) measure(k, m);
+  });
 }
 
 }  // namespace bt

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "chain.h"
+#include "crowd.h"
 
 namespace bt {
 
@@ -17,57 +18,30 @@ struct SegmentPair {
 // Nearest parameters of segments p0-p1 and q0-q1.
 void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w);
 
-struct Box {
-  Vec3 lo{1e300, 1e300, 1e300}, hi{-1e300, -1e300, -1e300};
-  void include(Vec3 p) {
-    lo = {std::min(lo.x, p.x), std::min(lo.y, p.y), std::min(lo.z, p.z)};
-    hi = {std::max(hi.x, p.x), std::max(hi.y, p.y), std::max(hi.z, p.z)};
-  }
-  void include(const Box& b) { include(b.lo), include(b.hi); }
-  void grow(double margin) {
-    Vec3 m{margin, margin, margin};
-    lo -= m, hi += m;
-  }
-};
-inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the margin m
-  return a.lo.x <= b.hi.x + m && b.lo.x <= a.hi.x + m && a.lo.y <= b.hi.y + m && b.lo.y <= a.hi.y + m &&
-         a.lo.z <= b.hi.z + m && b.lo.z <= a.hi.z + m;
-}
-
-// Boxes around where a chain's segments are and, as foreseen, will be at the end of the step, relative
-// to the chain's mean motion, grown by radius, slack and half the threshold: one for each, one for every
-// eight, one for all.
-struct BoxTree {
-  static constexpr int kLeaf = 8;
-  std::vector<Box> segments, leaves, branches;
-  std::vector<double> arc;  // rest length up to each particle [m]
-  // The last leaf up to which the tendon runs so straight from leaf i on that it cannot touch itself:
-  // points an arc a apart are at least kStraight a apart, and kStraight kSelfContactArc exceeds two.
-  std::vector<int> straight_to;
-  Vec3 mean_motion;  // of the particles within the step [m]
-  double skin = 0;   // radius and half the threshold [m]
-  Box all;
-  void refit(const Chain& c, double threshold);
-
- private:
-  void find_straight(const Chain& c);
-  double farthest_ = 0;         // that a particle moves relative to the mean motion [m]
-  std::vector<Vec3> heading_;   // of each leaf's chord
-  std::vector<double> agrees_;  // least cosine of another heading with it for all its segments to be straight
-};
-
 // Whether a tendon as a whole would run so straight at x that it cannot touch itself.
 bool is_straight(const Chain& c, const Field& x);
 
 // Whether any particle ends up elsewhere than foreseen.
 bool strays(const Chain& c);
 
-// Around all that a tendon could touch within the step: two tendons whose boxes are apart have no pair that
-// find_pairs would find.
-Box box_of_reach(const Chain& c, double threshold);
+// Up to where a tendon runs so straight that it cannot touch itself: points an arc a apart are at least
+// kStraight a apart, and kStraight kSelfContactArc exceeds two.
+class Straight {
+ public:
+  static constexpr int kLeaf = 8;  // segments
+  // `off`: what particles move by within the step besides what all of them do [m].
+  void find(const Chain& c, double off);
+  bool joins(int k, int m) const { return m / kLeaf <= to_[k / kLeaf]; }
+
+ private:
+  std::vector<int> to_;         // the last leaf, by leaf
+  std::vector<Vec3> heading_;   // of each leaf's chord
+  std::vector<double> agrees_;  // least cosine of another heading with it for all its segments to be straight
+};
 
 struct PairCounts {
-  long considered = 0, near = 0;
+  // Segments; tendons, each with itself too, that were searched, and that could not have come near since.
+  long considered = 0, near = 0, searches = 0, skipped = 0;
   double room = 1;  // share of the step until tendons that are not near could touch, as foreseen [-]
 };
 
@@ -75,8 +49,23 @@ struct PairCounts {
 // of these only where they approach (sweep.h).
 enum class Foresight { near, far, swept };
 
-// Appends the pairs of segments that could touch within the step.
-PairCounts find_pairs(const std::vector<Chain*>& chains, const std::vector<BoxTree>& trees,
-                      Foresight foresight, std::vector<SegmentPair>& out);
+// Finds the pairs of segments that could touch within the step.
+class PairFinder {
+ public:
+  // Forgets where tendons were.
+  void clear();
+  // Appends them. threshold: that contacts begin at beyond the surfaces [m].
+  PairCounts find(const std::vector<Chain*>& chains, double threshold, Foresight foresight,
+                  std::vector<SegmentPair>& out);
+
+ private:
+  bool all_clear() const;
+  void find_of(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
+  std::vector<Searched> tendons_;
+  std::vector<PairSearch> searches_;  // by slot_of
+  Crowd crowd_;
+  long looks_ = 0;
+  Straight straight_;
+};
 
 }  // namespace bt

@@ -115,6 +115,7 @@ bool World::strayed() {
       if (!(off > c->slack[i])) continue;
       any = true;
       c->slack[i] = kSlack * c->radius + 0.5 * off;
+      c->most_slack = std::max(c->most_slack, c->slack[i]);
       c->foreseen.set(i, c->next.at(i));
     }
   }

@@ -55,6 +55,19 @@ Box box_of(const Chain& c, int first, int last, double margin) {
   return box;
 }
 
+// Around all that a tendon could touch within the step.
+BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
+  Box box;
+  double square = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i), moved = c.foreseen.at(i) - x;
+    box.include(x);
+    square = std::max(square, dot(moved, moved));
+  }
+  box.grow(c.radius + 0.5 * threshold + c.most_slack + std::sqrt(square));
+  return box;
+}
+
 // Around where segment k is and, as foreseen, will be at the end of the step.
 Box box_ahead(const Chain& c, int k, double threshold) {
   Box box;
@@ -138,15 +151,14 @@ void World::rouse_disturbed(double dt) {
   for (Link& l : links) l.moved = false;
 }
 
-// By the boxes of the step's tendons that rows were looked for with.
 bool World::is_met(const Chain& asleep) const {
   const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
   const int segments = asleep.n() - 1;
   const Box all = box_of(asleep, 0, segments - 1, skin);
   for (size_t a = 0; a < slots_.size(); ++a) {
     if (!slots_[a] || !overlap(reach_[a], all)) continue;
-    for (int k = 0; k < segments; k += BoxTree::kLeaf) {
-      const Box leaf = box_of(asleep, k, std::min(k + BoxTree::kLeaf, segments) - 1, skin);
+    for (int k = 0; k < segments; k += SweptBoxes::kLeaf) {
+      const Box leaf = box_of(asleep, k, std::min(k + SweptBoxes::kLeaf, segments) - 1, skin);
       for (int m = 0; overlap(reach_[a], leaf) && m < slots_[a]->n() - 1; ++m)
         if (overlap(box_ahead(*slots_[a], m, threshold), leaf)) return true;
     }
@@ -158,6 +170,9 @@ bool World::is_met(const Chain& asleep) const {
 bool World::rouse_met() {
   if (!any_asleep()) return false;
   bool any = false;
+  reach_.assign(slots_.size(), Box{});
+  for (size_t a = 0; a < slots_.size(); ++a)
+    if (slots_[a]) reach_[a] = box_of_reach(*slots_[a], options.contact_threshold);
   for (size_t c = 0; c < chains.size(); ++c)
     if (chains[c] && chains[c]->bed >= 0 && is_met(*chains[c])) rouse(static_cast<int>(c)), any = true;
   if (any) join_step();

@@ -63,18 +63,19 @@ template <class A>
 void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
          overlaid, tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v,
-         dt_before, smooth, quiet, bed, touching, touched, b, turn, foreseen, slack, kept, kept_smooth,
-         start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split, gathered, braked,
-         next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
-         cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+         dt_before, smooth, quiet, bed, touching, touched, b, turn, foreseen, slack, most_slack, rest_set,
+         kept, kept_smooth, start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split,
+         gathered, braked, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
+         cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm,
+         worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, accelerated, dt_before, smooth, quiet, bed, touching, touched, split,
     gathered);
-  a.scratch(staged, stage_x, stage_v, b, turn, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
-            start_x_before, start_v_before, start_dt_before, braked, next, step, residual, anchor_x, anchor_v,
-            goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
-            inverse_blocks, residual_norm, worst_particle);
+  a.scratch(staged, stage_x, stage_v, b, turn, foreseen, slack, most_slack, rest_set, kept, kept_smooth,
+            start_x, start_v, start, start_x_before, start_v_before, start_dt_before, braked, next, step,
+            residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image,
+            column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle);
 }
 
 template <class A>
@@ -169,14 +170,15 @@ void World::moving_fields(A& a) {
     if (there) fields(a, *c);
   }
   a(links, movers, memory_, whole_dt_, way_back_, asleep_rows_, rest_gravity_);
+  if (a.applies()) finder_.clear();  // what it finds does not depend on what it has kept
 }
 
 template <class A>
 void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
          whole_dt, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings, backup,
-         backup_memory, way_back, before_links, before_movers, slots, caches, queries, trees, reach, pairs,
-         touches, rows, found, before, asleep_rows, rest_gravity, restful, restless, keys, memory, touching,
+         backup_memory, way_back, before_links, before_movers, slots, caches, queries, finder, pairs, touches,
+         rows, found, before, asleep_rows, rest_gravity, restful, restless, reach, keys, memory, touching,
          bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_before, kept_links,
          kept_movers, begun, told_contacts, kept_entries, kept_rows] = *this;
   moving_fields(a);
@@ -195,8 +197,8 @@ void World::all_fields(A& a) {
   a(rows);
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings,
-            backup, backup_memory, slots, queries, trees, reach, pairs, touches, found, before, restful,
-            restless, keys, touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before,
+            backup, backup_memory, slots, queries, finder, pairs, touches, found, before, restful, restless,
+            reach, keys, touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before,
             kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows);
 }
 

@@ -96,6 +96,21 @@ py::tuple listed_nearest(const Array& corners, const Array& segment, double reac
   return py::make_tuple(whole, listed.size(), found.distance, tuple(found.point), found.u);
 }
 
+// What is nearest of triangles (t, 3, 3) to segments (k, 6), no farther than `within` (k): rows of distance,
+// point and u.
+Array searched_nearest(const Array& corners, const Array& segments, const Array& within) {
+  const Surface surface(triangles_of(corners));
+  Array out({within.size(), static_cast<py::ssize_t>(5)});
+  double* to = out.mutable_data();
+  for (py::ssize_t k = 0; k < within.size(); ++k) {
+    const double* from = segments.data() + 6 * k;
+    const Nearest found = surface.search(vec(from), vec(from + 3), within.data()[k]);
+    for (const double value : {found.distance, found.point.x, found.point.y, found.point.z, found.u})
+      *to++ = value;
+  }
+  return out;
+}
+
 }  // namespace
 
 void bind_terms(py::module_& m, py::class_<World>& world) {
@@ -103,6 +118,7 @@ void bind_terms(py::module_& m, py::class_<World>& world) {
   m.def("edge_term", &edge_term);
   m.def("pair_term", &pair_term);
   m.def("listed_nearest", &listed_nearest);
+  m.def("searched_nearest", &searched_nearest);
   world.def("spring_term", &spring_term_of);
   world.def("bending_term", [](const World& w, int c, const Array& x) {
     return term_of(bending_term(*w.chains[c], field_of(x)));

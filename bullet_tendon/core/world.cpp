@@ -11,6 +11,7 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
   if (slot == static_cast<int>(chains.size())) chains.emplace_back();
   chains[slot] = std::move(chain);
+  finder_.clear();
   way_back_ = false;
   return slot;
 }
@@ -18,6 +19,7 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
 void World::remove_chain(int slot) {
   rouse(slot);
   chains[slot].reset();
+  finder_.clear();
   way_back_ = false;
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
@@ -217,7 +219,7 @@ const std::vector<Query>& World::near() {
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
       NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
-                       &bores_of(shapes[s].link)};
+                       &bores_of(shapes[s].link), &kept_entries_};
       ask(*chains[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near,
           caches_[c][s], queries_, report_.near);
     }

@@ -37,7 +37,8 @@ struct Report {
   NearCounts near;
   PairCounts pairs;
   long rows = 0, groups = 0, asleep = 0;
-  int substeps = 1;  // parts that the step was split into, or that of the most violent group
+  double search_seconds = 0;  // of wall time: which segments of tendons could touch
+  int substeps = 1;           // parts that the step was split into, or that of the most violent group
   // Adds a part that was solved.
   void take(const Report& part);
 };
@@ -161,7 +162,6 @@ class World {
   void bone_rows();
   void half_space_rows(int chain, int shape);
   void tendon_rows();
-  void fit_trees();
   void finish_row(Row& row, int chain_slot, int particle);
   void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
@@ -214,14 +214,14 @@ class World {
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
-  std::vector<BoxTree> trees_;
-  std::vector<Box> reach_;  // by tendon, around all that it could touch
+  PairFinder finder_;
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;
   std::vector<Row> asleep_rows_;          // of tendons that sleep
   Vec3 rest_gravity_;                     // when the last of them fell asleep
   std::vector<char> restful_, restless_;  // by root of a group
+  std::vector<Box> reach_;                // of tendons that do not, by slot
   std::vector<uint64_t> keys_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
@@ -232,10 +232,6 @@ class World {
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
   // As it was before the step (keep), and before the last one.
-  struct KeptEntry {
-    int chain, shape, feature;
-    Entry entry;
-  };
   std::vector<char> kept_moving_, kept_before_;
   std::vector<Link> kept_links_;  // before_links_ and before_movers_, once begun_
   std::vector<Mover> kept_movers_;

@@ -1,0 +1,42 @@
+// Stretches of a tendon in a tree, each bounded by its chord and how far it leaves that: line swept spheres
+// (Larsen, Gottschalk, Lin, Manocha 2000), here around a polyline.
+//
+// All of a stretch is within `radius` of its chord. A child's chord ends on its parent's, but where both
+// children meet, h away: so the parent's radius is h more than the greater of theirs. Its segments go along
+// `heading`, or off it by an angle of cosine `straight`: two of its points, an arc s apart, are at least
+// `straight` s apart.
+#pragma once
+#include <vector>
+
+#include "chain.h"
+
+namespace bt {
+
+struct Strand {
+  Vec3 a, b;                // the chord
+  double radius = 0;        // [m]
+  int first = 0, last = 0;  // segments; last is not one of them
+  int second = -1;          // the other child, the first being the next strand; -1: a leaf
+  Vec3 heading;
+  double straight = 1;
+  double stretch = 1;  // least length of its segments over that at rest
+};
+
+class Strands {
+ public:
+  void fit(const Chain& c);
+  const Strand& operator[](int at) const { return strands_[at]; }
+
+ private:
+  int build(const Chain& c, int first, int last);
+  void fit_leaf(const Chain& c, Strand& leaf) const;
+  void join(Strand& strand, const Strand& p, const Strand& q) const;
+  std::vector<Strand> strands_;
+};
+
+// The cosine of the cone around both, and its axis.
+double straightness_of_both(const Strand& p, const Strand& q, Vec3& heading);
+// Between two chords.
+double between(const Strand& p, const Strand& q);
+
+}  // namespace bt

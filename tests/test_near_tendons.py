@@ -1,0 +1,194 @@
+"""Segments of tendons that could touch are found however tendons move, and whatever was searched before."""
+
+import numpy as np
+import pytest
+from brute_force import segment_segments
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bullet_tendon as bt
+from bullet_tendon import _core
+
+RADIUS = 0.002  # m
+SWEPT = 2  # how contacts are foreseen where steps can be taken in parts
+TIMES = np.linspace(0.0, 1.0, 9)
+
+
+def line(start, end, count):
+    return np.linspace(start, end, count)
+
+
+def helix(count, phase=0.0, radius=0.02, turns=4.0, height=0.1):
+    angle = 2 * np.pi * turns * np.linspace(0, 1, count) + phase
+    return np.c_[radius * np.cos(angle), radius * np.sin(angle), np.linspace(0, height, count)]
+
+
+def wriggle(rng, count):
+    steps = rng.normal(0, 1e-3, (count, 3)) + np.cumsum(rng.normal(0, 4e-4, (count, 3)), axis=0)
+    return np.cumsum(steps, axis=0)
+
+
+def trefoil(count):
+    a = np.linspace(0, 5.9, count)
+    return 0.004 * np.c_[np.sin(a) + 2 * np.sin(2 * a), np.cos(a) - 2 * np.cos(2 * a), np.sin(3 * a)]
+
+
+def net():
+    along = [line((0, y, 0), (0.1, y, 0), 40) for y in (0, 0.02)]
+    return along + [line((x, -0.05, 0.006), (x, 0.05, 0.006), 40) for x in (0.03, 0.06)]
+
+
+SCENES = {
+    "net": lambda rng: net(),
+    "helices": lambda rng: [helix(60, phase) for phase in (0.0, 2.1, 4.2)],
+    "coil": lambda rng: [helix(150, turns=7.0, height=0.05)],
+    "bundle": lambda rng: [line((0, 0.005 * k, 0), (0.08, 0.005 * k + 0.002, 0), 33) for k in range(4)],
+    "tangle": lambda rng: [wriggle(rng, 50) for _ in range(3)],
+    "knot": lambda rng: [trefoil(120)],
+}
+
+
+def turned(x, axis, angle):
+    """Points (n, 3) turned about their middle by Rodrigues' formula."""
+    k, r = axis / np.linalg.norm(axis), x - x.mean(0)
+    across = np.cross(k, r)
+    return x.mean(0) + r + np.sin(angle) * across + (1 - np.cos(angle)) * np.cross(k, across)
+
+
+def moved(rng, tendons, speed):
+    """What tendons do in a step: all together, each by itself, turning, waving and trembling."""
+    together = rng.normal(0, speed, 3)
+    out = []
+    for x in tendons:
+        x = turned(x, rng.standard_normal(3), rng.normal(0, 10 * speed)) + together + rng.normal(0, speed, 3)
+        wave = np.sin(rng.uniform(1, 20) * np.linspace(0, 1, len(x)) + rng.uniform(0, 6))
+        out.append(x + np.outer(wave, rng.normal(0, speed, 3)) + rng.normal(0, 0.05 * speed, x.shape))
+    return out
+
+
+def will_touch(tendons, ahead):
+    """Pairs (i, k, j, m) of segments that come within two radii of each other on their straight ways."""
+    found = set()
+    for i, p in enumerate(tendons):
+        for j in range(i, len(tendons)):
+            least = np.inf
+            for t in TIMES:
+                a, b = p + t * (ahead[i] - p), tendons[j] + t * (ahead[j] - tendons[j])
+                least = np.minimum(least, segment_segments(a[:-1, None], a[1:, None], b[:-1], b[1:]))
+            for k, m in np.argwhere(least < 2 * RADIUS):
+                if i != j or k < m:
+                    found.add((i, int(k), j, int(m)))
+    return found
+
+
+def is_joined(rest, k, m):
+    return m - k <= 1 or rest[k + 1 : m].sum() < np.pi * RADIUS
+
+
+def check(scene, seed, speed, steps, brute=True):
+    rng = np.random.default_rng(seed)
+    tendons = SCENES[scene](rng)
+    rests = [np.linalg.norm(np.diff(x, axis=0), axis=1) for x in tendons]
+    finder = _core.PairFinder()
+    for x in tendons:
+        finder.add(x, RADIUS)
+    searches = 0
+    for step in range(steps):
+        now = speed * (10 if step % 17 == 16 else 1)
+        ahead = moved(rng, tendons, now)
+        rows, made, _ = finder.find(tendons, ahead, SWEPT)
+        searches += made
+        fresh = _core.PairFinder()
+        for x in SCENES[scene](np.random.default_rng(seed)):
+            fresh.add(x, RADIUS)
+        np.testing.assert_array_equal(rows, fresh.find(tendons, ahead, SWEPT)[0])
+        if brute:
+            found = {tuple(row) for row in rows[:, :4].astype(int).tolist()}
+            for pair in will_touch(tendons, ahead) - found:
+                assert pair[0] == pair[2]
+                if now > 3e-3:  # what turns far does not go straight, and comes no nearer to itself
+                    continue
+                assert is_joined(rests[pair[0]], pair[1], pair[3])
+        tendons = ahead if rng.random() < 0.9 else moved(rng, tendons, speed)
+    return searches
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("speed", [1e-5, 3e-4, 3e-3])
+def test_nothing_that_will_touch_is_missed(scene, speed):
+    check(scene, 1, speed, 6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("seed", range(40))
+def test_searches_of_before_change_nothing_long(scene, seed):
+    check(scene, seed, 10 ** np.random.default_rng(seed).uniform(-6, -2), 60, brute=seed % 10 == 0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(scene=st.sampled_from(sorted(SCENES)), seed=st.integers(0, 2**32 - 1), power=st.floats(-6, -2))
+def test_searches_of_before_change_nothing(scene, seed, power):
+    """What was kept, and boxes where that did not last, give the pairs that a first search gives."""
+    check(scene, seed, 10**power, 25, brute=False)
+
+
+@pytest.mark.parametrize("scene", ["net", "helices", "coil", "bundle"])
+def test_what_moves_together_is_searched_once(scene):
+    """At 1 m/s, and trembling; then one comes near."""
+    rng = np.random.default_rng(0)
+    tendons = SCENES[scene](rng)
+    finder = _core.PairFinder()
+    for x in tendons:
+        finder.add(x, RADIUS)
+    made = []
+    for step in range(40):
+        ahead = [x + [2e-3, 3e-3, 2e-3] + rng.normal(0, 1e-6, x.shape) for x in tendons]
+        rows, searches, skipped = finder.find(tendons, ahead, SWEPT)
+        made.append(searches)
+        assert len(rows) == 0
+        assert step == 0 or skipped == len(tendons) * (len(tendons) + 1) // 2
+        tendons = ahead
+    assert made[0] > 0
+    assert sum(made[1:]) == 0
+    tendons[-1] = tendons[0] + [0, 0, 1.9 * RADIUS] if len(tendons) > 1 else 0.2 * tendons[-1]
+    rows, searches, _ = finder.find(tendons, tendons, SWEPT)
+    assert searches > 0
+    assert len(rows) > 0
+
+
+def test_what_is_paid_out_can_touch():
+    """Neighbours along a tendon do not touch, however they lie, until there is as much of it between them."""
+    angle = np.linspace(0, 5.5, 24)
+    loop = 1.3 * RADIUS * np.c_[np.cos(angle), np.sin(angle), 0.05 * angle]
+    finder = _core.PairFinder()
+    finder.add(loop, RADIUS)
+    rest = np.linalg.norm(np.diff(loop, axis=0), axis=1)
+    counts = []
+    for share in (1.0, 0.1, 1.0):
+        finder.set_rest(0, share * rest)
+        counts.append(len(finder.find([loop], [loop], SWEPT)[0]))
+        assert len(finder.find([loop], [loop], SWEPT)[0]) == counts[-1]
+    assert counts[1] == 0 < counts[0] == counts[2]
+
+
+def test_world_searches_again_after_a_jump(make_world):
+    """Positions set from outside, and states put back, are motion like any other."""
+    world = make_world()
+    material = bt.Material(stiffness=1e3)
+    first = world.add_tendon(line((0, 0, 0), (0.1, 0, 0), 20), RADIUS, material, 20)
+    world.add_tendon(line((0.05, -0.05, 0.03), (0.05, 0.05, 0.03), 20), RADIUS, material, 20)
+    world.step(3)
+    assert world.report.counts["tendon_searches"] == 0
+    assert world.report.counts["tendon_searches_skipped"] == 3
+    apart = world.save_state()
+    first.set_positions(first.positions + [0, 0, 0.03 - 2.05 * RADIUS])
+    world.step()
+    assert len(world.contacts) > 0
+    touching = world.save_state()
+    world.restore_state(apart)
+    world.step()
+    assert len(world.contacts) == 0
+    world.restore_state(touching)
+    world.step()
+    assert len(world.contacts) > 0
