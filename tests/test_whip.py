@@ -29,6 +29,7 @@ def released(make_world, radius, finer=1, **options):
     for _ in range(round(DURATION / DT) * finer):
         world.step()
         assert world.report.converged
+        assert finer > 1 or "iteration" in options or world.report.residual <= 1e-8
         iterations.append(world.report.iterations)
         parts.append(world.report.counts["substeps"])
     return t.positions[-1], np.array(iterations), np.array(parts)
@@ -49,7 +50,7 @@ def test_second_order_takes_few_iterations(make_world, radius, most):
     _, iterations, parts = released(make_world, radius, integrator="bdf2")
     assert np.median(iterations) <= 2
     assert iterations.max() <= most
-    assert np.sum(iterations > 10) <= 1
+    assert np.sum(iterations > 10) <= 2
     assert 1 < parts.max() <= 3
     assert np.sum(parts > 1) <= 20
 

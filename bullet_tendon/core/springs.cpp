@@ -16,13 +16,19 @@ void SpringSet::resize(int reach_, int particles) {
   vector.resize(3, count);
 }
 
-BT_VECTOR void measure(SpringSet& s, const Field& x) {
+namespace {
+
+// The differences of neighbours are exact, and so is what tails add to them but for its own rounding.
+template <bool Tail>
+BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& tail) {
   const int m = s.count, reach = s.reach;
   double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2], *len = s.length.data();
   const double *px = x[0], *py = x[1], *pz = x[2], *rest = s.rest.data();
+  const double *tx = tail[0], *ty = tail[1], *tz = tail[2];
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double dx = px[k + reach] - px[k], dy = py[k + reach] - py[k], dz = pz[k + reach] - pz[k];
+    if (Tail) dx += tx[k + reach] - tx[k], dy += ty[k + reach] - ty[k], dz += tz[k + reach] - tz[k];
     double length = std::sqrt(dx * dx + dy * dy + dz * dz);
     bool degenerate = length < kDegenerateLength * rest[k];
     double inv = degenerate ? 0.0 : 1 / length;
@@ -30,6 +36,12 @@ BT_VECTOR void measure(SpringSet& s, const Field& x) {
     nx[k] = dx * inv, ny[k] = dy * inv, nz[k] = degenerate ? 1.0 : dz * inv;
   }
 }
+
+}  // namespace
+
+BT_VECTOR void measure(SpringSet& s, const Field& x) { measure_at<false>(s, x, x); }
+
+BT_VECTOR void measure(SpringSet& s, const Field& x, const Field& tail) { measure_at<true>(s, x, tail); }
 
 namespace {
 
@@ -167,8 +179,9 @@ void take_true_multipliers(SpringSet& s) {
 
 }  // namespace
 
-BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b) {
-  measure(s, x);
+BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh,
+                          double b) {
+  measure_at<true>(s, x, tail);
   by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
   if (s.damped && !law.whole_velocity)
     add_axial_damping(s, law, s.start.data(), b, 1,

@@ -59,11 +59,12 @@ enum class Linearisation {
   position,    // at the present positions (plain Newton, true multipliers)
 };
 
-// Lengths and directions at x.
+// Lengths and directions at x; with a tail, at the sum of both.
 void measure(SpringSet& s, const Field& x);
-// True forces at x, with the rates of the step: (len - len_h)/(b l), or (x - xh)/b where the damping
+void measure(SpringSet& s, const Field& x, const Field& tail);
+// True forces at x + tail, with the rates of the step: (len - len_h)/(b l), or (x - xh)/b where the damping
 // takes the whole velocity. Returns the largest |F| [N].
-double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b);
+double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh, double b);
 // Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
 // floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
 // nothing where forces are larger, and couples a slack tendon at once. definite: compressed springs are

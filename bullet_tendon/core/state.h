@@ -65,16 +65,17 @@ void fields(A& a, Chain& chain) {
          overlaid, tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v,
          dt_before, smooth, quiet, bed, touching, touched, b, turn, foreseen, slack, kept, kept_smooth,
          start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split, gathered, braked,
-         next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
-         cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
+         next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
+         cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks,
+         residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, accelerated, dt_before, smooth, quiet, bed, touching, touched, split,
     gathered);
   a.scratch(staged, stage_x, stage_v, b, turn, foreseen, slack, kept, kept_smooth, start_x, start_v, start,
-            start_x_before, start_v_before, start_dt_before, braked, next, step, residual, anchor_x, anchor_v,
-            goal, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor,
-            inverse_blocks, residual_norm, worst_particle);
+            start_x_before, start_v_before, start_dt_before, braked, next_tail, goal_tail, next, step,
+            residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image,
+            column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle);
 }
 
 template <class A>
