@@ -80,6 +80,7 @@ Solution begin(Group& group, const StepContext& context, bool safeguarded) {
   }
   start_bodies(group);
   start_waiting(group);
+  if (violent && !context.goes_on) guess_struck(group);
   group.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   return {group, context, safeguarded, violent, false, !context.goes_on,           violent,
           false, false,   0,           0,       {},    Progress(group.rows.size())};
@@ -105,7 +106,9 @@ void note_distance(Solution& s, const Assembly& a) {
 // The residual, and whether it is small enough.
 Assembly judge(Solution& s) {
   Group& group = s.group;
-  Assembly a = residual_of(group, s.safe, s.safe || s.far);
+  // Where segments turn far, what touched in the last step says little about what does in the guess.
+  const bool anew = s.violent && s.iteration == 0;
+  Assembly a = residual_of(group, s.safe || anew, s.safe || s.far);
   s.changed = update_directs(group);
   measure_residual(group, a);
   group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;

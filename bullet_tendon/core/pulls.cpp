@@ -14,32 +14,16 @@
 // The guess that a step begins with is made alike: with the lengths as they are, and then with the pulls that
 // answer what it leaves unbalanced, r = M (x - y)/b^2 - f, as Newton's method would without the geometric
 // part of its matrix: s_k = k_k u_k.(w_k r_k - w_k+1 r_k+1). As it is without, particles go half that way.
-#include "stepping.h"
+#include "pulls.h"
 
 namespace bt {
-
-namespace {
-
-// Work space, by segment but for w.
-struct Pulls {
-  // too_long: by so much; along: cosine with the segment before.
-  double *w, *tau, *above, *too_long, *length, *along;
-  Field &u, &unbalanced;
-  explicit Pulls(Chain& c)
-      : w(c.cg_remainder[0]),
-        tau(c.cg_remainder[1]),
-        above(c.cg_remainder[2]),
-        too_long(c.cg_image[0]),
-        length(c.cg_image[1]),
-        along(c.cg_image[2]),
-        u(c.cg_direction),
-        unbalanced(c.cg_preconditioned) {}
-};
 
 void weigh(const Chain& c, Pulls& p) {
   for (int i = 0; i < c.n(); ++i) p.w[i] = c.b * c.b / c.mass[i];
   for (const Hold& h : c.holds) p.w[h.particle] = 0;
 }
+
+namespace {
 
 BT_VECTOR void find_directions(const Chain& c, Pulls& p) {
   const double *x = c.next[0], *y = c.next[1], *z = c.next[2];
@@ -96,14 +80,6 @@ void shorten(Chain& c, Pulls& p) {
   pull(c, p, 1);
 }
 
-// The guess, with the lengths that segments have.
-void keep_present(Chain& c, Pulls& p) {
-  find_directions(c, p);
-  for (int k = 0; k < c.structure.count; ++k)
-    p.too_long[k] = p.length[k] > 0 ? p.length[k] - c.structure.length[k] : 0;
-  shorten(c, p);
-}
-
 // Of the guess, with the multipliers as the springs' forces.
 void find_unbalanced(const Chain& c, Pulls& p) {
   for (int i = 0; i < c.n(); ++i)
@@ -128,6 +104,13 @@ void balance(Chain& c, Pulls& p) {
 }
 
 }  // namespace
+
+void keep_present(Chain& c, Pulls& p) {
+  find_directions(c, p);
+  for (int k = 0; k < c.structure.count; ++k)
+    p.too_long[k] = p.length[k] > 0 ? p.length[k] - c.structure.length[k] : 0;
+  shorten(c, p);
+}
 
 void pull_to_lengths(Chain& c) {
   const SpringSet& s = c.structure;

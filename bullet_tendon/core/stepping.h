@@ -31,7 +31,7 @@ struct StepContext {
   double reach = 0;  // s of mover.h [s]
   Splitting splitting = Splitting::by_group;
   bool whole = false;     // the step's length means nothing: it is a way to rest
-  bool part = false;      // of a step: what touches something takes it by implicit Euler
+  bool part = false;      // of a step: what touches something, and does not turn far, goes by implicit Euler
   bool goes_on = false;   // from the last solution, with more rows
   bool may_look = false;  // for rows where particles stray: solutions are left for that before they are exact
   Vec3 gravity;
@@ -178,6 +178,8 @@ double greatest_turn(const Chain& c);
 // the guess in chain.next with pulls that answer it.
 void pull_to_lengths(Chain& c);
 void guess_turned(Chain& c);
+// The same of tendons that strike each other, by contacts too (struck.cpp).
+void guess_struck(Group& group);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
