@@ -85,12 +85,9 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
       linearise(*s, c->material.law, how, floor_force, c->b, definite);
-      if (s == &c->structure)
-        start_matrix(*s, c->mass, inverse, c->shear.count > 0, c->matrix);
-      else
-        scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
+    start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);
     add_bending_blocks(*c, c->next, definite);
     add_soft_holds(*c, c->next, true);
   }

@@ -74,6 +74,8 @@ void Chain::share_out() {
     shear.stiffness[k] = shear_at(k);
     shear.damping[k] = share * shear.stiffness[k];
   }
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) s->inverse_rest[k] = 1 / s->rest[k];
 }
 
 void Chain::stop() {

@@ -8,8 +8,8 @@ void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
   for (auto* v :
-       {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history, &length, &force,
-        &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
+       {&rest, &inverse_rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history,
+        &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -48,10 +48,11 @@ namespace {
 template <int P>
 BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
+  const double* inverse = s.inverse_rest.data();
   double *force = s.force.data(), *truth = s.true_elastic.data(), *slope = s.elastic_slope.data();
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    double f, df, inv = 1 / rest[k];
+    double f, df, inv = inverse[k];
     elastic<P>(law, (len[k] - rest[k]) * inv, f, df);
     force[k] = truth[k] = stiffness[k] * f;
     slope[k] = stiffness[k] * df * inv;
@@ -62,12 +63,13 @@ BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
 template <int P>
 BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
-  const double *elastic_part = s.elastic.data(), *truth = s.true_elastic.data();
+  const double *inverse = s.inverse_rest.data(), *elastic_part = s.elastic.data(),
+               *truth = s.true_elastic.data();
   double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    const double inv = 1 / rest[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
+    const double inv = inverse[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
     const double tight = mixed && multiplier > floor_force ? multiplier : floor_force;
     const double at = strain_of<P>(law, tight / stiffness[k]);
     double value, df;
@@ -245,13 +247,13 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
 }
 
 BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
-  const double *rest = s.rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
+  const double *inverse = s.inverse_rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
   const double *damping_slope = s.damping_slope.data(), *force = s.force.data();
   double* now = s.stiffness_now.data();
   const bool whole = law.whole_velocity;
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    const double inv = 1 / rest[k], braking = whole ? damping[k] / b * inv * inv : damping_slope[k];
+    const double inv = inverse[k], braking = whole ? damping[k] / b * inv * inv : damping_slope[k];
     now[k] = slope[k] + braking + std::fabs(force[k]) * inv;
   }
   return largest_of(now, s.count);

@@ -49,14 +49,16 @@ void fields(A& a, Hold& hold) {
 
 template <class A>
 void fields(A& a, SpringSet& set) {
-  auto& [reach, count, rest, stiffness, damping, carried, elastic, lighter, start, before, history, length,
-         force, slope, true_elastic, linear, elastic_slope, damping_slope, stiffness_now, direction, block,
-         vector, damped, whole_position, whole_anchor] = set;
+  auto& [reach, count, rest, stiffness, damping, inverse_rest, carried, elastic, lighter, start, before,
+         history, length, force, slope, true_elastic, linear, elastic_slope, damping_slope, stiffness_now,
+         direction, block, vector, damped, whole_position, whole_anchor] = set;
   a.same(reach, count, damped);
   // The slope of the last step is what contacts take their stiffness from.
   a(rest, stiffness, damping, carried, elastic, lighter, start, before, history, slope);
-  a.scratch(length, force, true_elastic, linear, elastic_slope, damping_slope, stiffness_now, direction,
-            block, vector, whole_position, whole_anchor);
+  a.scratch(inverse_rest, length, force, true_elastic, linear, elastic_slope, damping_slope, stiffness_now,
+            direction, block, vector, whole_position, whole_anchor);
+  if (a.applies())
+    for (int k = 0; k < count; ++k) inverse_rest[k] = 1 / rest[k];
 }
 
 template <class A>
