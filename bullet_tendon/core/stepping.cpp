@@ -9,8 +9,7 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   // What touches something has velocities that jump: they are not to be extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
-  const bool struck = context.part && c.touched && c.turn <= kTurned;
-  const bool second_order = is_second_order(method) && !struck;
+  const bool second_order = is_second_order(method) && !(context.part && c.touched);
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
   c.accelerated = method == Integrator::tr_bdf2 && history;

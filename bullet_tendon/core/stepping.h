@@ -31,7 +31,7 @@ struct StepContext {
   double reach = 0;  // s of mover.h [s]
   Splitting splitting = Splitting::by_group;
   bool whole = false;     // the step's length means nothing: it is a way to rest
-  bool part = false;      // of a step: what touches something, and does not turn far, goes by implicit Euler
+  bool part = false;      // of a step: what touches something takes it by implicit Euler
   bool goes_on = false;   // from the last solution, with more rows
   bool may_look = false;  // for rows where particles stray: solutions are left for that before they are exact
   Vec3 gravity;
