@@ -177,6 +177,14 @@ def test_order_of_convergence(make_world, method, order, steps):
     assert math.log2(coarse / fine) >= order
 
 
+@pytest.mark.parametrize("method", ["bdf2", "tr_bdf2"])
+def test_rounding_does_not_end_the_second_order(make_world, method):
+    """Down to 4e-7 of the amplitude: velocities are not differences of rounded positions."""
+    coarse, fine = (power_law_error(make_world, method, n) for n in (20000, 40000))
+    assert fine < 4e-7
+    assert math.log2(coarse / fine) >= 1.95
+
+
 def test_velocity_damping_decays_as_its_differential_equation(make_world):
     """Quadratic damping alone: v = v0 / (1 + v0 (c/m) t), to first order in the step."""
     h, q, start = 1e-4, 2.0, 2.0

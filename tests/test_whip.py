@@ -29,6 +29,7 @@ def released(make_world, radius, finer=1, **options):
     for _ in range(round(DURATION / DT) * finer):
         world.step()
         assert world.report.converged
+        assert finer > 1 or "iteration" in options or world.report.residual <= 1e-8
         iterations.append(world.report.iterations)
         parts.append(world.report.counts["substeps"])
     return t.positions[-1], np.array(iterations), np.array(parts)
@@ -43,13 +44,12 @@ def test_steps_that_turn_far_take_few_iterations(make_world, radius):
     assert parts.max() == 1
 
 
-@pytest.mark.parametrize(("radius", "most"), [(1e-4, 10), (3.8e-3, 14)])
-def test_second_order_takes_few_iterations(make_world, radius, most):
-    """All parts of a step together; more than ten only in a step in which it strikes itself."""
+@pytest.mark.parametrize("radius", [1e-4, 3.8e-3])
+def test_second_order_takes_few_iterations(make_world, radius):
+    """All parts of a step together, those in which it strikes itself (it does, as thick as tendon is) too."""
     _, iterations, parts = released(make_world, radius, integrator="bdf2")
     assert np.median(iterations) <= 2
-    assert iterations.max() <= most
-    assert np.sum(iterations > 10) <= 1
+    assert iterations.max() <= 10
     assert 1 < parts.max() <= 3
     assert np.sum(parts > 1) <= 20
 

@@ -15,14 +15,14 @@ double chain_residual(Chain& c) {
   const double inverse = 1 / (c.b * c.b);
   const double* mass = c.mass.data();
   for (int k = 0; k < 3; ++k) {
-    const double *x = c.next[k], *y = c.goal[k];
+    const double *x = c.next[k], *y = c.goal[k], *tx = c.next_tail[k], *ty = c.goal_tail[k];
     double* r = c.residual[k];
-    for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i]);
+    for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i] + (tx[i] - ty[i]));
   }
   double largest = c.residual.largest();
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
-    largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.anchor_x, c.b));
+    largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.next_tail, c.anchor_x, c.b));
     scatter_forces(*s, c.residual);
   }
   add_bending_forces(c, c.next);
@@ -85,12 +85,9 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
       linearise(*s, c->material.law, how, floor_force, c->b, definite);
-      if (s == &c->structure)
-        start_matrix(*s, c->mass, inverse, c->shear.count > 0, c->matrix);
-      else
-        scatter_blocks(*s, c->matrix);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
+    start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);
     add_bending_blocks(*c, c->next, definite);
     add_soft_holds(*c, c->next, true);
   }
@@ -112,16 +109,30 @@ namespace {
 // The larger one; what is not a number stays.
 double worse(double a, double b) { return b > a || b != b ? b : a; }
 
-// Largest stiffness at the present state, which a rounding of a coordinate is multiplied by [N/m]. Not
-// the matrix's: that of a wild iteration would call any residual rounding.
+// Largest stiffness of springs at the present state [N/m]. Not the matrix's: that of a wild iteration would
+// call any residual rounding.
 double stiffness_at_hand(Chain& c) {
-  double most = largest_of(c.mass.data(), c.n()) / (c.b * c.b);
+  double most = 0;
   for (SpringSet* s : {&c.structure, &c.shear})
     if (s->count) most = std::max(most, largest_stiffness(*s, c.material.law, c.b));
+  return 2 * most;
+}
+
+// The same of what is evaluated at positions without their tails.
+double stiffness_beside(const Chain& c) {
+  double most = 0;
   for (const Hold& h : c.holds)
     if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
   const double rest = c.rest[0];
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
+}
+
+// Force that one rounding makes: of a coordinate, or where positions have tails, of a segment's length [N].
+double force_of_rounding(Chain& c, double contact, bool tails) {
+  const double coordinate = c.next.largest();
+  const double length = tails ? largest_of(c.structure.length.data(), c.structure.count) : coordinate;
+  const double springs = stiffness_at_hand(c) * std::min(length, coordinate);
+  return std::numeric_limits<double>::epsilon() * (springs + (stiffness_beside(c) + contact) * coordinate);
 }
 
 }  // namespace
@@ -137,13 +148,12 @@ void measure_residual(Group& group, Assembly& a) {
   a.residual = worse(a.residual, a.of_bodies);
 }
 
-double in_roundings(Group& group, const Assembly& a) {
+double in_roundings(Group& group, const Assembly& a, bool tails) {
   double contact = 0, most = 0, finest = std::numeric_limits<double>::infinity();
   for (const Row* row : group.rows)
     if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
   for (Chain* c : group.chains) {
-    const double stiffness = stiffness_at_hand(*c) + contact;
-    const double one = std::numeric_limits<double>::epsilon() * stiffness * c->next.largest();
+    const double one = force_of_rounding(*c, contact, tails);
     most = worse(most, c->residual_norm / one);
     finest = std::min(finest, one);
   }

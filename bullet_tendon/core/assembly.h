@@ -32,8 +32,8 @@ void travel(Group& group, double alpha);
 void measure_waiting(Group& group, bool definite);
 // The rows' multipliers from the step, before it is taken.
 void foresee_contacts(Group& group);
-// Residual over the rounding of one coordinate, largest of the chains [-].
-double in_roundings(Group& group, const Assembly& a);
+// Residual over the force of one rounding, largest of the chains [-]. tails: positions have theirs.
+double in_roundings(Group& group, const Assembly& a, bool tails);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the rows' blocks
 // alone.
 void assemble(Group& group, Linearisation how, bool definite, bool definite_rows);

@@ -41,24 +41,36 @@ inline void ldl_solve(const Lanes* f, Lanes& x, Lanes& y, Lanes& z) {
   x -= f[0] * y + f[1] * z;
 }
 
-// Z = D^-1 E^T.
-inline void solve_transposed(const Lanes* f, const Lanes* e, Lanes* z) {
+// Half the way to Z = D^-1 E^T: W = L^-1 E^T and diag^-1 W. Products E Z' are W^T diag^-1 W', for which
+// the next pivot does not have to wait for Z.
+struct Half {
+  Lanes w[9], scaled[9];
+};
+
+inline void solve_half(const Lanes* f, const Lanes* e, Half& h) {
   for (int c = 0; c < 3; ++c) {
-    Lanes x = e[3 * c], y = e[3 * c + 1], w = e[3 * c + 2];
-    ldl_solve(f, x, y, w);
-    z[c] = x, z[3 + c] = y, z[6 + c] = w;
+    const Lanes x = e[3 * c], y = e[3 * c + 1] - f[0] * x, z = e[3 * c + 2] - (f[1] * x + f[2] * y);
+    h.w[c] = x, h.w[3 + c] = y, h.w[6 + c] = z;
+    h.scaled[c] = x * f[3], h.scaled[3 + c] = y * f[4], h.scaled[6 + c] = z * f[5];
   }
 }
 
-inline Lanes row_times_column(const Lanes* e, int r, const Lanes* z, int c) {
-  return e[3 * r] * z[c] + e[3 * r + 1] * z[3 + c] + e[3 * r + 2] * z[6 + c];
+// Z = L^-T diag^-1 W.
+inline void solve_rest(const Lanes* f, const Half& h, Lanes* z) {
+  for (int c = 0; c < 3; ++c) {
+    const Lanes last = h.scaled[6 + c], y = h.scaled[3 + c] - f[2] * last;
+    z[c] = h.scaled[c] - (f[0] * y + f[1] * last), z[3 + c] = y, z[6 + c] = last;
+  }
+}
+
+inline Lanes product(const Half& e, int r, const Half& z, int c) {
+  return e.w[r] * z.scaled[c] + e.w[3 + r] * z.scaled[3 + c] + e.w[6 + r] * z.scaled[6 + c];
 }
 
 // The six distinct entries of E Z, which is symmetric.
-inline void symmetric_product(const Lanes* e, const Lanes* z, Lanes* out) {
-  out[0] = row_times_column(e, 0, z, 0), out[1] = row_times_column(e, 0, z, 1);
-  out[2] = row_times_column(e, 0, z, 2), out[3] = row_times_column(e, 1, z, 1);
-  out[4] = row_times_column(e, 1, z, 2), out[5] = row_times_column(e, 2, z, 2);
+inline void symmetric_product(const Half& h, Lanes* out) {
+  out[0] = product(h, 0, h, 0), out[1] = product(h, 0, h, 1), out[2] = product(h, 0, h, 2);
+  out[3] = product(h, 1, h, 1), out[4] = product(h, 1, h, 2), out[5] = product(h, 2, h, 2);
 }
 
 }  // namespace
@@ -92,15 +104,18 @@ bool BandFactor::factorise_ends(const Band& a) {
       load_coupling(a.below[1], top, bottom, 2, e2);
     }
     ok &= ldl(d, p.ldl);
-    solve_transposed(p.ldl, e1, p.z[0]);
-    symmetric_product(e1, p.z[0], first);
+    Half h1, h2;
+    solve_half(p.ldl, e1, h1);
+    symmetric_product(h1, first);
     if constexpr (H == 2) {
       for (int c = 0; c < 6; ++c) first[c] += second[c];
-      solve_transposed(p.ldl, e2, p.z[1]);
-      symmetric_product(e2, p.z[1], second);
+      solve_half(p.ldl, e2, h2);
+      symmetric_product(h2, second);
       for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c) between[3 * r + c] = row_times_column(e2, r, p.z[0], c);
+        for (int c = 0; c < 3; ++c) between[3 * r + c] = product(h2, r, h1, c);
+      solve_rest(p.ldl, h2, p.z[1]);
     }
+    solve_rest(p.ldl, h1, p.z[0]);
   }
   for (int c = 0; c < 6; ++c) left_[0][c] = first[c], left_[1][c] = second[c];
   for (int c = 0; c < 9; ++c) left_[2][c] = between[c];

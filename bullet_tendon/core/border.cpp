@@ -78,7 +78,8 @@ void place(Group& group) {
     link.given.linear += before.linear, link.given.angular += before.angular;
   }
   each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    c.next.set(h.particle, h.target + link.given.at(arm));
+    c.next.set(h.particle, h.target), c.next_tail.set(h.particle, Vec3{});
+    c.move(h.particle, link.given.at(arm));
   });
 }
 

@@ -6,28 +6,10 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x,
-                   &v,
-                   &force,
-                   &start_x,
-                   &start_v,
-                   &x_before,
-                   &v_before,
-                   &next,
-                   &step,
-                   &residual,
-                   &anchor_x,
-                   &anchor_v,
-                   &goal,
-                   &cg_remainder,
-                   &cg_preconditioned,
-                   &cg_direction,
-                   &cg_image,
-                   &solved,
-                   &foreseen,
-                   &acceleration,
-                   &stage_x,
-                   &stage_v})
+  for (Field* f : {&x,        &v,         &force,     &start_x,      &start_v,           &x_before,
+                   &v_before, &next,      &step,      &residual,     &anchor_x,          &anchor_v,
+                   &goal,     &next_tail, &goal_tail, &cg_remainder, &cg_preconditioned, &cg_direction,
+                   &cg_image, &solved,    &foreseen,  &acceleration, &stage_x,           &stage_v})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
@@ -93,6 +75,8 @@ void Chain::share_out() {
     shear.stiffness[k] = shear_at(k);
     shear.damping[k] = share * shear.stiffness[k];
   }
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) s->inverse_rest[k] = 1 / s->rest[k];
 }
 
 void Chain::stop() {
@@ -108,6 +92,12 @@ void Chain::keep_multipliers(Multipliers& to) const {
 void Chain::restore_multipliers(const Multipliers& from) {
   structure.carried = from.carried[0], structure.elastic = from.elastic[0];
   shear.carried = from.carried[1], shear.elastic = from.elastic[1];
+}
+
+void Chain::move(int i, Vec3 by) {
+  add_exactly(next[0][i], next_tail[0][i], by.x);
+  add_exactly(next[1][i], next_tail[1][i], by.y);
+  add_exactly(next[2][i], next_tail[2][i], by.z);
 }
 
 void Chain::foresee() {

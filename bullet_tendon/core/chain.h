@@ -58,6 +58,8 @@ class Chain {
   void set_point_mass(int particle, double kilograms);
   // Shares of the cross-section's stiffness by segment, 1 where uniform.
   void set_stiffness_scale(const std::vector<double>& scale);
+  // Adds to next, exactly.
+  void move(int particle, Vec3 by);
   // At rest where it is, its multipliers kept.
   void stop();
   void keep_multipliers(Multipliers& to) const;
@@ -126,7 +128,9 @@ class Chain {
   bool gathered = false;  // next and step hold the positions and velocities at their end
   bool braked = false;    // step holds the velocities at the end (passivity.cpp)
 
-  // Work space of a step.
+  // Work space of a step. Positions and goal are sums with their tails, what rounding takes off them: of a
+  // stiff segment, a rounding of a coordinate is more than the residual that is left.
+  Field next_tail, goal_tail;
   Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
       cg_image, column, solved;
   Band matrix;

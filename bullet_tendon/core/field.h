@@ -55,6 +55,13 @@ class Field : public Planes {
   void add(int i, Vec3 v) { (*this)[0][i] += v.x, (*this)[1][i] += v.y, (*this)[2][i] += v.z; }
 };
 
+// a += by, and `tail` what rounding takes off that (two-sum, Knuth 1969).
+inline void add_exactly(double& a, double& tail, double by) {
+  const double sum = a + by, added = sum - a;
+  tail += (a - (sum - added)) + (by - added);
+  a = sum;
+}
+
 inline double inner(const Field& a, const Field& b) {
   double sum = 0;
   for (int c = 0; c < 3; ++c)

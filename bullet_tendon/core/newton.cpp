@@ -59,9 +59,9 @@ bool ran_away(const Group& group) {
 }
 
 // Within a few roundings, what does not shrink any more is rounding.
-bool is_rounding(Group& group, const Assembly& a, double last_residual) {
+bool is_rounding(Group& group, const Assembly& a, double last_residual, bool tails) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
-  return in_roundings(group, a) <= most && !ran_away(group);
+  return in_roundings(group, a, tails) <= most && !ran_away(group);
 }
 
 // Contacts are stiff across the tendon: there it matters more where particles are than how long segments are,
@@ -80,6 +80,7 @@ Solution begin(Group& group, const StepContext& context, bool safeguarded) {
   }
   start_bodies(group);
   start_waiting(group);
+  if (violent && !context.goes_on) guess_struck(group);
   group.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   return {group, context, safeguarded, violent, false, !context.goes_on,           violent,
           false, false,   0,           0,       {},    Progress(group.rows.size())};
@@ -105,11 +106,16 @@ void note_distance(Solution& s, const Assembly& a) {
 // The residual, and whether it is small enough.
 Assembly judge(Solution& s) {
   Group& group = s.group;
-  Assembly a = residual_of(group, s.safe, s.safe || s.far);
+  // Where segments turn far, what touched in the last step says little about what does in the guess.
+  const bool anew = s.violent && s.iteration == 0;
+  Assembly a = residual_of(group, s.safe || anew, s.safe || s.far);
   s.changed = update_directs(group);
   measure_residual(group, a);
   group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
-  const bool enough = a.residual <= s.options().tolerance * a.scale || is_rounding(group, a, s.last_residual);
+  // What rests is where its rounded positions leave it.
+  const bool tails = s.iteration > 0 || s.context.goes_on;
+  const bool enough =
+      a.residual <= s.options().tolerance * a.scale || is_rounding(group, a, s.last_residual, tails);
   group.converged = !s.changed && enough;
   s.last_residual = a.residual;
   note_distance(s, a);

@@ -8,7 +8,8 @@
 //   room        what is near something moves relative to it by more than its radius: only that share of
 //               the step is taken (share_to_go), and the rest from there
 //   unsettled   a group with contacts does not converge: half of it is taken
-//   turning     methods of second order lose it where segments turn far: a third or half of it is taken
+//   turning     methods of second order lose it where segments turn far: a third or half of it is taken, and
+//               once something is struck, all that is left: solutions with contacts take more iterations
 //
 // A part is a step of its own, with contacts of its own. Links go as they were going, and as earlier parts
 // have pushed them, from the start of the step on: pybullet moves them by the step's length times the
@@ -167,12 +168,22 @@ void World::copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const {
   }
 }
 
+// In thirds: it touches something while it turns far.
+bool World::has_struck() const {
+  return size_ == kUnits / 3 && std::any_of(slots_.begin(), slots_.end(), [](const Chain* c) {
+           return c && c->touched && c->turn > kTurned;
+         });
+}
+
 void World::next_part() {
   take_part();
   push_bodies();
   for (Link& l : links) l.advance_to(time_of_part());
   done_ += size_;
-  if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
+  if (has_struck())
+    size_ = kUnits - done_;
+  else if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits)
+    size_ *= 2;
   for (Chain* c : slots_)
     if (c) c->keep_multipliers(c->kept);
   settlings_ = 0;

@@ -146,10 +146,11 @@ double made_by_row(Group& group, Row& row) {
 double lost(Chain& c, double& kinetic) {
   double sum = 0;
   for (int k = 0; k < 3; ++k) {
-    const double *x = c.next[k], *xh = c.anchor_x[k], *v0 = c.v[k], *mass = c.mass.data();
+    const double *x = c.next[k], *tail = c.next_tail[k], *xh = c.anchor_x[k], *v0 = c.v[k],
+                 *mass = c.mass.data();
     double* v = c.step[k];
     for (int i = 0; i < c.n(); ++i) {
-      v[i] = (x[i] - xh[i]) / c.b;
+      v[i] = (x[i] - xh[i] + tail[i]) / c.b;
       sum += 0.5 * mass[i] * (v[i] - v0[i]) * (v[i] - v0[i]);
       kinetic += 0.5 * mass[i] * v[i] * v[i];
     }

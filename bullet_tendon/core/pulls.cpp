@@ -14,38 +14,25 @@
 // The guess that a step begins with is made alike: with the lengths as they are, and then with the pulls that
 // answer what it leaves unbalanced, r = M (x - y)/b^2 - f, as Newton's method would without the geometric
 // part of its matrix: s_k = k_k u_k.(w_k r_k - w_k+1 r_k+1). As it is without, particles go half that way.
-#include "stepping.h"
+#include "pulls.h"
 
 namespace bt {
-
-namespace {
-
-// Work space, by segment but for w.
-struct Pulls {
-  double *w, *tau, *above, *meant, *length, *along;  // along: cosine with the segment before
-  Field &u, &unbalanced;
-  explicit Pulls(Chain& c)
-      : w(c.cg_remainder[0]),
-        tau(c.cg_remainder[1]),
-        above(c.cg_remainder[2]),
-        meant(c.cg_image[0]),
-        length(c.cg_image[1]),
-        along(c.cg_image[2]),
-        u(c.cg_direction),
-        unbalanced(c.cg_preconditioned) {}
-};
 
 void weigh(const Chain& c, Pulls& p) {
   for (int i = 0; i < c.n(); ++i) p.w[i] = c.b * c.b / c.mass[i];
   for (const Hold& h : c.holds) p.w[h.particle] = 0;
 }
 
+namespace {
+
 BT_VECTOR void find_directions(const Chain& c, Pulls& p) {
   const double *x = c.next[0], *y = c.next[1], *z = c.next[2];
+  const double *tx = c.next_tail[0], *ty = c.next_tail[1], *tz = c.next_tail[2];
   double *ux = p.u[0], *uy = p.u[1], *uz = p.u[2];
 #pragma GCC ivdep
   for (int k = 0; k < c.structure.count; ++k) {
-    const double dx = x[k + 1] - x[k], dy = y[k + 1] - y[k], dz = z[k + 1] - z[k];
+    const double dx = x[k + 1] - x[k] + (tx[k + 1] - tx[k]), dy = y[k + 1] - y[k] + (ty[k + 1] - ty[k]),
+                 dz = z[k + 1] - z[k] + (tz[k + 1] - tz[k]);
     const double length = std::sqrt(dx * dx + dy * dy + dz * dz), inverse = length > 0 ? 1 / length : 0;
     p.length[k] = length, ux[k] = inverse * dx, uy[k] = inverse * dy, uz[k] = inverse * dz;
   }
@@ -75,23 +62,20 @@ BT_VECTOR void pull(Chain& c, const Pulls& p, double share) {
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) s.carried[k] += p.tau[k], s.elastic[k] += elastic * p.tau[k];
   for (int e = 0; e < 3; ++e) {
-    double* x = c.next[e];
+    double *x = c.next[e], *tail = c.next_tail[e];
     const double* u = p.u[e];
-    for (int k = 0; k < s.count; ++k) {
-      const double way = share * p.tau[k] * u[k];
-      x[k] += p.w[k] * way, x[k + 1] -= p.w[k + 1] * way;
+    double last = 0;
+    for (int k = 0; k <= s.count; ++k) {
+      const double way = k < s.count ? share * p.tau[k] * u[k] : 0;
+      add_exactly(x[k], tail[k], p.w[k] * (way - last));
+      last = way;
     }
   }
 }
 
-// What is turned over or collapsed stays as it is.
-void keep_meant(Chain& c, Pulls& p) {
+void shorten(Chain& c, Pulls& p) {
   const SpringSet& s = c.structure;
-  find_directions(c, p);
-  for (int k = 0; k < s.count; ++k) {
-    const bool sound = p.meant[k] > 0 && p.length[k] > 0;
-    p.tau[k] = sound ? std::max(s.slope[k], 0.0) * (p.length[k] - p.meant[k]) : 0;
-  }
+  for (int k = 0; k < s.count; ++k) p.tau[k] = std::max(s.slope[k], 0.0) * p.too_long[k];
   solve_pulls(s, p);
   pull(c, p, 1);
 }
@@ -121,25 +105,35 @@ void balance(Chain& c, Pulls& p) {
 
 }  // namespace
 
+void keep_present(Chain& c, Pulls& p) {
+  find_directions(c, p);
+  for (int k = 0; k < c.structure.count; ++k)
+    p.too_long[k] = p.length[k] > 0 ? p.length[k] - c.structure.length[k] : 0;
+  shorten(c, p);
+}
+
 void pull_to_lengths(Chain& c) {
   const SpringSet& s = c.structure;
   Pulls p(c);
   weigh(c, p);
+  find_directions(c, p);
   for (int k = 0; k < s.count; ++k) {
     const Vec3 u{s.direction[0][k], s.direction[1][k], s.direction[2][k]};
-    p.meant[k] = s.length[k] + dot(u, c.step.at(k + 1) - c.step.at(k));
+    const Vec3 d = c.step.at(k + 1) - c.step.at(k), across = d - dot(u, d) * u;
+    const double meant = s.length[k] + dot(u, d);
+    // What is turned over or collapsed stays as it is. As in turning.cpp.
+    p.too_long[k] = meant > 0 && p.length[k] > 0 ? dot(across, across) / (p.length[k] + meant) : 0;
   }
-  keep_meant(c, p);
+  shorten(c, p);
 }
 
 void guess_turned(Chain& c) {
   Pulls p(c);
   measure(c.structure, c.x);
   weigh(c, p);
-  std::copy_n(c.structure.length.data(), c.structure.count, p.meant);
-  keep_meant(c, p);
+  keep_present(c, p);
   balance(c, p);
-  keep_meant(c, p);
+  keep_present(c, p);
 }
 
 }  // namespace bt

@@ -20,9 +20,9 @@ double slope_along(Group& group) {
 void advance(Group& group, double alpha) {
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k) {
-      double* x = c->next[k];
+      double *x = c->next[k], *tail = c->next_tail[k];
       const double* d = c->step[k];
-      for (int i = 0; i < c->n(); ++i) x[i] += alpha * d[i];
+      for (int i = 0; i < c->n(); ++i) add_exactly(x[i], tail[i], alpha * d[i]);
     }
   advance_bodies(group, alpha);
   travel(group, alpha);
@@ -62,7 +62,7 @@ void line_search(Group& group) {
 
 void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
-    c->next = c->x;
+    c->next = c->x, c->next_tail.zero();
     for (const Hold& h : c->holds)
       if (h.rigid) c->next.set(h.particle, h.target);
   }

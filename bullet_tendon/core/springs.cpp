@@ -8,21 +8,27 @@ void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
   for (auto* v :
-       {&rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history, &length, &force,
-        &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
+       {&rest, &inverse_rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history,
+        &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
   vector.resize(3, count);
 }
 
-BT_VECTOR void measure(SpringSet& s, const Field& x) {
+namespace {
+
+// The differences of neighbours are exact, and so is what tails add to them but for its own rounding.
+template <bool Tail>
+BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& tail) {
   const int m = s.count, reach = s.reach;
   double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2], *len = s.length.data();
   const double *px = x[0], *py = x[1], *pz = x[2], *rest = s.rest.data();
+  const double *tx = tail[0], *ty = tail[1], *tz = tail[2];
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double dx = px[k + reach] - px[k], dy = py[k + reach] - py[k], dz = pz[k + reach] - pz[k];
+    if (Tail) dx += tx[k + reach] - tx[k], dy += ty[k + reach] - ty[k], dz += tz[k + reach] - tz[k];
     double length = std::sqrt(dx * dx + dy * dy + dz * dz);
     bool degenerate = length < kDegenerateLength * rest[k];
     double inv = degenerate ? 0.0 : 1 / length;
@@ -31,15 +37,22 @@ BT_VECTOR void measure(SpringSet& s, const Field& x) {
   }
 }
 
+}  // namespace
+
+BT_VECTOR void measure(SpringSet& s, const Field& x) { measure_at<false>(s, x, x); }
+
+BT_VECTOR void measure(SpringSet& s, const Field& x, const Field& tail) { measure_at<true>(s, x, tail); }
+
 namespace {
 
 template <int P>
 BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
+  const double* inverse = s.inverse_rest.data();
   double *force = s.force.data(), *truth = s.true_elastic.data(), *slope = s.elastic_slope.data();
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    double f, df, inv = 1 / rest[k];
+    double f, df, inv = inverse[k];
     elastic<P>(law, (len[k] - rest[k]) * inv, f, df);
     force[k] = truth[k] = stiffness[k] * f;
     slope[k] = stiffness[k] * df * inv;
@@ -50,12 +63,13 @@ BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
 template <int P>
 BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
-  const double *elastic_part = s.elastic.data(), *truth = s.true_elastic.data();
+  const double *inverse = s.inverse_rest.data(), *elastic_part = s.elastic.data(),
+               *truth = s.true_elastic.data();
   double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    const double inv = 1 / rest[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
+    const double inv = inverse[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
     const double tight = mixed && multiplier > floor_force ? multiplier : floor_force;
     const double at = strain_of<P>(law, tight / stiffness[k]);
     double value, df;
@@ -167,8 +181,9 @@ void take_true_multipliers(SpringSet& s) {
 
 }  // namespace
 
-BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b) {
-  measure(s, x);
+BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh,
+                          double b) {
+  measure_at<true>(s, x, tail);
   by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
   if (s.damped && !law.whole_velocity)
     add_axial_damping(s, law, s.start.data(), b, 1,
@@ -232,13 +247,13 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
 }
 
 BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
-  const double *rest = s.rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
+  const double *inverse = s.inverse_rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
   const double *damping_slope = s.damping_slope.data(), *force = s.force.data();
   double* now = s.stiffness_now.data();
   const bool whole = law.whole_velocity;
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    const double inv = 1 / rest[k], braking = whole ? damping[k] / b * inv * inv : damping_slope[k];
+    const double inv = inverse[k], braking = whole ? damping[k] / b * inv * inv : damping_slope[k];
     now[k] = slope[k] + braking + std::fabs(force[k]) * inv;
   }
   return largest_of(now, s.count);

@@ -33,6 +33,7 @@ struct SpringSet {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
+  std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> carried;                   // T [N]
   std::vector<double> elastic;                   // T_e [N]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
@@ -59,11 +60,12 @@ enum class Linearisation {
   position,    // at the present positions (plain Newton, true multipliers)
 };
 
-// Lengths and directions at x.
+// Lengths and directions at x; with a tail, at the sum of both.
 void measure(SpringSet& s, const Field& x);
-// True forces at x, with the rates of the step: (len - len_h)/(b l), or (x - xh)/b where the damping
+void measure(SpringSet& s, const Field& x, const Field& tail);
+// True forces at x + tail, with the rates of the step: (len - len_h)/(b l), or (x - xh)/b where the damping
 // takes the whole velocity. Returns the largest |F| [N].
-double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& xh, double b);
+double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh, double b);
 // Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
 // floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
 // nothing where forces are larger, and couples a slack tendon at once. definite: compressed springs are
@@ -78,9 +80,9 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
 // residual -= spring forces.
 void scatter_forces(const SpringSet& s, Field& residual);
-// matrix = inverse M + the blocks of structure springs, inverse = 1/b^2; sheared: shear springs follow.
-void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse, bool sheared,
-                  Band& matrix);
+// matrix = inverse M + the blocks of structure and shear springs, inverse = 1/b^2.
+void start_matrix(const SpringSet& structure, const SpringSet& shear, const std::vector<double>& mass,
+                  double inverse, Band& matrix);
 // matrix += blocks; the blocks of shear springs beside the diagonal are the first that come there.
 void scatter_blocks(const SpringSet& s, Band& matrix);
 // T_e and T after the displacements dx, as the linearisation predicts them.

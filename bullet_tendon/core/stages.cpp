@@ -33,7 +33,9 @@ void set_goal(Chain& c, Vec3 gravity, const Field& from, const Field& v, const F
   const double b = c.b, g[3] = {gravity.x, gravity.y, gravity.z};
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < c.n(); ++i) {
-      c.goal[k][i] = c.anchor_x[k][i] + b * c.anchor_v[k][i] + b * b * (g[k] + c.force[k][i] / c.mass[i]);
+      c.goal[k][i] = c.anchor_x[k][i], c.goal_tail[k][i] = c.next_tail[k][i] = 0;
+      add_exactly(c.goal[k][i], c.goal_tail[k][i],
+                  b * c.anchor_v[k][i] + b * b * (g[k] + c.force[k][i] / c.mass[i]));
       c.next[k][i] = from[k][i] + dt * (v[k][i] + 0.5 * dt * a[k][i]);
     }
 }
@@ -73,7 +75,7 @@ void start_second(Chain& c, const StepContext& context) {
   const double now = 0.5 * (1 + kRoot), last = 0.5 * (1 - kRoot);
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < c.n(); ++i) {
-      const double x = c.next[k][i], v = (x - c.anchor_x[k][i]) / c.b;
+      const double x = c.next[k][i], v = (x - c.anchor_x[k][i] + c.next_tail[k][i]) / c.b;
       c.step[k][i] = (v - c.anchor_v[k][i]) / c.b;
       c.stage_x[k][i] = x, c.stage_v[k][i] = v;
       c.anchor_x[k][i] = now * x + last * c.x[k][i];

@@ -49,14 +49,16 @@ void fields(A& a, Hold& hold) {
 
 template <class A>
 void fields(A& a, SpringSet& set) {
-  auto& [reach, count, rest, stiffness, damping, carried, elastic, lighter, start, before, history, length,
-         force, slope, true_elastic, linear, elastic_slope, damping_slope, stiffness_now, direction, block,
-         vector, damped, whole_position, whole_anchor] = set;
+  auto& [reach, count, rest, stiffness, damping, inverse_rest, carried, elastic, lighter, start, before,
+         history, length, force, slope, true_elastic, linear, elastic_slope, damping_slope, stiffness_now,
+         direction, block, vector, damped, whole_position, whole_anchor] = set;
   a.same(reach, count, damped);
   // The slope of the last step is what contacts take their stiffness from.
   a(rest, stiffness, damping, carried, elastic, lighter, start, before, history, slope);
-  a.scratch(length, force, true_elastic, linear, elastic_slope, damping_slope, stiffness_now, direction,
-            block, vector, whole_position, whole_anchor);
+  a.scratch(inverse_rest, length, force, true_elastic, linear, elastic_slope, damping_slope, stiffness_now,
+            direction, block, vector, whole_position, whole_anchor);
+  if (a.applies())
+    for (int k = 0; k < count; ++k) inverse_rest[k] = 1 / rest[k];
 }
 
 template <class A>
@@ -65,17 +67,18 @@ void fields(A& a, Chain& chain) {
          overlaid, tunnel_of, x_before, v_before, acceleration, accelerated, staged, stage_x, stage_v,
          dt_before, smooth, quiet, bed, touching, touched, b, turn, foreseen, slack, most_slack, rest_set,
          kept, kept_smooth, start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split,
-         gathered, braked, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
-         cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm,
-         worst_particle, n] = chain;
+         gathered, braked, next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
+         cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks,
+         residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, accelerated, dt_before, smooth, quiet, bed, touching, touched, split,
     gathered);
   a.scratch(staged, stage_x, stage_v, b, turn, foreseen, slack, most_slack, rest_set, kept, kept_smooth,
-            start_x, start_v, start, start_x_before, start_v_before, start_dt_before, braked, next, step,
-            residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image,
-            column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle);
+            start_x, start_v, start, start_x_before, start_v_before, start_dt_before, braked, next_tail,
+            goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
+            cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm,
+            worst_particle);
 }
 
 template <class A>

@@ -22,11 +22,13 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
     double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
+    double *goal_tail = c.goal_tail[k], *next_tail = c.next_tail[k];
     const double* mass = c.mass.data();
 #pragma GCC ivdep
     for (int i = 0; i < c.n(); ++i) {
-      xh[i] = now * x[i] + last * xb[i], vh[i] = now * v[i] + last * vb[i];
-      y[i] = xh[i] + c.b * vh[i] + c.b * c.b * (g[k] + f[i] / mass[i]);
+      xh[i] = x[i] + last * (xb[i] - x[i]), vh[i] = v[i] + last * (vb[i] - v[i]);
+      y[i] = xh[i], goal_tail[i] = next_tail[i] = 0;
+      add_exactly(y[i], goal_tail[i], c.b * vh[i] + c.b * c.b * (g[k] + f[i] / mass[i]));
       next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]);
     }
   }
@@ -67,11 +69,11 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
   const bool made_known = c.gathered || c.braked || context.options.integrator == Integrator::explicit_euler;
   for (int k = 0; k < 3; ++k) {
     double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
-    const double *next = c.next[k], *xh = c.anchor_x[k], *made = c.step[k];
+    const double *next = c.next[k], *tail = c.next_tail[k], *xh = c.anchor_x[k], *made = c.step[k];
 #pragma GCC ivdep
     for (int i = 0; i < c.n(); ++i) {
       xb[i] = x[i], vb[i] = v[i];
-      v[i] = made_known ? made[i] : (next[i] - xh[i]) / c.b;
+      v[i] = made_known ? made[i] : (next[i] - xh[i] + tail[i]) / c.b;
       x[i] = next[i];
     }
   }

@@ -178,6 +178,8 @@ double greatest_turn(const Chain& c);
 // the guess in chain.next with pulls that answer it.
 void pull_to_lengths(Chain& c);
 void guess_turned(Chain& c);
+// The same of tendons that strike each other, by contacts too (struck.cpp).
+void guess_struck(Group& group);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);

@@ -26,7 +26,7 @@ Term spring_term(const Chain& c, bool shear, const Field& x, const Field& before
   SpringSet s = shear ? c.shear : c.structure;
   measure(s, before);
   s.start = s.history = s.length;
-  evaluate(s, c.material.law, x, before, b);
+  evaluate(s, c.material.law, x, Field(c.n()), before, b);
   term.gradient.resize(c.n());
   scatter_forces(s, term.gradient);
   term.energy = stored_energy(s, c.material.law);
