@@ -45,6 +45,7 @@ struct Push {
   Vec3 of_link;     // velocity of the link there [m/s]
   double made = 0;  // energy that it made out of nothing [J]
   Row* row = nullptr;
+  double light = 0;  // inverse mass that an impulse between them meets [1/kg]
 };
 
 // A pair that is out of reach until its tendons have travelled so far together.

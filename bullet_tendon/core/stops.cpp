@@ -59,6 +59,20 @@ bool Mover::may_rest(Vec3 gravity) const {
          pushed > kLeastStopped * norm(gravity);
 }
 
+bool Mover::contacts_stand(const Numbers& place, const Numbers& rates_now) const {
+  if (contacts.empty() || contacts_at.size() != place.size()) return false;
+  for (size_t i = 0; i < place.size(); ++i)
+    if (!(std::fabs(place[i] - contacts_at[i]) <= kContactsStand)) return false;
+  bool any = false;
+  for (const Stop& s : stops_) {
+    if (!s.acts || s.coordinate >= 0) continue;
+    any = true;
+    const double missed = dense::dot(s.direction, rates_now) - s.wanted;
+    if (!(std::fabs(missed) <= kSteadyContact * std::fabs(s.held_back))) return false;
+  }
+  return any;
+}
+
 void Mover::add_stop(Numbers direction, double wanted, int coordinate) {
   Numbers along;
   dense::multiply_transposed(root, direction, along);
