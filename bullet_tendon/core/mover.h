@@ -91,7 +91,8 @@ struct Mover {
   void doubt_stops();
   void find_stops(double dt);
   void add_stop(Numbers direction, double wanted, int coordinate);
-  void gather_stops(bool acting);
+  void gather_stops();
+  void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);
   void stop(double dt);
   void take_away(double dt);
@@ -103,7 +104,8 @@ struct Mover {
   Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
   bool rested_ = false;   // on contacts, in the last step
   bool slipped_ = false;  // through them
-  dense::Scratch known_, half_, within_, within_root_, missing_, pushes_;
+  dense::Scratch known_, half_, through_, within_, within_acting_, within_root_, missing_, pushes_, given_,
+      gone_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h
 };
