@@ -73,7 +73,9 @@ constexpr double kDeepBehind = 0.04;
 // Cosine of force and torque under which a wrench is one force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
 
-// Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
+// Sweeps of Jacobi's method at most [-]; it converges quadratically, in four to six. Share of the largest
+// entry under which one beside the diagonal is rounding [-].
 constexpr int kSweeps = 12;
+constexpr double kOffDiagonal = 1e-18;
 
 }  // namespace bt

@@ -105,7 +105,7 @@ struct Mover {
   bool rested_ = false;   // on contacts, in the last step
   bool slipped_ = false;  // through them
   dense::Scratch known_, half_, through_, within_, within_acting_, within_root_, missing_, pushes_, given_,
-      gone_;
+      along_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h
 };

@@ -174,24 +174,22 @@ void Mover::gather_acting() {
   }
 }
 
-// What acts keeps the rates and takes its directions from the response.
+// What acts keeps the rates, and takes its directions from the response: with S E = L W, L L^T = S R S^T,
+//
+//   change += E W^T L^-1 missing,     E -= E W^T W.
 void Mover::take_away(double dt) {
-  const int m = static_cast<int>(missing_.size());
+  const size_t m = missing_.size(), width = n();
   gather_acting();
-  dense::root(m, within_acting_, within_root_);
-  dense::solve(within_root_, missing_);
-  dense::multiply_transposed(half_, missing_, gone_);
-  dense::multiply(root, gone_, known_);
-  for (int i = 0; i < n(); ++i) change[i] += known_[i], stopped_by_[i] = known_[i] / dt;
-  // Each row of E loses what is along those of S.
-  known_.resize(n());
-  for (int i = 0; i < n(); ++i) {
-    std::copy_n(&root[i * n()], n(), known_.begin());
-    dense::multiply(half_, known_, given_);
-    dense::solve(within_root_, given_);
-    dense::multiply_transposed(half_, given_, gone_);
-    for (int k = 0; k < n(); ++k) root[i * n() + k] -= gone_[k];
-  }
+  dense::root(static_cast<int>(m), within_acting_, within_root_);
+  dense::forward(within_root_, missing_);
+  dense::forward_rows(within_root_, n(), half_);
+  dense::product_transposed(n(), root, half_, along_);  // E W^T
+  for (size_t i = 0; i < width; ++i)
+    for (size_t a = 0; a < m; ++a) {
+      const double share = along_[i * m + a];
+      change[i] += share * missing_[a], stopped_by_[i] += share * missing_[a] / dt;
+      for (size_t k = 0; k < width; ++k) root[i * width + k] -= share * half_[a * width + k];
+    }
 }
 
 }  // namespace bt
