@@ -49,7 +49,7 @@ constexpr double kContactTakenBack = 0.08;
 // How far a body may have moved since its contacts were asked for [m], [half a radian], and share of what
 // they held it back by [m/s] by which they may have missed that, for the same ones to hold it now [-].
 // Larger: they are taken for what they no longer are. Smaller: they are asked for in every step.
-constexpr double kContactsStand = 1e-6;
+constexpr double kContactsStand = 1e-5;
 constexpr double kSteadyContact = 1e-3;
 
 // A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
