@@ -1,4 +1,4 @@
-"""Bodies at rest under tendons: their contacts are asked for again where something changes, and only there."""
+"""Bodies at rest under tendons: their contacts are asked for again only where something changes."""
 
 import numpy as np
 import pybullet as p

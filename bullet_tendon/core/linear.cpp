@@ -151,6 +151,7 @@ bool solve_bodies(Group& group, const Options& o, bool definite) {
   for (size_t p = 0; p < panels; ++p) {
     if (!answer_columns(group, o, p)) return false;
     for (size_t q = p; q < panels; ++q) take_complement(group, p, q);
+    take_steps(group, p);
   }
   if (!definite && !keeps_inertia(group)) return false;
   dense::root(n, group.corner, group.corner_root);

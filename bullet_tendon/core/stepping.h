@@ -162,13 +162,14 @@ double body_residual(const Group& group);
 double body_slope(const Group& group);
 // Their part of the matrix, before holds are taken out of the tendons' part (columns.cpp).
 void make_border(Group& group);
-// Of panel p: a column of it to chain.column, and its answer from chain.solved.
+// Of panel p (complement.cpp): a column of it to chain.column, and its answer from chain.solved.
 void take_column(Group& group, size_t p, int lane);
 void put_answer(Group& group, size_t p, int lane);
-// The Schur complement of the tendons in the corner, of the columns of panel p and the rows of panel q; and
-// what bodies need of the right-hand side, of which chain.step is A^-1.
+// corner -= C^T A^-1 C, of the columns of panel p and the rows of panel q; and corner_side -= C^T A^-1 r_x,
+// of which chain.step is A^-1 r_x.
 void take_complement(Group& group, size_t p, size_t q);
-// What the step of the bodies, in corner_side, leaves of the residual for the tendons, in chain.column.
+void take_steps(Group& group, size_t p);
+// chain.column = residual - C corner_side: what the bodies' step leaves for the tendons.
 void answer_bodies(Group& group);
 Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
