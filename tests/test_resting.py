@@ -22,9 +22,11 @@ def draped(make_world, client):
     world.add_obstacle(block)
     cord = bt.Material(stiffness=3e4, damping=1.0, friction=0.3)
     t = world.add_tendon([[-0.15, 0, 0.09], [0, 0, 0.105], [0.15, 0, 0.09]], 0.002, cord, 30)
-    for end in (0, -1):
-        hand = t.grip(end)
-        hand.target = hand.target - [0, 0, 0.01]
+    hands = t.grip(0), t.grip(-1)
+    for _ in range(20):
+        for hand in hands:
+            hand.target = hand.target - [0, 0, 0.0005]
+        world.step()
     world.step(200)
     return world, t, table, block
 
