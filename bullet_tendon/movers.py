@@ -33,6 +33,11 @@ def read_link(body: int, link: int, client: int) -> tuple:
     return info, state[:2], state[6:]
 
 
+def _has_no_mass(link: tuple[int, int], client: int) -> bool:
+    """Whether a link, by body and index, is of a body that nothing moves."""
+    return p.getDynamicsInfo(*link, client)[0] == 0
+
+
 class Alone:
     """A link that moves by itself, where it has mass: a body without joints, or on joints not known."""
 
@@ -43,25 +48,34 @@ class Alone:
         """Where it is, and how it answers; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
         told = core.tell_link(self.slot, info, where, motion, True, self.falls)
-        if told == _MAY_REST:
-            self._tell_contacts(core)
+        if told == _MAY_REST and not self._contacts_stand(core, where, motion):
+            self._tell_contacts(core, where)
         return told > 0
 
     def keep_contacts(self, core) -> None:
         """Into the state that is going to be saved: after restoreState pybullet tells later contacts."""
         if self.falls and core.may_rest(self.slot):
+            where, motion = read_link(self.body, self.link, self.client)[1:]
+            if not self._contacts_stand(core, where, motion):
+                self._tell_contacts(core, where)
             core.keep_contacts(self.slot)
-            self._tell_contacts(core)
 
-    def _tell_contacts(self, core) -> None:
+    def _contacts_stand(self, core, where, motion) -> bool:
+        """Whether it still rests as it did when its contacts were asked for, on what is still there."""
+        on = core.rests_on(self.slot, where, motion)
+        if on is None or on[0] != p.getNumBodies(self.client):
+            return False
+        try:
+            return all(_has_no_mass(other, self.client) for other in on[1])
+        except p.error:  # it was removed
+            return False
+
+    def _tell_contacts(self, core, where) -> None:
         """What it rests on: contacts with bodies without mass."""
-        stays = {}  # by body and link
-        for contact in p.getContactPoints(bodyA=self.body, physicsClientId=self.client):
-            other = contact[2], contact[4]
-            if other not in stays:
-                stays[other] = p.getDynamicsInfo(*other, self.client)[0] == 0
-            if stays[other]:
-                core.add_contact(self.slot, contact[5], contact[7], contact[8])
+        client = self.client
+        points = p.getContactPoints(bodyA=self.body, physicsClientId=client)
+        stays = [other for other in {(c[2], c[4]): None for c in points} if _has_no_mass(other, client)]
+        core.tell_contacts(self.slot, points, stays, where, p.getNumBodies(client))
 
     def note(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been let go."""

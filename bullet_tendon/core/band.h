@@ -12,7 +12,7 @@
 #pragma once
 #include <vector>
 
-#include "field.h"
+#include "columns.h"
 
 namespace bt {
 
@@ -46,12 +46,22 @@ class BandFactor {
   bool factorise(const Band& a);
   // x = A^-1 b; x and b may be the same.
   void solve(const Field& b, Field& x) const;
+  // The same of eight right-hand sides, zero but for blocks first to last, which x gets its own for.
+  void solve(const Columns& b, int first, int last, Columns& x) const;
 
  private:
   template <int H>
   bool factorise_ends(const Band& a);
   template <int H>
   void solve_ends(const Field& b, Field& x) const;
+  // Of eight columns (band_columns.cpp).
+  template <int H>
+  void columns_ends(int first, int last, Columns& x) const;
+  template <int H, int Lane, class At>
+  void columns_inwards(int from, At at, Eight* next, Eight* after) const;
+  template <int H, int Lane, class At>
+  void columns_outwards(int to, At at) const;
+  void columns_middle(Eight* y) const;
   bool factorise_middle(const Band& a);
   void solve_middle(double* y) const;
 

@@ -46,6 +46,12 @@ constexpr double kTakenBack = 0.2;
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
 
+// How far a body may have moved since its contacts were asked for [m], [half a radian], and share of what
+// they held it back by [m/s] by which they may have missed that, for the same ones to hold it now [-].
+// Larger: they are taken for what they no longer are. Smaller: they are asked for in every step.
+constexpr double kContactsStand = 1e-5;
+constexpr double kSteadyContact = 1e-3;
+
 // A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
 constexpr double kLeastPush = 1e-9;
 
@@ -67,7 +73,9 @@ constexpr double kDeepBehind = 0.04;
 // Cosine of force and torque under which a wrench is one force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
 
-// Sweeps of Jacobi's method [-]; it converges quadratically, in four to six.
+// Sweeps of Jacobi's method at most [-]; it converges quadratically, in four to six. Share of the largest
+// entry under which one beside the diagonal is rounding [-].
 constexpr int kSweeps = 12;
+constexpr double kOffDiagonal = 1e-18;
 
 }  // namespace bt

@@ -10,8 +10,7 @@
 //
 //   (D - C^T A^-1 C) dy = -(r_y - C^T A^-1 r_x),     dx = -A^-1 (r_x + C dy).
 //
-// Both column of the border and column of the corner are what Newton's matrix makes of the motion of one
-// unknown, attached particles going along.
+// Both are made, and solved for, in columns.cpp.
 #include <algorithm>
 #include <limits>
 
@@ -196,91 +195,6 @@ double body_slope(const Group& group) {
   double sum = 0;
   each_body(group, [&](const Mover& m) { sum += dense::dot(m.residual, m.step); });
   return sum;
-}
-
-namespace {
-
-// What a row against a body makes of the motion of the tendon (in cg_direction) and of the body (stepped),
-// beside the block that it has in the tendon's own matrix.
-void couple(Group& group, const Row& row) {
-  Chain& a = group.at(row.a);
-  Link& link = (*group.links)[row.link];
-  const Vec3 pull_a = row.block * link.stepped.at(row.arm);
-  pull_back(a.cg_image, row.a, pull_a);
-  add_load(link, pull_a - row.block * row.a.of(a.cg_direction), row.arm);
-}
-
-// The same of the levers of a mouth's row: its edge moves as the ends of the segment do, the other way.
-void couple_levers(Group& group, const Row& row) {
-  Chain& a = group.at(row.a);
-  Link& link = (*group.links)[row.link];
-  const Vec3 x0 = a.cg_direction.at(row.a.first), x1 = a.cg_direction.at(row.a.first + 1);
-  const Vec3 u = link.stepped.at(row.arm);
-  for (int k = 0; k < row.levers; ++k) {
-    const Vec3 l0 = row.lever[k][0], l1 = row.lever[k][1], edge = -(l0 + l1);
-    const double by_edge = row.lever_share[k] * dot(edge, u);
-    a.cg_image.add(row.a.first, by_edge * l0), a.cg_image.add(row.a.first + 1, by_edge * l1);
-    add_load(link, (by_edge + row.lever_share[k] * (dot(l0, x0) + dot(l1, x1))) * edge, row.arm);
-  }
-}
-
-// Whether bodies take particles of the tendon along.
-bool takes_along(const Chain& c) {
-  return std::any_of(c.holds.begin(), c.holds.end(), [](const Hold& h) { return h.moves; });
-}
-
-// The motion of unknown k of mover m, attached particles going along.
-void move_one(Group& group, int m, int k) {
-  for (Chain* c : group.chains) c->cg_direction.zero();
-  for (int l : group.carried) {
-    Link& link = (*group.links)[l];
-    link.stepped = link.load = {};
-    if (link.mover != m) continue;
-    const size_t n = (*group.movers)[m].y.size();
-    auto at = [&](int row) { return reach_of(group) * link.reached[row * n + k]; };
-    link.stepped = {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
-  }
-  carry_steps(group, &Chain::cg_direction);
-}
-
-void multiply_all(Group& group) {
-  for (Chain* c : group.chains) {
-    if (takes_along(*c))
-      c->matrix.multiply(c->cg_direction, c->cg_image);
-    else
-      c->cg_image.zero();
-  }
-  add_coupling(group);
-  for (const Row* row : group.acting) {
-    if (!row->moves) continue;
-    couple(group, *row);
-    if (row->kind == ContactKind::mouth) couple_levers(group, *row);
-  }
-}
-
-}  // namespace
-
-void make_border(Group& group) {
-  if (group.bodies.empty()) return;
-  const int n = group.freedom;
-  group.corner.assign(static_cast<size_t>(n) * n, 0.0);
-  if (static_cast<int>(group.border.size()) < n) group.border.resize(n);
-  int column = 0;
-  for (int m : group.bodies)
-    for (int k = 0; k < (*group.movers)[m].freedom; ++k, ++column) {
-      move_one(group, m, k);
-      multiply_all(group);
-      load_carried(group, &Chain::cg_image);
-      each_body(group, [](Mover& other) { other.step.assign(other.freedom, 0.0); });
-      (*group.movers)[m].step[k] = 1;
-      add_generalized_loads(group, [&](int other) -> dense::Numbers& { return (*group.movers)[other].step; });
-      each_body(group, [&](const Mover& other) {
-        for (int i = 0; i < other.freedom; ++i) group.corner[(other.first + i) * n + column] = other.step[i];
-      });
-      project_holds(group, &Chain::cg_image);
-      group.border[column].resize(group.chains.size());
-      for (size_t c = 0; c < group.chains.size(); ++c) group.border[column][c] = group.chains[c]->cg_image;
-    }
 }
 
 }  // namespace bt

@@ -68,6 +68,16 @@ void forward(const Numbers& l, Numbers& x) {
   }
 }
 
+void forward_rows(const Numbers& l, int n, Numbers& b) {
+  const int m = n ? static_cast<int>(b.size()) / n : 0;
+  for (int i = 0; i < m; ++i) {
+    const double pivot = l[i * m + i], scale = pivot > 0 ? 1 / pivot : 0;
+    for (int k = 0; k < i; ++k)
+      for (int j = 0; j < n; ++j) b[i * n + j] -= l[i * m + k] * b[k * n + j];
+    for (int j = 0; j < n; ++j) b[i * n + j] *= scale;
+  }
+}
+
 void solve(const Numbers& l, Numbers& x) {
   const int n = static_cast<int>(x.size());
   forward(l, x);
@@ -106,10 +116,15 @@ void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
 
 void eigen(int n, Numbers& a, Numbers& u) {
   set_identity(n, u);
-  for (int sweep = 0; sweep < kSweeps; ++sweep)
+  double largest = 0;
+  for (double v : a) largest = std::max(largest, std::fabs(v));
+  bool turned = true;
+  for (int sweep = 0; sweep < kSweeps && turned; ++sweep) {
+    turned = false;
     for (int p = 0; p < n; ++p)
       for (int q = p + 1; q < n; ++q)
-        if (a[p * n + q] != 0) rotate(n, a, u, p, q);
+        if (std::fabs(a[p * n + q]) > kOffDiagonal * largest) rotate(n, a, u, p, q), turned = true;
+  }
 }
 
 double dot(const Numbers& a, const Numbers& b) {

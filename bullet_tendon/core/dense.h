@@ -28,6 +28,8 @@ void product(int n, const Numbers& a, const Numbers& b, Numbers& c);
 void root(int n, const Numbers& a, Numbers& l);
 // x <- L^-1 x; zero where a pivot is nothing.
 void forward(const Numbers& l, Numbers& x);
+// B <- L^-1 B, of rows of n numbers.
+void forward_rows(const Numbers& l, int n, Numbers& b);
 // Eigenvalues, and eigenvectors in the columns of u, of a symmetric matrix, which is overwritten (Jacobi).
 void eigen(int n, Numbers& a, Numbers& u);
 double dot(const Numbers& a, const Numbers& b);

@@ -109,25 +109,19 @@ bool apply_inverse(Group& group, const Options& o, Which b, Which x) {
   return true;
 }
 
-double bordered(const Group& group, int column, Which x) {
-  double sum = 0;
-  for (size_t c = 0; c < group.chains.size(); ++c) sum += inner(group.border[column][c], group.chains[c]->*x);
-  return sum;
-}
-
-// The Schur complement of the tendons, in the corner, and what bodies need of the right-hand side; A^-1 C
-// takes the border's place. chain.step is A^-1 r_x.
-bool complement(Group& group, const Options& o) {
-  const int n = group.freedom;
-  for (int k = 0; k < n; ++k) {
-    for (size_t c = 0; c < group.chains.size(); ++c) group.chains[c]->column = group.border[k][c];
+// The answers of the tendons to what the unknowns of panel p pull at them, where bodies touch them.
+bool answer_columns(Group& group, const Options& o, size_t p) {
+  const bool banded = !group.coupled && o.linear_solver != LinearSolver::pcg;
+  for (size_t k = 0; k < group.chains.size() && banded; ++k) {
+    Border& b = group.borders[k];
+    if (b.first <= b.last)
+      group.chains[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
+  }
+  for (int lane = 0; lane < kLanes && !banded && static_cast<int>(p) * kLanes + lane < group.freedom;
+       ++lane) {
+    take_column(group, p, lane);
     if (!apply_inverse(group, o, &Chain::column, &Chain::solved)) return false;
-    group.corner_side[k] -= bordered(group, k, &Chain::step);
-    for (int i = k; i < n; ++i) {
-      group.corner[i * n + k] -= bordered(group, i, &Chain::solved);
-      group.corner[k * n + i] = group.corner[i * n + k];
-    }
-    for (size_t c = 0; c < group.chains.size(); ++c) group.border[k][c] = group.chains[c]->solved;
+    put_answer(group, p, lane);
   }
   return true;
 }
@@ -153,18 +147,17 @@ bool solve_bodies(Group& group, const Options& o, bool definite) {
     const Mover& mover = (*group.movers)[m];
     std::copy(mover.residual.begin(), mover.residual.end(), group.corner_side.begin() + mover.first);
   }
-  if (!complement(group, o)) return false;
+  const size_t panels = (n + kLanes - 1) / kLanes;
+  for (size_t p = 0; p < panels; ++p) {
+    if (!answer_columns(group, o, p)) return false;
+    for (size_t q = p; q < panels; ++q) take_complement(group, p, q);
+    take_steps(group, p);
+  }
   if (!definite && !keeps_inertia(group)) return false;
   dense::root(n, group.corner, group.corner_root);
   dense::solve(group.corner_root, group.corner_side);
-  for (int k = 0; k < n; ++k)
-    for (size_t c = 0; c < group.chains.size(); ++c) {
-      Field& step = group.chains[c]->step;
-      const Field& by_one = group.border[k][c];
-      for (int e = 0; e < 3; ++e)
-        for (int i = 0; i < step.size(); ++i) step[e][i] -= group.corner_side[k] * by_one[e][i];
-    }
-  return true;
+  answer_bodies(group);
+  return apply_inverse(group, o, &Chain::column, &Chain::step);
 }
 
 }  // namespace

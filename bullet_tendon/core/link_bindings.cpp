@@ -1,4 +1,7 @@
 // Links that move by themselves, or not at all, as pybullet tells of them.
+#include <pybind11/stl.h>
+
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -45,7 +48,6 @@ void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool f
   const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.limits.clear();
-  if (!m.contacts_kept) m.contacts.clear();
   m.falls.clear();
   if (falls) m.falls.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
@@ -76,7 +78,9 @@ int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   l.jacobian.clear();
   stand_alone(w.movers[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!told_well(w, slot)) return 0;
-  return falls && w.movers[slot].may_rest(w.gravity()) ? 2 : 1;
+  if (falls && w.movers[slot].may_rest(w.gravity())) return 2;
+  if (!w.movers[slot].contacts_kept) w.movers[slot].forget_contacts();
+  return 1;
 }
 
 // Its velocity and spin right after a step; whether it seems to have been let go.
@@ -90,17 +94,47 @@ bool may_rest(const World& w, int slot) {
          w.movers[slot].may_rest(w.gravity());
 }
 
-// Those that are told from here on are the ones of the step to come.
-void keep_contacts(World& w, int slot) {
-  w.movers[slot].contacts.clear();
-  w.movers[slot].contacts_kept = true;
+// Those that it has, or that are told next, are the ones of the step to come.
+void keep_contacts(World& w, int slot) { w.movers[slot].contacts_kept = true; }
+
+using Links = std::vector<std::pair<int, int>>;
+
+std::vector<double> place_of(const py::tuple& where) {
+  PyObject *centre = item(where.ptr(), 0), *turn = item(where.ptr(), 1);
+  return {number(centre, 0), number(centre, 1), number(centre, 2), number(turn, 0),
+          number(turn, 1),   number(turn, 2),   number(turn, 3)};
 }
 
-// A contact with what does not move: its point, the normal towards the body, and the distance.
-void add_contact(World& w, int slot, const py::tuple& point, const py::tuple& normal, double distance) {
-  const Vec3 n = vector(normal.ptr()), turn = cross(vector(point.ptr()) - w.links[slot].centre, n);
-  const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, distance};
-  w.movers[slot].contacts.insert(w.movers[slot].contacts.end(), row, row + 7);
+// By p.getContactPoints, those with the links `stays`, which do not move: the normal towards the body, what
+// it makes of its spin, and the distance. where: as of tell_link; bodies: how many there are.
+void tell_contacts(World& w, int slot, const py::tuple& points, const Links& stays, const py::tuple& where,
+                   int bodies) {
+  Mover& m = w.movers[slot];
+  const Vec3 centre = vector(item(where.ptr(), 0));
+  m.forget_contacts();
+  for (const py::handle& point : points) {
+    const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
+                                    static_cast<int>(number(point.ptr(), 4))};
+    if (std::find(stays.begin(), stays.end(), other) == stays.end()) continue;
+    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
+    const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
+    m.contacts.insert(m.contacts.end(), row, row + 7);
+  }
+  m.contacts_at = place_of(where);
+  m.rests_on.assign(1, bodies);
+  for (const auto& [body, link] : stays) m.rests_on.push_back(body), m.rests_on.push_back(link);
+}
+
+// Where what was told of its contacts can be believed once more: how many bodies there were, and the links
+// that it rests on. Else None.
+py::object rests_on(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
+  const Mover& m = w.movers[slot];
+  const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
+  if (!m.contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z})) return py::none();
+  py::list links;
+  for (size_t k = 1; k < m.rests_on.size(); k += 2)
+    links.append(py::make_tuple(static_cast<int>(m.rests_on[k]), static_cast<int>(m.rests_on[k + 1])));
+  return py::make_tuple(static_cast<int>(m.rests_on[0]), links);
 }
 
 void clear_link(World& w, int slot) {
@@ -116,7 +150,8 @@ void bind_links(py::module_& m, py::class_<World>& world) {
       .def("note_link", &note_link)
       .def("may_rest", &may_rest)
       .def("keep_contacts", &keep_contacts)
-      .def("add_contact", &add_contact);
+      .def("tell_contacts", &tell_contacts)
+      .def("rests_on", &rests_on);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
     place(l, info.ptr(), where.ptr());

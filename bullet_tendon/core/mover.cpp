@@ -37,9 +37,9 @@ const Mover::Numbers& Mover::unforced(Vec3 gravity) {
 void Mover::sense(Vec3 gravity) {
   doubt_stops();
   // Of several tendons, or what they press at, it cannot be told what they would have done.
-  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && !unknown);
+  const bool told = !contacts.empty() && !slipped_;  // by contacts
+  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && !unknown, told);
   contacts_kept = false;
-  if (!contacts.empty() && !slipped_) observer.set_free();  // they tell what holds it
   gyration = gyroscopic();
 }
 

@@ -31,12 +31,14 @@ struct Stop {
 
 struct Mover {
   using Numbers = dense::Numbers;
-  Numbers rates;     // now: velocity of the centre of mass and spin, of the base, and of the joints
-  Numbers free;      // M^-1 (n n)
-  Numbers falls;     // acceleration by a unit of gravity (n 3); empty: not known
-  Vec3 gyration;     // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
-  Numbers limits;    // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
-  Numbers contacts;  // of a rigid body: direction (6) and distance, below 0 inside, of every contact
+  Numbers rates;        // now: velocity of the centre of mass and spin, of the base, and of the joints
+  Numbers free;         // M^-1 (n n)
+  Numbers falls;        // acceleration by a unit of gravity (n 3); empty: not known
+  Vec3 gyration;        // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
+  Numbers limits;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  Numbers contacts;     // of a rigid body: direction (6) and distance, below 0 inside, of every contact
+  Numbers contacts_at;  // where it was then: its centre of mass (3) and how it was turned (4)
+  Numbers rests_on;     // how many bodies there were, and body and link of each that it touched
   bool contacts_kept = false;  // those of a state that was saved: pybullet's own are not restored
   Observer observer;
   Numbers root;    // E, without what the stops take away in this step
@@ -62,6 +64,10 @@ struct Mover {
   bool is_stopped() const;
   // Whether contacts could tell something of what it is going to do.
   bool may_rest(Vec3 gravity) const;
+  // Whether the contacts that were told last can be believed to be those of now, when it is at `place` with
+  // these rates: it has hardly moved since, and goes on to do what they make it do.
+  bool contacts_stand(const Numbers& place, const Numbers& rates_now) const;
+  void forget_contacts() { contacts.clear(), contacts_at.clear(), rests_on.clear(); }
   int n() const { return static_cast<int>(rates.size()); }
   // One more direction (n) that it can be moved in, of which it gets the part that is new.
   void widen(Numbers direction);
@@ -85,7 +91,8 @@ struct Mover {
   void doubt_stops();
   void find_stops(double dt);
   void add_stop(Numbers direction, double wanted, int coordinate);
-  void gather_stops(bool acting);
+  void gather_stops();
+  void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);
   void stop(double dt);
   void take_away(double dt);
@@ -97,7 +104,8 @@ struct Mover {
   Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
   bool rested_ = false;   // on contacts, in the last step
   bool slipped_ = false;  // through them
-  dense::Scratch known_, half_, within_, within_root_, missing_, pushes_;
+  dense::Scratch known_, half_, through_, within_, within_acting_, within_root_, missing_, pushes_, given_,
+      along_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h
 };

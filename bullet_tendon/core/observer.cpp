@@ -17,7 +17,7 @@ void Observer::start(int n) {
   push_.assign(n, 0.0), forces_.assign(n, 0.0);
 }
 
-void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone) {
+void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone, bool told) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
@@ -27,14 +27,14 @@ void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gra
     now_.cut.assign(n_, 0.0);
     if (!alone || !leave_out_cut(noted_.empty() ? rates : noted_)) {
       released_ = held_ && was_released(now_);
-      if (samples_ > 0 && !was_cut()) learn(now_);
+      if (samples_ > 0 && !was_cut() && !told) learn(now_);
     }
     std::swap(before_, last_), std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     find_push();
   }
   dense::root(n_, free, root_);
-  take_effective();
+  told ? set_free() : take_effective();
   refresh(rates);
 }
 

@@ -25,8 +25,8 @@ class Observer {
  public:
   using Numbers = dense::Numbers;
   // The rates (n) now, the free response (n n), and what gravity makes of the rates by itself (n). alone: all
-  // that it does is known, but for a pull.
-  void see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone);
+  // that it does is known, but for a pull. told: so is what holds it, and nothing is to be learned of that.
+  void see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone, bool told);
   // The rates right after what it was thought to do; true where that means that it has been let go. What
   // is seen next may have been set from outside since.
   bool note(const Numbers& rates, const Numbers& gravity);

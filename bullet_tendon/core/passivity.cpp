@@ -13,6 +13,8 @@
 // each other anyhow (the passivity controller of haptics: Hannaford and Ryu 2002): along the springs and
 // contacts that made it, then along all, which keeps linear and angular momentum, and only then, as where a
 // pushing tendon turns about a point that holds it, across them.
+#include <algorithm>
+
 #include "chain_bending.h"
 #include "constants.h"
 #include "stepping.h"
@@ -72,12 +74,11 @@ Vec3 relative_velocity(const Group& group, const Push& push) {
 
 // Takes the energy of the pair's relative velocity along the unit vector n, and `left` at most.
 void brake(Group& group, const Push& push, Vec3 n, double& left) {
-  const double light = lightness(group, push.a) + lightness(group, push.b);
   const double speed = dot(relative_velocity(group, push), n);
-  const double there = light > 0 ? 0.5 * speed * speed / light : 0, taken = std::min(left, there);
+  const double there = 0.5 * speed * speed / push.light, taken = std::min(left, there);
   if (!(left > 0 && there > 0)) return;
-  const double stays = std::sqrt(1 - taken / there);
-  const Vec3 p = (-(1 - stays) * speed / light) * n;
+  const double stays = taken < there ? std::sqrt(1 - taken / there) : 0;
+  const Vec3 p = (-(1 - stays) * speed / push.light) * n;
   hit(group, push.a, p), hit(group, push.b, -p);
   if (push.row) push.row->total_force += (1 / group.at(push.a).b) * p;
   left -= taken;
@@ -173,9 +174,18 @@ void brake_all(Group& group, double& left, bool makers, bool across) {
   for (Push& push : group.pushes) {
     if (!(left > 0)) return;
     if (makers && !(push.made > 0)) continue;
-    if (carried_by_body(group, push.a) || carried_by_body(group, push.b)) continue;
     brake(group, push, across ? unit_or(relative_velocity(group, push), push.along) : push.along, left);
   }
+}
+
+// Leaves those that have no part in taking it back out.
+void find_brakes(Group& group) {
+  auto is_none = [&](Push& push) {
+    push.light = lightness(group, push.a) + lightness(group, push.b);
+    return !(push.light > 0) || carried_by_body(group, push.a) || carried_by_body(group, push.b);
+  };
+  auto& all = group.pushes;
+  all.erase(std::remove_if(all.begin(), all.end(), is_none), all.end());
 }
 
 }  // namespace
@@ -194,6 +204,7 @@ void keep_passive(Group& group) {
   made -= lost_by_bodies(group, group.chains[0]->b);
   if (!(made > kCreated * energy)) return;
   double left = made;
+  find_brakes(group);
   brake_all(group, left, true, false);
   for (int sweep = 0; sweep < kBrakes; ++sweep) brake_all(group, left, false, false);
   for (int sweep = 0; sweep < kBrakes; ++sweep) brake_all(group, left, false, true);

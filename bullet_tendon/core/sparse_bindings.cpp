@@ -1,4 +1,5 @@
-// The sparse solver by itself, for tests.
+// The sparse and the banded solver by themselves, for tests.
+#include "band.h"
 #include "bindings.h"
 #include "sparse.h"
 
@@ -46,8 +47,45 @@ py::list sparse_solutions(const py::list& systems) {
   return out;
 }
 
+// A band of blocks: its diagonal (n, 3, 3), and below it (reach, n, 3, 3), of which the last ones are not
+// there.
+Band band_of(const Array& diagonal, const Array& below) {
+  Band a;
+  a.resize(static_cast<int>(diagonal.shape(0)), static_cast<int>(below.shape(0)));
+  for (int i = 0; i < a.n; ++i) {
+    const double* d = diagonal.data() + 9 * i;
+    a.add(i, {d[0], d[1], d[2], d[4], d[5], d[8]});
+    for (int o = 0; o < a.half; ++o)
+      for (int e = 0; e < 9; ++e) a.below[o][e][i] = below.data()[9 * (o * a.n + i) + e];
+  }
+  return a;
+}
+
+// Eight right-hand sides (n, 3, 8), zero but for the blocks first to last: solutions there (last - first + 1,
+// 3, 8); and that of the first of them, solved for by itself (n, 3).
+py::tuple band_solutions(const Array& diagonal, const Array& below, const Array& right, int first, int last) {
+  const Band a = band_of(diagonal, below);
+  BandFactor factor;
+  factor.resize(a.n, a.half);
+  if (!factor.factorise(a)) throw py::value_error("not definite");
+  Columns b, x;
+  b.resize(a.n), x.resize(a.n);
+  std::copy(right.data(), right.data() + right.size(), b.number(0));
+  factor.solve(b, first, last, x);
+  Field one(a.n);
+  for (int i = 0; i < a.n; ++i) one.set(i, {b.at(i)[0][0], b.at(i)[1][0], b.at(i)[2][0]});
+  factor.solve(one, one);
+  std::vector<Vec3> alone;
+  for (int i = 0; i < a.n; ++i) alone.push_back(one.at(i));
+  Array solved({py::ssize_t{last} - first + 1, py::ssize_t{3}, py::ssize_t{kLanes}});
+  std::copy(x.number(first), x.number(last + 1), solved.mutable_data());
+  return py::make_tuple(solved, rows_of(alone));
+}
+
 }  // namespace
 
-void bind_sparse(py::module_& m) { m.def("sparse_solutions", &sparse_solutions); }
+void bind_sparse(py::module_& m) {
+  m.def("sparse_solutions", &sparse_solutions).def("band_solutions", &band_solutions);
+}
 
 }  // namespace bt

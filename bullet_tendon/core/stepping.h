@@ -45,6 +45,7 @@ struct Push {
   Vec3 of_link;     // velocity of the link there [m/s]
   double made = 0;  // energy that it made out of nothing [J]
   Row* row = nullptr;
+  double light = 0;  // inverse mass that an impulse between them meets [1/kg]
 };
 
 // A pair that is out of reach until its tendons have travelled so far together.
@@ -95,9 +96,11 @@ struct Group {
   int substeps = 1;
   bool staged = false;          // the step was taken in two stages, which leave the holds' mean forces
   double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
-  // By unknown of the bodies: what they pull at the tendons, by tendon; the matrix and right-hand side of
-  // the rest.
-  std::vector<std::vector<Field>> border;
+  // By unknown of the bodies: what they pull at the tendons, by tendon, where in the group that is, by slot,
+  // and what they make of links (columns.cpp); the matrix and right-hand side of the rest.
+  std::vector<Border> borders;
+  std::vector<int> place_of;
+  std::vector<LinkColumns> of_links;
   dense::Numbers corner, corner_root, corner_side;
 
   std::vector<Push> pushes;  // of passivity.cpp
@@ -157,8 +160,17 @@ void add_body_residual(Group& group);
 // Largest residual, as a force at the point of theirs that yields most [N].
 double body_residual(const Group& group);
 double body_slope(const Group& group);
-// Their part of the matrix, before holds are taken out of the tendons' part.
+// Their part of the matrix, before holds are taken out of the tendons' part (columns.cpp).
 void make_border(Group& group);
+// Of panel p (complement.cpp): a column of it to chain.column, and its answer from chain.solved.
+void take_column(Group& group, size_t p, int lane);
+void put_answer(Group& group, size_t p, int lane);
+// corner -= C^T A^-1 C, of the columns of panel p and the rows of panel q; and corner_side -= C^T A^-1 r_x,
+// of which chain.step is A^-1 r_x.
+void take_complement(Group& group, size_t p, size_t q);
+void take_steps(Group& group, size_t p);
+// chain.column = residual - C corner_side: what the bodies' step leaves for the tendons.
+void answer_bodies(Group& group);
 Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
 // The rows that act now, for the matrix.

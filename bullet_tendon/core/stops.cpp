@@ -59,18 +59,30 @@ bool Mover::may_rest(Vec3 gravity) const {
          pushed > kLeastStopped * norm(gravity);
 }
 
+bool Mover::contacts_stand(const Numbers& place, const Numbers& rates_now) const {
+  if (contacts.empty() || contacts_at.size() != place.size()) return false;
+  for (size_t i = 0; i < place.size(); ++i)
+    if (!(std::fabs(place[i] - contacts_at[i]) <= kContactsStand)) return false;
+  bool any = false;
+  for (const Stop& s : stops_) {
+    if (!s.acts || s.coordinate >= 0) continue;
+    any = true;
+    const double missed = dense::dot(s.direction, rates_now) - s.wanted;
+    if (!(std::fabs(missed) <= kSteadyContact * std::fabs(s.held_back))) return false;
+  }
+  return any;
+}
+
 void Mover::add_stop(Numbers direction, double wanted, int coordinate) {
-  Numbers along;
-  dense::multiply_transposed(root, direction, along);
-  Numbers whole;
-  dense::multiply(free, direction, whole);
-  if (!(dense::dot(along, along) > kRank * dense::dot(direction, whole))) return;
+  dense::multiply_transposed(root, direction, half_);
+  dense::multiply(free, direction, known_);
+  if (!(dense::dot(half_, half_) > kRank * dense::dot(direction, known_))) return;
   const double foreseen = dense::dot(direction, rates) + dense::dot(direction, change);
   stops_.push_back({std::move(direction), wanted, wanted - foreseen, 0, coordinate, false});
 }
 
 void Mover::find_stops(double dt) {
-  stops_.clear();
+  stops_.clear(), through_.clear(), pushes_.clear();
   unstopped_ = change;
   pushed_.assign(n(), 0.0);
   doubted_.resize(n());
@@ -89,33 +101,32 @@ void Mover::find_stops(double dt) {
   }
 }
 
-// D E of all stops, or of those that act, and D R D^T.
-void Mover::gather_stops(bool acting) {
-  Numbers row;
-  half_.clear();
+// D E of all stops, and D R D^T, once in a step.
+void Mover::gather_stops() {
+  const size_t m = stops_.size();
+  if (through_.size() == m * n()) return;
+  through_.clear();
   for (const Stop& s : stops_) {
-    if (acting && !s.acts) continue;
-    dense::multiply_transposed(observer.root(), s.direction, row);
-    half_.insert(half_.end(), row.begin(), row.end());
+    dense::multiply_transposed(observer.root(), s.direction, half_);
+    through_.insert(through_.end(), half_.begin(), half_.end());
   }
-  dense::product_transposed(n(), half_, half_, within_);
+  dense::product_transposed(n(), through_, through_, within_);
 }
 
 // By lambda of the complementarity problem above; whether they are other ones.
 bool Mover::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   bool other = false;
-  Numbers along, given;
-  gather_stops(false);
-  dense::multiply_transposed(observer.root(), forces, along);
-  dense::multiply(half_, along, given);
-  pushes_.assign(m, 0.0);
+  gather_stops();
+  dense::multiply_transposed(observer.root(), forces, half_);
+  dense::multiply(through_, half_, given_);
+  pushes_.resize(m);  // as those that were found before in this step
   double change = 1;  // of a rate, in those at hand
   for (int sweep = 0; sweep < kStopSweeps && change > kStopSettled; ++sweep) {
     change = 0;
     for (size_t a = 0; a < m; ++a) {
-      double left = stops_[a].missing - dt * given[a];
-      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * given[a]);
+      double left = stops_[a].missing - dt * given_[a];
+      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * given_[a]);
       for (size_t b = 0; b < m; ++b) left -= within_[a * m + b] * pushes_[b];
       const double before = pushes_[a];
       pushes_[a] = std::max(0.0, before + left / within_[a * m + a]);
@@ -125,8 +136,8 @@ bool Mover::choose_stops(const Numbers& forces, double dt) {
   }
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
-    s.held_back = s.missing - dt * given[a];
-    const double size = std::fabs(s.missing) + dt * std::fabs(given[a]);
+    s.held_back = s.missing - dt * given_[a];
+    const double size = std::fabs(s.missing) + dt * std::fabs(given_[a]);
     const bool acts = pushes_[a] * within_[a * m + a] > kLeastPush * size;
     other |= std::exchange(s.acts, acts) != acts;
   }
@@ -150,24 +161,35 @@ void Mover::stop(double dt) {
   push_by(pushed_);
 }
 
-// What acts, whose d^T E are in half_, keeps the rates and takes its directions from the response.
-void Mover::take_away(double dt) {
-  const int m = static_cast<int>(missing_.size());
-  gather_stops(true);
-  dense::root(m, within_, within_root_);
-  dense::solve(within_root_, missing_);
-  Numbers along, gone, row(n());
-  dense::multiply_transposed(half_, missing_, gone);
-  dense::multiply(root, gone, known_);
-  for (int i = 0; i < n(); ++i) change[i] += known_[i], stopped_by_[i] = known_[i] / dt;
-  // Each row of E loses what is along those of S.
-  for (int i = 0; i < n(); ++i) {
-    std::copy_n(&root[i * n()], n(), row.begin());
-    dense::multiply(half_, row, along);
-    dense::solve(within_root_, along);
-    dense::multiply_transposed(half_, along, gone);
-    for (int k = 0; k < n(); ++k) root[i * n() + k] -= gone[k];
+// S E, in half_, and S R S^T.
+void Mover::gather_acting() {
+  gather_stops();
+  half_.clear(), within_acting_.clear();
+  const size_t m = stops_.size();
+  for (size_t a = 0; a < m; ++a) {
+    if (!stops_[a].acts) continue;
+    half_.insert(half_.end(), through_.begin() + a * n(), through_.begin() + (a + 1) * n());
+    for (size_t b = 0; b < m; ++b)
+      if (stops_[b].acts) within_acting_.push_back(within_[a * m + b]);
   }
+}
+
+// What acts keeps the rates, and takes its directions from the response: with S E = L W, L L^T = S R S^T,
+//
+//   change += E W^T L^-1 missing,     E -= E W^T W.
+void Mover::take_away(double dt) {
+  const size_t m = missing_.size(), width = n();
+  gather_acting();
+  dense::root(static_cast<int>(m), within_acting_, within_root_);
+  dense::forward(within_root_, missing_);
+  dense::forward_rows(within_root_, n(), half_);
+  dense::product_transposed(n(), root, half_, along_);  // E W^T
+  for (size_t i = 0; i < width; ++i)
+    for (size_t a = 0; a < m; ++a) {
+      const double share = along_[i * m + a];
+      change[i] += share * missing_[a], stopped_by_[i] += share * missing_[a] / dt;
+      for (size_t k = 0; k < width; ++k) root[i * width + k] -= share * half_[a * width + k];
+    }
 }
 
 }  // namespace bt

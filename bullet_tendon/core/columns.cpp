@@ -1,0 +1,251 @@
+// The border and the corner of Newton's matrix (border.cpp), eight unknowns of bodies at once.
+//
+// An unknown moves the links of its body and the particles that these carry. What that makes of the forces on
+// the tendons is its column of the border, and what it makes of the loads on the links, by B^T, its column of
+// the corner.
+#include <algorithm>
+
+#include "stepping.h"
+
+namespace bt {
+
+namespace {
+
+// What a twist makes of the place at r from its centre.
+BT_WITHIN inline void place_at(const Eight* twist, Vec3 r, Eight* u) {
+  u[0] = twist[0] + (r.z * twist[4] - r.y * twist[5]);
+  u[1] = twist[1] + (r.x * twist[5] - r.z * twist[3]);
+  u[2] = twist[2] + (r.y * twist[3] - r.x * twist[4]);
+}
+
+BT_WITHIN inline void add_force(Eight* load, const Eight* f, Vec3 r) {
+  for (int c = 0; c < 3; ++c) load[c] += f[c];
+  load[3] += r.y * f[2] - r.z * f[1];
+  load[4] += r.z * f[0] - r.x * f[2];
+  load[5] += r.x * f[1] - r.y * f[0];
+}
+
+// to += w v
+BT_WITHIN inline void add(Eight* to, double w, const Eight* v) {
+  for (int c = 0; c < 3; ++c) to[c] += w * v[c];
+}
+
+BT_WITHIN inline void dot(Vec3 a, const Eight* v, Eight* out) { *out = a.x * v[0] + a.y * v[1] + a.z * v[2]; }
+
+// to += s a, of one vector by lane
+BT_WITHIN inline void add(Eight* to, const Eight* s, Vec3 a) {
+  to[0] += *s * a.x, to[1] += *s * a.y, to[2] += *s * a.z;
+}
+
+BT_WITHIN inline void times(const Sym3& b, const Eight* v, Eight* out) {
+  dot({b.xx, b.xy, b.xz}, v, out), dot({b.xy, b.yy, b.yz}, v, out + 1), dot({b.xz, b.yz, b.zz}, v, out + 2);
+}
+
+// Of the motions of carried particles, at a spot.
+BT_WITHIN inline void moved(Panel& panel, const Spot& s, Eight* out) {
+  for (int c = 0; c < 3; ++c)
+    out[c] = s.w0 * panel.moves.at(s.first)[c] + s.w1 * panel.moves.at(s.first + 1)[c];
+}
+
+BT_WITHIN inline void pull_back(Panel& panel, const Spot& s, const Eight* pull) {
+  add(panel.pulls.at(s.first), -s.w0, pull), add(panel.pulls.at(s.first + 1), -s.w1, pull);
+}
+
+// What the band makes of the motion of particle i: pulls at its neighbours and itself.
+BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
+  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+  const Eight* u = panel.moves.at(i);
+  auto add_entry = [&](int j, int r, int c, double entry) BT_WITHIN { panel.pulls.at(j)[r] += entry * u[c]; };
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) {
+      add_entry(i, r, c, a.diagonal[kFull[3 * r + c]][i]);
+      for (int o = 1; o <= a.half; ++o) {
+        if (i + o < a.n) add_entry(i + o, r, c, a.below[o - 1][3 * r + c][i]);
+        if (i >= o) add_entry(i - o, r, c, a.below[o - 1][3 * c + r][i - o]);
+      }
+    }
+}
+
+// A row against a body: beside the block that it has in the tendon's own matrix.
+BT_WITHIN inline void couple(const Row& row, const Border& border, Panel& panel, LinkColumns& link) {
+  Eight u[3], pull[3], back[3];
+  place_at(link.twist, row.arm, u);
+  times(row.block, u, pull);
+  pull_back(panel, row.a, pull);
+  if (border.carried) {
+    moved(panel, row.a, u), times(row.block, u, back);
+    add(pull, -1, back);
+  }
+  add_force(link.load, pull, row.arm);
+}
+
+// The same of the levers of a mouth's row: its edge moves as the ends of the segment do, the other way.
+BT_WITHIN inline void couple_levers(const Row& row, Panel& panel, LinkColumns& link) {
+  Eight u[3], along, at_end;
+  place_at(link.twist, row.arm, u);
+  for (int k = 0; k < row.levers; ++k) {
+    const Vec3 ends[2] = {row.lever[k][0], row.lever[k][1]}, edge = -(ends[0] + ends[1]);
+    dot(row.lever_share[k] * edge, u, &along);
+    Eight sum = along;
+    for (int e : {0, 1}) {
+      add(panel.pulls.at(row.a.first + e), &along, ends[e]);
+      dot(row.lever_share[k] * ends[e], panel.moves.at(row.a.first + e), &at_end);
+      sum += at_end;
+    }
+    Eight force[3] = {};
+    add(force, &sum, edge);
+    add_force(link.load, force, row.arm);
+  }
+}
+
+// A row between tendons, of which it has what is beside their bands.
+BT_WITHIN inline void couple_pair(const Row& row, Panel& a, Panel& b) {
+  Eight u[3], pull[3];
+  moved(b, row.b, u), times(row.block, u, pull), pull_back(a, row.a, pull);
+  moved(a, row.a, u), times(row.block, u, pull), pull_back(b, row.b, pull);
+}
+
+template <class Do>
+BT_WITHIN inline void each_carried(Group& group, Do what) {
+  for (size_t k = 0; k < group.chains.size(); ++k)
+    for (const Hold& h : group.chains[k]->holds)
+      if (h.moves) {
+        const Link& link = (*group.links)[h.link];
+        what(*group.chains[k], group.borders[k], h, to_world(link.pose, h.local) - link.centre);
+      }
+}
+
+// Where in the group a tendon is.
+Border& border_of(Group& group, const Spot& s) { return group.borders[group.place_of[s.chain]]; }
+
+void widen(Border& border, const Chain& c, int first, int last) {
+  border.first = std::min(border.first, std::max(0, first));
+  border.last = std::max(border.last, std::min(c.n() - 1, last));
+}
+
+void widen(Group& group, const Spot& s) { widen(border_of(group, s), group.at(s), s.first, s.first + 1); }
+
+// Which particles of every tendon the unknowns of bodies pull at.
+void find_spans(Group& group) {
+  group.borders.resize(group.chains.size());
+  group.place_of.resize(group.slots->size());
+  for (size_t k = 0; k < group.chains.size(); ++k) {
+    group.place_of[group.numbers[k]] = static_cast<int>(k);
+    Border& border = group.borders[k];
+    border.first = group.chains[k]->n(), border.last = -1, border.carried = false;
+  }
+  each_carried(group, [](Chain& c, Border& border, const Hold& h, Vec3) {
+    border.carried = true;
+    widen(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
+  });
+  for (const Row* row : group.acting) {
+    if (row->moves) widen(group, row->a);
+    if (row->b.chain < 0) continue;
+    if (border_of(group, row->b).carried) widen(group, row->a);
+    if (border_of(group, row->a).carried) widen(group, row->b);
+  }
+}
+
+void start_panel(Panel& panel, int n, bool carried) {
+  for (Columns* c : {&panel.pulls, &panel.answers, &panel.moves})
+    if (!c->fits(n)) c->resize(n);
+  panel.pulls.zero(0, n - 1);
+  if (panel.moved) panel.moves.zero(0, n - 1);
+  panel.moved = carried;
+}
+
+// Unknowns of the group from `column` on: what they make of the places of links.
+void move_links(Group& group, int column) {
+  group.of_links.resize(group.links->size());
+  for (int l : group.carried) {
+    const Link& link = (*group.links)[l];
+    const Mover& m = (*group.movers)[link.mover];
+    LinkColumns& of = group.of_links[l];
+    of = {};
+    for (int k = 0; k < m.freedom; ++k) {
+      const int lane = m.first + k - column;
+      if (lane < 0 || lane >= kLanes) continue;
+      of.moves = true;
+      for (int r = 0; r < 6; ++r)
+        of.twist[r][lane] = group.part_root * group.reach * link.reached[r * m.freedom + k];
+    }
+  }
+}
+
+BT_VECTOR void move_carried(Group& group, size_t p) {
+  each_carried(group, [&](Chain& c, Border& border, const Hold& h, Vec3 arm) BT_WITHIN {
+    Panel& panel = border.panels[p];
+    place_at(group.of_links[h.link].twist, arm, panel.moves.at(h.particle));
+    move_particle(c.matrix, h.particle, panel);
+  });
+}
+
+BT_VECTOR void couple_rows(Group& group, size_t p) {
+  for (const Row* row : group.acting) {
+    Border& a = border_of(group, row->a);
+    if (row->b.chain >= 0) {
+      Border& b = border_of(group, row->b);
+      if (a.carried || b.carried) couple_pair(*row, a.panels[p], b.panels[p]);
+    }
+    if (!row->moves) continue;
+    LinkColumns& link = group.of_links[row->link];
+    if (!link.moves && !a.carried) continue;
+    couple(*row, a, a.panels[p], link);
+    if (row->kind == ContactKind::mouth) couple_levers(*row, a.panels[p], link);
+  }
+  each_carried(group, [&](Chain&, Border& border, const Hold& h, Vec3 arm) BT_WITHIN {
+    add_force(group.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
+  });
+}
+
+// Loads on links by the unknowns from `column` on, on their own unknowns.
+BT_VECTOR void fill_corner(Group& group, int column) {
+  const int n = group.freedom, count = std::min(kLanes, n - column);
+  for (int l : group.carried) {
+    const Link& link = (*group.links)[l];
+    const Mover& m = (*group.movers)[link.mover];
+    for (int i = 0; i < m.freedom; ++i) {
+      Eight sum{};
+      for (int r = 0; r < 6; ++r)
+        sum += (group.part_root * group.reach * link.reached[r * m.freedom + i]) * group.of_links[l].load[r];
+      double* to = &group.corner[static_cast<size_t>(m.first + i) * n + column];
+      for (int j = 0; j < count; ++j) to[j] += sum[j];
+    }
+  }
+}
+
+void project_holds(Group& group, size_t p) {
+  for (size_t k = 0; k < group.chains.size(); ++k)
+    for (const Hold& h : group.chains[k]->holds)
+      if (h.rigid) group.borders[k].panels[p].pulls.zero(h.particle, h.particle);
+  for (const Row* row : group.rows) {
+    if (!row->held) continue;
+    Eight* f = border_of(group, row->a).panels[p].pulls.at(row->a.w0 != 0 ? row->a.first : row->a.first + 1);
+    const Eight along = row->normal.x * f[0] + row->normal.y * f[1] + row->normal.z * f[2];
+    f[0] -= along * row->normal.x, f[1] -= along * row->normal.y, f[2] -= along * row->normal.z;
+  }
+}
+
+}  // namespace
+
+void make_border(Group& group) {
+  if (group.bodies.empty()) return;
+  const int n = group.freedom;
+  group.corner.assign(static_cast<size_t>(n) * n, 0.0);
+  for (int k = 0; k < n; ++k) group.corner[k * n + k] = 1;
+  find_spans(group);
+  for (size_t p = 0; p * kLanes < static_cast<size_t>(n); ++p) {
+    const int column = static_cast<int>(p) * kLanes;
+    for (size_t k = 0; k < group.chains.size(); ++k) {
+      if (group.borders[k].panels.size() <= p) group.borders[k].panels.resize(p + 1);
+      start_panel(group.borders[k].panels[p], group.chains[k]->n(), group.borders[k].carried);
+    }
+    move_links(group, column);
+    move_carried(group, p);
+    couple_rows(group, p);
+    fill_corner(group, column);
+    project_holds(group, p);
+  }
+}
+
+}  // namespace bt

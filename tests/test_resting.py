@@ -1,0 +1,104 @@
+"""Bodies at rest under tendons: their contacts are asked for again only where something changes."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from link_scenes import UNDAMPED
+
+import bullet_tendon as bt
+
+BLOCK = [0.05] * 3  # half lengths [m]
+
+
+@pytest.fixture
+def draped(make_world, client):
+    """A tendon over a block of 0.1 kg that it presses at a table: world, tendon, table, block."""
+    slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, 0.1], physicsClientId=client)
+    table = p.createMultiBody(0, slab, basePosition=[0, 0, -0.1], physicsClientId=client)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=BLOCK, physicsClientId=client)
+    block = p.createMultiBody(0.1, box, basePosition=[0, 0, 0.05], physicsClientId=client)
+    p.changeDynamics(block, -1, **UNDAMPED, physicsClientId=client)
+    world = make_world(1 / 240, (0, 0, -9.81))
+    world.add_obstacle(block)
+    cord = bt.Material(stiffness=3e4, damping=1.0, friction=0.3)
+    t = world.add_tendon([[-0.15, 0, 0.09], [0, 0, 0.105], [0.15, 0, 0.09]], 0.002, cord, 30)
+    hands = t.grip(0), t.grip(-1)
+    for _ in range(20):
+        for hand in hands:
+            hand.target = hand.target - [0, 0, 0.0005]
+        world.step()
+    world.step(200)
+    return world, t, table, block
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """How often contacts were asked for."""
+    calls, ask = [], p.getContactPoints
+
+    def counted(*args, **kwargs):
+        calls.append(args)
+        return ask(*args, **kwargs)
+
+    monkeypatch.setattr(p, "getContactPoints", counted)
+    return calls
+
+
+def test_contacts_of_what_rests_are_seldom_asked_for(draped, asked):
+    world, t, _, block = draped
+    before = t.positions
+    world.step(100)
+    assert len(asked) < 30
+    assert world.wrench(block, -1)[2] < -50
+    assert np.abs(t.positions - before).max() < 1e-4
+
+
+def test_what_rests_is_free_once_its_table_is_gone(draped, client):
+    """A step that took it for held would throw it down by what the tendon presses over its mass."""
+    world, t, table, block = draped
+    stored = t.energy
+    p.removeBody(table, client)
+    most = 0.0
+    for k in range(30):
+        world.step()
+        speed = np.linalg.norm(p.getBaseVelocity(block, client)[0])
+        most = max(most, 0.05 * max(0.0, speed - 9.81 * (k + 1) / 240) ** 2)
+    assert most <= 1.05 * stored
+
+
+@pytest.mark.parametrize("solver", ["banded", "pcg"])
+def test_table_that_gets_mass_is_no_table(draped, client, asked, solver):
+    world, _, table, _ = draped
+    world.options = bt.SolverOptions(linear_solver=solver)
+    world.step(5)
+    asked.clear()
+    p.changeDynamics(table, -1, mass=1.0, physicsClientId=client)
+    world.step()
+    assert len(asked) == 1
+
+
+def bundle(world, client, solver):
+    """Three bodies under two tendons each, joined by others: eighteen unknowns of one solution."""
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.04, 0.03], physicsClientId=client)
+    world.options = bt.SolverOptions(linear_solver=solver)
+    cord = bt.Material(stiffness=1e4, damping=1.0)
+    bodies = []
+    for k in range(3):
+        x = 0.3 * k
+        bodies.append(p.createMultiBody(0.5 + k, box, basePosition=[x, 0, 0], physicsClientId=client))
+        for side in (-1, 1):
+            ends = [[x, 0.02 * side, 0.3], [x + 0.03, 0.04 * side, 0.03]]
+            t = world.add_tendon(ends, 0.002, cord, 12)
+            t.grip(0), t.attach(-1, bodies[k])
+        if k:
+            t = world.add_tendon([[x - 0.25, 0, 0], [x - 0.05, 0, 0]], 0.002, cord, 9)
+            t.attach(0, bodies[k - 1]), t.attach(-1, bodies[k])
+    world.step(60)
+    return np.concatenate([t.positions for t in world.tendons]), bodies
+
+
+def test_many_unknowns_are_solved_for_as_by_conjugate_gradients(make_world, client):
+    direct, bodies = bundle(make_world(1 / 240, (0, 0, -9.81)), client, "banded")
+    for body in bodies:
+        p.removeBody(body, client)
+    assert direct == pytest.approx(bundle(make_world(1 / 240, (0, 0, -9.81)), client, "pcg")[0], abs=1e-9)
