@@ -5,6 +5,7 @@
 #include "assembly.h"
 #include "constants.h"
 #include "pairs.h"
+#include "places.h"
 #include "progress.h"
 #include "rounds.h"
 
@@ -117,6 +118,14 @@ Assembly judge(Solution& s) {
   return a;
 }
 
+// true: what is left in a few places has been solved for. Not before the first iterations, which are about
+// everything.
+bool solve_places(Solution& s, const Assembly& a) {
+  if (!s.far || s.safe || s.violent || s.iteration < kEverywhere || !std::isfinite(a.residual)) return false;
+  if (!s.group.places) s.group.places = std::make_shared<Places>();
+  return s.group.places->solve(s.group, s.context);
+}
+
 // Where the solution, or a round of it, is at its end.
 Next end_round(Solution& s, const Assembly& a) {
   Group& group = s.group;
@@ -169,14 +178,12 @@ Next find_step(Solution& s, const Assembly& a) {
   return solve_linear(group, s.context, true) ? Next::step : guard(s, true);
 }
 
-// Multipliers go along with the step: the forces that the linearisation foresees.
-void carry_multipliers(Solution& s) {
-  for (Chain* c : s.group.chains)
-    for (SpringSet* springs : {&c->structure, &c->shear})
-      if (springs->count) carry(*springs, c->material.law, c->step);
-  foresee_contacts(s.group);
-  if (s.violent)
-    for (Row* row : s.group.acting) row->settle_limits();
+// Friction's limits, and stiffness where it is too deep, follow the forces that are foreseen: where
+// iterations are at odds about a contact's force, not yet.
+void settle_limits(Solution& s) {
+  for (Row* row : s.group.acting)
+    if (s.violent || std::fabs(row->multiplier - row->normal_force) <= kSettled * row->normal_force)
+      row->settle_limits();
 }
 
 void take_step(Solution& s) {
@@ -184,7 +191,9 @@ void take_step(Solution& s) {
   if (s.circles) halve_step(group), s.last_residual = kNone;
   measure_stride(group);
   if (s.safe) return line_search(group);
-  carry_multipliers(s);
+  carry_springs(group);
+  foresee_contacts(group);
+  settle_limits(s);
   advance(group, 1);
   if (!s.turns || !may_keep_lengths(group, s.violent)) return;
   for (Chain* c : group.chains) s.violent ? pull_to_lengths(*c) : keep_lengths(*c);
@@ -205,7 +214,8 @@ void end(Solution& s) {
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   Solution s = begin(group, context, safeguarded);
   for (;; ++s.iteration) {
-    const Assembly a = judge(s);
+    Assembly a = judge(s);
+    if (solve_places(s, a)) a = judge(s), s.last_residual = kNone;
     Next next = end_round(s, a);
     if (next == Next::step) next = watch(s, a);
     if (next == Next::step) next = find_step(s, a);
