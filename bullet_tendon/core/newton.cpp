@@ -178,12 +178,16 @@ Next find_step(Solution& s, const Assembly& a) {
   return solve_linear(group, s.context, true) ? Next::step : guard(s, true);
 }
 
-// Friction's limits, and stiffness where it is too deep, follow the forces that are foreseen: where
-// iterations are at odds about a contact's force, not yet.
+// Friction's limits, and the stiffness of what is too deep, follow the forces that are foreseen: of contacts
+// about whose force two iterations are at odds, not yet. A multiplier that took over too much would push off.
 void settle_limits(Solution& s) {
-  for (Row* row : s.group.acting)
-    if (s.violent || std::fabs(row->multiplier - row->normal_force) <= kSettled * row->normal_force)
+  for (Row* row : s.group.acting) {
+    const double change = std::fabs(row->multiplier - row->normal_force);
+    if (s.violent || (!s.far && change <= kSettledDepth * row->normal_force))
       row->settle_limits();
+    else if (change <= kSettled * row->normal_force)
+      row->settle_friction();
+  }
 }
 
 void take_step(Solution& s) {
