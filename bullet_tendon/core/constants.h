@@ -139,9 +139,8 @@ constexpr double kLooseRound = 3e-3;
 constexpr double kNextRound = 0.5;
 
 // Change of a contact's force that is foreseen, as a share of it, up to which its friction limit goes along
-// at once, and its multiplier and stiffness do where it is too deep [-]. Larger: they follow wild forces, and
-// heaps do not come to rest. Smaller: rounds of solutions do what iterations could.
-constexpr double kSettled = 0.3, kSettledDepth = 0.01;
+// at once [-]. Larger: limits follow wild forces. Smaller: rounds of solutions do what iterations could.
+constexpr double kSettled = 0.3;
 
 // Particles with a residual under this share of the largest are solved [-], and so is a place with that share
 // of what it began with. Larger: places are solved again and again. Smaller: they are everywhere.

@@ -178,14 +178,14 @@ Next find_step(Solution& s, const Assembly& a) {
   return solve_linear(group, s.context, true) ? Next::step : guard(s, true);
 }
 
-// Friction's limits, and the stiffness of what is too deep, follow the forces that are foreseen: of contacts
-// about whose force two iterations are at odds, not yet. A multiplier that took over too much would push off.
+// Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
+// odds, not yet. Stiffness does so where tendons turn far alone: a multiplier that takes over too much pushes
+// off, and what rests would not stay at rest.
 void settle_limits(Solution& s) {
   for (Row* row : s.group.acting) {
-    const double change = std::fabs(row->multiplier - row->normal_force);
-    if (s.violent || (!s.far && change <= kSettledDepth * row->normal_force))
+    if (s.violent)
       row->settle_limits();
-    else if (change <= kSettled * row->normal_force)
+    else if (std::fabs(row->multiplier - row->normal_force) <= kSettled * row->normal_force)
       row->settle_friction();
   }
 }
