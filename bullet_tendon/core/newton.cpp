@@ -180,12 +180,14 @@ Next find_step(Solution& s, const Assembly& a) {
 
 // Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
 // odds, not yet. Stiffness does so where tendons turn far alone: a multiplier that takes over too much pushes
-// off, and what rests would not stay at rest.
+// off, and what rests would not stay at rest. A tendon that touches nothing but itself takes few iterations
+// as it is.
 void settle_limits(Solution& s) {
+  const bool many = s.group.chains.size() > 1;
   for (Row* row : s.group.acting) {
     if (s.violent)
       row->settle_limits();
-    else if (std::fabs(row->multiplier - row->normal_force) <= kSettled * row->normal_force)
+    else if (many && std::fabs(row->multiplier - row->normal_force) <= kSettled * row->normal_force)
       row->settle_friction();
   }
 }

@@ -10,9 +10,10 @@ namespace bt {
 
 namespace {
 
-// Bodies that are unknown, and particles that are constrained directly, are part of everything.
+// Bodies that are unknown, and particles that are constrained directly, are part of everything; and one
+// tendon is a place of its own.
 bool may_have_places(const Group& group) {
-  return group.coupled && group.bodies.empty() &&
+  return group.coupled && group.chains.size() > 1 && group.bodies.empty() &&
          std::none_of(group.rows.begin(), group.rows.end(), [](const Row* row) { return row->direct; });
 }
 
