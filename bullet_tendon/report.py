@@ -56,7 +56,7 @@ class StepReport:
     """What the last step did and what it skipped.
 
     iterations: Newton iterations (linear solutions), the most of any group of touching tendons, summed
-    over all that was tried where the step was taken in parts.
+    over all that was tried where the step was taken in parts; but for those on a few places of a group.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).
     worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of

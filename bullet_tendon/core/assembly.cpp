@@ -76,6 +76,12 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   return a;
 }
 
+void carry_springs(Group& group) {
+  for (Chain* c : group.chains)
+    for (SpringSet* s : {&c->structure, &c->shear})
+      if (s->count) carry(*s, c->material.law, c->step);
+}
+
 // The matrix, and the residual of the linearisation in place of the true one.
 // definite_rows: the rows' blocks alone.
 void assemble(Group& group, Linearisation how, bool definite, bool definite_rows) {

@@ -32,6 +32,8 @@ void travel(Group& group, double alpha);
 void measure_waiting(Group& group, bool definite);
 // The rows' multipliers from the step, before it is taken.
 void foresee_contacts(Group& group);
+// The springs' multipliers go along with the step: the forces that the linearisation foresees.
+void carry_springs(Group& group);
 // Residual over the force of one rounding, largest of the chains [-]. tails: positions have theirs.
 double in_roundings(Group& group, const Assembly& a, bool tails);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the rows' blocks

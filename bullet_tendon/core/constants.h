@@ -142,6 +142,22 @@ constexpr double kFrictionAccuracy = 1e-6;
 constexpr double kLooseRound = 3e-3;
 constexpr double kNextRound = 0.5;
 
+// Change of a contact's force that is foreseen, as a share of it, up to which its friction limit goes along
+// at once [-]. Larger: limits follow wild forces. Smaller: rounds of solutions do what iterations could.
+constexpr double kAgreed = 0.3;
+
+// Particles with a residual under this share of the largest are solved [-], and so is a place with that share
+// of what it began with. Larger: places are solved again and again. Smaller: they are everywhere.
+constexpr double kPlaceResidual = 1e-3;
+// Share of all particles that places have at most [-], and particles that they are widened by on both sides
+// of those with a residual. Larger: more rows are gone through for what is in a few of them. Smaller: edges
+// hold back what they should not.
+constexpr double kFewPlaces = 0.3;
+constexpr int kPlaceReach = 4;
+// Iterations on places at most, between two on everything; and iterations on everything before the first of
+// them.
+constexpr int kPlaceIterations = 12, kEverywhere = 2;
+
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 

@@ -5,6 +5,7 @@
 #include "assembly.h"
 #include "constants.h"
 #include "pairs.h"
+#include "places.h"
 #include "progress.h"
 #include "rounds.h"
 
@@ -123,6 +124,14 @@ Assembly judge(Solution& s) {
   return a;
 }
 
+// true: what is left in a few places has been solved for. Not before the first iterations, which are about
+// everything.
+bool solve_places(Solution& s, const Assembly& a) {
+  if (!s.far || s.safe || s.violent || s.iteration < kEverywhere || !std::isfinite(a.residual)) return false;
+  if (!s.group.places) s.group.places = std::make_shared<Places>();
+  return s.group.places->solve(s.group, s.context);
+}
+
 // Where the solution, or a round of it, is at its end.
 Next end_round(Solution& s, const Assembly& a) {
   Group& group = s.group;
@@ -175,14 +184,18 @@ Next find_step(Solution& s, const Assembly& a) {
   return solve_linear(group, s.context, true) ? Next::step : guard(s, true);
 }
 
-// Multipliers go along with the step: the forces that the linearisation foresees.
-void carry_multipliers(Solution& s) {
-  for (Chain* c : s.group.chains)
-    for (SpringSet* springs : {&c->structure, &c->shear})
-      if (springs->count) carry(*springs, c->material.law, c->step);
-  foresee_contacts(s.group);
-  if (s.violent)
-    for (Row* row : s.group.acting) row->settle_limits();
+// Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
+// odds, not yet. Stiffness does so where tendons turn far alone: a multiplier that takes over too much pushes
+// off, and what rests would not stay at rest. A tendon that touches nothing but itself takes few iterations
+// as it is.
+void settle_limits(Solution& s) {
+  const bool many = s.group.chains.size() > 1;
+  for (Row* row : s.group.acting) {
+    if (s.violent)
+      row->settle_limits();
+    else if (many && std::fabs(row->multiplier - row->normal_force) <= kAgreed * row->normal_force)
+      row->settle_friction();
+  }
 }
 
 void take_step(Solution& s) {
@@ -190,7 +203,9 @@ void take_step(Solution& s) {
   if (s.circles) halve_step(group), s.last_residual = kNone;
   measure_stride(group);
   if (s.safe) return line_search(group);
-  carry_multipliers(s);
+  carry_springs(group);
+  foresee_contacts(group);
+  settle_limits(s);
   advance(group, 1);
   if (!s.turns || !may_keep_lengths(group, s.violent)) return;
   for (Chain* c : group.chains) s.violent ? pull_to_lengths(*c) : keep_lengths(*c);
@@ -211,7 +226,8 @@ void end(Solution& s) {
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   Solution s = begin(group, context, safeguarded);
   for (;; ++s.iteration) {
-    const Assembly a = judge(s);
+    Assembly a = judge(s);
+    if (solve_places(s, a)) a = judge(s), s.last_residual = kNone;
     Next next = end_round(s, a);
     if (next == Next::step) next = watch(s, a);
     if (next == Next::step) next = find_step(s, a);

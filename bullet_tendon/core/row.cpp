@@ -82,9 +82,13 @@ void Row::limit_friction(double most) {
   limit = most;
 }
 
+void Row::settle_friction() {
+  if (!direct && friction > 0) limit_friction(friction * multiplier);
+}
+
 void Row::settle_limits() {
   if (direct) return;
-  if (friction > 0) limit_friction(friction * multiplier);
+  settle_friction();
   if (softest == 0 || multiplier - carried <= stiffness * kDepth * radius) return;
   take_over(multiplier);
 }

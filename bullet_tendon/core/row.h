@@ -121,6 +121,8 @@ struct Row {
   void add_pair_levers(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
+  // Friction's limit as the normal force that is foreseen asks for.
+  void settle_friction();
   // Friction's limit, and k, as the normal force that is foreseen asks for: what the solution would be solved
   // on for else.
   void settle_limits();
