@@ -38,12 +38,15 @@ bool rests(const Chain& c, double dt) {
 }
 
 // What is far from its rest creeps there where dampers carry its load.
-bool unloads_dampers(const Chain& c, const SpringSet& s, double weight) {
-  if (!s.damped) return true;
+bool unloads_dampers(const Chain& c, double gravity) {
+  if (!c.structure.damped && !c.shear.damped) return true;
   if (c.material.law.whole_velocity) return false;
-  const double most = kRestDamped * std::max(weight, largest_of(s.force.data(), s.count));
-  for (int k = 0; k < s.count; ++k)
-    if (!(std::fabs(s.force[k] - s.true_elastic[k]) <= most)) return false;
+  const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);
+  for (const SpringSet* s : {&c.structure, &c.shear}) {
+    const double most = kRestDamped * std::max(weight, largest_of(s->force.data(), s->count));
+    for (int k = 0; s->damped && k < s->count; ++k)
+      if (!(std::fabs(s->force[k] - s->true_elastic[k]) <= most)) return false;
+  }
   return true;
 }
 
@@ -195,12 +198,11 @@ void World::join_step() {
 
 // For how long each has been at rest [s]. false: none long enough.
 bool World::count_rest(double dt) {
+  const bool solved = parts_ == 1 && report_.converged;
   bool any = false;
   for (Chain* c : slots_) {
     if (!c) continue;
-    const double weight = norm(context_.gravity) * std::accumulate(c->mass.begin(), c->mass.end(), 0.0);
-    const bool still = parts_ == 1 && report_.converged && rests(*c, dt) &&
-                       unloads_dampers(*c, c->structure, weight) && unloads_dampers(*c, c->shear, weight);
+    const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(context_.gravity));
     c->quiet = still ? c->quiet + std::min(dt, kRestTime / kRestSteps) : 0;
     any |= c->quiet >= kRestTime;
   }
