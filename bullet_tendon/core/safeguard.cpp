@@ -15,15 +15,24 @@ double slope_along(Group& group) {
   return sum;
 }
 
+BT_VECTOR void advance_particles(Chain& c, double alpha) {
+  const int n = c.n();
+  for (int k = 0; k < 3; ++k) {
+    double *x = c.next[k], *tail = c.next_tail[k];
+    const double* d = c.step[k];
+#pragma GCC ivdep
+    for (int i = 0; i < n; ++i) {
+      double at = x[i], rest = tail[i];
+      add_exactly(at, rest, alpha * d[i]);
+      x[i] = at, tail[i] = rest;
+    }
+  }
+}
+
 }  // namespace
 
 void advance(Group& group, double alpha) {
-  for (Chain* c : group.chains)
-    for (int k = 0; k < 3; ++k) {
-      double *x = c->next[k], *tail = c->next_tail[k];
-      const double* d = c->step[k];
-      for (int i = 0; i < c->n(); ++i) add_exactly(x[i], tail[i], alpha * d[i]);
-    }
+  for (Chain* c : group.chains) advance_particles(*c, alpha);
   advance_bodies(group, alpha);
   travel(group, alpha);
 }

@@ -24,12 +24,15 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
     double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
     double *goal_tail = c.goal_tail[k], *next_tail = c.next_tail[k];
     const double* mass = c.mass.data();
+    const double b = c.b;
+    const int n = c.n();
 #pragma GCC ivdep
-    for (int i = 0; i < c.n(); ++i) {
+    for (int i = 0; i < n; ++i) {
       xh[i] = x[i] + last * (xb[i] - x[i]), vh[i] = v[i] + last * (vb[i] - v[i]);
-      y[i] = xh[i], goal_tail[i] = next_tail[i] = 0;
-      add_exactly(y[i], goal_tail[i], c.b * vh[i] + c.b * c.b * (g[k] + f[i] / mass[i]));
-      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]);
+      double goal = xh[i], tail = 0;
+      add_exactly(goal, tail, b * vh[i] + b * b * (g[k] + f[i] / mass[i]));
+      y[i] = goal, goal_tail[i] = tail;
+      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]), next_tail[i] = 0;
     }
   }
   for (SpringSet* s : {&c.structure, &c.shear}) {

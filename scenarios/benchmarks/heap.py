@@ -77,7 +77,7 @@ def panels(record) -> list[dict]:
 
 
 def _heap(count, seed, shorter) -> dict:
-    with Scene(solver=bt.SolverOptions()) as scene:
+    with Scene(solver=bt.SolverOptions(sleep=False)) as scene:
         plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=scene.client)
         scene.world.add_obstacle(p.createMultiBody(0, plane, physicsClientId=scene.client))
         drop(scene.world, count, PARTICLES, seed)
@@ -88,7 +88,7 @@ def _heap(count, seed, shorter) -> dict:
 
 
 def _apart(count, shorter) -> dict:
-    with Scene(solver=bt.SolverOptions()) as scene:
+    with Scene(solver=bt.SolverOptions(sleep=False)) as scene:
         for k in range(count):
             scene.world.add_tendon([(0, k, 10), (LENGTH, k, 10)], RADIUS, MATERIAL, PARTICLES)
         return {"us_a_step": _mean([_step(scene) for _ in range(FALL // shorter)])["us_a_step"]}
