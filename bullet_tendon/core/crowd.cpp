@@ -1,5 +1,7 @@
 #include "crowd.h"
 
+#include "search_constants.h"
+
 namespace bt {
 
 void Crowd::find_common(const std::vector<Searched>& tendons) {

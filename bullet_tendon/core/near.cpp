@@ -1,6 +1,7 @@
 #include "near.h"
 
 #include "constants.h"
+#include "search_constants.h"
 
 namespace bt {
 

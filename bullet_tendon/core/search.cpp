@@ -5,6 +5,7 @@
 
 #include "constants.h"
 #include "pairs.h"
+#include "search_constants.h"
 
 namespace bt {
 

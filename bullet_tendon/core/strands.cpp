@@ -1,7 +1,7 @@
 #include "strands.h"
 
-#include "constants.h"
 #include "pairs.h"
+#include "search_constants.h"
 
 namespace bt {
 

@@ -1,6 +1,6 @@
 #include "surface.h"
 
-#include "constants.h"
+#include "search_constants.h"
 
 namespace bt {
 

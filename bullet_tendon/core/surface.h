@@ -16,6 +16,7 @@
 
 #include "box.h"
 #include "pairs.h"
+#include "search_constants.h"
 
 namespace bt {
 
