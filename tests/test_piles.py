@@ -10,14 +10,20 @@ def floor(world, client):
     world.add_obstacle(p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)))
 
 
+def dropped(make_world, client, count):
+    """A world in which so many tendons fall onto a floor."""
+    world = make_world(gravity=(0, 0, -9.81))
+    floor(world, client)
+    drop(world, count, 100)
+    return world
+
+
 def speed(world):
     return max(np.abs(t.velocities).max() for t in world.tendons)
 
 
 def test_a_heap_comes_to_rest(make_world, client):
-    world = make_world(gravity=(0, 0, -9.81))
-    floor(world, client)
-    drop(world, 5, 100)
+    world = dropped(make_world, client, 5)
     world.step(400)
     assert speed(world) < 1e-7
     for _ in range(20):
@@ -28,18 +34,14 @@ def test_a_heap_comes_to_rest(make_world, client):
 @pytest.mark.slow
 def test_a_high_heap_comes_to_rest(make_world, client):
     """Contacts that take over too much of a force push each other off, every other step."""
-    world = make_world(gravity=(0, 0, -9.81))
-    floor(world, client)
-    drop(world, 20, 100)
+    world = dropped(make_world, client, 20)
     world.step(440)
     assert speed(world) < 1e-4
 
 
 def test_a_falling_heap_is_solved_where_it_is_not_yet(make_world, client):
     """In a few places, and not all over again (measured: 1,510 iterations; 2,600 without that)."""
-    world = make_world(gravity=(0, 0, -9.81))
-    floor(world, client)
-    drop(world, 10, 100)
+    world = dropped(make_world, client, 10)
     iterations = 0
     for _ in range(40):
         world.step()

@@ -10,6 +10,7 @@
 // added to the world or taken away rouses all.
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 
 #include "constants.h"
@@ -68,14 +69,6 @@ BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
     square = std::max(square, dot(moved, moved));
   }
   box.grow(c.radius + 0.5 * threshold + c.most_slack + std::sqrt(square));
-  return box;
-}
-
-// Around where segment k is and, as foreseen, will be at the end of the step.
-Box box_ahead(const Chain& c, int k, double threshold) {
-  Box box;
-  for (int i : {k, k + 1}) box.include(c.x.at(i)), box.include(c.foreseen.at(i));
-  box.grow(c.radius + 0.5 * threshold + std::max(c.slack[k], c.slack[k + 1]));
   return box;
 }
 
@@ -160,10 +153,11 @@ bool World::is_met(const Chain& asleep) const {
   const Box all = box_of(asleep, 0, segments - 1, skin);
   for (size_t a = 0; a < slots_.size(); ++a) {
     if (!slots_[a] || !overlap(reach_[a], all)) continue;
+    const Chain& awake = *slots_[a];
     for (int k = 0; k < segments; k += SweptBoxes::kLeaf) {
       const Box leaf = box_of(asleep, k, std::min(k + SweptBoxes::kLeaf, segments) - 1, skin);
-      for (int m = 0; overlap(reach_[a], leaf) && m < slots_[a]->n() - 1; ++m)
-        if (overlap(box_ahead(*slots_[a], m, threshold), leaf)) return true;
+      for (int m = 0; overlap(reach_[a], leaf) && m < awake.n() - 1; ++m)
+        if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), leaf)) return true;
     }
   }
   return false;
@@ -230,9 +224,8 @@ void World::fall_asleep() {
     const int root = slots_[c] ? group_root(static_cast<int>(c)) : 0;
     if (slots_[c] && restful_[root] && !restless_[root]) lie_still(*slots_[c]), slots_[c]->bed = root;
   }
-  for (const Row& row : rows_)
-    if (chains[row.a.chain]->bed >= 0) asleep_rows_.push_back(row);
   auto sleeps = [&](const Row& row) { return chains[row.a.chain]->bed >= 0; };
+  std::copy_if(rows_.begin(), rows_.end(), std::back_inserter(asleep_rows_), sleeps);
   rows_.erase(std::remove_if(rows_.begin(), rows_.end(), sleeps), rows_.end());
   rest_gravity_ = context_.gravity;
 }
