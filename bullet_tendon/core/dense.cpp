@@ -7,57 +7,97 @@
 
 namespace bt::dense {
 
+namespace {
+
+// y += sum of the rows of A (rows n), each by its number of x.
+template <class Size>
+inline void add_rows(Size n, int rows, const double* a, const double* x, double* __restrict y) {
+  for (int i = 0; i < rows; ++i)
+    for (int j = 0; j < n; ++j) y[j] += a[i * n + j] * x[i];
+}
+
+}  // namespace
+
 void set_identity(int n, Numbers& a) {
   a.assign(static_cast<size_t>(n) * n, 0.0);
   for (int i = 0; i < n; ++i) a[i * n + i] = 1;
 }
 
 void multiply(const Numbers& a, const Numbers& x, Numbers& y) {
-  const size_t n = x.size(), rows = n ? a.size() / n : 0;
-  y.resize(rows);
-  for (size_t i = 0; i < rows; ++i) {
-    double sum = 0;
-    for (size_t j = 0; j < n; ++j) sum += a[i * n + j] * x[j];
-    y[i] = sum;
-  }
+  of_size(static_cast<int>(x.size()), [&](auto n) {
+    const int rows = n ? static_cast<int>(a.size()) / n : 0;
+    y.resize(rows);
+    const double *from = a.data(), *of = x.data();
+    double* __restrict to = y.data();
+    for (int i = 0; i < rows; ++i) {
+      double sum = 0;
+      for (int j = 0; j < n; ++j) sum += from[i * n + j] * of[j];
+      to[i] = sum;
+    }
+  });
 }
 
 void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y) {
-  const size_t rows = x.size(), n = rows ? a.size() / rows : 0;
-  y.assign(n, 0.0);
-  for (size_t i = 0; i < rows; ++i)
-    for (size_t j = 0; j < n; ++j) y[j] += a[i * n + j] * x[i];
+  const int rows = static_cast<int>(x.size());
+  of_size(rows ? static_cast<int>(a.size()) / rows : 0, [&](auto n) {
+    y.assign(n, 0.0);
+    add_rows(n, rows, a.data(), x.data(), y.data());
+  });
 }
 
-void product_transposed(int n, const Numbers& a, const Numbers& b, Numbers& c) {
-  const size_t rows = a.size() / n, columns = b.size() / n;
-  c.assign(rows * columns, 0.0);
-  for (size_t i = 0; i < rows; ++i)
-    for (size_t j = 0; j < columns; ++j)
-      for (int k = 0; k < n; ++k) c[i * columns + j] += a[i * n + k] * b[j * n + k];
+void add_rows(const Numbers& a, int rows, const double* x, Numbers& y) {
+  of_size(static_cast<int>(y.size()), [&](auto n) { add_rows(n, rows, a.data(), x, y.data()); });
 }
 
-void product(int n, const Numbers& a, const Numbers& b, Numbers& c) {
-  const size_t rows = a.size() / n;
+void subtract_product(int size, const Numbers& a, const Numbers& b, Numbers& c) {
+  const int rows = static_cast<int>(c.size()) / size, inner = static_cast<int>(b.size()) / size;
+  of_size(size, [&](auto n) {
+    double* __restrict to = c.data();
+    for (int i = 0; i < rows; ++i)
+      for (int k = 0; k < inner; ++k)
+        for (int j = 0; j < n; ++j) to[i * n + j] -= a[i * inner + k] * b[k * n + j];
+  });
+}
+
+void product_transposed(int size, const Numbers& a, const Numbers& b, Numbers& c) {
+  of_size(size, [&](auto n) {
+    const int rows = static_cast<int>(a.size()) / n, columns = static_cast<int>(b.size()) / n;
+    c.resize(static_cast<size_t>(rows) * columns);
+    double* __restrict to = c.data();
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < columns; ++j) {
+        double sum = 0;
+        for (int k = 0; k < n; ++k) sum += a[i * n + k] * b[j * n + k];
+        to[i * columns + j] = sum;
+      }
+  });
+}
+
+void product(int size, const Numbers& a, const Numbers& b, Numbers& c) {
+  const int rows = static_cast<int>(a.size()) / size;
   c.assign(a.size(), 0.0);
-  for (size_t i = 0; i < rows; ++i)
-    for (int k = 0; k < n; ++k)
-      for (int j = 0; j < n; ++j) c[i * n + j] += a[i * n + k] * b[k * n + j];
+  of_size(size, [&](auto n) {
+    for (int i = 0; i < rows; ++i) add_rows(n, n, b.data(), a.data() + i * n, c.data() + i * n);
+  });
 }
 
-void root(int n, const Numbers& a, Numbers& l) {
+void root(int size, const Numbers& a, Numbers& l) {
   l.assign(a.size(), 0.0);
-  for (int j = 0; j < n; ++j) {
-    double pivot = a[j * n + j];
-    for (int k = 0; k < j; ++k) pivot -= l[j * n + k] * l[j * n + k];
-    if (!(pivot > kMassless * a[j * n + j])) continue;
-    const double d = l[j * n + j] = std::sqrt(pivot);
-    for (int i = j + 1; i < n; ++i) {
-      double sum = a[i * n + j];
-      for (int k = 0; k < j; ++k) sum -= l[i * n + k] * l[j * n + k];
-      l[i * n + j] = sum / d;
+  of_size(size, [&](auto n) {
+    const double* from = a.data();
+    double* __restrict to = l.data();
+    for (int j = 0; j < n; ++j) {
+      double pivot = from[j * n + j];
+      for (int k = 0; k < j; ++k) pivot -= to[j * n + k] * to[j * n + k];
+      if (!(pivot > kMassless * from[j * n + j])) continue;
+      const double d = to[j * n + j] = std::sqrt(pivot);
+      for (int i = j + 1; i < n; ++i) {
+        double sum = from[i * n + j];
+        for (int k = 0; k < j; ++k) sum -= to[i * n + k] * to[j * n + k];
+        to[i * n + j] = sum / d;
+      }
     }
-  }
+  });
 }
 
 void forward(const Numbers& l, Numbers& x) {
@@ -129,7 +169,9 @@ void eigen(int n, Numbers& a, Numbers& u) {
 
 double dot(const Numbers& a, const Numbers& b) {
   double sum = 0;
-  for (size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
+  of_size(static_cast<int>(a.size()), [&](auto n) {
+    for (int i = 0; i < n; ++i) sum += a[i] * b[i];
+  });
   return sum;
 }
 

@@ -1,5 +1,6 @@
 // Small dense matrices, by rows in vectors of n n numbers: what bodies' coordinates need.
 #pragma once
+#include <type_traits>
 #include <vector>
 
 namespace bt::dense {
@@ -16,6 +17,13 @@ struct Scratch : Numbers {
   Scratch& operator=(Scratch&&) = default;
 };
 
+// do_it(n), which knows n beforehand where it is that of a rigid body: loops of that length are unrolled.
+template <class Do>
+inline void of_size(int n, Do do_it) {
+  constexpr std::integral_constant<int, 6> kRigid;
+  n == kRigid ? do_it(kRigid) : do_it(n);
+}
+
 void set_identity(int n, Numbers& a);
 // y = A x, and y = A^T x.
 void multiply(const Numbers& a, const Numbers& x, Numbers& y);
@@ -24,6 +32,10 @@ void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y);
 void product_transposed(int n, const Numbers& a, const Numbers& b, Numbers& c);
 // c = A B, both n x n.
 void product(int n, const Numbers& a, const Numbers& b, Numbers& c);
+// C -= A B, of rows of n numbers of B and C.
+void subtract_product(int n, const Numbers& a, const Numbers& b, Numbers& c);
+// y += A^T x, of as many rows of A.
+void add_rows(const Numbers& a, int rows, const double* x, Numbers& y);
 // L of a positive semidefinite A = L L^T; columns of pivots that are nothing are zero.
 void root(int n, const Numbers& a, Numbers& l);
 // x <- L^-1 x; zero where a pivot is nothing.

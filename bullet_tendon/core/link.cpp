@@ -4,17 +4,16 @@ namespace bt {
 
 namespace {
 
-// Row r of a matrix (6 n), at the numbers x.
-double row_at(const dense::Numbers& a, int r, const dense::Numbers& x) {
-  const size_t n = x.size();
-  double sum = 0;
-  for (size_t k = 0; k < n; ++k) sum += a[r * n + k] * x[k];
-  return sum;
-}
-
+// A matrix (6 n) times the numbers x.
 Twist times(const dense::Numbers& a, const dense::Numbers& x) {
-  return {{row_at(a, 0, x), row_at(a, 1, x), row_at(a, 2, x)},
-          {row_at(a, 3, x), row_at(a, 4, x), row_at(a, 5, x)}};
+  double sums[6];
+  dense::of_size(static_cast<int>(x.size()), [&](auto n) {
+    for (int r = 0; r < 6; ++r) {
+      sums[r] = 0;
+      for (int k = 0; k < n; ++k) sums[r] += a[r * n + k] * x[k];
+    }
+  });
+  return {{sums[0], sums[1], sums[2]}, {sums[3], sums[4], sums[5]}};
 }
 
 }  // namespace
@@ -67,8 +66,7 @@ void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense:
     for (size_t k = 0; k < std::min<size_t>(n, 6); ++k) to[k] += wrench[k];
     return;
   }
-  for (size_t r = 0; r < 6; ++r)
-    for (size_t k = 0; k < n; ++k) to[k] += through[r * n + k] * wrench[r];
+  dense::add_rows(through, 6, wrench, to);
 }
 
 // B B^T / s^2, of B = s [I, -[r]] root.

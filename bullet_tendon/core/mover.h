@@ -19,9 +19,8 @@
 
 namespace bt {
 
-// What may stop the rate along a direction in this step, from below: a limit that is reached, or a contact.
+// What may stop the rate along a direction d in this step, from below: a limit that is reached, or a contact.
 struct Stop {
-  dense::Numbers direction;  // d (n)
   double wanted = 0;         // rate that it gives
   double missing = 0;        // of that, to the rate foreseen without it and without the tendons
   double held_back = 0;      // and with them
@@ -67,7 +66,7 @@ struct Mover {
   // Whether the contacts that were told last can be believed to be those of now, when it is at `place` with
   // these rates: it has hardly moved since, and goes on to do what they make it do.
   bool contacts_stand(const Numbers& place, const Numbers& rates_now) const;
-  void forget_contacts() { contacts.clear(), contacts_at.clear(), rests_on.clear(); }
+  void forget_contacts() { contacts.clear(), contacts_at.clear(), rests_on.clear(), pushes_.clear(); }
   int n() const { return static_cast<int>(rates.size()); }
   // One more direction (n) that it can be moved in, of which it gets the part that is new.
   void widen(Numbers direction);
@@ -90,8 +89,9 @@ struct Mover {
   const Numbers& unforced(Vec3 gravity);
   void doubt_stops();
   void find_stops(double dt);
-  void add_stop(Numbers direction, double wanted, int coordinate);
-  void gather_stops();
+  double rate_along(size_t stop, const Numbers& of) const;
+  void add_stop(double wanted, int coordinate);
+  void find_pushes(double dt);
   void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);
   void stop(double dt);
@@ -99,12 +99,15 @@ struct Mover {
   void push_by(const Numbers& impulse);
   Numbers stopped_by_;  // acceleration that the stops made in the last step, beside the response
   std::vector<Stop> stops_;
+  Numbers directions_;    // D (n in each row)
+  Numbers pushes_;        // lambda, of the stops that were looked at last
   Numbers unstopped_;     // change without them and without the tendons
   Numbers pushed_;        // impulses of the tendons in the parts that are done
   Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
   bool rested_ = false;   // on contacts, in the last step
   bool slipped_ = false;  // through them
-  dense::Scratch known_, half_, through_, within_, within_acting_, within_root_, missing_, pushes_, given_,
+  // Among it D E and D R D^T of all stops, found once in a step.
+  dense::Scratch known_, half_, direction_, through_, within_, within_acting_, within_root_, missing_, given_,
       along_;
   template <class A>
   friend void fields(A& a, Mover& mover);  // state.h

@@ -92,21 +92,21 @@ void fields(A& a, Observer& observer) {
 
 template <class A>
 void fields(A& a, Stop& stop) {
-  auto& [direction, wanted, missing, held_back, coordinate, acts] = stop;
-  a(direction, wanted, missing, held_back, coordinate, acts);
+  auto& [wanted, missing, held_back, coordinate, acts] = stop;
+  a(wanted, missing, held_back, coordinate, acts);
 }
 
 template <class A>
 void fields(A& a, Mover& mover) {
   auto& [rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
          change, forces, unknown, freedom, basis, y, step, residual, gathered, first, lever, stopped_by,
-         stops, unstopped, pushed, doubted, rested, slipped, known, half, through, within, within_acting,
-         within_root, missing, pushes, given, along] = mover;
+         stops, directions, pushes, unstopped, pushed, doubted, rested, slipped, known, half, direction,
+         through, within, within_acting, within_root, missing, given, along] = mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
   a(rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
-    change, unknown, stopped_by, stops, unstopped, pushed, doubted, rested, slipped);
-  a.scratch(freedom, basis, forces, y, step, residual, gathered, first, lever, known, half, through, within,
-            within_acting, within_root, missing, pushes, given, along);
+    change, unknown, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested, slipped);
+  a.scratch(freedom, basis, forces, y, step, residual, gathered, first, lever, known, half, direction,
+            through, within, within_acting, within_root, missing, given, along);
 }
 
 template <class A>

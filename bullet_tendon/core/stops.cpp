@@ -38,9 +38,10 @@ void Mover::doubt_stops() {
   doubted_.resize(n());
   if (contacts.empty()) slipped_ = false;
   rested_ = false;
-  for (const Stop& s : stops_) {
+  for (size_t k = 0; k < stops_.size(); ++k) {
+    const Stop& s = stops_[k];
     if (!s.acts) continue;
-    const bool went_on = dense::dot(s.direction, rates) - s.wanted < -kLeastStopped * std::fabs(s.held_back);
+    const bool went_on = rate_along(k, rates) - s.wanted < -kLeastStopped * std::fabs(s.held_back);
     if (s.coordinate < 0) rested_ = !went_on || rested_;
     if (!went_on) continue;
     stopped_by_.clear();
@@ -64,63 +65,58 @@ bool Mover::contacts_stand(const Numbers& place, const Numbers& rates_now) const
   for (size_t i = 0; i < place.size(); ++i)
     if (!(std::fabs(place[i] - contacts_at[i]) <= kContactsStand)) return false;
   bool any = false;
-  for (const Stop& s : stops_) {
+  for (size_t k = 0; k < stops_.size(); ++k) {
+    const Stop& s = stops_[k];
     if (!s.acts || s.coordinate >= 0) continue;
     any = true;
-    const double missed = dense::dot(s.direction, rates_now) - s.wanted;
+    const double missed = rate_along(k, rates_now) - s.wanted;
     if (!(std::fabs(missed) <= kSteadyContact * std::fabs(s.held_back))) return false;
   }
   return any;
 }
 
-void Mover::add_stop(Numbers direction, double wanted, int coordinate) {
-  dense::multiply_transposed(root, direction, half_);
-  dense::multiply(free, direction, known_);
-  if (!(dense::dot(half_, half_) > kRank * dense::dot(direction, known_))) return;
-  const double foreseen = dense::dot(direction, rates) + dense::dot(direction, change);
-  stops_.push_back({std::move(direction), wanted, wanted - foreseen, 0, coordinate, false});
+double Mover::rate_along(size_t stop, const Numbers& of) const {
+  const double* direction = &directions_[stop * of.size()];
+  double sum = 0;
+  for (size_t i = 0; i < of.size(); ++i) sum += direction[i] * of[i];
+  return sum;
+}
+
+// Along direction_.
+void Mover::add_stop(double wanted, int coordinate) {
+  dense::multiply_transposed(root, direction_, half_);
+  dense::multiply(free, direction_, known_);
+  if (!(dense::dot(half_, half_) > kRank * dense::dot(direction_, known_))) return;
+  const double foreseen = dense::dot(direction_, rates) + dense::dot(direction_, change);
+  stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false});
+  directions_.insert(directions_.end(), direction_.begin(), direction_.end());
+  through_.insert(through_.end(), half_.begin(), half_.end());
 }
 
 void Mover::find_stops(double dt) {
-  stops_.clear(), through_.clear(), pushes_.clear();
+  stops_.clear(), directions_.clear(), through_.clear(), within_.clear();
   unstopped_ = change;
   pushed_.assign(n(), 0.0);
   doubted_.resize(n());
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
     if (doubted_[i] != 0) continue;
-    Numbers direction(n());
-    direction[i] = limits[s + 1];
-    add_stop(std::move(direction), rate_at_limit(limits[s + 2], dt), i);
+    direction_.assign(n(), 0.0);
+    direction_[i] = limits[s + 1];
+    add_stop(rate_at_limit(limits[s + 2], dt), i);
   }
   for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
-    Numbers direction(&contacts[c], &contacts[c] + 6);
+    direction_.assign(&contacts[c], &contacts[c] + 6);
     // What it rests on gives way slowly and steadily.
-    const double now = dense::dot(direction, rates);
-    add_stop(std::move(direction), rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
+    const double now = dense::dot(direction_, rates);
+    add_stop(rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
   }
 }
 
-// D E of all stops, and D R D^T, once in a step.
-void Mover::gather_stops() {
+// Pushes that answer to what is missing, by projected Gauss and Seidel from those of the last time.
+void Mover::find_pushes(double dt) {
   const size_t m = stops_.size();
-  if (through_.size() == m * n()) return;
-  through_.clear();
-  for (const Stop& s : stops_) {
-    dense::multiply_transposed(observer.root(), s.direction, half_);
-    through_.insert(through_.end(), half_.begin(), half_.end());
-  }
-  dense::product_transposed(n(), through_, through_, within_);
-}
-
-// By lambda of the complementarity problem above; whether they are other ones.
-bool Mover::choose_stops(const Numbers& forces, double dt) {
-  const size_t m = stops_.size();
-  bool other = false;
-  gather_stops();
-  dense::multiply_transposed(observer.root(), forces, half_);
-  dense::multiply(through_, half_, given_);
-  pushes_.resize(m);  // as those that were found before in this step
+  if (pushes_.size() != m) pushes_.assign(m, 0.0);
   double change = 1;  // of a rate, in those at hand
   for (int sweep = 0; sweep < kStopSweeps && change > kStopSettled; ++sweep) {
     change = 0;
@@ -134,6 +130,16 @@ bool Mover::choose_stops(const Numbers& forces, double dt) {
       if (by > 0) change = std::max(change, by / whole);
     }
   }
+}
+
+// By lambda of the complementarity problem above; whether they are other ones.
+bool Mover::choose_stops(const Numbers& forces, double dt) {
+  const size_t m = stops_.size();
+  bool other = false;
+  if (within_.empty()) dense::product_transposed(n(), through_, through_, within_);
+  dense::multiply_transposed(observer.root(), forces, half_);
+  dense::multiply(through_, half_, given_);
+  find_pushes(dt);
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
     s.held_back = s.missing - dt * given_[a];
@@ -158,12 +164,11 @@ void Mover::stop(double dt) {
     if (s.acts) missing_.push_back(s.missing);
   stopped_by_.assign(n(), 0.0);
   if (!missing_.empty()) take_away(dt);
-  push_by(pushed_);
+  if (dense::dot(pushed_, pushed_) > 0) push_by(pushed_);
 }
 
-// S E, in half_, and S R S^T.
+// S E, in half_, and S R S^T, of those that act.
 void Mover::gather_acting() {
-  gather_stops();
   half_.clear(), within_acting_.clear();
   const size_t m = stops_.size();
   for (size_t a = 0; a < m; ++a) {
@@ -186,10 +191,10 @@ void Mover::take_away(double dt) {
   dense::product_transposed(n(), root, half_, along_);  // E W^T
   for (size_t i = 0; i < width; ++i)
     for (size_t a = 0; a < m; ++a) {
-      const double share = along_[i * m + a];
-      change[i] += share * missing_[a], stopped_by_[i] += share * missing_[a] / dt;
-      for (size_t k = 0; k < width; ++k) root[i * width + k] -= share * half_[a * width + k];
+      const double by = along_[i * m + a] * missing_[a];
+      change[i] += by, stopped_by_[i] += by / dt;
     }
+  dense::subtract_product(n(), along_, half_, root);
 }
 
 }  // namespace bt
