@@ -45,7 +45,9 @@ class BandFactor {
   // false where a pivot is not positive: the matrix was not definite.
   bool factorise(const Band& a);
   // x = A^-1 b; x and b may be the same.
-  void solve(const Field& b, Field& x) const;
+  void solve(const Field& b, Field& x) const { solve(b, x, 0, n_ - 1); }
+  // The same of blocks first to last alone, of others something else.
+  void solve(const Field& b, Field& x, int first, int last) const;
   // The same of eight right-hand sides, zero but for blocks first to last, which x gets its own for.
   void solve(const Columns& b, int first, int last, Columns& x) const;
 
@@ -53,7 +55,7 @@ class BandFactor {
   template <int H>
   bool factorise_ends(const Band& a);
   template <int H>
-  void solve_ends(const Field& b, Field& x) const;
+  void solve_ends(const Field& b, Field& x, int to) const;
   // Of eight columns (band_columns.cpp).
   template <int H>
   void columns_ends(int first, int last, Columns& x) const;

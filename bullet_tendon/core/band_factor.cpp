@@ -1,4 +1,6 @@
 // The factorisation and solution of band.h.
+#include <algorithm>
+
 #include "band.h"
 
 namespace bt {
@@ -164,8 +166,9 @@ bool BandFactor::factorise_middle(const Band& a) {
   return ok;
 }
 
-void BandFactor::solve(const Field& b, Field& x) const {
-  half_ == 1 ? solve_ends<1>(b, x) : solve_ends<2>(b, x);
+void BandFactor::solve(const Field& b, Field& x, int first, int last) const {
+  const int to = std::min(first, n_ - 1 - last);
+  half_ == 1 ? solve_ends<1>(b, x, to) : solve_ends<2>(b, x, to);
 }
 
 void BandFactor::solve_middle(double* y) const {
@@ -177,8 +180,9 @@ void BandFactor::solve_middle(double* y) const {
     for (int j = i + 1; j < m; ++j) y[i] -= dense_[9 * j + i] * y[j];
 }
 
+// Back from the middle to the steps `to` of both ends.
 template <int H>
-void BandFactor::solve_ends(const Field& b, Field& x) const {
+void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
   Lanes first[3] = {}, second[3] = {};
   for (int s = 0; s < steps_; ++s) {
     const Pivot& p = pivots_[s];
@@ -206,7 +210,7 @@ void BandFactor::solve_ends(const Field& b, Field& x) const {
   solve_middle(y);
   for (int i = 0; i < w; ++i)
     for (int c = 0; c < 3; ++c) x[c][steps_ + i] = y[3 * i + c];
-  for (int s = steps_ - 1; s >= 0; --s) {
+  for (int s = steps_ - 1; s >= to; --s) {
     const Pivot& p = pivots_[s];
     const int top = s, bottom = n_ - 1 - s;
     for (int o = 0; o < H; ++o) {

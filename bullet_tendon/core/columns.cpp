@@ -118,12 +118,19 @@ BT_WITHIN inline void each_carried(Group& group, Do what) {
 // Where in the group a tendon is.
 Border& border_of(Group& group, const Spot& s) { return group.borders[group.place_of[s.chain]]; }
 
-void widen(Border& border, const Chain& c, int first, int last) {
-  border.first = std::min(border.first, std::max(0, first));
-  border.last = std::max(border.last, std::min(c.n() - 1, last));
+void mark(Border& border, const Chain& c, int first, int last) {
+  for (int i = std::max(0, first); i <= std::min(c.n() - 1, last); ++i) border.marks[i] = 1;
 }
 
-void widen(Group& group, const Spot& s) { widen(border_of(group, s), group.at(s), s.first, s.first + 1); }
+void mark(Group& group, const Spot& s) { mark(border_of(group, s), group.at(s), s.first, s.first + 1); }
+
+void list_marks(Border& border) {
+  border.pulled.clear();
+  for (size_t i = 0; i < border.marks.size(); ++i)
+    if (border.marks[i]) border.pulled.push_back(static_cast<int>(i));
+  border.first = border.pulled.empty() ? 0 : border.pulled.front();
+  border.last = border.pulled.empty() ? -1 : border.pulled.back();
+}
 
 // Which particles of every tendon the unknowns of bodies pull at.
 void find_spans(Group& group) {
@@ -132,26 +139,26 @@ void find_spans(Group& group) {
   for (size_t k = 0; k < group.chains.size(); ++k) {
     group.place_of[group.numbers[k]] = static_cast<int>(k);
     Border& border = group.borders[k];
-    border.first = group.chains[k]->n(), border.last = -1, border.carried = false;
+    border.marks.assign(group.chains[k]->n(), 0), border.carried = false;
   }
   each_carried(group, [](Chain& c, Border& border, const Hold& h, Vec3) {
     border.carried = true;
-    widen(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
+    mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
   });
   for (const Row* row : group.acting) {
-    if (row->moves) widen(group, row->a);
+    if (row->moves) mark(group, row->a);
     if (row->b.chain < 0) continue;
-    if (border_of(group, row->b).carried) widen(group, row->a);
-    if (border_of(group, row->a).carried) widen(group, row->b);
+    if (border_of(group, row->b).carried) mark(group, row->a);
+    if (border_of(group, row->a).carried) mark(group, row->b);
   }
+  for (Border& border : group.borders) list_marks(border);
 }
 
-void start_panel(Panel& panel, int n, bool carried) {
+void start_panel(Panel& panel, int n, const std::vector<int>& pulled) {
   for (Columns* c : {&panel.pulls, &panel.answers, &panel.moves})
-    if (!c->fits(n)) c->resize(n);
-  panel.pulls.zero(0, n - 1);
-  if (panel.moved) panel.moves.zero(0, n - 1);
-  panel.moved = carried;
+    if (!c->fits(n)) c->resize(n), panel.pulled.clear();
+  for (int i : panel.pulled) panel.pulls.zero(i, i), panel.moves.zero(i, i);
+  panel.pulled = pulled;
 }
 
 // Unknowns of the group from `column` on: what they make of the places of links.
@@ -238,7 +245,7 @@ void make_border(Group& group) {
     const int column = static_cast<int>(p) * kLanes;
     for (size_t k = 0; k < group.chains.size(); ++k) {
       if (group.borders[k].panels.size() <= p) group.borders[k].panels.resize(p + 1);
-      start_panel(group.borders[k].panels[p], group.chains[k]->n(), group.borders[k].carried);
+      start_panel(group.borders[k].panels[p], group.chains[k]->n(), group.borders[k].pulled);
     }
     move_links(group, column);
     move_carried(group, p);

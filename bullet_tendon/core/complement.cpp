@@ -11,29 +11,37 @@ int first_of(size_t panel) { return static_cast<int>(panel) * kLanes; }
 
 int count_of(const Group& group, size_t panel) { return std::min(kLanes, group.freedom - first_of(panel)); }
 
-// C^T A^-1 C, of the columns of panel p, by rows of panel q.
-BT_VECTOR void multiply_answers(const Group& group, size_t p, size_t q, Eight (&sums)[kLanes]) {
+// C^T A^-1 C, of the columns of panel p, by the first rows of panel q.
+template <int Rows>
+BT_WITHIN inline void multiply_answers(const Group& group, size_t p, size_t q, Eight* out) {
+  Eight sums[Rows] = {};
   for (const Border& border : group.borders)
-    for (int i = border.first; i <= border.last; ++i)
+    for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) {
         const Eight pull = border.panels[q].pulls.at(i)[c], answer = border.panels[p].answers.at(i)[c];
-        for (int a = 0; a < kLanes; ++a) sums[a] += pull[a] * answer;
+        for (int a = 0; a < Rows; ++a) sums[a] += pull[a] * answer;
       }
+  for (int a = 0; a < Rows; ++a) out[a] = sums[a];
+}
+
+BT_VECTOR void multiply_answers(const Group& group, size_t p, size_t q, int rows, Eight* sums) {
+  rows <= 3   ? multiply_answers<3>(group, p, q, sums)
+  : rows <= 6 ? multiply_answers<6>(group, p, q, sums)
+              : multiply_answers<kLanes>(group, p, q, sums);
 }
 
 // C^T A^-1 r_x, of panel p.
 BT_VECTOR void multiply_steps(const Group& group, size_t p, Eight& sum) {
   for (size_t k = 0; k < group.borders.size(); ++k) {
     const Border& border = group.borders[k];
-    for (int c = 0; c < 3; ++c)
-      for (int i = border.first; i <= border.last; ++i)
-        sum += group.chains[k]->step[c][i] * border.panels[p].pulls.at(i)[c];
+    for (int i : border.pulled)
+      for (int c = 0; c < 3; ++c) sum += group.chains[k]->step[c][i] * border.panels[p].pulls.at(i)[c];
   }
 }
 
 // Takes panel p's pulls, each by its share, from a tendon's column.
 BT_VECTOR void take_pulls(const Border& border, size_t p, const Eight& shares, Field& from) {
-  for (int i = border.first; i <= border.last; ++i)
+  for (int i : border.pulled)
     for (int c = 0; c < 3; ++c) {
       const Eight all = shares * border.panels[p].pulls.at(i)[c];
       double sum = 0;
@@ -60,7 +68,7 @@ void put_answer(Group& group, size_t p, int lane) {
 
 void take_complement(Group& group, size_t p, size_t q) {
   Eight sums[kLanes] = {};
-  multiply_answers(group, p, q, sums);
+  multiply_answers(group, p, q, count_of(group, q), sums);
   auto entry = [&](int i, int j) -> double& {
     return group.corner[static_cast<size_t>(i) * group.freedom + j];
   };

@@ -109,9 +109,24 @@ bool apply_inverse(Group& group, const Options& o, Which b, Which x) {
   return true;
 }
 
+bool is_banded(const Group& group, const Options& o) {
+  return !group.coupled && o.linear_solver != LinearSolver::pcg;
+}
+
+// Where unknowns of bodies pull at the tendons, at least.
+bool apply_inverse_at_border(Group& group, const Options& o, Which b, Which x) {
+  if (!is_banded(group, o)) return apply_inverse(group, o, b, x);
+  for (size_t k = 0; k < group.chains.size(); ++k) {
+    Chain& c = *group.chains[k];
+    const Border& at = group.borders[k];
+    if (at.first <= at.last) c.factor.solve(c.*b, c.*x, at.first, at.last);
+  }
+  return true;
+}
+
 // The answers of the tendons to what the unknowns of panel p pull at them, where bodies touch them.
 bool answer_columns(Group& group, const Options& o, size_t p) {
-  const bool banded = !group.coupled && o.linear_solver != LinearSolver::pcg;
+  const bool banded = is_banded(group, o);
   for (size_t k = 0; k < group.chains.size() && banded; ++k) {
     Border& b = group.borders[k];
     if (b.first <= b.last)
@@ -141,6 +156,7 @@ bool keeps_inertia(Group& group) {
 
 // The step of the bodies, and what it makes of that of the tendons (all of opposite sign).
 bool solve_bodies(Group& group, const Options& o, bool definite) {
+  if (!apply_inverse_at_border(group, o, &Chain::residual, &Chain::step)) return false;
   const int n = group.freedom;
   group.corner_side.resize(n);
   for (int m : group.bodies) {
@@ -165,8 +181,9 @@ bool solve_bodies(Group& group, const Options& o, bool definite) {
 bool solve_linear(Group& group, const StepContext& context, bool definite) {
   const Options& o = context.options;
   if (!factorise(group, o)) return false;
-  if (!apply_inverse(group, o, &Chain::residual, &Chain::step)) return false;
-  if (!group.bodies.empty() && !solve_bodies(group, o, definite)) return false;
+  if (group.bodies.empty() ? !apply_inverse(group, o, &Chain::residual, &Chain::step)
+                           : !solve_bodies(group, o, definite))
+    return false;
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->step[k][i] = -c->step[k][i];
