@@ -9,7 +9,8 @@ import pybullet as p
 
 from .jacobians import joint_infos, joint_states, movable_joints, tree_of
 
-_MAY_REST = 2  # told by the core: contacts could tell more of what a body is going to do
+# Told by the core: contacts could tell more of what a body is going to do; those told last may stand.
+_MAY_REST, _MAY_STAND = 2, 3
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
 
@@ -48,7 +49,7 @@ class Alone:
         """Where it is, and how it answers; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
         told = core.tell_link(self.slot, info, where, motion, True, self.falls)
-        if told == _MAY_REST and not self._contacts_stand(core, where, motion):
+        if told == _MAY_REST or (told == _MAY_STAND and not self._is_carried(core)):
             self._tell_contacts(core, where)
         return told > 0
 
@@ -56,17 +57,17 @@ class Alone:
         """Into the state that is going to be saved: after restoreState pybullet tells later contacts."""
         if self.falls and core.may_rest(self.slot):
             where, motion = read_link(self.body, self.link, self.client)[1:]
-            if not self._contacts_stand(core, where, motion):
+            if not (core.contacts_stand(self.slot, where, motion) and self._is_carried(core)):
                 self._tell_contacts(core, where)
             core.keep_contacts(self.slot)
 
-    def _contacts_stand(self, core, where, motion) -> bool:
-        """Whether it still rests as it did when its contacts were asked for, on what is still there."""
-        on = core.rests_on(self.slot, where, motion)
-        if on is None or on[0] != p.getNumBodies(self.client):
+    def _is_carried(self, core) -> bool:
+        """Whether what it rested on when its contacts were asked for is still there, and nothing else."""
+        bodies, links = core.rests_on(self.slot)
+        if bodies != p.getNumBodies(self.client):
             return False
         try:
-            return all(_has_no_mass(other, self.client) for other in on[1])
+            return all([_has_no_mass(link, self.client) for link in links])
         except p.error:  # it was removed
             return False
 

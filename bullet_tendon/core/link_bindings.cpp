@@ -64,9 +64,16 @@ void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool f
   }
 }
 
+std::vector<double> place_of(const py::tuple& where) {
+  PyObject *centre = item(where.ptr(), 0), *turn = item(where.ptr(), 1);
+  return {number(centre, 0), number(centre, 1), number(centre, 2), number(turn, 0),
+          number(turn, 1),   number(turn, 2),   number(turn, 3)};
+}
+
 // A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
 // alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
-// not finite; 2: contacts could tell more; else 1.
+// not finite; 2: contacts could tell more; 3: so they could, but those that were told last can be believed
+// once more, if what it rests on is still there; else 1.
 int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
   make_link(w, slot);
@@ -78,7 +85,8 @@ int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   l.jacobian.clear();
   stand_alone(w.movers[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!told_well(w, slot)) return 0;
-  if (falls && w.movers[slot].may_rest(w.gravity())) return 2;
+  if (falls && w.movers[slot].may_rest(w.gravity()))
+    return w.movers[slot].contacts_stand(place_of(where), w.movers[slot].rates) ? 3 : 2;
   if (!w.movers[slot].contacts_kept) w.movers[slot].forget_contacts();
   return 1;
 }
@@ -98,12 +106,6 @@ bool may_rest(const World& w, int slot) {
 void keep_contacts(World& w, int slot) { w.movers[slot].contacts_kept = true; }
 
 using Links = std::vector<std::pair<int, int>>;
-
-std::vector<double> place_of(const py::tuple& where) {
-  PyObject *centre = item(where.ptr(), 0), *turn = item(where.ptr(), 1);
-  return {number(centre, 0), number(centre, 1), number(centre, 2), number(turn, 0),
-          number(turn, 1),   number(turn, 2),   number(turn, 3)};
-}
 
 // By p.getContactPoints, those with the links `stays`, which do not move: the normal towards the body, what
 // it makes of its spin, and the distance. where: as of tell_link; bodies: how many there are.
@@ -125,16 +127,19 @@ void tell_contacts(World& w, int slot, const py::tuple& points, const Links& sta
   for (const auto& [body, link] : stays) m.rests_on.push_back(body), m.rests_on.push_back(link);
 }
 
-// Where what was told of its contacts can be believed once more: how many bodies there were, and the links
-// that it rests on. Else None.
-py::object rests_on(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
-  const Mover& m = w.movers[slot];
+// Whether what was told of its contacts can be believed once more.
+bool contacts_stand(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  if (!m.contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z})) return py::none();
+  return w.movers[slot].contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z});
+}
+
+// How many bodies there were when its contacts were told, and the links that it rested on.
+py::tuple rests_on(const World& w, int slot) {
+  const Mover& m = w.movers[slot];
   py::list links;
   for (size_t k = 1; k < m.rests_on.size(); k += 2)
     links.append(py::make_tuple(static_cast<int>(m.rests_on[k]), static_cast<int>(m.rests_on[k + 1])));
-  return py::make_tuple(static_cast<int>(m.rests_on[0]), links);
+  return py::make_tuple(m.rests_on.empty() ? 0 : static_cast<int>(m.rests_on[0]), links);
 }
 
 void clear_link(World& w, int slot) {
@@ -151,6 +156,7 @@ void bind_links(py::module_& m, py::class_<World>& world) {
       .def("may_rest", &may_rest)
       .def("keep_contacts", &keep_contacts)
       .def("tell_contacts", &tell_contacts)
+      .def("contacts_stand", &contacts_stand)
       .def("rests_on", &rests_on);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
