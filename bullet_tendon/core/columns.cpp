@@ -119,17 +119,17 @@ BT_WITHIN inline void each_carried(Group& group, Do what) {
 Border& border_of(Group& group, const Spot& s) { return group.borders[group.place_of[s.chain]]; }
 
 void mark(Border& border, const Chain& c, int first, int last) {
-  for (int i = std::max(0, first); i <= std::min(c.n() - 1, last); ++i) border.marks[i] = 1;
+  first = std::max(0, first), last = std::min(c.n() - 1, last);
+  for (int i = first; i <= last; ++i) border.marks[i] = 1;
+  border.first = std::min(border.first, first), border.last = std::max(border.last, last);
 }
 
 void mark(Group& group, const Spot& s) { mark(border_of(group, s), group.at(s), s.first, s.first + 1); }
 
 void list_marks(Border& border) {
   border.pulled.clear();
-  for (size_t i = 0; i < border.marks.size(); ++i)
-    if (border.marks[i]) border.pulled.push_back(static_cast<int>(i));
-  border.first = border.pulled.empty() ? 0 : border.pulled.front();
-  border.last = border.pulled.empty() ? -1 : border.pulled.back();
+  for (int i = border.first; i <= border.last; ++i)
+    if (border.marks[i]) border.pulled.push_back(i);
 }
 
 // Which particles of every tendon the unknowns of bodies pull at.
@@ -139,7 +139,9 @@ void find_spans(Group& group) {
   for (size_t k = 0; k < group.chains.size(); ++k) {
     group.place_of[group.numbers[k]] = static_cast<int>(k);
     Border& border = group.borders[k];
-    border.marks.assign(group.chains[k]->n(), 0), border.carried = false;
+    const int n = group.chains[k]->n();
+    border.marks.assign(n, 0), border.carried = false;
+    border.first = n, border.last = -1;
   }
   each_carried(group, [](Chain& c, Border& border, const Hold& h, Vec3) {
     border.carried = true;
@@ -154,11 +156,13 @@ void find_spans(Group& group) {
   for (Border& border : group.borders) list_marks(border);
 }
 
-void start_panel(Panel& panel, int n, const std::vector<int>& pulled) {
+void start_panel(Panel& panel, int n, const Border& border) {
   for (Columns* c : {&panel.pulls, &panel.answers, &panel.moves})
     if (!c->fits(n)) c->resize(n), panel.pulled.clear();
-  for (int i : panel.pulled) panel.pulls.zero(i, i), panel.moves.zero(i, i);
-  panel.pulled = pulled;
+  for (int i : panel.pulled) panel.pulls.zero(i, i);
+  for (size_t k = 0; panel.moved && k < panel.pulled.size(); ++k)
+    panel.moves.zero(panel.pulled[k], panel.pulled[k]);
+  panel.pulled = border.pulled, panel.moved = border.carried;
 }
 
 // Unknowns of the group from `column` on: what they make of the places of links.
@@ -245,7 +249,7 @@ void make_border(Group& group) {
     const int column = static_cast<int>(p) * kLanes;
     for (size_t k = 0; k < group.chains.size(); ++k) {
       if (group.borders[k].panels.size() <= p) group.borders[k].panels.resize(p + 1);
-      start_panel(group.borders[k].panels[p], group.chains[k]->n(), group.borders[k].pulled);
+      start_panel(group.borders[k].panels[p], group.chains[k]->n(), group.borders[k]);
     }
     move_links(group, column);
     move_carried(group, p);

@@ -36,6 +36,7 @@ struct Panel {
   Columns answers;          // A^-1 of that
   Columns moves;            // of the particles that bodies carry, of which there may be some
   std::vector<int> pulled;  // outside of these blocks pulls and moves are nothing
+  bool moved = false;       // moves are other than nothing
 };
 
 // Those of all unknowns, for one tendon. Outside of the blocks first to last there is nothing, nor between

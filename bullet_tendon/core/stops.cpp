@@ -117,17 +117,16 @@ void Mover::find_stops(double dt) {
 void Mover::find_pushes(double dt) {
   const size_t m = stops_.size();
   if (pushes_.size() != m) pushes_.assign(m, 0.0);
-  double change = 1;  // of a rate, in those at hand
-  for (int sweep = 0; sweep < kStopSweeps && change > kStopSettled; ++sweep) {
-    change = 0;
+  bool settled = false;  // but for a share of the rates at hand
+  for (int sweep = 0; sweep < kStopSweeps && !settled; ++sweep) {
+    settled = true;
     for (size_t a = 0; a < m; ++a) {
       double left = stops_[a].missing - dt * given_[a];
       const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * given_[a]);
       for (size_t b = 0; b < m; ++b) left -= within_[a * m + b] * pushes_[b];
-      const double before = pushes_[a];
-      pushes_[a] = std::max(0.0, before + left / within_[a * m + a]);
-      const double by = within_[a * m + a] * std::fabs(pushes_[a] - before);
-      if (by > 0) change = std::max(change, by / whole);
+      const double before = pushes_[a], own = within_[a * m + a];
+      pushes_[a] = std::max(0.0, before + left / own);
+      settled &= own * std::fabs(pushes_[a] - before) <= kStopSettled * whole;
     }
   }
 }
