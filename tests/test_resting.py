@@ -77,6 +77,42 @@ def test_table_that_gets_mass_is_no_table(draped, client, asked, solver):
     assert len(asked) == 1
 
 
+def test_what_rests_goes_on_with_the_same_bits(draped, client):
+    """Its contacts push from where they were: that is part of a state."""
+    world, t, *_ = draped
+    state, bullet = world.save_state(), p.saveState(client)
+    hashes = []
+    for _ in range(2):
+        world.restore_state(state)
+        p.restoreState(bullet, physicsClientId=client)
+        for k in range(30):
+            t.holds[0].target = t.holds[0].target + [0, 0, 1e-5 * (-1) ** (k // 5)]
+            world.step()
+        hashes.append(world.state_hash())
+    assert hashes[0] == hashes[1]
+
+
+@pytest.mark.parametrize("shape", [p.GEOM_BOX, p.GEOM_SPHERE])
+def test_unknowns_pulled_at_here_and_there_are_solved_for_as_by_conjugate_gradients(make_world, client, shape):
+    """A body falls on a tendon that is hung up below: it touches edges far apart, or all along."""
+    found = []
+    for solver in ("banded", "pcg"):
+        size = {"halfExtents": BLOCK} if shape == p.GEOM_BOX else {"radius": 0.05}
+        collision = p.createCollisionShape(shape, **size, physicsClientId=client)
+        body = p.createMultiBody(0.2, collision, basePosition=[0, 0.003, 0], physicsClientId=client)
+        world = make_world(1 / 240, (0, 0, -9.81))
+        world.options = bt.SolverOptions(linear_solver=solver)
+        world.add_obstacle(body)
+        cord = bt.Material(stiffness=1e4, damping=1.0, shear_stiffness=5e2, friction=0.2)
+        t = world.add_tendon([[-0.15, 0, -0.05], [0, 0, -0.056], [0.15, 0, -0.05]], 0.002, cord, 41)
+        t.grip(0), t.grip(-1)
+        world.step(40)
+        assert len(world.contacts) > 1
+        found.append(t.positions)
+        p.removeBody(body, client)
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
+
+
 def bundle(world, client, solver):
     """Three bodies under two tendons each, joined by others: eighteen unknowns of one solution."""
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.04, 0.03], physicsClientId=client)
