@@ -78,7 +78,7 @@ def test_table_that_gets_mass_is_no_table(draped, client, asked, solver):
 
 
 def test_what_rests_goes_on_with_the_same_bits(draped, client):
-    """Its contacts push from where they were: that is part of a state."""
+    """What its contacts tell, and how they pushed, is restored with it."""
     world, t, *_ = draped
     state, bullet = world.save_state(), p.saveState(client)
     hashes = []

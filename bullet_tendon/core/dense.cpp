@@ -108,14 +108,17 @@ void forward(const Numbers& l, Numbers& x) {
   }
 }
 
-void forward_rows(const Numbers& l, int n, Numbers& b) {
-  const int m = n ? static_cast<int>(b.size()) / n : 0;
-  for (int i = 0; i < m; ++i) {
-    const double pivot = l[i * m + i], scale = pivot > 0 ? 1 / pivot : 0;
-    for (int k = 0; k < i; ++k)
-      for (int j = 0; j < n; ++j) b[i * n + j] -= l[i * m + k] * b[k * n + j];
-    for (int j = 0; j < n; ++j) b[i * n + j] *= scale;
-  }
+void forward_rows(const Numbers& l, int size, Numbers& b) {
+  const int m = size ? static_cast<int>(b.size()) / size : 0;
+  of_size(size, [&](auto n) {
+    for (int i = 0; i < m; ++i) {
+      const double pivot = l[i * m + i], scale = pivot > 0 ? 1 / pivot : 0;
+      double* __restrict row = b.data() + i * n;
+      for (int k = 0; k < i; ++k)
+        for (int j = 0; j < n; ++j) row[j] -= l[i * m + k] * b[k * n + j];
+      for (int j = 0; j < n; ++j) row[j] *= scale;
+    }
+  });
 }
 
 void solve(const Numbers& l, Numbers& x) {

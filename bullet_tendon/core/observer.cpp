@@ -31,7 +31,7 @@ void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gra
     }
     std::swap(before_, last_), std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
-    find_push();
+    if (!told) find_push();
   }
   dense::root(n_, free, root_);
   told ? set_free() : take_effective();

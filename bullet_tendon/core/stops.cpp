@@ -183,6 +183,7 @@ void Mover::gather_acting() {
 //   change += E W^T L^-1 missing,     E -= E W^T W.
 void Mover::take_away(double dt) {
   const size_t m = missing_.size(), width = n();
+  const double rate = 1 / dt;
   gather_acting();
   dense::root(static_cast<int>(m), within_acting_, within_root_);
   dense::forward(within_root_, missing_);
@@ -191,7 +192,7 @@ void Mover::take_away(double dt) {
   for (size_t i = 0; i < width; ++i)
     for (size_t a = 0; a < m; ++a) {
       const double by = along_[i * m + a] * missing_[a];
-      change[i] += by, stopped_by_[i] += by / dt;
+      change[i] += by, stopped_by_[i] += rate * by;
     }
   dense::subtract_product(n(), along_, half_, root);
 }
