@@ -67,7 +67,7 @@ class Alone:
         if bodies != p.getNumBodies(self.client):
             return False
         try:
-            return all([_has_no_mass(link, self.client) for link in links])
+            return all(_has_no_mass(link, self.client) for link in links)
         except p.error:  # it was removed
             return False
 

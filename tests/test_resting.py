@@ -93,7 +93,9 @@ def test_what_rests_goes_on_with_the_same_bits(draped, client):
 
 
 @pytest.mark.parametrize("shape", [p.GEOM_BOX, p.GEOM_SPHERE])
-def test_unknowns_pulled_at_here_and_there_are_solved_for_as_by_conjugate_gradients(make_world, client, shape):
+def test_unknowns_pulled_at_here_and_there_are_solved_for_as_by_conjugate_gradients(
+    make_world, client, shape
+):
     """A body falls on a tendon that is hung up below: it touches edges far apart, or all along."""
     found = []
     for solver in ("banded", "pcg"):

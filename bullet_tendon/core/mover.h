@@ -21,10 +21,10 @@ namespace bt {
 
 // What may stop the rate along a direction d in this step, from below: a limit that is reached, or a contact.
 struct Stop {
-  double wanted = 0;         // rate that it gives
-  double missing = 0;        // of that, to the rate foreseen without it and without the tendons
-  double held_back = 0;      // and with them
-  int coordinate = -1;       // of a limit; -1: a contact
+  double wanted = 0;     // rate that it gives
+  double missing = 0;    // of that, to the rate foreseen without it and without the tendons
+  double held_back = 0;  // and with them
+  int coordinate = -1;   // of a limit; -1: a contact
   bool acts = false;
 };
 
