@@ -36,9 +36,6 @@ bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
          hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
 }
 
-Vec3 lowest(Vec3 a, Vec3 b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
-Vec3 highest(Vec3 a, Vec3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
-
 bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
   for (const Bore& b : bores)
     if (b.contains(p, kBoreReach * b.radius)) return true;

@@ -19,6 +19,9 @@ constexpr double kListedRoom = 0.35;
 // what slows down is searched late. Fewer: what is fast is searched for nothing.
 constexpr int kLooksWorth = 8;
 constexpr int kLongestWait = 256;
+// Growth of a front from which on it is made anew [-]. More: it is divided where it need not be. Less: it is
+// made for nothing.
+constexpr double kMostGrown = 2.0;
 // What particles are off the motion of their tendon, in radii, from which on a search measures that anew [-].
 // Larger: searches leave less room. Smaller: the others' grows less.
 constexpr double kSettled = 0.05;
