@@ -85,7 +85,10 @@ struct Considering {
       }
     }
     ++counts.queried;
-    queries.push_back(query);
+    if (!shape.primitive) return queries.push_back(query);
+    context.kept->push_back({query.chain, query.shape, query.feature, e});
+    const PrimitiveNearest found = shape.primitive.nearest(query.a, query.b);
+    answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
   }
 
  private:
