@@ -37,6 +37,14 @@ class Report:
     search_seconds: float
     def counts(self) -> dict[str, int]: ...
 
+class Primitive:
+    def __init__(self, kind: str, sizes: list[float], /) -> None: ...
+    @property
+    def corner(self) -> list[float]: ...
+    def __call__(
+        self, a: ArrayLike, d: ArrayLike, /
+    ) -> tuple[float, _Vector, float]: ...  # distance, point, u
+
 def dynamics(
     body: Articulated, infos: list, base: tuple, motion: tuple, joints: tuple, links: list, /
 ) -> tuple[_Floats, _Floats]: ...
@@ -180,6 +188,7 @@ class World:
         offset: float,
         friction: float,
         triangles: ArrayLike,
+        closed_form: Primitive | None,
         /,
     ) -> int: ...
     def remove_shape(self, shape: int, /) -> None: ...

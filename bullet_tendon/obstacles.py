@@ -105,7 +105,8 @@ class Obstacles:
             normal, offset = (plane[:3], plane[3]) if flat else (np.zeros(3), 0.0)
             lo, hi = np.nan_to_num(shape.bounds, posinf=1e300, neginf=-1e300)
             placed = (slot, shape.position, shape.rotation, lo, hi)
-            number = self._core.add_shape(*placed, flat, normal, float(offset), friction, shape.triangles)
+            surface = shape.triangles, shape.closed_form
+            number = self._core.add_shape(*placed, flat, normal, float(offset), friction, *surface)
             self._shapes[number] = shape
             numbers.append(number)
         self._by_link[body, link] = numbers

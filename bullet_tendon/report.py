@@ -63,7 +63,7 @@ class StepReport:
     the solution, what the search for tendons that touch took.
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
     boxes, culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
-    nearest triangle anew, in the core) and queried (FCL);
+    nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core);
     tendon_searches: pairs of tendons (each with itself too) of which it was searched anew which segments are
     near; tendon_searches_skipped: those that cannot have come near since, or nearer than what was listed;
     tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:

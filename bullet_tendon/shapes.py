@@ -1,19 +1,19 @@
 """Collision shapes of pybullet bodies, and distances from a tendon's centreline to them.
 
-Meshes are measured by FCL (mesh_queries.py); boxes, spheres, capsules and cylinders have closed
-forms (closed_forms.py), planes the core does itself. Distances are to the surface as drawn: without Bullet's
+Meshes are measured by FCL (mesh_queries.py); boxes, spheres, capsules and cylinders have closed forms in the
+core (primitive.h), planes too. Distances are to the surface as drawn: without Bullet's
 collision margin (about a millimetre around meshes) and without the tendon's radius.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from math import inf
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from . import checks, closed_forms
+from . import _core, checks
 from .errors import InvalidValue
 from .link_shapes import LinkShape, read_link
 from .mesh_queries import ConvexQuery, MeshQuery
@@ -42,6 +42,11 @@ class Shape:
     def interior(self) -> Interior | None:
         """What is inside of a mesh that is not a hull, whose distances have no sign; None of the others."""
         return None if self.surface is None else Interior(*self.surface)
+
+    @property
+    def closed_form(self) -> "_core.Primitive | None":
+        """The closed form that the core measures itself, if it has one."""
+        return self.query if isinstance(self.query, _core.Primitive) else None
 
     @property
     def triangles(self) -> np.ndarray:
@@ -100,9 +105,9 @@ def primitive(kind: str, sizes, position=(0, 0, 0), rotation=None) -> Shape:
     sizes = checks.array("sizes", sizes, (None,)).tolist()
     if min(sizes) <= 0.0:
         raise InvalidValue("sizes", sizes, "> 0")
-    core, corner = closed_forms.core_of(kind, sizes)
-    bounds = np.array([[-c for c in corner], corner])
-    return Shape(kind, *_frame(position, rotation), bounds, None, partial(closed_forms.measure, core))
+    form = _core.Primitive(kind, sizes)
+    bounds = np.outer([-1.0, 1.0], form.corner)
+    return Shape(kind, *_frame(position, rotation), bounds, None, form)
 
 
 def plane(normal, offset: float = 0.0, position=(0, 0, 0), rotation=None) -> Shape:

@@ -54,11 +54,13 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
 }
 
 int add_shape(World& w, int link, const Array& position, const Array& rot, const Array& lo, const Array& hi,
-              bool half_space, const Array& normal, double offset, double friction, const Array& triangles) {
+              bool half_space, const Array& normal, double offset, double friction, const Array& triangles,
+              const std::optional<Primitive>& primitive) {
   Shape s;
   s.link = link, s.local = {rotation(rot.data()), vec(position)}, s.lo = vec(lo), s.hi = vec(hi);
   s.half_space = half_space, s.plane_normal = vec(normal), s.plane_offset = offset, s.friction = friction;
   if (triangles.size() > 0) s.surface = std::make_shared<Surface>(triangles_of(triangles));
+  if (primitive) s.primitive = *primitive;
   return w.add_shape(s);
 }
 
@@ -158,6 +160,7 @@ PYBIND11_MODULE(_core, m) {
   bind_bodies(m, world);
   bind_sparse(m);
   bind_pairs(m);
+  bind_primitives(m);
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)

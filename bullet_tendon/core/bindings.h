@@ -66,5 +66,7 @@ void bind_bodies(py::module_& m, py::class_<World>& world);
 void bind_pairs(py::module_& m);
 // The sparse solver by itself (sparse_bindings.cpp).
 void bind_sparse(py::module_& m);
+// Distances that have closed forms (primitive_bindings.cpp).
+void bind_primitives(py::module_& m);
 
 }  // namespace bt

@@ -6,10 +6,7 @@ namespace bt {
 
 struct Box {
   Vec3 lo{1e300, 1e300, 1e300}, hi{-1e300, -1e300, -1e300};
-  void include(Vec3 p) {
-    lo = {std::min(lo.x, p.x), std::min(lo.y, p.y), std::min(lo.z, p.z)};
-    hi = {std::max(hi.x, p.x), std::max(hi.y, p.y), std::max(hi.z, p.z)};
-  }
+  void include(Vec3 p) { lo = lowest(lo, p), hi = highest(hi, p); }
   void include(const Box& b) { include(b.lo), include(b.hi); }
   void grow(double margin) {
     Vec3 m{margin, margin, margin};

@@ -36,9 +36,6 @@ bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
          hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
 }
 
-Vec3 lowest(Vec3 a, Vec3 b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
-Vec3 highest(Vec3 a, Vec3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
-
 bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
   for (const Bore& b : bores)
     if (b.contains(p, kBoreReach * b.radius)) return true;
@@ -88,7 +85,10 @@ struct Considering {
       }
     }
     ++counts.queried;
-    queries.push_back(query);
+    if (!shape.primitive) return queries.push_back(query);
+    context.kept->push_back({query.chain, query.shape, query.feature, e});
+    const PrimitiveNearest found = shape.primitive.nearest(query.a, query.b);
+    answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
   }
 
  private:

@@ -7,7 +7,8 @@
 //   reused   while the list of triangles that were near then still has the nearest one (surface.h), or, of
 //            a shape without triangles, while the plane's error is under the reuse tolerance,
 //   searched for the nearest triangle from where the last one bounds its distance, by the core,
-//   queried  otherwise: of what is not known yet, and of what has gone through a surface or crosses it.
+//   queried  otherwise: of what is not known yet, and of what has gone through a surface or crosses it;
+//            answered by closed forms here (primitive.h).
 // Triangles are measured anew, so that friction is led over the true surface, at any tolerance but 0.
 // Without them: distance to a convex body at a displacement from distance d is at least the plane's value;
 // with m the displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is
@@ -20,6 +21,7 @@
 
 #include "chain.h"
 #include "link.h"
+#include "primitive.h"
 #include "surface.h"
 #include "tunnel.h"
 
@@ -34,6 +36,7 @@ struct Shape {
   double plane_offset = 0;
   double friction = 0;
   std::shared_ptr<const Surface> surface;  // of a mesh
+  Primitive primitive;                     // of a closed form
 };
 
 Pose in_world(const Shape& shape, const Link& link);

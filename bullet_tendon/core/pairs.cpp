@@ -204,6 +204,25 @@ bool PairFinder::all_clear() const {
   return true;
 }
 
+// Of what was found, segments whose boxes meet.
+void PairFinder::list_near(Searched& a, Searched& b, Found found, PairSearch& search, double most) {
+  near_.clear();
+  // Two tendons may move towards each other as wholes.
+  auto take = [&, margin = -1.0](int k, int m) mutable {
+    if (margin < 0) margin = &a == &b ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
+    if (overlap(a.box(k), b.box(m), margin)) near_.push_back({k, m, 0});
+  };
+  if (found == Found::listed) return search.each_listed(take);
+  leaves_.clear();
+  search.front.look(a, b, a.travel.reach() + b.travel.reach(), most, leaves_);
+  for (const StrandPair& s : leaves_) {
+    const Strand &p = a.strand(s.i), &q = b.strand(s.j);
+    for (int k = p.first; k < p.last; ++k)
+      for (int m = &p == &q ? k + 1 : q.first; m < q.last; ++m) take(k, m);
+  }
+  put_in_order(near_);
+}
+
 void PairFinder::find_of(int i, int j, Foresight foresight, PairCounts& counts,
                          std::vector<SegmentPair>& out) {
   Searched &a = tendons_[i], &b = tendons_[j];
@@ -215,17 +234,13 @@ void PairFinder::find_of(int i, int j, Foresight foresight, PairCounts& counts,
       a.travel.reach() + b.travel.reach() + std::min(most, norm(p.by - q.by) + p.off + q.off);
   const long before = counts.searches;
   const Found found = search.look(a, b, reach, looks_, counts.searches);
-  counts.skipped += found != Found::boxes && counts.searches == before;
+  counts.skipped += found != Found::watched && counts.searches == before;
   if (found == Found::nothing || (i == j && a.is_straight())) return;
+  list_near(a, b, found, search, most);
+  if (near_.empty()) return;
   if (i == j) straight_.find(*a.chain, a.farthest());
-  // Two tendons may move towards each other as wholes.
-  const double margin = std::min(most, norm(a.mean_motion() - b.mean_motion()));
   Measuring measure{a, b, *a.chain, *b.chain, i, j, foresight, i == j ? &straight_ : nullptr, counts, out};
-  if (found == Found::boxes) return each_overlap(a.boxes(), b.boxes(), margin, measure);
-  auto box_of = [](Searched& s, int k) { return swept_box(*s.chain, k, s.mean_motion(), s.travel.skin()); };
-  search.each_listed([&](int k, int m) {
-    if (overlap(box_of(a, k), box_of(b, m), margin)) measure(k, m);
-  });
+  for (const NearSegments& s : near_) measure(s.k, s.m);
 }
 
 }  // namespace bt

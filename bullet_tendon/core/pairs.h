@@ -61,11 +61,14 @@ class PairFinder {
  private:
   bool all_clear() const;
   void find_of(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
+  void list_near(Searched& a, Searched& b, Found found, PairSearch& search, double most);
   std::vector<Searched> tendons_;
   std::vector<PairSearch> searches_;  // by slot_of
   Crowd crowd_;
   long looks_ = 0;
   Straight straight_;
+  std::vector<StrandPair> leaves_;
+  std::vector<NearSegments> near_;
 };
 
 }  // namespace bt

@@ -6,10 +6,9 @@
 #include "constants.h"
 #include "pairs.h"
 #include "search_constants.h"
+#include "swept_box.h"
 
 namespace bt {
-
-namespace {
 
 // In blocks of 64 by 64 segments, and these in blocks of 8 by 8.
 uint64_t order_of(const NearSegments& s) {
@@ -21,7 +20,10 @@ uint64_t order_of(const NearSegments& s) {
   return branches << 12 | leaves << 6 | part(s.k, 0, 3) << 3 | part(s.m, 0, 3);
 }
 
-}  // namespace
+void put_in_order(std::vector<NearSegments>& all) {
+  std::sort(all.begin(), all.end(),
+            [](const NearSegments& p, const NearSegments& q) { return order_of(p) < order_of(q); });
+}
 
 // Goes down both trees where bounds are not enough.
 struct Seeker {
@@ -86,10 +88,7 @@ struct Seeker {
     for (int k = p.first; k < p.last; ++k)
       for (int m = &p == &q ? k + 2 : q.first; m < q.last; ++m) {
         if (joined(k, m)) continue;
-        double u, w;
-        const Vec3 p0 = x.at(k), p1 = x.at(k + 1), q0 = y.at(m), q1 = y.at(m + 1);
-        nearest_parameters(p0, p1, q0, q1, u, w);
-        const double distance = norm((1 - u) * p0 + u * p1 - ((1 - w) * q0 + w * q1));
+        const double distance = between_segments(x, k, y, m);
         bound(distance);
         if (concerns(distance)) {
           if (lists)
@@ -105,7 +104,9 @@ double Searched::joined_arc() const { return kSelfContactArc * chain->radius; }
 
 void Searched::look(const Chain& c, double threshold) {
   chain = &c;
-  fitted_ = boxed_ = averaged_ = false;
+  coursed_ = averaged_ = false;
+  boxed_.clear();
+  strands_.look(c.n() - 1);
   travel.look(c.x, c.foreseen, c.most_slack, c.radius + 0.5 * threshold);
   if (std::exchange(rest_set_, c.rest_set) == c.rest_set) return;
   arc_.assign(c.n(), 0.0);
@@ -113,26 +114,40 @@ void Searched::look(const Chain& c, double threshold) {
 }
 
 const Strands& Searched::strands() {
-  if (!std::exchange(fitted_, true)) strands_.fit(*chain);
+  strands_.fit_all(*chain);
   return strands_;
 }
 
-const SweptBoxes& Searched::boxes() {
-  if (!std::exchange(boxed_, true)) boxes_.fit(*chain, mean_motion(), travel.skin());
-  return boxes_;
+const Courses& Searched::courses() {
+  if (!std::exchange(coursed_, true)) courses_.look(*chain, strands_);
+  return courses_;
+}
+
+const Box& Searched::box(int segment) {
+  if (boxed_.empty()) boxed_.assign(chain->n() - 1, 0), boxes_.resize(chain->n() - 1);
+  if (!std::exchange(boxed_[segment], 1))
+    boxes_[segment] = swept_box(*chain, segment, mean_motion(), travel.skin());
+  return boxes_[segment];
 }
 
 Vec3 Searched::mean_motion() {
   if (std::exchange(averaged_, true)) return mean_motion_;
   const Chain& c = *chain;
-  mean_motion_ = {}, farthest_ = 0;
+  mean_motion_ = {};
   for (int i = 0; i < c.n(); ++i) mean_motion_ += (1.0 / c.n()) * (c.foreseen.at(i) - c.x.at(i));
-  for (int i = 0; i < c.n(); ++i)
-    farthest_ = std::max(farthest_, norm(c.foreseen.at(i) - mean_motion_ - c.x.at(i)));
   return mean_motion_;
 }
 
-double Searched::farthest() { return mean_motion(), farthest_; }
+double Searched::farthest() {
+  const Chain& c = *chain;
+  const Vec3 mean = mean_motion();
+  double square = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 off = c.foreseen.at(i) - mean - c.x.at(i);
+    square = std::max(square, dot(off, off));
+  }
+  return std::sqrt(square);
+}
 
 bool Searched::is_straight() {
   return bt::is_straight(*chain, chain->x) && bt::is_straight(*chain, chain->foreseen);
@@ -151,7 +166,8 @@ Found PairSearch::look(Searched& a, Searched& b, double reach, long now, long& s
   if (known_)
     waits_ = now - searched_ > kLooksWorth ? 0 : wait_ = std::min(2 * wait_ + kLooksWorth, kLongestWait);
   known_ = waits_ == 0;
-  if (!known_) return --waits_, Found::boxes;
+  if (!known_) return --waits_, Found::watched;
+  front.forget();
   search(a, b, reach), ++searches;
   searched_ = now;
   within_ = (1 + kRoundedUp) * reach;
@@ -181,8 +197,7 @@ void PairSearch::search(Searched& a, Searched& b, double reach) {
   if (seeker.too_near()) {
     seeker.lists = true, seeker.wanted = reach + kListedRoom * radii;
     seek();
-    std::sort(listed_.begin(), listed_.end(),
-              [](const NearSegments& p, const NearSegments& q) { return order_of(p) < order_of(q); });
+    put_in_order(listed_);
   }
   least_ = 1e300;
   for (const NearSegments& s : listed_) least_ = std::min(least_, s.distance);

@@ -5,15 +5,16 @@
 // nearer than `floor`. They come nearer by no more than they move, less what both do alike (travel.h). So
 // as long as what could touch has to be within floor less that motion, a comparison is all there is to do.
 // What is listed are segments so near that they may touch soon, with their distance. Where searches do not
-// last, because something moves fast, boxes are compared instead (swept_boxes.h), for a while.
+// last, because something moves fast, stretches are watched one by one instead (front.h), for a while.
 //
 // Nothing depends on when a search was made: what is left out could not touch.
 #pragma once
 #include <cstdint>
 
+#include "box.h"
 #include "constants.h"
+#include "front.h"
 #include "strands.h"
-#include "swept_boxes.h"
 #include "travel.h"
 
 namespace bt {
@@ -25,6 +26,9 @@ struct NearSegments {
   int k = 0, m = 0;
   double distance = 0;  // when it was listed [m]
 };
+// However they were found, they are gone through in one order.
+uint64_t order_of(const NearSegments& s);
+void put_in_order(std::vector<NearSegments>& all);
 
 // A tendon as searches see it.
 class Searched {
@@ -35,7 +39,10 @@ class Searched {
   void look(const Chain& c, double threshold);
   // Around where it is now; made when they are needed.
   const Strands& strands();
-  const SweptBoxes& boxes();
+  const Strand& strand(int at) { return strands_.fit(*chain, at); }
+  const Courses& courses();
+  // Of a segment (swept_box.h).
+  const Box& box(int segment);
   // Rest length between two segments, k before m [m].
   double arc_between(int k, int m) const { return arc_[m] - arc_[k + 1]; }
   // Segments that a spring joins, or so near along the tendon that no bend brings them together.
@@ -49,10 +56,11 @@ class Searched {
 
  private:
   Strands strands_;
-  SweptBoxes boxes_;
-  bool fitted_ = false, boxed_ = false, averaged_ = false;
+  Courses courses_;
+  std::vector<Box> boxes_;
+  std::vector<char> boxed_;
+  bool coursed_ = false, averaged_ = false;
   Vec3 mean_motion_;
-  double farthest_ = 0;
   std::vector<double> arc_;  // rest length up to each particle [m]
   int rest_set_ = -1;
 };
@@ -60,7 +68,7 @@ class Searched {
 // Of two tendons, i <= j, where all pairs of some are kept one after the other.
 inline size_t slot_of(size_t i, size_t j) { return i + j * (j + 1) / 2; }
 
-enum class Found { nothing, listed, boxes };
+enum class Found { nothing, listed, watched };
 
 class PairSearch {
  public:
@@ -83,6 +91,8 @@ class PairSearch {
     for (const NearSegments& s : listed_)
       if (s.distance <= within_) what(s.k, s.m);
   }
+
+  Front front;  // where that is what is found
 
  private:
   friend struct Seeker;

@@ -19,6 +19,9 @@ constexpr double kListedRoom = 0.35;
 // what slows down is searched late. Fewer: what is fast is searched for nothing.
 constexpr int kLooksWorth = 8;
 constexpr int kLongestWait = 256;
+// Growth of a front from which on it is made anew [-]. More: it is divided where it need not be. Less: it is
+// made for nothing.
+constexpr double kMostGrown = 2.0;
 // What particles are off the motion of their tendon, in radii, from which on a search measures that anew [-].
 // Larger: searches leave less room. Smaller: the others' grows less.
 constexpr double kSettled = 0.05;
@@ -38,6 +41,17 @@ constexpr size_t kMostNearby = 64;
 constexpr double kTouches = 1e-9;
 // What a bound on a distance is enlarged by, so that what it was taken from is within it [-].
 constexpr double kRoundedUp = 1e-9;
+// Of closed forms (primitive.h): cosine between a segment and the way to it up to which it is parallel to the
+// surface; rounding of a place, and what a distance has to exceed to be one, as shares of coordinates [-].
+// Larger: what is slanted, or a little way off, is taken for flat, or touching. Smaller: rounding decides.
+constexpr double kParallel = 1e-14;
+constexpr double kLineRounding = 2e-16;
+constexpr double kOnSurface = 1e-15;
+// Steps and widths at which searches along a segment end [-]. Fewer, or wider: nearest points are off. More,
+// or narrower: rounding is searched for.
+constexpr int kRootSteps = 60;
+constexpr double kRootWidth = 1e-15, kDeepestWidth = 1e-9;
+constexpr double kGolden = 0.6180339887498949;
 // Triangles in a leaf of a surface's tree [-].
 constexpr int kLeafTriangles = 4;
 

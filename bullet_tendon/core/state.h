@@ -27,8 +27,9 @@ void same_fields(A& a, Material& material) {
 
 template <class A>
 void same_fields(A& a, Shape& shape) {
-  auto& [link, local, lo, hi, half_space, plane_normal, plane_offset, friction, surface] = shape;
+  auto& [link, local, lo, hi, half_space, plane_normal, plane_offset, friction, surface, primitive] = shape;
   a.same(link, local, lo, hi, half_space, plane_normal, plane_offset, friction);
+  a.same(primitive.kind, primitive.half, primitive.growth, primitive.radius, primitive.half_length);
   uint64_t mark = surface ? surface->mark() : 0;
   a.same(mark);
 }

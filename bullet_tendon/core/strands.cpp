@@ -1,5 +1,7 @@
 #include "strands.h"
 
+#include <utility>
+
 #include "pairs.h"
 #include "search_constants.h"
 
@@ -29,34 +31,55 @@ double straightness_of_both(const Strand& p, const Strand& q, Vec3& heading) {
                   cosine_of_sum(cosine(heading, q.heading), q.straight));
 }
 
-double between(const Strand& p, const Strand& q) {
+namespace {
+
+double apart(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1) {
   double u, w;
-  nearest_parameters(p.a, p.b, q.a, q.b, u, w);
-  return norm((1 - u) * p.a + u * p.b - ((1 - w) * q.a + w * q.b));
+  nearest_parameters(p0, p1, q0, q1, u, w);
+  return norm((1 - u) * p0 + u * p1 - ((1 - w) * q0 + w * q1));
 }
 
-void Strands::fit(const Chain& c) {
-  strands_.clear();
-  build(c, 0, c.n() - 1);
+}  // namespace
+
+double between(const Strand& p, const Strand& q) { return apart(p.a, p.b, q.a, q.b); }
+
+double between_segments(const Field& x, int k, const Field& y, int m) {
+  return apart(x.at(k), x.at(k + 1), y.at(m), y.at(m + 1));
 }
 
-int Strands::build(const Chain& c, int first, int last) {
-  const int at = static_cast<int>(strands_.size());
-  strands_.push_back({c.x.at(first), c.x.at(last), 0, first, last, -1, {}, 1, 1});
-  if (last - first <= kLeafSegments) {
-    fit_leaf(c, strands_[at]);
-    return at;
-  }
-  const int middle = (first + last) / 2;
-  build(c, first, middle);
-  const int second = build(c, middle, last);
+void Strands::look(int segments) {
+  if (strands_.empty() || strands_[0].last != segments) strands_.clear(), build(0, segments);
+  fitted_.assign(strands_.size(), 0);
+}
+
+// All leaves but the last are full.
+int Strands::build(int first, int last) {
+  const int at = size();
+  strands_.push_back({});
+  strands_[at].first = first, strands_[at].last = last;
+  const int leaves = (last - first + kLeafSegments - 1) / kLeafSegments;
+  if (leaves <= 1) return at;
+  const int middle = first + (leaves + 1) / 2 * kLeafSegments;
+  build(first, middle);
+  const int second = build(middle, last);
   strands_[at].second = second;
-  join(strands_[at], strands_[at + 1], strands_[second]);
   return at;
+}
+
+const Strand& Strands::fit(const Chain& c, int at) {
+  Strand& strand = strands_[at];
+  if (std::exchange(fitted_[at], 1)) return strand;
+  strand.a = c.x.at(strand.first), strand.b = c.x.at(strand.last);
+  if (strand.second < 0)
+    fit_leaf(c, strand);
+  else
+    join(strand, fit(c, at + 1), fit(c, strand.second));
+  return strand;
 }
 
 void Strands::fit_leaf(const Chain& c, Strand& leaf) const {
   leaf.heading = unit_or(leaf.b - leaf.a, {});
+  leaf.radius = 0, leaf.straight = leaf.stretch = 1;
   for (int k = leaf.first; k < leaf.last; ++k) {
     const Vec3 way = c.x.at(k + 1) - c.x.at(k);
     const double length = norm(way);

@@ -24,19 +24,26 @@ struct Strand {
 
 class Strands {
  public:
-  void fit(const Chain& c);
+  // A tree for so many segments; nothing of it is where the tendon is.
+  void look(int segments);
+  int size() const { return static_cast<int>(strands_.size()); }
+  // Where it is; it has to have been fitted since the last look.
   const Strand& operator[](int at) const { return strands_[at]; }
+  const Strand& fit(const Chain& c, int at);
+  void fit_all(const Chain& c) { fit(c, 0); }
 
  private:
-  int build(const Chain& c, int first, int last);
+  int build(int first, int last);
   void fit_leaf(const Chain& c, Strand& leaf) const;
   void join(Strand& strand, const Strand& p, const Strand& q) const;
   std::vector<Strand> strands_;
+  std::vector<char> fitted_;
 };
 
 // The cosine of the cone around both, and its axis.
 double straightness_of_both(const Strand& p, const Strand& q, Vec3& heading);
-// Between two chords.
+// Between two chords, and two segments.
 double between(const Strand& p, const Strand& q);
+double between_segments(const Field& x, int k, const Field& y, int m);
 
 }  // namespace bt

@@ -32,6 +32,8 @@ inline Vec3 any_perpendicular(Vec3 a) {
 inline double max_abs(Vec3 a) {
   return std::max({std::fabs(a.x), std::fabs(a.y), std::fabs(a.z)}) + 0 * (a.x + a.y + a.z);
 }
+inline Vec3 lowest(Vec3 a, Vec3 b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
+inline Vec3 highest(Vec3 a, Vec3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
 inline Vec3 unit_axis(int k) { return {k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}; }
 inline Vec3 without(Vec3 a, Vec3 n) { return a - dot(a, n) * n; }  // n: unit
 
