@@ -144,6 +144,7 @@ class World {
   bool take_new_rows();
   void next_part();
   void take_part();
+  void share_restarts();
   double time_of_part() const { return whole_dt_ * (done_ + size_) / kUnits; }
   // unknowns.cpp
   template <class Do>
