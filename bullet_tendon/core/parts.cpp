@@ -83,6 +83,7 @@ Outcome World::solve() {
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
   const bool left = looking_ && stray_;
   if (!looking_ || take_new_rows() || left) {
+    if (share_weights()) return solve_again();
     const bool other_unknowns = find_unknowns();
     for (Chain* c : slots_) {
       if (!c) continue;
@@ -203,18 +204,6 @@ void World::push_links(double share) {
     }
 }
 
-// What presses on each other takes steps of the same weight, so that its impulses are equal and opposite.
-void World::share_restarts() {
-  for (bool any = true; any;) {
-    any = false;
-    for (const Row& row : rows_) {
-      if (row.b.chain < 0 || row.normal_force <= 0) continue;
-      bool &a = slots_[row.a.chain]->smooth, &b = slots_[row.b.chain]->smooth;
-      if (a != b) a = b = false, any = true;
-    }
-  }
-}
-
 // The part that was solved becomes the state, and the links feel it.
 void World::take_part() {
   const double share = static_cast<double>(size_) / kUnits;
@@ -228,7 +217,7 @@ void World::take_part() {
   remember();
   for (Chain* c : slots_)
     if (c) finish_step(*c, context_), c->let_overlaid_part();
-  share_restarts();
+  share_weights();
   ++parts_;
 }
 

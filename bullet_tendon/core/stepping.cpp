@@ -65,23 +65,6 @@ BT_VECTOR void read_acceleration(Chain& c) {
   }
 }
 
-// BDF2 carries velocities of before an impact on: what is stopped at a wall from V, h before it, leaves with
-// V/2 - 3 h/(2 dt), and without contact gets faster up to 5/4 V. So it does not go on where velocities jump;
-// and what is all but at rest goes by the method that rests.
-bool goes_smoothly(const Chain& c, double dt) {
-  const double creep = kCreep * c.radius;
-  double jump = 0, all = 0, least = 0;
-  for (int k = 0; k < 3; ++k) {
-    const double *v = c.v[k], *before = c.v_before[k], *a = c.acceleration[k];
-    for (int i = 0; i < c.n(); ++i) {
-      const double off = v[i] - before[i] - dt * a[i];
-      jump += c.mass[i] * off * off, all += c.mass[i] * (v[i] * v[i] + before[i] * before[i]);
-    }
-  }
-  for (double m : c.mass) least += 2 * m * creep * creep;
-  return jump <= kRough * all && all > least;
-}
-
 }  // namespace
 
 BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
