@@ -85,6 +85,15 @@ constexpr double kNoCut = 1e300;
 // (Grigorieff 1983). After shorter ones it is restarted.
 constexpr double kMostGrowth = 2.414;
 
+// What a touched tendon's velocities are off by from where their last change led, squared, as a share of
+// their own squares, above which its next step is taken by implicit Euler [-]. Larger: heaps go on vibrating
+// by methods of second order. Smaller: what swings beside a contact in more than about 12 steps loses their
+// order.
+constexpr double kRough = 0.01;
+// Speed, in radii a second, up to which what touches something takes all its steps by implicit Euler [1/s].
+// Larger: what is drawn slowly loses its order. Smaller: BDF2 keeps heaps from falling asleep.
+constexpr double kCreep = 1e-3;
+
 // Newton iterations with carried multipliers without progress (the residual under this share of the
 // best so far) before the step is split [-]. Mixed iterations may raise the residual on their way, so
 // less patience splits what would converge; more makes violent steps slower.

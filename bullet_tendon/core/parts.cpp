@@ -83,6 +83,7 @@ Outcome World::solve() {
   if (can_split() && room_ < 1 && size_ > 1) return shrink(room_);
   const bool left = looking_ && stray_;
   if (!looking_ || take_new_rows() || left) {
+    if (share_weights()) return solve_again();
     const bool other_unknowns = find_unknowns();
     for (Chain* c : slots_) {
       if (!c) continue;
@@ -216,6 +217,7 @@ void World::take_part() {
   remember();
   for (Chain* c : slots_)
     if (c) finish_step(*c, context_), c->let_overlaid_part();
+  share_weights();
   ++parts_;
 }
 

@@ -81,7 +81,10 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
     }
   }
   for (Hold& h : c.holds) h.target_before = h.target;
-  if (context.options.integrator == Integrator::tr_bdf2) read_acceleration(c);
+  if (is_second_order(context.options.integrator)) {
+    c.smooth &= !c.touched || goes_smoothly(c, context.dt);
+    read_acceleration(c);
+  }
   c.dt_before = c.gathered || c.split ? 0 : context.dt;
   c.gathered = c.braked = false;
 }

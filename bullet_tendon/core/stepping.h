@@ -124,6 +124,9 @@ void solve(Group& group, const StepContext& context);
 // One step of TR-BDF2. false: it does not apply or does not converge,
 // and begin_step's state stands.
 bool two_stages(Group& group, const StepContext& context);
+// Whether two-step methods may go on with what touches something, after its step of dt; acceleration is that
+// of the step before (restarts.cpp).
+bool goes_smoothly(const Chain& c, double dt);
 // Takes chain.next as the new state.
 void finish_step(Chain& c, const StepContext& context);
 

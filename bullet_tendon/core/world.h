@@ -145,6 +145,10 @@ class World {
   void next_part();
   void take_part();
   double time_of_part() const { return whole_dt_ * (done_ + size_) / kUnits; }
+  // restarts.cpp
+  // What is to press on each other takes steps of the same weight, so that its impulses are equal and
+  // opposite. true: some had begun with another.
+  bool share_weights();
   // unknowns.cpp
   template <class Do>
   void each_touch(Do what) const;
