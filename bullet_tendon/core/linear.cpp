@@ -102,12 +102,16 @@ bool factorise(Group& group, const Options& o) {
   return definite;
 }
 
+}  // namespace
+
 bool apply_inverse(Group& group, const Options& o, Which b, Which x) {
   if (o.linear_solver == LinearSolver::pcg) return conjugate_gradients(group, o, b, x);
   if (group.coupled) return solve_coupled(group, b, x), true;
   for (Chain* c : group.chains) c->factor.solve(c->*b, c->*x);
   return true;
 }
+
+namespace {
 
 // The answers of the tendons to what the unknowns of panel p pull at them, where bodies touch them.
 bool answer_columns(Group& group, const Options& o, size_t p) {
