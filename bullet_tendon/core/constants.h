@@ -155,6 +155,11 @@ constexpr double kNextRound = 0.5;
 // at once [-]. Larger: limits follow wild forces. Smaller: rounds of solutions do what iterations could.
 constexpr double kAgreed = 0.3;
 
+// How well limits are solved for beside the step [-], and by how many solutions at most (limits.cpp). Looser,
+// or fewer: more iterations, each with a factorisation. More: solutions for what the next iteration changes.
+constexpr double kLimitAccuracy = 0.03;
+constexpr int kLimitSolutions = 8;
+
 // Particles with a residual under this share of the largest are solved [-], and so is a place with that share
 // of what it began with. Larger: places are solved again and again. Smaller: they are everywhere.
 constexpr double kPlaceResidual = 1e-3;

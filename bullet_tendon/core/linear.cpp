@@ -102,12 +102,16 @@ bool factorise(Group& group, const Options& o) {
   return definite;
 }
 
+}  // namespace
+
 bool apply_inverse(Group& group, const Options& o, Which b, Which x) {
   if (o.linear_solver == LinearSolver::pcg) return conjugate_gradients(group, o, b, x);
   if (group.coupled) return solve_coupled(group, b, x), true;
   for (Chain* c : group.chains) c->factor.solve(c->*b, c->*x);
   return true;
 }
+
+namespace {
 
 bool is_banded(const Group& group, const Options& o) {
   return !group.coupled && o.linear_solver != LinearSolver::pcg;

@@ -170,6 +170,11 @@ Next watch(Solution& s, const Assembly& a) {
   return Next::step;
 }
 
+// Of limits, that is worth a solution [N].
+double least_change(const Solution& s, const Assembly& a) {
+  return kLimitAccuracy * s.options().tolerance * a.scale;
+}
+
 // The next step of the particles and bodies, in chain.step.
 Next find_step(Solution& s, const Assembly& a) {
   Group& group = s.group;
@@ -177,7 +182,10 @@ Next find_step(Solution& s, const Assembly& a) {
   // As exact as this iteration can make use of.
   group.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
   assemble(group, how, s.safe, s.safe || s.far);
-  if (solve_linear(group, s.context, s.safe)) return Next::step;
+  if (solve_linear(group, s.context, s.safe)) {
+    if (!s.safe && !s.far && !s.violent) solve_limits(group, s.context, least_change(s, a));
+    return Next::step;
+  }
   // Indefinite: once more, with compression cut off.
   residual_of(group, s.safe, true);
   assemble(group, how, true, true);
@@ -186,14 +194,12 @@ Next find_step(Solution& s, const Assembly& a) {
 
 // Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
 // odds, not yet. Stiffness does so where tendons turn far alone: a multiplier that takes over too much pushes
-// off, and what rests would not stay at rest. A tendon that touches nothing but itself takes few iterations
-// as it is.
+// off, and what rests would not stay at rest.
 void settle_limits(Solution& s) {
-  const bool many = s.group.chains.size() > 1;
   for (Row* row : s.group.acting) {
     if (s.violent)
       row->settle_limits();
-    else if (many && std::fabs(row->multiplier - row->normal_force) <= kAgreed * row->normal_force)
+    else if (row->agrees(row->multiplier))
       row->settle_friction();
   }
 }

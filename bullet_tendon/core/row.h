@@ -15,10 +15,12 @@
 // depth is left by the end of a step, N_0 <- N, k grows and the step is solved on (augmented Lagrangian,
 // Hestenes 1969).
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
 #include "chain.h"
+#include "constants.h"
 
 namespace bt {
 
@@ -116,6 +118,8 @@ struct Row {
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
   void foresee(Vec3 moved);
+  // Whether a force that is foreseen is nearly the present one.
+  bool agrees(double foreseen) const { return std::fabs(foreseen - normal_force) <= kAgreed * normal_force; }
   // The same of a pair of segments, x their ends (see crossing.cpp). most: by which its force may change [N].
   void follow_pair(const Vec3 (&x)[4], double most);
   void add_pair_levers(const Vec3 (&x)[4], bool definite);

@@ -148,6 +148,11 @@ bool add_missed(Group& group);
 // false: it is not.
 bool solve_linear(Group& group, const StepContext& context, bool definite);
 using Which = Field Chain::*;
+// x = A^-1 b of the tendons, by the factors of the last solution. false: a direction of no curvature was met.
+bool apply_inverse(Group& group, const Options& o, Which b, Which x);
+// What friction limits that go with the step make of chain.step, where they change by more than `enough` [N]
+// (limits.cpp).
+void solve_limits(Group& group, const StepContext& context, double enough);
 // The sparse one: its factors, and x = A^-1 b.
 bool factorise_coupled(Group& group);
 void solve_coupled(Group& group, Which b, Which x);

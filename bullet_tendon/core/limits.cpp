@@ -1,0 +1,104 @@
+// Friction limits that go with the step, in the linear solution.
+//
+//   L_i = mu_i (N_0i - k_i (g_i + n_i.P_i u))   the limit of what slides, by the normal force after the step
+//   u A u = -(r + sum_i P_i^T d_i (L_i - l_i))    l_i the limit that r has, d_i = z_i/|z_i| (row.h)
+//
+// A is symmetric, and this coupling of friction with normal forces is not. By w = L - l it is
+//
+//   w - G w = w_0,   (G w)_i = mu_i k_i n_i.P_i A^-1 sum_j P_j^T d_j w_j,   w_0 of the step with w = 0,
+//
+// which needs nothing but solutions with the factors at hand: by generalised conjugate residuals (Eisenstat,
+// Elman and Schultz 1983). Were limits to follow forces from one iteration to the next, as many would be
+// needed as friction is large.
+#include <cmath>
+
+#include "assembly.h"
+#include "constants.h"
+
+namespace bt {
+
+namespace {
+
+using Numbers = dense::Numbers;
+
+double foreseen_force(const Group& group, const Row& row) {
+  const Vec3 moved = relative_position(group, row, &Chain::step);
+  return row.carried - row.stiffness * (row.gap + dot(row.normal, moved));
+}
+
+// Those about whose force two iterations agree, and w_0.
+void find_sliding(const Group& group, std::vector<Row*>& rows, Numbers& changes) {
+  for (Row* row : group.acting) {
+    if (row->direct || !row->sliding || row->friction <= 0 || row->limit <= 0) continue;
+    const double force = foreseen_force(group, *row);
+    if (!row->agrees(force)) continue;
+    rows.push_back(row), changes.push_back(row->friction * force - row->limit);
+  }
+}
+
+// What these changes of limits make of the step, to chain.solved (of opposite sign).
+void answer(Group& group, const Options& o, const std::vector<Row*>& rows, const Numbers& w) {
+  for (Chain* c : group.chains) c->column.zero();
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const Row& row = *rows[i];
+    const Vec3 force = (-w[i] / norm(row.raw)) * row.raw;
+    pull_back(group.at(row.a).column, row.a, force);
+    if (row.b.chain >= 0) pull_back(group.at(row.b).column, row.b, -1.0 * force);
+  }
+  project_holds(group, &Chain::column);
+  apply_inverse(group, o, &Chain::column, &Chain::solved);
+}
+
+// q = w - G w.
+void apply(Group& group, const Options& o, const std::vector<Row*>& rows, const Numbers& w, Numbers& q) {
+  answer(group, o, rows, w);
+  q = w;
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const Row& row = *rows[i];
+    q[i] -= row.friction * row.stiffness * dot(row.normal, relative_position(group, row, &Chain::solved));
+  }
+}
+
+void add(Numbers& to, double share, const Numbers& what) {
+  for (size_t i = 0; i < to.size(); ++i) to[i] += share * what[i];
+}
+
+// w, from the residual w_0 of w = 0.
+Numbers solve(Group& group, const Options& o, const std::vector<Row*>& rows, Numbers residual) {
+  const double enough = kLimitAccuracy * kLimitAccuracy * dense::dot(residual, residual);
+  Numbers w(rows.size(), 0.0);
+  std::vector<Numbers> ps, qs;  // directions, and what they make of the residual, of length one
+  for (int k = 0; k < kLimitSolutions && dense::dot(residual, residual) > enough; ++k) {
+    Numbers p = residual, q;
+    apply(group, o, rows, p, q);
+    for (size_t j = 0; j < ps.size(); ++j) {
+      const double share = -dense::dot(q, qs[j]);
+      add(q, share, qs[j]), add(p, share, ps[j]);
+    }
+    const double length = std::sqrt(dense::dot(q, q));
+    if (!(length > 0)) break;
+    for (double& v : p) v /= length;
+    for (double& v : q) v /= length;
+    const double share = dense::dot(residual, q);
+    add(w, share, p), add(residual, -share, q);
+    ps.push_back(std::move(p)), qs.push_back(std::move(q));
+  }
+  return w;
+}
+
+}  // namespace
+
+void solve_limits(Group& group, const StepContext& context, double enough) {
+  if (!group.bodies.empty()) return;
+  std::vector<Row*> rows;
+  Numbers changes;
+  find_sliding(group, rows, changes);
+  if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > enough)) return;
+  const Numbers w = solve(group, context.options, rows, changes);
+  answer(group, context.options, rows, w);
+  for (Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i) c->step[k][i] -= c->solved[k][i];
+}
+
+}  // namespace bt
