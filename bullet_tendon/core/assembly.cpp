@@ -59,7 +59,7 @@ void evaluate(Group& group, Row& row, bool at_position, bool definite) {
 // True residual of the group at chain.next; what holds supply is still in it.
 Assembly residual_of(Group& group, bool at_position, bool definite) {
   Assembly a;
-  clear_loads(group);
+  clear_loads(group), clear_pulls(group);
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
   for (size_t r = 0; r < group.rows.size(); ++r) {
     if (waits(group, r)) continue;
@@ -105,7 +105,7 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
   }
   load_carried(group);
   add_body_residual(group);
-  make_border(group);
+  make_border(group, definite);
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
 }

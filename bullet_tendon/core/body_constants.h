@@ -17,6 +17,15 @@ constexpr double kSubsteps = 0.6;
 // Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
 // Larger: what is thrown about is thrown back.
 constexpr double kFarthestTurn = 0.2;
+// Square of the angle that a body turns by in a step [rad^2], or of the share of a turn that the arm of a
+// pull would swing by in it, from which that is solved for with arms as they are at the end of the step [-].
+// Larger: light bodies swing up under taut tendons. Smaller: three more unknowns for what hardly turns, and
+// its swinging is damped.
+constexpr double kFarTurn = 0.25;
+// pybullet turns a body by the whole of its spin over a step up to this angle, and then by less [rad].
+constexpr double kTurnsAsTold = 0.78539816339744831;
+// Square of an angle under which its functions are taken by their series [rad^2].
+constexpr double kSmallTurn = 1e-3;
 // Rate at which pybullet cuts off what is faster [m/s], [rad/s]: what did that to it cannot be told. Share of
 // it from which a rate is taken for one that was cut off [-]: damping comes after.
 constexpr double kMostRate = 100.0;

@@ -36,12 +36,14 @@ void each_carried(Group& group, Do what) {
     for (const Hold& h : c->holds)
       if (h.moves) {
         Link& link = (*group.links)[h.link];
-        what(*c, h, link, to_world(link.pose, h.local) - link.centre);
+        what(*c, h, link, link.arm_of(h.local));
       }
 }
 
 void add_load(Link& link, Vec3 force, Vec3 arm) {
-  link.load.linear += force, link.load.angular += cross(arm, force);
+  const Vec3 now = link.now(arm);
+  link.load.linear += force, link.load.angular += cross(now, force);
+  if (link.turned.far) link.turned.add_pull(now, force);
 }
 
 // B^T of the loads on links, added to the numbers of their movers.
@@ -63,7 +65,7 @@ void load_carried(Group& group, Which forces) {
 // What the bodies' steps make of the particles that they carry.
 void carry_steps(Group& group, Which steps) {
   each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    (c.*steps).set(h.particle, link.stepped.at(arm));
+    (c.*steps).set(h.particle, link.stepped.at(link.now(arm)));
   });
 }
 
@@ -71,14 +73,16 @@ void place(Group& group) {
   for (int l : group.carried) {
     Link& link = (*group.links)[l];
     const Mover& m = (*group.movers)[link.mover];
-    link.given = scaled(reach_of(group), link.twist_of(m.y));
-    if (group.part_end == 1 && group.part_root == 1) continue;
-    const Twist before = scaled(group.part_end * group.reach, link.twist_of(m.gathered));
-    link.given.linear += before.linear, link.given.angular += before.angular;
+    link.given = scaled(reach_of(group), link.spin_of(m.y));
+    if (group.part_end != 1 || group.part_root != 1) {
+      const Twist before = scaled(group.part_end * group.reach, link.spin_of(m.gathered));
+      link.given.linear += before.linear, link.given.angular += before.angular;
+    }
+    if (link.turned.far) link.turn(m, group.part_end);
   }
   each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
     c.next.set(h.particle, h.target), c.next_tail.set(h.particle, Vec3{});
-    c.move(h.particle, link.given.at(arm));
+    c.move(h.particle, link.displaced(arm));
   });
 }
 
@@ -157,13 +161,22 @@ void step_bodies(Group& group) {
   carry_steps(group, &Chain::step);
 }
 
+Vec3 torque_of(const Group& group, const Hold& h, Vec3 force) {
+  const Link& link = (*group.links)[h.link];
+  return link.torque_of(force, link.arm_of(h.local));
+}
+
 Vec3 body_moved(const Group& group, const Row& row, bool by_step) {
   const Link& link = (*group.links)[row.link];
-  return (by_step ? link.stepped : link.given).at(row.arm);
+  return by_step ? link.stepped.at(link.now(row.arm)) : link.displaced(row.arm);
 }
 
 void clear_loads(Group& group) {
   for (int l : group.carried) (*group.links)[l].load = {};
+}
+
+void clear_pulls(Group& group) {
+  for (int l : group.carried) (*group.links)[l].turned.pulls = {{}, {}, {}};
 }
 
 void load_body(Group& group, const Row& row, Vec3 force) {

@@ -36,6 +36,7 @@ struct Hold {
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
   Vec3 mean_force;       // the same, averaged over the parts of a split step [N]
+  Vec3 mean_torque;      // of that, on a body that turns far (turned.h) [N m]
   Vec3 kept_force;       // mean_force of the part before [N]
   Vec3 sum_force;        // of the parts that are done, by their share of the step [N]
   Vec3 step_force;       // on the holder, averaged over the last step [N]

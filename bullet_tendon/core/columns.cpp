@@ -67,22 +67,23 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
 }
 
 // A row against a body: beside the block that it has in the tendon's own matrix.
-BT_WITHIN inline void couple(const Row& row, const Border& border, Panel& panel, LinkColumns& link) {
+BT_WITHIN inline void couple(const Row& row, Vec3 arm, const Border& border, Panel& panel,
+                             LinkColumns& link) {
   Eight u[3], pull[3], back[3];
-  place_at(link.twist, row.arm, u);
+  place_at(link.twist, arm, u);
   times(row.block, u, pull);
   pull_back(panel, row.a, pull);
   if (border.carried) {
     moved(panel, row.a, u), times(row.block, u, back);
     add(pull, -1, back);
   }
-  add_force(link.load, pull, row.arm);
+  add_force(link.load, pull, arm);
 }
 
 // The same of the levers of a mouth's row: its edge moves as the ends of the segment do, the other way.
-BT_WITHIN inline void couple_levers(const Row& row, Panel& panel, LinkColumns& link) {
+BT_WITHIN inline void couple_levers(const Row& row, Vec3 arm, Panel& panel, LinkColumns& link) {
   Eight u[3], along, at_end;
-  place_at(link.twist, row.arm, u);
+  place_at(link.twist, arm, u);
   for (int k = 0; k < row.levers; ++k) {
     const Vec3 ends[2] = {row.lever[k][0], row.lever[k][1]}, edge = -(ends[0] + ends[1]);
     dot(row.lever_share[k] * edge, u, &along);
@@ -94,7 +95,7 @@ BT_WITHIN inline void couple_levers(const Row& row, Panel& panel, LinkColumns& l
     }
     Eight force[3] = {};
     add(force, &sum, edge);
-    add_force(link.load, force, row.arm);
+    add_force(link.load, force, arm);
   }
 }
 
@@ -111,7 +112,7 @@ BT_WITHIN inline void each_carried(Group& group, Do what) {
     for (const Hold& h : group.chains[k]->holds)
       if (h.moves) {
         const Link& link = (*group.links)[h.link];
-        what(*group.chains[k], group.borders[k], h, to_world(link.pose, h.local) - link.centre);
+        what(*group.chains[k], group.borders[k], h, link.now(link.arm_of(h.local)));
       }
 }
 
@@ -201,8 +202,9 @@ BT_VECTOR void couple_rows(Group& group, size_t p) {
     if (!row->moves) continue;
     LinkColumns& link = group.of_links[row->link];
     if (!link.moves && !a.carried) continue;
-    couple(*row, a, a.panels[p], link);
-    if (row->kind == ContactKind::mouth) couple_levers(*row, a.panels[p], link);
+    const Vec3 arm = (*group.links)[row->link].now(row->arm);
+    couple(*row, arm, a, a.panels[p], link);
+    if (row->kind == ContactKind::mouth) couple_levers(*row, arm, a.panels[p], link);
   }
   each_carried(group, [&](Chain&, Border& border, const Hold& h, Vec3 arm) BT_WITHIN {
     add_force(group.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
@@ -225,6 +227,26 @@ BT_VECTOR void fill_corner(Group& group, int column) {
   }
 }
 
+// What the pulls at bodies that turn far make of their torques, as they turn; definite: without what would
+// swing them farther.
+void stiffen_turned(Group& group, bool definite) {
+  const int n = group.freedom;
+  for (int l : group.carried) {
+    const Link& link = (*group.links)[l];
+    if (!link.turned.far) continue;
+    const Mover& m = (*group.movers)[link.mover];
+    const double reach = group.part_root * group.reach;
+    const Sym3 k =
+        (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
+    auto spin = [&](int i) {
+      return Vec3{link.root[3 * m.freedom + i], link.root[4 * m.freedom + i], link.root[5 * m.freedom + i]};
+    };
+    for (int i = 0; i < m.freedom; ++i)
+      for (int j = 0; j < m.freedom; ++j)
+        group.corner[static_cast<size_t>(m.first + i) * n + m.first + j] += dot(spin(i), k * spin(j));
+  }
+}
+
 void project_holds(Group& group, size_t p) {
   for (size_t k = 0; k < group.chains.size(); ++k)
     for (const Hold& h : group.chains[k]->holds)
@@ -239,11 +261,12 @@ void project_holds(Group& group, size_t p) {
 
 }  // namespace
 
-void make_border(Group& group) {
+void make_border(Group& group, bool definite) {
   if (group.bodies.empty()) return;
   const int n = group.freedom;
   group.corner.assign(static_cast<size_t>(n) * n, 0.0);
   for (int k = 0; k < n; ++k) group.corner[k * n + k] = 1;
+  stiffen_turned(group, definite);
   find_spans(group);
   for (size_t p = 0; p * kLanes < static_cast<size_t>(n); ++p) {
     const int column = static_cast<int>(p) * kLanes;

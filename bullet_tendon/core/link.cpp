@@ -36,12 +36,38 @@ void Link::advance_to(double time) {
   const Vec3 arm = transposed_times(start_pose.rotation, start_pose.origin - start_centre);
   const double angle = time * norm(spin);
   pose.rotation = start_pose.rotation;
-  if (angle > 0) pose.rotation = rotation_about(unit_or(spin, {0, 0, 1}), angle) * pose.rotation;
+  if (angle > 0 && jacobian.empty())
+    pose.rotation = rotation_of_step(time * spin) * pose.rotation;
+  else if (angle > 0)
+    pose.rotation = rotation_about(unit_or(spin, {0, 0, 1}), angle) * pose.rotation;
   centre = start_centre + time * velocity;
   pose.origin = centre + pose.rotation * arm;
 }
 
+// The angular rows of what unknowns make of it are those of its spin, times T.
+void Link::turn(const Mover& m, double share) {
+  turned.turn_by(share, given.angular);
+  const size_t n = m.freedom;
+  reached = root;
+  for (size_t k = 0; k < n; ++k) {
+    const Vec3 d = turned.rate * Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]};
+    reached[3 * n + k] = d.x, reached[4 * n + k] = d.y, reached[5 * n + k] = d.z;
+  }
+}
+
+Vec3 Link::displaced(Vec3 arm) const {
+  if (!turned.far) return given.at(arm);
+  return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
+}
+
+Vec3 Link::torque_of(Vec3 f, Vec3 arm) const {
+  const Vec3 by = cross(now(arm), f);
+  return turned.far ? transposed_times(turned.rate, by) : by;
+}
+
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
+
+Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
 
 void Link::reach(const Mover& m) {
   if (m.freedom == m.n())

@@ -2,6 +2,7 @@
 // wrench that the tendons put on it.
 #pragma once
 #include "mover.h"
+#include "turned.h"
 #include "vec.h"
 
 namespace bt {
@@ -32,6 +33,7 @@ struct Link {
   // and the residual.
   dense::Numbers reached;  // (6 freedom)
   Twist given, stepped, load;
+  Turned turned;
 
   bool yields() const { return mover >= 0; }
   // Told anew, and the step's start still being the last one's.
@@ -54,8 +56,19 @@ struct Link {
     force += f;
     torque += cross(p - centre, f);
   }
+  // Of an attached point, from the centre of mass, as the part begins.
+  Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
+  // An arm as it is at the end of the part where the link turns far.
+  Vec3 now(Vec3 arm) const { return turned.far ? turned.rotation * arm : arm; }
+  // Turned as far as `share` of the part takes it, and as the unknowns do.
+  void turn(const Mover& m, double share);
+  // What the unknowns make of the place at the arm; turning, of its straight way as well.
+  Vec3 displaced(Vec3 arm) const;
+  // Torque of a force at the arm, on the rotation of the step.
+  Vec3 torque_of(Vec3 f, Vec3 arm) const;
   // The twist that unknowns (or their change) mean, over s, and the generalized force that a wrench means.
   Twist twist_of(const dense::Numbers& y) const;
+  Twist spin_of(const dense::Numbers& y) const;  // the same as its own spin, where it turns far
   void add_generalized(const dense::Numbers& through, const Twist& wrench, dense::Numbers& to) const;
 };
 

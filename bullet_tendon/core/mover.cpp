@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "body_constants.h"
 #include "constants.h"
 
 namespace bt {
@@ -38,7 +39,7 @@ void Mover::sense(Vec3 gravity) {
   doubt_stops();
   // Of several tendons, or what they press at, it cannot be told what they would have done.
   const bool told = !contacts.empty() && !slipped_;  // by contacts
-  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && !unknown, told);
+  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && (!unknown || turns), told);
   contacts_kept = false;
   gyration = gyroscopic();
 }
@@ -66,6 +67,17 @@ void Mover::foresee(double dt, Vec3 gravity) {
   root = observer.root();
   find_stops(dt);
   settle_stops(observer.forces(), dt);
+}
+
+bool Mover::turns_far(Vec3 spin, double dt) const {
+  Vec3 by;
+  double light = 0;
+  for (int k = 0; k < 6; ++k) {
+    const Vec3 e{root[18 + k], root[24 + k], root[30 + k]};
+    by += dot(e, torque) * e, light += dot(e, e);
+  }
+  const Vec3 turn = dt * (spin + dt * by);
+  return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarTurn;
 }
 
 void Mover::act(double dt) {

@@ -43,6 +43,10 @@ struct Mover {
   Numbers root;    // E, without what the stops take away in this step
   Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
   Numbers forces;  // generalized, of the tendons in this step
+  // Whether it turns far in this step, by the tendons' torque and pulls times arms [N m].
+  bool turns = false;
+  Vec3 torque;
+  double pull = 0;
   // In a solution.
   bool unknown = false;
   int freedom = 0;            // how many unknowns it has
@@ -77,6 +81,8 @@ struct Mover {
   bool note(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.
   void act(double dt);
+  // Whether it turns by far within dt, or its arms would under their pulls, with that spin foreseen.
+  bool turns_far(Vec3 spin, double dt) const;
   // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
   bool settle_stops(const Numbers& forces, double dt);
   // An impulse, generalized, changes its motion.

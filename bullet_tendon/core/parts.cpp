@@ -45,7 +45,10 @@ void World::begin_part() {
   context_.whole = whole_, context_.part = size_ < kUnits;
   context_.splitting = !can_split() ? Splitting::by_group : smallest ? Splitting::never : Splitting::by_world;
   looks_ = 0, looking_ = false;
+  find_turning();
   context_.reach = std::sqrt(time_of_part() * context_.dt);
+  for (Link& l : links)
+    l.turned.begun = (time_of_part() - context_.dt) * l.spin, l.turned.more = context_.dt * l.spin;
   for (Chain* c : slots_) {
     if (!c) continue;
     aim_attachments(*c);
@@ -100,7 +103,7 @@ Outcome World::solve() {
     if (can_split() && looks_ < kLooks && (strayed() || stray_))
       return ++looks_, looking_ = true, Outcome::again;
   }
-  if (settle_stops()) return solve_again();
+  if (settle_stops() || find_turning()) return solve_again();
   report_.take(attempt_);
   if (done_ + size_ == kUnits) return Outcome::done;
   next_part();
@@ -194,13 +197,22 @@ void World::next_part() {
 // What the part that was solved does to the links, after those before it.
 void World::push_links(double share) {
   for (Link& l : links) l.touching = 0, l.before_force = l.force, l.before_torque = l.torque;
-  auto push = [&](Link& link, Vec3 force, Vec3 point) { ++link.touching, link.apply(share * force, point); };
-  for (const Row& row : rows_)  // on the centreline's point, not on the surface: particles do not spin
-    if (row.link >= 0) push(links[row.link], -row.mean_force, row.a.of(slots_[row.a.chain]->next));
+  auto push = [&](Link& link, Vec3 force, Vec3 torque) {
+    ++link.touching, link.force += share * force, link.torque += share * torque;
+  };
+  for (const Row& row : rows_) {
+    if (row.link < 0) continue;
+    Link& link = links[row.link];
+    // On the centreline's point, not on the surface: particles do not spin.
+    const Vec3 point = row.a.of(slots_[row.a.chain]->next), force = -row.mean_force;
+    push(link, force, link.turned.far ? link.torque_of(force, row.arm) : cross(point - link.centre, force));
+  }
   for (const Chain* c : slots_)
     for (size_t i = 0; c && i < c->holds.size(); ++i) {
       const Hold& h = c->holds[i];
-      if (h.link >= 0) push(links[h.link], h.mean_force, to_world(links[h.link].pose, h.local));
+      if (h.link < 0) continue;
+      Link& link = links[h.link];
+      push(link, h.mean_force, link.turned.far ? h.mean_torque : cross(link.arm_of(h.local), h.mean_force));
     }
 }
 

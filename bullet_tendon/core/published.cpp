@@ -164,7 +164,7 @@ void single_linearisation(Group& group, const StepContext& context) {
     if (row->moves && row->normal_force > 0)
       load_body(group, *row, -1.0 * (row->block * row->a.of(group.at(row->a).goal)));
   start_body_residual(group);
-  make_border(group);
+  make_border(group, true);
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);
   solve_linear(group, context, true);

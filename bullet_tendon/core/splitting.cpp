@@ -28,13 +28,16 @@ void restore_multipliers(Group& group) {
 void add_means(Group& group, double weight) {
   for (Row* row : group.rows) row->mean_force += weight * row->total_force;
   for (Chain* c : group.chains)
-    for (Hold& h : c->holds) h.mean_force += weight * h.force;
+    for (Hold& h : c->holds) {
+      h.mean_force += weight * h.force;
+      if (h.link >= 0) h.mean_torque += weight * torque_of(group, h, h.force);
+    }
 }
 
 void clear_means(Group& group) {
   for (Row* row : group.rows) row->mean_force = {};
   for (Chain* c : group.chains)
-    for (Hold& h : c->holds) h.mean_force = {};
+    for (Hold& h : c->holds) h.mean_force = h.mean_torque = {};
 }
 
 // Attachments that stand for a body by a spring: what parts before have done to the body, F~ by their shares,

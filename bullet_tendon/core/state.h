@@ -43,9 +43,10 @@ void same_fields(A& a, Tunnel& tunnel) {
 template <class A>
 void fields(A& a, Hold& hold) {
   auto& [id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before,
-         target, viscosity, force, mean_force, kept_force, sum_force, step_force] = hold;
+         target, viscosity, force, mean_force, mean_torque, kept_force, sum_force, step_force] = hold;
   a(id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before, target,
     viscosity, force, mean_force, kept_force, sum_force, step_force);
+  a.scratch(mean_torque);
 }
 
 template <class A>
@@ -100,25 +101,26 @@ void fields(A& a, Stop& stop) {
 template <class A>
 void fields(A& a, Mover& mover) {
   auto& [rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
-         change, forces, unknown, freedom, basis, y, step, residual, gathered, first, lever, stopped_by,
-         stops, directions, pushes, unstopped, pushed, doubted, rested, slipped, known, half, direction,
-         through, within, within_acting, within_root, missing, given, along] = mover;
+         change, forces, turns, torque, pull, unknown, freedom, basis, y, step, residual, gathered, first,
+         lever, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested, slipped, known,
+         half, direction, through, within, within_acting, within_root, missing, given, along] = mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
   a(rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
-    change, unknown, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested, slipped);
-  a.scratch(freedom, basis, forces, y, step, residual, gathered, first, lever, known, half, direction,
-            through, within, within_acting, within_root, missing, given, along);
+    change, turns, unknown, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested,
+    slipped);
+  a.scratch(torque, pull, freedom, basis, forces, y, step, residual, gathered, first, lever, known, half,
+            direction, through, within, within_acting, within_root, missing, given, along);
 }
 
 template <class A>
 void fields(A& a, Link& link) {
   auto& [pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded,
          moved, jacobian, root, touches, touching, force, torque, before_force, before_torque, reached, given,
-         stepped, load] = link;
+         stepped, load, turned] = link;
   // As with movers.
   a(pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, mover, yielded, moved,
     jacobian, root, touches, touching, force, torque);
-  a.scratch(before_force, before_torque, reached, given, stepped, load);
+  a.scratch(before_force, before_torque, reached, given, stepped, load, turned);
 }
 
 template <class A>

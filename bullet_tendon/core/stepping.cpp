@@ -127,7 +127,10 @@ void solve(Group& group, const StepContext& context) {
     for (Row* row : group.rows)
       row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
     for (Chain* c : group.chains)
-      for (Hold& h : c->holds) h.mean_force = step_mean(*c, context, h.kept_force, h.force);
+      for (Hold& h : c->holds) {
+        h.mean_force = step_mean(*c, context, h.kept_force, h.force);
+        if (h.link >= 0) h.mean_torque = torque_of(group, h, h.mean_force);
+      }
   }
   for (Chain* c : group.chains) group.finite &= is_sane(*c, context);
 }

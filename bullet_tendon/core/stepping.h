@@ -171,13 +171,14 @@ void load_body(Group& group, const Row& row, Vec3 force);
 void load_carried(Group& group);
 // Residual, from the loads since they were cleared; added to what there is.
 void clear_loads(Group& group);
+void clear_pulls(Group& group);  // what turns the arms of loads
 void start_body_residual(Group& group);
 void add_body_residual(Group& group);
 // Largest residual, as a force at the point of theirs that yields most [N].
 double body_residual(const Group& group);
 double body_slope(const Group& group);
 // Their part of the matrix, before holds are taken out of the tendons' part (columns.cpp).
-void make_border(Group& group);
+void make_border(Group& group, bool definite);
 // Of panel p (complement.cpp): a column of it to chain.column, and its answer from chain.solved.
 void take_column(Group& group, size_t p, int lane);
 void put_answer(Group& group, size_t p, int lane);
@@ -187,6 +188,8 @@ void take_complement(Group& group, size_t p, size_t q);
 void take_steps(Group& group, size_t p);
 // chain.column = residual - C corner_side: what the bodies' step leaves for the tendons.
 void answer_bodies(Group& group);
+// Torque of a force at an attachment, as the solution turns the body.
+Vec3 torque_of(const Group& group, const Hold& h, Vec3 force);
 Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
 // The rows that act now, for the matrix.

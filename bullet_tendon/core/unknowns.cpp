@@ -16,7 +16,7 @@ void World::each_touch(Do what) const {
       if (h.link < 0 || !links[h.link].yields()) continue;
       const int mover = links[h.link].mover;
       const Mover& m = movers[mover];
-      const bool loose = links[h.link].jacobian.empty() && !m.observer.held() && !m.is_stopped();
+      const bool loose = links[h.link].jacobian.empty() && !m.observer.held() && !m.is_stopped() && !m.turns;
       what(mover, loose ? 1 : 2, static_cast<int>(c));
     }
   for (const Row& row : rows_)
@@ -35,6 +35,7 @@ bool World::find_unknowns() {
     other |= unknown != movers[m].unknown;
     movers[m].unknown = unknown;
   }
+  for (Link& l : links) l.turned.far = l.yields() && movers[l.mover].unknown && movers[l.mover].turns;
   for (Row& row : rows_)
     row.moves = row.link >= 0 && links[row.link].yields() && movers[links[row.link].mover].unknown;
   return other;
@@ -80,7 +81,7 @@ void World::narrow_bodies() {
   };
   for (Mover& m : movers) m.freedom = 0, m.basis.clear();
   each_reached([&](const Link& link, int count, Vec3) { movers[link.mover].freedom += count; });
-  for (Mover& m : movers) m.freedom = !m.unknown || m.freedom >= m.n() ? m.n() : 0;
+  for (Mover& m : movers) m.freedom = !m.unknown || m.turns || m.freedom >= m.n() ? m.n() : 0;
   each_reached([&](const Link& link, int count, Vec3 arm) {
     Mover& m = movers[link.mover];
     for (int k = 0; k < count && m.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
@@ -98,6 +99,29 @@ void World::sum_forces(double scale, bool of_part) {
     const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
     l.add_generalized(l.jacobian, {scale * force, scale * torque}, movers[l.mover].forces);
   }
+}
+
+// Marks bodies that turn far, by the forces of the last solution. true: one that was not marked.
+bool World::find_turning() {
+  if (whole_ || options.integrator == Integrator::explicit_euler || options.iteration == Iteration::single)
+    return false;
+  for (Mover& m : movers) m.torque = {}, m.pull = 0;
+  auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
+    if (link < 0 || !links[link].yields() || !links[link].jacobian.empty()) return;
+    Mover& m = movers[links[link].mover];
+    m.torque += cross(arm, force), m.pull += norm(arm) * norm(force);
+  };
+  for (const Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i)
+      if (const Hold& h = c->holds[i]; h.link >= 0) add_pull(h.link, links[h.link].arm_of(h.local), h.force);
+  for (const Row& row : rows_) add_pull(row.link, row.arm, -row.mean_force);
+  bool any = false;
+  for (const Link& l : links) {
+    if (!l.yields() || !(movers[l.mover].pull > 0) || movers[l.mover].turns) continue;
+    movers[l.mover].turns = movers[l.mover].turns_far(l.spin, whole_dt_);
+    any |= movers[l.mover].turns;
+  }
+  return any;
 }
 
 // Whether limits and contacts act with the forces of this solution that were not foreseen to, or the other

@@ -186,6 +186,7 @@ void World::begin(double dt, Vec3 gravity, bool whole) {
   way_back_ = !whole && any_moved();
   if (!begun_) before_links_.swap(kept_links_), before_movers_.swap(kept_movers_);
   begun_ = true;
+  for (Mover& m : movers) m.turns = false;
   if (way_back_) before_links_ = links, before_movers_ = movers;
   rouse_disturbed(dt);
   join_step();

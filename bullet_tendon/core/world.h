@@ -157,6 +157,7 @@ class World {
   void narrow_bodies();
   void sum_forces(double scale, bool of_part);
   void push_bodies();
+  bool find_turning();
   bool settle_stops();
   std::vector<char> solid_links() const;
   // groups.cpp
