@@ -1,4 +1,4 @@
-"""Friction limits that go with the step: what slides takes hardly more iterations than what has no friction."""
+"""Friction limits that go with the step: sliding takes hardly more iterations than no friction does."""
 
 import numpy as np
 import pybullet as p
