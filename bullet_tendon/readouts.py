@@ -24,6 +24,8 @@ class ReadsOut:
         """(6,) force [N] and torque about the centre of mass [N m] of all tendons on a link.
 
         World frame, of the last step; zero for links that no tendon can touch. Static links too.
+        On a free body that turns by a tenth of a radian or more within the step, or would be swung by half
+        of one, arms are those that it turns to.
         """
         self._bodies.require(bodyUniqueId, linkIndex)
         slot = self._bodies.find_slot(bodyUniqueId, linkIndex)

@@ -17,11 +17,14 @@ constexpr double kSubsteps = 0.6;
 // Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
 // Larger: what is thrown about is thrown back.
 constexpr double kFarthestTurn = 0.2;
-// Square of the angle that a body turns by in a step [rad^2], or of the share of a turn that the arm of a
-// pull would swing by in it, from which that is solved for with arms as they are at the end of the step [-].
-// Larger: light bodies swing up under taut tendons. Smaller: three more unknowns for what hardly turns, and
-// its swinging is damped.
-constexpr double kFarTurn = 0.25;
+// Square of the angle that a body turns by in a step [rad^2] from which it is solved for with arms as they
+// are at the end of the step. Larger: what is attached lags behind. Smaller: three more unknowns for what
+// hardly turns, and its swinging is damped.
+constexpr double kFarTurn = 0.01;
+// The same of the share of a turn that the arm of a pull would swing by in it, dt^2 |f| |r| / (moment of
+// inertia) [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: bodies that
+// hardly turn are pushed by other torques than arms at the start of the step have.
+constexpr double kFarSwing = 0.25;
 // pybullet turns a body by the whole of its spin over a step up to this angle, and then by less [rad].
 constexpr double kTurnsAsTold = 0.78539816339744831;
 // Square of an angle under which its functions are taken by their series [rad^2].

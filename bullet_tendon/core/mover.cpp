@@ -77,7 +77,7 @@ bool Mover::turns_far(Vec3 spin, double dt) const {
     by += dot(e, torque) * e, light += dot(e, e);
   }
   const Vec3 turn = dt * (spin + dt * by);
-  return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarTurn;
+  return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarSwing;
 }
 
 void Mover::act(double dt) {
