@@ -63,8 +63,9 @@ class BandFactor {
   void columns_inwards(int from, At at, Eight* next, Eight* after) const;
   template <int H, int Lane, class At>
   void columns_outwards(int to, At at) const;
-  void columns_middle(Eight* y) const;
   bool factorise_middle(const Band& a);
+  // Of as many right-hand sides side by side: the middle's blocks in y, each number with its Width of them.
+  template <int Width>
   void solve_middle(double* y) const;
 
   struct Pivot {
@@ -76,5 +77,21 @@ class BandFactor {
   Lanes left_[3][9];  // what the ends leave in the middle: on the first, the second block and between
   double dense_[81];  // the middle, unit lower triangle and inverse diagonal
 };
+
+template <int Width>
+BT_WITHIN inline void BandFactor::solve_middle(double* y) const {
+  const int m = 3 * middle_;
+  auto take = [&](int i, int j, double share) BT_WITHIN {
+    double *to = y + Width * i, *from = y + Width * j;
+#pragma GCC ivdep
+    for (int k = 0; k < Width; ++k) to[k] -= share * from[k];
+  };
+  for (int i = 0; i < m; ++i)
+    for (int j = 0; j < i; ++j) take(i, j, dense_[9 * i + j]);
+  for (int i = 0; i < m; ++i)
+    for (int k = 0; k < Width; ++k) y[Width * i + k] *= dense_[9 * i + i];
+  for (int i = m - 1; i >= 0; --i)
+    for (int j = i + 1; j < m; ++j) take(i, j, dense_[9 * j + i]);
+}
 
 }  // namespace bt

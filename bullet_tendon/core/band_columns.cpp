@@ -62,15 +62,6 @@ BT_WITHIN inline void BandFactor::columns_outwards(int to, At at) const {
   }
 }
 
-BT_WITHIN inline void BandFactor::columns_middle(Eight* y) const {
-  const int m = 3 * middle_;
-  for (int i = 0; i < m; ++i)
-    for (int j = 0; j < i; ++j) y[i] -= dense_[9 * i + j] * y[j];
-  for (int i = 0; i < m; ++i) y[i] *= dense_[9 * i + i];
-  for (int i = m - 1; i >= 0; --i)
-    for (int j = i + 1; j < m; ++j) y[i] -= dense_[9 * j + i] * y[j];
-}
-
 template <int H>
 BT_WITHIN inline void BandFactor::columns_ends(int first, int last, Columns& x) const {
   const int w = middle_;
@@ -81,7 +72,7 @@ BT_WITHIN inline void BandFactor::columns_ends(int first, int last, Columns& x) 
   columns_inwards<H, 1>(n_ - 1 - last, bottom, next[1], after[1]);
   subtract(x.at(steps_), next[0]), subtract(x.at(steps_ + w - 1), next[1]);
   if (H == 2 && steps_ > 0) subtract(x.at(steps_ + 1), after[0]), subtract(x.at(steps_ + w - 2), after[1]);
-  columns_middle(x.at(steps_));
+  solve_middle<kLanes>(x.number(steps_));
   columns_outwards<H, 0>(first, top);
   columns_outwards<H, 1>(n_ - 1 - last, bottom);
 }

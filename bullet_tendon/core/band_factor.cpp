@@ -171,15 +171,6 @@ void BandFactor::solve(const Field& b, Field& x, int first, int last) const {
   half_ == 1 ? solve_ends<1>(b, x, to) : solve_ends<2>(b, x, to);
 }
 
-void BandFactor::solve_middle(double* y) const {
-  const int m = 3 * middle_;
-  for (int i = 0; i < m; ++i)
-    for (int j = 0; j < i; ++j) y[i] -= dense_[9 * i + j] * y[j];
-  for (int i = 0; i < m; ++i) y[i] *= dense_[9 * i + i];
-  for (int i = m - 1; i >= 0; --i)
-    for (int j = i + 1; j < m; ++j) y[i] -= dense_[9 * j + i] * y[j];
-}
-
 // Back from the middle to the steps `to` of both ends.
 template <int H>
 void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
@@ -207,7 +198,7 @@ void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
     y[c] -= first[c][0], y[3 * (w - 1) + c] -= first[c][1];
     if (H == 2 && steps_ > 0) y[3 + c] -= second[c][0], y[3 * (w - 2) + c] -= second[c][1];
   }
-  solve_middle(y);
+  solve_middle<1>(y);
   for (int i = 0; i < w; ++i)
     for (int c = 0; c < 3; ++c) x[c][steps_ + i] = y[3 * i + c];
   for (int s = steps_ - 1; s >= to; --s) {

@@ -26,12 +26,10 @@ BT_VECTOR void ranges_of(const double* from, const double* to, int n, double* le
   }
 }
 
-Travel travel_in(Vec3 low, Vec3 high) { return {0.5 * (low + high), 0.5 * norm(high - low)}; }
-
 }  // namespace
 
 void Courses::fit_leaves(const Chain& c) {
-  const int leaves = (c.n() - 1 + kLeafSegments - 1) / kLeafSegments;
+  const int leaves = leaves_of(c.n() - 1);
   if (least_.size() != leaves) least_.resize(6, leaves), most_.resize(6, leaves);
   for (int k = 0; k < 3; ++k) {
     ranges_of(last_[k], c.x[k], c.n(), least_[k], most_[k]);
@@ -55,9 +53,9 @@ void Courses::look(const Chain& c, const Strands& strands) {
       const Ranges &p = ranges_[i + 1], &q = ranges_[s.second];
       r = {lowest(p.low, q.low), highest(p.high, q.high), lowest(p.near, q.near), highest(p.far, q.far)};
     }
-    const Travel now = travel_in(r.low, r.high);
+    const Travel now = travel_between(r.low, r.high);
     courses_[i].gone.by += now.by, courses_[i].gone.off += now.off;
-    courses_[i].way = travel_in(r.near, r.far);
+    courses_[i].way = travel_between(r.near, r.far);
   }
   last_ = c.x;
 }

@@ -89,7 +89,7 @@ struct Watch {
     if (self && s.i == s.j) {
       measure(pair_of(s.i + 1, s.i + 1)), measure(pair_of(p.second, p.second));
       measure(pair_of(s.i + 1, p.second));
-    } else if (q.second < 0 || (p.second >= 0 && p.last - p.first >= q.last - q.first)) {
+    } else if (divides_first(p, q)) {
       measure(pair_of(s.i + 1, s.j)), measure(pair_of(p.second, s.j));
     } else {
       measure(pair_of(s.i, s.j + 1)), measure(pair_of(s.i, q.second));

@@ -21,16 +21,11 @@ namespace {
 
 using Numbers = dense::Numbers;
 
-double foreseen_force(const Group& group, const Row& row) {
-  const Vec3 moved = relative_position(group, row, &Chain::step);
-  return row.carried - row.stiffness * (row.gap + dot(row.normal, moved));
-}
-
 // Those about whose force two iterations agree, and w_0.
 void find_sliding(const Group& group, std::vector<Row*>& rows, Numbers& changes) {
   for (Row* row : group.acting) {
     if (row->direct || !row->sliding || row->friction <= 0 || row->limit <= 0) continue;
-    const double force = foreseen_force(group, *row);
+    const double force = row->force_after(relative_position(group, *row, &Chain::step));
     if (!row->agrees(force)) continue;
     rows.push_back(row), changes.push_back(row->friction * force - row->limit);
   }
@@ -96,9 +91,7 @@ void solve_limits(Group& group, const StepContext& context, double enough) {
   if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > enough)) return;
   const Numbers w = solve(group, context.options, rows, changes);
   answer(group, context.options, rows, w);
-  for (Chain* c : group.chains)
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i) c->step[k][i] -= c->solved[k][i];
+  combine(group, -1, &Chain::solved, 1, &Chain::step);
 }
 
 }  // namespace bt

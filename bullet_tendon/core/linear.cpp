@@ -27,15 +27,6 @@ void multiply(Group& group) {
   project_holds(group, &Chain::cg_image);
 }
 
-namespace {
-
-double inner_product(const Group& group, Which a, Which b) {
-  double sum = 0;
-  for (const Chain* c : group.chains) sum += inner(c->*a, c->*b);
-  return sum;
-}
-
-// y = alpha x + beta y for every chain.
 void combine(Group& group, double alpha, Which x, double beta, Which y) {
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k) {
@@ -43,6 +34,14 @@ void combine(Group& group, double alpha, Which x, double beta, Which y) {
       double* to = (c->*y)[k];
       for (int i = 0; i < c->n(); ++i) to[i] = alpha * from[i] + beta * to[i];
     }
+}
+
+namespace {
+
+double inner_product(const Group& group, Which a, Which b) {
+  double sum = 0;
+  for (const Chain* c : group.chains) sum += inner(c->*a, c->*b);
+  return sum;
 }
 
 void prepare_blocks(Chain& c) {

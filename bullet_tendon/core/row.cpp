@@ -100,7 +100,7 @@ void Row::settle(Vec3 relative) {
 }
 
 void Row::foresee(Vec3 moved) {
-  multiplier = std::max(0.0, carried - stiffness * (gap + dot(normal, moved)));
+  multiplier = std::max(0.0, force_after(moved));
   if (friction <= 0 || limit <= 0) return;
   Vec3 next = raw + without(moved, normal);
   sliding = grip * norm(next) > limit && !(sliding && dot(next, raw) < 0);

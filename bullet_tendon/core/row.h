@@ -113,6 +113,8 @@ struct Row {
   // Friction's limit from now on [N]. What had none slid freely: taken to stick, it would be pulled back all
   // the way that it has slid.
   void limit_friction(double most);
+  // The normal force that the linearisation foresees there; below 0 where it lets go.
+  double force_after(Vec3 moved) const { return carried - stiffness * (gap + dot(normal, moved)); }
   // The normal force, and whether the contact slides, in the next iteration, from the relative
   // displacement that this one found. Both are multipliers like those of springs: judged by present
   // positions they are wild, because contacts are stiff. What sticks slides when its force would

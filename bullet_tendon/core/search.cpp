@@ -76,8 +76,7 @@ struct Seeker {
     }
     if (!self || !joined(p.last - 1, q.first)) bound(distance + radii);
     if (p.second < 0 && q.second < 0) return segments(p, q);
-    const bool first = q.second < 0 || (p.second >= 0 && p.last - p.first >= q.last - q.first);
-    if (first)
+    if (divides_first(p, q))
       both(i + 1, j), both(p.second, j);
     else
       both(i, j + 1), both(i, q.second);

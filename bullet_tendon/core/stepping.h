@@ -148,6 +148,8 @@ bool add_missed(Group& group);
 // false: it is not.
 bool solve_linear(Group& group, const StepContext& context, bool definite);
 using Which = Field Chain::*;
+// y = alpha x + beta y, of every tendon.
+void combine(Group& group, double alpha, Which x, double beta, Which y);
 // x = A^-1 b of the tendons, by the factors of the last solution. false: a direction of no curvature was met.
 bool apply_inverse(Group& group, const Options& o, Which b, Which x);
 // What friction limits that go with the step make of chain.step, where they change by more than `enough` [N]

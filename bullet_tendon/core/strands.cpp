@@ -47,6 +47,12 @@ double between_segments(const Field& x, int k, const Field& y, int m) {
   return apart(x.at(k), x.at(k + 1), y.at(m), y.at(m + 1));
 }
 
+int leaves_of(int segments) { return (segments + kLeafSegments - 1) / kLeafSegments; }
+
+bool divides_first(const Strand& p, const Strand& q) {
+  return q.second < 0 || (p.second >= 0 && p.last - p.first >= q.last - q.first);
+}
+
 void Strands::look(int segments) {
   if (strands_.empty() || strands_[0].last != segments) strands_.clear(), build(0, segments);
   fitted_.assign(strands_.size(), 0);
@@ -57,7 +63,7 @@ int Strands::build(int first, int last) {
   const int at = size();
   strands_.push_back({});
   strands_[at].first = first, strands_[at].last = last;
-  const int leaves = (last - first + kLeafSegments - 1) / kLeafSegments;
+  const int leaves = leaves_of(last - first);
   if (leaves <= 1) return at;
   const int middle = first + (leaves + 1) / 2 * kLeafSegments;
   build(first, middle);

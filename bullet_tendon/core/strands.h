@@ -42,6 +42,10 @@ class Strands {
 
 // The cosine of the cone around both, and its axis.
 double straightness_of_both(const Strand& p, const Strand& q, Vec3& heading);
+// How many leaves so many segments have.
+int leaves_of(int segments);
+// Of two strands that are not both leaves: whether the first is divided, or the second.
+bool divides_first(const Strand& p, const Strand& q);
 // Between two chords, and two segments.
 double between(const Strand& p, const Strand& q);
 double between_segments(const Field& x, int k, const Field& y, int m);

@@ -45,8 +45,7 @@ Travel travel_in(const Range (&range)[3]) {
       for (int l = 0; l < half; ++l) p[l] = std::min(p[l], p[l + half]), q[l] = std::max(q[l], q[l + half]);
     lo[c] = p[0], hi[c] = q[0];
   }
-  const Vec3 low{lo[0], lo[1], lo[2]}, high{hi[0], hi[1], hi[2]};
-  return {0.5 * (low + high), 0.5 * norm(high - low)};
+  return travel_between({lo[0], lo[1], lo[2]}, {hi[0], hi[1], hi[2]});
 }
 
 }  // namespace

@@ -10,6 +10,9 @@ struct Travel {
   double off = 0;
 };
 
+// Of what all moves by something from `low` to `high`.
+inline Travel travel_between(Vec3 low, Vec3 high) { return {0.5 * (low + high), 0.5 * norm(high - low)}; }
+
 // What a tendon does: since a place of reference, and, as foreseen, in the step.
 class Traveller {
  public:
