@@ -71,8 +71,8 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
     add_row_force(group, *row);
   }
   for (Chain* c : group.chains) read_holds(*c);
-  load_carried(group);
-  start_body_residual(group);
+  load_carried(group, &Chain::residual);
+  start_body_residual(group, 1);
   return a;
 }
 
@@ -103,7 +103,7 @@ void assemble(Group& group, Linearisation how, bool definite, bool definite_rows
     add_row_block(group, *row);
     add_row_linearisation(group, *row);
   }
-  load_carried(group);
+  load_carried(group, &Chain::residual);
   add_body_residual(group);
   make_border(group, definite);
   project_holds(group, &Chain::residual);

@@ -55,13 +55,6 @@ void add_generalized_loads(const Group& group, Numbers numbers_of) {
   }
 }
 
-// Forces on the particles that bodies carry are loads on these.
-void load_carried(Group& group, Which forces) {
-  each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    add_load(link, (c.*forces).at(h.particle), arm);
-  });
-}
-
 // What the bodies' steps make of the particles that they carry.
 void carry_steps(Group& group, Which steps) {
   each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
@@ -149,16 +142,16 @@ void advance_bodies(Group& group, double alpha) {
   place(group);
 }
 
-void step_bodies(Group& group) {
+void move_bodies(Group& group, double share, Which x) {
   if (group.bodies.empty()) return;
   each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.freedom; ++k) m.step[k] = -group.corner_side[m.first + k];
+    for (int k = 0; k < m.freedom; ++k) m.step[k] = share * group.corner_side[m.first + k];
   });
   for (int l : group.carried) {
     Link& link = (*group.links)[l];
     link.stepped = scaled(reach_of(group), link.twist_of((*group.movers)[link.mover].step));
   }
-  carry_steps(group, &Chain::step);
+  carry_steps(group, x);
 }
 
 Vec3 torque_of(const Group& group, const Hold& h, Vec3 force) {
@@ -183,10 +176,16 @@ void load_body(Group& group, const Row& row, Vec3 force) {
   add_load((*group.links)[row.link], force, row.arm);
 }
 
-void load_carried(Group& group) { load_carried(group, &Chain::residual); }
+void load_carried(Group& group, Which forces) {
+  each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+    add_load(link, (c.*forces).at(h.particle), arm);
+  });
+}
 
-void start_body_residual(Group& group) {
-  each_body(group, [](Mover& m) { m.residual = m.y; });
+void start_body_residual(Group& group, double share) {
+  each_body(group, [share](Mover& m) {
+    for (int k = 0; k < m.freedom; ++k) m.residual[k] = share * m.y[k];
+  });
   add_body_residual(group);
 }
 

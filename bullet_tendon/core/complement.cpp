@@ -30,12 +30,12 @@ BT_VECTOR void multiply_answers(const Group& group, size_t p, size_t q, int rows
               : multiply_answers<kLanes>(group, p, q, sums);
 }
 
-// C^T A^-1 r_x, of panel p.
-BT_VECTOR void multiply_steps(const Group& group, size_t p, Eight& sum) {
+// C^T x, of panel p.
+BT_VECTOR void multiply_steps(const Group& group, size_t p, Which x, Eight& sum) {
   for (size_t k = 0; k < group.borders.size(); ++k) {
     const Border& border = group.borders[k];
     for (int i : border.pulled)
-      for (int c = 0; c < 3; ++c) sum += group.chains[k]->step[c][i] * border.panels[p].pulls.at(i)[c];
+      for (int c = 0; c < 3; ++c) sum += (group.chains[k]->*x)[c][i] * border.panels[p].pulls.at(i)[c];
   }
 }
 
@@ -80,14 +80,14 @@ void take_complement(Group& group, size_t p, size_t q) {
     }
 }
 
-void take_steps(Group& group, size_t p) {
+void take_steps(Group& group, size_t p, Which x) {
   Eight sum{};
-  multiply_steps(group, p, sum);
+  multiply_steps(group, p, x, sum);
   for (int j = 0; j < count_of(group, p); ++j) group.corner_side[first_of(p) + j] -= sum[j];
 }
 
-void answer_bodies(Group& group) {
-  for (Chain* c : group.chains) c->column = c->residual;
+void answer_bodies(Group& group, Which b) {
+  if (b != &Chain::column) combine(group, 1, b, 0, &Chain::column);
   for (size_t p = 0; first_of(p) < group.freedom; ++p) {
     Eight shares{};
     for (int j = 0; j < count_of(group, p); ++j) shares[j] = group.corner_side[first_of(p) + j];

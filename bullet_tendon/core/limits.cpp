@@ -34,14 +34,19 @@ void find_sliding(const Group& group, std::vector<Row*>& rows, Numbers& changes)
 // What these changes of limits make of the step, to chain.solved (of opposite sign).
 void answer(Group& group, const Options& o, const std::vector<Row*>& rows, const Numbers& w) {
   for (Chain* c : group.chains) c->column.zero();
+  clear_loads(group);
   for (size_t i = 0; i < rows.size(); ++i) {
     const Row& row = *rows[i];
     const Vec3 force = (-w[i] / norm(row.raw)) * row.raw;
     pull_back(group.at(row.a).column, row.a, force);
     if (row.b.chain >= 0) pull_back(group.at(row.b).column, row.b, -1.0 * force);
+    if (row.moves) load_body(group, row, force);
   }
+  load_carried(group, &Chain::column);
+  start_body_residual(group, 0);
   project_holds(group, &Chain::column);
-  apply_inverse(group, o, &Chain::column, &Chain::solved);
+  solve_again(group, o, &Chain::column, &Chain::solved);
+  move_bodies(group, 1, &Chain::solved);
 }
 
 // q = w - G w.
@@ -84,14 +89,16 @@ Numbers solve(Group& group, const Options& o, const std::vector<Row*>& rows, Num
 }  // namespace
 
 void solve_limits(Group& group, const StepContext& context, double enough) {
-  if (!group.bodies.empty()) return;
   std::vector<Row*> rows;
   Numbers changes;
   find_sliding(group, rows, changes);
   if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > enough)) return;
+  const Numbers of_bodies = group.bodies.empty() ? Numbers{} : group.corner_side;
   const Numbers w = solve(group, context.options, rows, changes);
   answer(group, context.options, rows, w);
   combine(group, -1, &Chain::solved, 1, &Chain::step);
+  if (!group.bodies.empty()) add(group.corner_side, 1, of_bodies);
+  move_bodies(group, -1, &Chain::step);
 }
 
 }  // namespace bt

@@ -157,40 +157,48 @@ bool keeps_inertia(Group& group) {
   return keeps;
 }
 
-// The step of the bodies, and what it makes of that of the tendons (all of opposite sign).
-bool solve_bodies(Group& group, const Options& o, bool definite) {
-  if (!apply_inverse_at_border(group, o, &Chain::residual, &Chain::step)) return false;
-  const int n = group.freedom;
-  group.corner_side.resize(n);
+size_t panels_of(const Group& group) { return (group.freedom + kLanes - 1) / kLanes; }
+
+// The complement of the tendons, and its root.
+bool factorise_bodies(Group& group, const Options& o, bool definite) {
+  for (size_t p = 0; p < panels_of(group); ++p) {
+    if (!answer_columns(group, o, p)) return false;
+    for (size_t q = p; q < panels_of(group); ++q) take_complement(group, p, q);
+  }
+  if (!definite && !keeps_inertia(group)) return false;
+  dense::root(group.freedom, group.corner, group.corner_root);
+  return true;
+}
+
+// What bodies make of it beside the tendons, to corner_side.
+bool solve_bodies(Group& group, const Options& o, Which b, Which x) {
+  if (!apply_inverse_at_border(group, o, b, x)) return false;
+  group.corner_side.resize(group.freedom);
   for (int m : group.bodies) {
     const Mover& mover = (*group.movers)[m];
     std::copy(mover.residual.begin(), mover.residual.end(), group.corner_side.begin() + mover.first);
   }
-  const size_t panels = (n + kLanes - 1) / kLanes;
-  for (size_t p = 0; p < panels; ++p) {
-    if (!answer_columns(group, o, p)) return false;
-    for (size_t q = p; q < panels; ++q) take_complement(group, p, q);
-    take_steps(group, p);
-  }
-  if (!definite && !keeps_inertia(group)) return false;
-  dense::root(n, group.corner, group.corner_root);
+  for (size_t p = 0; p < panels_of(group); ++p) take_steps(group, p, x);
   dense::solve(group.corner_root, group.corner_side);
-  answer_bodies(group);
-  return apply_inverse(group, o, &Chain::column, &Chain::step);
+  answer_bodies(group, b);
+  return apply_inverse(group, o, &Chain::column, x);
 }
 
 }  // namespace
 
+bool solve_again(Group& group, const Options& o, Which b, Which x) {
+  return group.bodies.empty() ? apply_inverse(group, o, b, x) : solve_bodies(group, o, b, x);
+}
+
 bool solve_linear(Group& group, const StepContext& context, bool definite) {
   const Options& o = context.options;
   if (!factorise(group, o)) return false;
-  if (group.bodies.empty() ? !apply_inverse(group, o, &Chain::residual, &Chain::step)
-                           : !solve_bodies(group, o, definite))
-    return false;
+  if (!group.bodies.empty() && !factorise_bodies(group, o, definite)) return false;
+  if (!solve_again(group, o, &Chain::residual, &Chain::step)) return false;
   for (Chain* c : group.chains)
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->step[k][i] = -c->step[k][i];
-  step_bodies(group);
+  move_bodies(group, -1, &Chain::step);
   return true;
 }
 

@@ -159,11 +159,11 @@ void single_linearisation(Group& group, const StepContext& context) {
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->residual[k][i] += c->cg_image[k][i];
   for (Chain* c : group.chains) c->goal = c->cg_direction;  // u_0
-  load_carried(group);
+  load_carried(group, &Chain::residual);
   for (Row* row : group.rows)
     if (row->moves && row->normal_force > 0)
       load_body(group, *row, -1.0 * (row->block * row->a.of(group.at(row->a).goal)));
-  start_body_residual(group);
+  start_body_residual(group, 1);
   make_border(group, true);
   project_holds(group, &Chain::residual);
   hold_in_matrix(group);

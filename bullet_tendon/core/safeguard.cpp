@@ -42,7 +42,7 @@ void halve_step(Group& group) {
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->step[k][i] *= 0.5;
   for (double& y : group.corner_side) y *= 0.5;
-  step_bodies(group);
+  move_bodies(group, -1, &Chain::step);
 }
 
 // Regula falsi on the slope; no potential needed, so no cancellation.

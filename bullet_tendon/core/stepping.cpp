@@ -138,7 +138,7 @@ void solve(Group& group, const StepContext& context) {
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where) {
   const Vec3 a = row.a.of(group.at(row.a).*where);
   if (row.b.chain >= 0) return a - row.b.of(group.at(row.b).*where);
-  return row.moves && where != &Chain::x ? a - body_moved(group, row, where == &Chain::step) : a;
+  return row.moves && where != &Chain::x ? a - body_moved(group, row, where != &Chain::next) : a;
 }
 
 namespace {

@@ -152,6 +152,8 @@ using Which = Field Chain::*;
 void combine(Group& group, double alpha, Which x, double beta, Which y);
 // x = A^-1 b of the tendons, by the factors of the last solution. false: a direction of no curvature was met.
 bool apply_inverse(Group& group, const Options& o, Which b, Which x);
+// The same with the bodies, whose right-hand side is their residual, and their part of x in corner_side.
+bool solve_again(Group& group, const Options& o, Which b, Which x);
 // What friction limits that go with the step make of chain.step, where they change by more than `enough` [N]
 // (limits.cpp).
 void solve_limits(Group& group, const StepContext& context, double enough);
@@ -166,15 +168,15 @@ void forget_bodies(Group& group);  // y = 0
 void start_parts(Group& group);
 void gather_bodies(Group& group, double share);
 void advance_bodies(Group& group, double alpha);
-// The step of the unknowns, opposite to corner_side, and where it takes the particles.
-void step_bodies(Group& group);
+// The step of the unknowns, a share of corner_side, and where it takes the particles, in x.
+void move_bodies(Group& group, double share, Which x);
 // Forces on them: of a row, more than those known before; and those on the particles they carry.
 void load_body(Group& group, const Row& row, Vec3 force);
-void load_carried(Group& group);
-// Residual, from the loads since they were cleared; added to what there is.
+void load_carried(Group& group, Which forces);
+// Residual, from the loads since they were cleared; added to a share of the unknowns, or to what there is.
 void clear_loads(Group& group);
 void clear_pulls(Group& group);  // what turns the arms of loads
-void start_body_residual(Group& group);
+void start_body_residual(Group& group, double share);
 void add_body_residual(Group& group);
 // Largest residual, as a force at the point of theirs that yields most [N].
 double body_residual(const Group& group);
@@ -184,12 +186,11 @@ void make_border(Group& group, bool definite);
 // Of panel p (complement.cpp): a column of it to chain.column, and its answer from chain.solved.
 void take_column(Group& group, size_t p, int lane);
 void put_answer(Group& group, size_t p, int lane);
-// corner -= C^T A^-1 C, of the columns of panel p and the rows of panel q; and corner_side -= C^T A^-1 r_x,
-// of which chain.step is A^-1 r_x.
+// corner -= C^T A^-1 C, of the columns of panel p and the rows of panel q; and corner_side -= C^T x.
 void take_complement(Group& group, size_t p, size_t q);
-void take_steps(Group& group, size_t p);
-// chain.column = residual - C corner_side: what the bodies' step leaves for the tendons.
-void answer_bodies(Group& group);
+void take_steps(Group& group, size_t p, Which x);
+// chain.column = b - C corner_side: what the bodies' step leaves for the tendons.
+void answer_bodies(Group& group, Which b);
 // Torque of a force at an attachment, as the solution turns the body.
 Vec3 torque_of(const Group& group, const Hold& h, Vec3 force);
 Vec3 body_moved(const Group& group, const Row& row, bool by_step);
