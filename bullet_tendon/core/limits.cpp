@@ -7,9 +7,9 @@
 //
 //   w - G w = w_0,   (G w)_i = mu_i k_i n_i.P_i A^-1 sum_j P_j^T d_j w_j,   w_0 of the step with w = 0,
 //
-// which needs nothing but solutions with the factors at hand: by generalised conjugate residuals (Eisenstat,
-// Elman and Schultz 1983). Were limits to follow forces from one iteration to the next, as many would be
-// needed as friction is large.
+// which needs nothing but solutions with the factors at hand, those of the bodies (border.cpp) included: by
+// generalised conjugate residuals (Eisenstat, Elman and Schultz 1983). Were limits to follow forces from one
+// iteration to the next, as many would be needed as friction is large.
 #include <cmath>
 
 #include "assembly.h"
