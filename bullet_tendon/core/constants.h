@@ -243,6 +243,11 @@ constexpr double kCrossing = 3e-2;
 // contact towards them, in sums of radii [-]. Larger: the nearer end goes deeper. Smaller: what lies side by
 // side is pushed at one end in one step and at the other in the next.
 constexpr double kPairEnds = 5e-3;
+// By how much tendons part, an arc along both, from where they are held nearer to each other than they are
+// thick [-]. Larger: what is held at one point is bent there, and stretched by that. Smaller: it overlaps for
+// longer.
+constexpr double kParting = 0.1;
+
 // Distance of centrelines, in sums of radii, under which their own direction is not believed any more [-].
 constexpr double kNearlyMet = 0.2;
 

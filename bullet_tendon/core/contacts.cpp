@@ -248,8 +248,10 @@ void World::tendon_rows() {
     Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
     row.normal = p.distance > 1e-9 * a.radius ? (1 / p.distance) * p.apart
                                               : any_perpendicular(unit_or(along, {1, 0, 0}));
-    row.offset = a.radius + b.radius + options.contact_threshold;
-    row.beyond = options.contact_threshold;
+    const double radii = a.radius + b.radius, apart = kept_apart(p, a, b);
+    if (apart < kNearlyMet * radii) continue;
+    row.offset = apart + options.contact_threshold;
+    row.beyond = row.offset - radii;
     row.friction = a.friction * b.friction;
     row.reference = p.apart, row.side = row.normal, row.stuck_at = p.u, row.stuck_at_other = p.w;
     row.passes = p.passes;

@@ -1,0 +1,45 @@
+// Tendons whose held particles are nearer to each other than they are thick.
+//
+// No force moves what is held: a contact there has no solution, and next to it one that bends both tendons as
+// sharply as their segments let them. So from there on they part little by little. With d the distance of the
+// held particles and s, t the arcs from them to the points that touch, what is kept apart is
+//
+//   min(r_a + r_b, d + kParting (s + t)).
+#include <algorithm>
+#include <cmath>
+
+#include "constants.h"
+#include "pairs.h"
+
+namespace bt {
+
+namespace {
+
+bool overrules(const Hold& h) { return h.rigid || h.link >= 0; }
+
+// Rest length from a particle to the point u of segment k.
+double arc_to(const Chain& c, int particle, int k, double u) {
+  double arc = particle <= k ? u * c.rest[k] : (1 - u) * c.rest[k];
+  for (int i = std::min(particle, k + 1); i < std::max(particle, k); ++i) arc += c.rest[i];
+  return arc;
+}
+
+}  // namespace
+
+double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b) {
+  double apart = a.radius + b.radius;
+  for (const Hold& h : a.holds)
+    for (const Hold& g : b.holds) {
+      if (!overrules(h) || !overrules(g)) continue;
+      const double d = norm(h.aim - g.aim);
+      // Of one tendon, two holds side by side do not contradict a contact: what is between them is none.
+      if (d >= apart ||
+          (&a == &b && std::abs(h.particle - g.particle) * a.rest[0] < kSelfContactArc * a.radius))
+        continue;
+      const double arcs = arc_to(a, h.particle, p.segment_a, p.u) + arc_to(b, g.particle, p.segment_b, p.w);
+      apart = std::min(apart, d + kParting * arcs);
+    }
+  return apart;
+}
+
+}  // namespace bt
