@@ -1,6 +1,7 @@
-"""Tendons held at points nearer to each other than they are thick: they part from there, and fight no hold."""
+"""Tendons held at points nearer to each other than they are thick part from there, and fight no hold."""
 
 import numpy as np
+import pybullet as p
 import pytest
 
 import bullet_tendon as bt
@@ -82,8 +83,53 @@ def test_both_ends_of_a_loop_at_one_point(make_world):
     assert greatest_force(world) < 1
 
 
+def weight(client, mass, position):
+    """A small weight that touches no other."""
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.005, physicsClientId=client)
+    body = p.createMultiBody(mass, ball, -1, position, physicsClientId=client)
+    p.setCollisionFilterGroupMask(body, -1, 0, 0, physicsClientId=client)
+    return body
+
+
+@pytest.mark.parametrize("mass", [0.05, 1.0, 20.0])
+def test_strands_share_a_weight(make_world, client, mass):
+    """Four strands from a ring to one point of a weight: each has its part of the load."""
+    world = make_world(gravity=(0, 0, -9.81))
+    body = weight(client, mass, (0, 0, -LENGTH))
+    tendons, knots = [], []
+    for angle in np.pi / 2 * np.arange(4):
+        ring = 0.004 * np.array([np.cos(angle), np.sin(angle), 0])
+        tendons.append(world.add_tendon([ring, [0, 0, -LENGTH]], RADIUS, MATERIAL, PARTICLES))
+        tendons[-1].grip(0)
+        knots.append(tendons[-1].attach(-1, body))
+    settle(world, 960)
+    np.testing.assert_allclose(sum(k.force for k in knots), [0, 0, mass * 9.81], atol=1e-4 * mass * 9.81)
+    np.testing.assert_allclose(
+        [t.tension[-1] for t in tendons], mass * 9.81 / 4, rtol=0.03
+    )  # they are oblique
+    assert greatest_force(world) < 0.1 * mass * 9.81
+
+
+@pytest.mark.parametrize("mass", [0.02, 1.0])
+def test_weights_on_tendons_of_their_own_do_not_let_them_through(make_world, client, mass):
+    """What each hangs on its own body can move away: thrown at each other, they stay thick to the end."""
+    world = make_world(gravity=(0, 0, -9.81))
+    tendons = []
+    for side in (1, -1):
+        top = np.array([0, side * 0.005, 0])
+        end = top - [0, 0, LENGTH]
+        body = weight(client, mass, list(end))
+        tendons.append(world.add_tendon([top, end], RADIUS, MATERIAL, PARTICLES))
+        tendons[-1].grip(0), tendons[-1].attach(-1, body)
+        p.resetBaseVelocity(body, (0, -side * 0.3, 0), physicsClientId=client)
+    for _ in range(60):
+        world.step()
+        one, other = (t.positions[1:] for t in tendons)
+        assert np.linalg.norm(one[:, None] - other, axis=2).min() > 0.97 * 2 * RADIUS
+
+
 def test_ends_beside_each_other_keep_apart(make_world):
-    """As far apart as they are thick, what is held contradicts nothing: a load presses them together in full."""
+    """As far apart as they are thick, what is held contradicts nothing: a load presses them together."""
     world = make_world()
     one, other = (held(world, strand(a, 1.0001 * RADIUS, 0.0)) for a in (0.0, np.pi))
     for k in range(1, PARTICLES - 1):

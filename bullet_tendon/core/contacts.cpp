@@ -248,7 +248,7 @@ void World::tendon_rows() {
     Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
     row.normal = p.distance > 1e-9 * a.radius ? (1 / p.distance) * p.apart
                                               : any_perpendicular(unit_or(along, {1, 0, 0}));
-    const double radii = a.radius + b.radius, apart = kept_apart(p, a, b);
+    const double radii = a.radius + b.radius, apart = kept_apart(p, a, b, links);
     if (apart < kNearlyMet * radii) continue;
     row.offset = apart + options.contact_threshold;
     row.beyond = row.offset - radii;

@@ -1,8 +1,9 @@
 // Tendons whose held particles are nearer to each other than they are thick.
 //
-// No force moves what is held: a contact there has no solution, and next to it one that bends both tendons as
-// sharply as their segments let them. So from there on they part little by little. With d the distance of the
-// held particles and s, t the arcs from them to the points that touch, what is kept apart is
+// No force moves what is held, or not from each other on one link: a contact there has no solution, and next
+// to it one that bends both tendons as sharply as their segments let them. So from there on they part little
+// by little. With d the distance of the held particles and s, t the arcs from them to the points that touch,
+// what is kept apart is
 //
 //   min(r_a + r_b, d + kParting (s + t)).
 #include <algorithm>
@@ -15,7 +16,9 @@ namespace bt {
 
 namespace {
 
-bool overrules(const Hold& h) { return h.rigid || h.link >= 0; }
+bool stays(const Hold& h, const std::vector<Link>& links) {
+  return h.link < 0 ? h.rigid : !links[h.link].yields();
+}
 
 // Rest length from a particle to the point u of segment k.
 double arc_to(const Chain& c, int particle, int k, double u) {
@@ -26,11 +29,12 @@ double arc_to(const Chain& c, int particle, int k, double u) {
 
 }  // namespace
 
-double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b) {
+double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b, const std::vector<Link>& links) {
   double apart = a.radius + b.radius;
   for (const Hold& h : a.holds)
     for (const Hold& g : b.holds) {
-      if (!overrules(h) || !overrules(g)) continue;
+      const bool together = h.link >= 0 && h.link == g.link;
+      if (!together && !(stays(h, links) && stays(g, links))) continue;
       const double d = norm(h.aim - g.aim);
       // Of one tendon, two holds side by side do not contradict a contact: what is between them is none.
       if (d >= apart ||

@@ -4,6 +4,7 @@
 
 #include "chain.h"
 #include "crowd.h"
+#include "link.h"
 
 namespace bt {
 
@@ -20,7 +21,7 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
 
 // Distance that the centrelines of a pair are kept at [m]: the sum of their radii, or less near held
 // particles that are nearer than that (held_ends.cpp).
-double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b);
+double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b, const std::vector<Link>& links);
 
 // Whether a tendon as a whole would run so straight at x that it cannot touch itself.
 bool is_straight(const Chain& c, const Field& x);
