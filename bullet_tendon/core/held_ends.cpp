@@ -7,7 +7,7 @@
 //
 //   min(r_a + r_b, d + kParting (s + t)).
 #include <algorithm>
-#include <cmath>
+#include <numeric>
 
 #include "constants.h"
 #include "pairs.h"
@@ -20,11 +20,13 @@ bool stays(const Hold& h, const std::vector<Link>& links) {
   return h.link < 0 ? h.rigid : !links[h.link].yields();
 }
 
-// Rest length from a particle to the point u of segment k.
+// Rest length between two particles, in order; and from one to the point u of segment k.
+double arc_between(const Chain& c, int first, int last) {
+  return std::accumulate(c.rest.begin() + first, c.rest.begin() + last, 0.0);
+}
 double arc_to(const Chain& c, int particle, int k, double u) {
-  double arc = particle <= k ? u * c.rest[k] : (1 - u) * c.rest[k];
-  for (int i = std::min(particle, k + 1); i < std::max(particle, k); ++i) arc += c.rest[i];
-  return arc;
+  return particle <= k ? arc_between(c, particle, k) + u * c.rest[k]
+                       : (1 - u) * c.rest[k] + arc_between(c, k + 1, particle);
 }
 
 }  // namespace
@@ -36,10 +38,10 @@ double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b, const st
       const bool together = h.link >= 0 && h.link == g.link;
       if (!together && !(stays(h, links) && stays(g, links))) continue;
       const double d = norm(h.aim - g.aim);
+      if (d >= apart) continue;
       // Of one tendon, two holds side by side do not contradict a contact: what is between them is none.
-      if (d >= apart ||
-          (&a == &b && std::abs(h.particle - g.particle) * a.rest[0] < kSelfContactArc * a.radius))
-        continue;
+      const auto [first, last] = std::minmax(h.particle, g.particle);
+      if (&a == &b && arc_between(a, first, last) < kSelfContactArc * a.radius) continue;
       const double arcs = arc_to(a, h.particle, p.segment_a, p.u) + arc_to(b, g.particle, p.segment_b, p.w);
       apart = std::min(apart, d + kParting * arcs);
     }
