@@ -5,7 +5,7 @@ import dataclasses
 from . import checks
 
 _CHOICES = {
-    "integrator": ("implicit_euler", "bdf2", "explicit_euler", "tr_bdf2"),
+    "integrator": ("implicit_euler", "bdf2", "explicit_euler"),
     "iteration": ("newton", "single"),
     "linear_solver": ("banded", "pcg"),
     "bone_contact": ("spring", "constraint"),
@@ -19,11 +19,9 @@ class SolverOptions:
 
     integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted at first
         order where the time step grows by more than 4.8, a hold is made or lost, or a body is let go),
-        "tr_bdf2" (order and stability of bdf2, at twice the cost of a step and an eighth of its error; bdf2
-        where a tendon is near something or pulls a body that yields) or "explicit_euler" (equation 6; stable
-        for tiny steps only). "bdf2" and "tr_bdf2" take a step in three parts where a segment is about to
-        turn in it by more than an angle of sine 0.6, in two where some tendon was touched in the last one,
-        or where it is 2.4 to 4.8 times as long as that.
+        or "explicit_euler" (equation 6; stable for tiny steps only). "bdf2" takes a step in three parts where
+        a segment is about to turn in it by more than an angle of sine 0.6, in two where some tendon was
+        touched in the last one, or where it is 2.4 to 4.8 times as long as that.
     iteration: "newton" solves the implicit step to `tolerance`; "single" is the paper's one
         linearisation a step (equations 8 and 9).
     linear_solver: "banded", a direct block-banded Cholesky factorisation, or "pcg", the paper's

@@ -77,7 +77,7 @@ def test_sliding_contacts_are_at_their_limits(make_world, client):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2", "tr_bdf2"])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_what_rests_over_an_edge_goes_on_resting(make_world, client, integrator, friction):
     """Whatever the weights of the method: it neither begins to vibrate nor starts where they change."""
     world = make_world(1 / 240, (0, 0, -9.81), sleep=False)

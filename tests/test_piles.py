@@ -35,7 +35,7 @@ def test_a_heap_comes_to_rest(make_world, client):
     ("count", "seed"),
     [(2, 1), (5, 6), (5, 7), *(pytest.param(10, k, marks=pytest.mark.slow) for k in (3, 4))],
 )
-@pytest.mark.parametrize("integrator", ["bdf2", "tr_bdf2"])
+@pytest.mark.parametrize("integrator", ["bdf2"])
 def test_a_heap_comes_to_rest_by_second_order(make_world, client, integrator, count, seed):
     """Methods that go on from velocities of before an impact shake it at 1 mm/s and more."""
     world = dropped(make_world, client, count, seed, integrator=integrator)

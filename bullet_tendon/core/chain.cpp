@@ -9,8 +9,7 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   for (Field* f : {&x,        &v,         &force,     &start_x,      &start_v,           &x_before,
                    &v_before, &next,      &step,      &residual,     &anchor_x,          &anchor_v,
                    &goal,     &next_tail, &goal_tail, &cg_remainder, &cg_preconditioned, &cg_direction,
-                   &cg_image, &column,    &solved,    &foreseen,     &acceleration,      &stage_x,
-                   &stage_v})
+                   &cg_image, &column,    &solved,    &foreseen,     &acceleration})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.

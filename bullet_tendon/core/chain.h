@@ -98,9 +98,6 @@ class Chain {
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)
   Field acceleration;        // at x and v (methods of second order)
-  bool accelerated = false;  // it is known there
-  bool staged = false;       // goal, anchors and step weight are those of a stage, not of begin_step
-  Field stage_x, stage_v;    // at the end of the first stage
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost, changed or struck since: two-step methods may go on
   double quiet = 0;          // for how long it has been at rest, up to the last step [s]

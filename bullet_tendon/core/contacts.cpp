@@ -232,9 +232,7 @@ void World::half_space_rows(int chain, int s) {
 void World::tendon_rows() {
   const auto start = std::chrono::steady_clock::now();
   pairs_.clear();
-  // TR-BDF2 gains by the shorter parts that whatever moves beside something asks for.
-  const bool staged = options.integrator == Integrator::tr_bdf2;
-  const Foresight foresight = !can_split() ? Foresight::near : staged ? Foresight::far : Foresight::swept;
+  const Foresight foresight = can_split() ? Foresight::swept : Foresight::near;
   report_.pairs = finder_.find(slots_, options.contact_threshold, foresight, pairs_);
   report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   room_ = std::min(room_, report_.pairs.room);

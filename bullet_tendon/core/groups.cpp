@@ -28,7 +28,7 @@ void World::make_groups() {
     g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
     g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.substeps = 1, g.staged = g.strays = false;
+    g.residual = 0, g.substeps = 1, g.strays = false;
     g.linear_tolerance = 0, g.patterned = false;
     g.movers = &movers, g.links = &links, g.part_end = g.part_root = 1, g.reach = context_.reach,
     g.freedom = 0;

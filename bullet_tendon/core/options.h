@@ -3,14 +3,12 @@
 
 namespace bt {
 
-enum class Integrator { implicit_euler, bdf2, explicit_euler, tr_bdf2 };
+enum class Integrator { implicit_euler, bdf2, explicit_euler };
 enum class Iteration { newton, single };
 enum class LinearSolver { banded, pcg };
 enum class BoneContact { spring, constraint };
 
-inline bool is_second_order(Integrator method) {
-  return method == Integrator::bdf2 || method == Integrator::tr_bdf2;
-}
+inline bool is_second_order(Integrator method) { return method == Integrator::bdf2; }
 
 struct Options {
   Integrator integrator = Integrator::implicit_euler;

@@ -91,7 +91,7 @@ Outcome World::solve() {
     for (Chain* c : slots_) {
       if (!c) continue;
       if (other_unknowns) aim_attachments(*c);
-      if (other_unknowns || c->gathered || c->staged)
+      if (other_unknowns || c->gathered)
         c->restore_multipliers(c->kept), begin_step(*c, context_);  // solve it afresh
     }
     make_groups();

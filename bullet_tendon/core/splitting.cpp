@@ -130,7 +130,6 @@ bool by_euler(const Group& group, const StepContext& context) {
 }  // namespace
 
 void converged_step(Group& group, const StepContext& context) {
-  if (two_stages(group, context)) return;
   newton(group, context, context.splitting == Splitting::never);
   if (group.strays) return;
   const bool by_world = context.splitting == Splitting::by_world && !group.rows.empty();

@@ -12,8 +12,6 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
   const bool second_order = is_second_order(method) && !(context.part && c.touched);
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
-  c.accelerated = method == Integrator::tr_bdf2 && history;
-  c.staged = false;
   const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
   c.b = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
@@ -123,7 +121,7 @@ void solve(Group& group, const StepContext& context) {
     single_linearisation(group, context);
   else
     converged_step(group, context);
-  if (group.substeps == 1 && !group.staged) {
+  if (group.substeps == 1) {
     for (Row* row : group.rows)
       row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
     for (Chain* c : group.chains)

@@ -6,7 +6,6 @@
 //   BDF2             b = 2 dt/3,   xh = (4 x_0 - x_-1)/3,   vh = (4 v_0 - v_-1)/3
 //     after a step of another length, dt/w:
 //                    b = (1 + w)/(1 + 2 w) dt,   xh = x_0 + w^2/(1 + 2 w) (x_0 - x_-1),   vh likewise
-//   TR-BDF2          in two such stages (stages.cpp)
 //
 // the end of the step solves (7), written for positions, with y = xh + b vh + b^2 M^-1 f_ext:
 //
@@ -102,7 +101,6 @@ struct Group {
   bool strays = false;  // left, for that
   bool finite = true;
   int substeps = 1;
-  bool staged = false;          // the step was taken in two stages, which leave the holds' mean forces
   double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
   // By unknown of the bodies: what they pull at the tendons, by tendon, where in the group that is, by slot,
   // and what they make of links (columns.cpp); the matrix and right-hand side of the rest.
@@ -121,9 +119,6 @@ struct Group {
 void begin_step(Chain& c, const StepContext& context, double fraction = 1);
 // One step by the method of the options; fills chain.next and the forces of holds and rows.
 void solve(Group& group, const StepContext& context);
-// One step of TR-BDF2. false: it does not apply or does not converge,
-// and begin_step's state stands.
-bool two_stages(Group& group, const StepContext& context);
 // Whether two-step methods may go on with what touches something, after its step of dt; acceleration is that
 // of the step before (restarts.cpp).
 bool goes_smoothly(const Chain& c, double dt);

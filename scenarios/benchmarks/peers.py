@@ -172,7 +172,7 @@ def _hang(scene, particles):
 
 def _swing(pendulum, rate, path) -> dict:
     found = np.empty_like(path)
-    with pendulum.scene(1 / rate, bt.SolverOptions(integrator="tr_bdf2")) as scene:
+    with pendulum.scene(1 / rate, bt.SolverOptions(integrator="bdf2")) as scene:
         tendon = pendulum.start(scene)
 
         def loop():
@@ -183,7 +183,7 @@ def _swing(pendulum, rate, path) -> dict:
         seconds = _timed(loop)
         particles = tendon.particles
     away = math.sqrt(np.mean(np.sum((found - path) ** 2, axis=1)))
-    return _record(particles, "tr_bdf2", 1 / rate, away, seconds)
+    return _record(particles, "bdf2", 1 / rate, away, seconds)
 
 
 def _timed(call) -> float:

@@ -24,7 +24,6 @@ METHODS = {
     "single, banded": bt.SolverOptions(iteration="single"),
     "implicit Euler": bt.SolverOptions(),
     "BDF2": bt.SolverOptions(integrator="bdf2"),
-    "TR-BDF2": bt.SolverOptions(integrator="tr_bdf2"),
     "explicit Euler": bt.SolverOptions(integrator="explicit_euler"),
 }
 TARGETS = (1e-2, 1e-3, 1e-4)

@@ -1,4 +1,4 @@
-"""TR-BDF2: impulses, steps of changing length, what it leaves to BDF2, and a suture that swings."""
+"""BDF2: impulses, steps of changing length, violent steps, and a suture that swings."""
 
 import math
 
@@ -18,12 +18,10 @@ def hanging(world, n=9, **material):
     return t
 
 
-@pytest.mark.parametrize(
-    ("integrator", "other"), [("tr_bdf2", 1.0), ("bdf2", 1.0), ("bdf2", 0.6), ("bdf2", 3.0)]
-)
-def test_grip_forces_are_what_momentum_changes_by(make_world, client, integrator, other):
+@pytest.mark.parametrize("other", [1.0, 0.6, 3.0])
+def test_grip_forces_are_what_momentum_changes_by(make_world, client, other):
     """Of every step, with a soft grip that moves too; other: length of every third step, in lengths."""
-    world = make_world(1 / 240, (0, 0, -GRAVITY), integrator=integrator, tolerance=1e-12)
+    world = make_world(1 / 240, (0, 0, -GRAVITY), integrator="bdf2", tolerance=1e-12)
     t = hanging(world)
     soft = t.grip(-1, stiffness=50.0, damping=0.5)
     grips = t._holds[0], soft
@@ -42,14 +40,13 @@ def test_grip_forces_are_what_momentum_changes_by(make_world, client, integrator
         )
 
 
-@pytest.mark.parametrize("integrator", ["bdf2", "tr_bdf2"])
-def test_steps_may_change_their_length(make_world, client, integrator):
+def test_steps_may_change_their_length(make_world, client):
     """Second order all the same: halving uneven steps quarters the error."""
     errors = []
     for parts in (1, 2):
         found = []
         for steps in ([0.003, 0.001, 0.002] * 20, [0.0001] * 1200):
-            world = make_world(1.0, (0, 0, -GRAVITY), integrator=integrator, tolerance=1e-11)
+            world = make_world(1.0, (0, 0, -GRAVITY), integrator="bdf2", tolerance=1e-11)
             t = hanging(world, n=3)
             x = t.positions
             for dt in [1e-5, *steps]:
@@ -63,23 +60,8 @@ def test_steps_may_change_their_length(make_world, client, integrator):
     assert 3.2 < errors[0] / errors[1] < 5.0
 
 
-def test_near_a_body_it_is_bdf2(make_world, client):
-    """What lies on a plane takes the same steps, bit by bit."""
-    found = []
-    for integrator in ("bdf2", "tr_bdf2"):
-        p.resetSimulation(physicsClientId=client)
-        world = make_world(1 / 240, (0, 0, -GRAVITY), integrator=integrator)
-        plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
-        world.add_obstacle(p.createMultiBody(0, plane, physicsClientId=client))
-        t = world.add_tendon([[0, 0, 0.0011], [0.1, 0, 0.0011]], 0.001, bt.Material(stiffness=300.0), 6)
-        world.step(40)
-        assert len(world.contacts)
-        found.append(t.positions)
-    np.testing.assert_array_equal(*found)
-
-
 def test_violent_steps_are_taken_in_parts(make_world):
-    world = make_world(0.5, (0, 0, -GRAVITY), integrator="tr_bdf2")
+    world = make_world(0.5, (0, 0, -GRAVITY), integrator="bdf2")
     t = hanging(world, n=30, stiffness=1e9, damping=0.0)
     for _ in range(6):
         world.step()
@@ -89,15 +71,15 @@ def test_violent_steps_are_taken_in_parts(make_world):
 
 @pytest.mark.parametrize("n", [10, 20, 40, 60])
 def test_a_suture_swings_as_it_does_with_a_step_64_times_as_short(make_world, n):
-    """0.1 m of 0.4 mm monofilament, 750 MPa, from 30 degrees: less than 1 % of its length after 2 s."""
+    """0.1 m of 0.4 mm monofilament, 750 MPa, from 30 degrees: less than 3 % of its length after 2 s."""
     length, radius, steps = 0.1, 2e-4, 480
     stiffness = 750e6 * math.pi * radius**2
     material = bt.Material(stiffness=stiffness, damping=1e-3 * stiffness, density=1100.0)
     ends = []
     for finer in (1, 64):
-        world = make_world(1 / 240 / finer, (0, 0, -GRAVITY), integrator="tr_bdf2")
+        world = make_world(1 / 240 / finer, (0, 0, -GRAVITY), integrator="bdf2")
         t = world.add_tendon([[0, 0, 0], [length / 2, 0, -length * math.sqrt(3) / 2]], radius, material, n)
         t.grip(0)
         world.step(steps * finer)
         ends.append(t.positions)
-    assert np.linalg.norm(ends[0] - ends[1], axis=1).max() <= 0.01 * length
+    assert np.linalg.norm(ends[0] - ends[1], axis=1).max() <= 0.03 * length
