@@ -160,18 +160,6 @@ constexpr double kAgreed = 0.3;
 constexpr double kLimitAccuracy = 0.03;
 constexpr int kLimitSolutions = 8;
 
-// Particles with a residual under this share of the largest are solved [-], and so is a place with that share
-// of what it began with. Larger: places are solved again and again. Smaller: they are everywhere.
-constexpr double kPlaceResidual = 1e-3;
-// Share of all particles that places have at most [-], and particles that they are widened by on both sides
-// of those with a residual. Larger: more rows are gone through for what is in a few of them. Smaller: edges
-// hold back what they should not.
-constexpr double kFewPlaces = 0.3;
-constexpr int kPlaceReach = 4;
-// Iterations on places at most, between two on everything; and iterations on everything before the first of
-// them.
-constexpr int kPlaceIterations = 12, kEverywhere = 2;
-
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 

@@ -5,19 +5,16 @@ namespace bt {
 
 namespace {
 
-// -1: it stays where it is.
-int block_at(const Group& group, int chain, int i) {
-  return group.offset[chain] < 0 ? -1 : group.block[group.offset[chain] + i];
-}
+int block_at(const Group& group, int chain, int i) { return group.offset[chain] + i; }
 
 // Returns how many there are.
 int number_blocks(Group& group) {
   group.offset.assign(group.slots->size(), -1);
-  int particles = 0, count = 0;
-  for (size_t k = 0; k < group.chains.size(); ++k)
-    group.offset[group.numbers[k]] = particles, particles += group.chains[k]->n();
-  group.block.resize(particles);
-  for (int p = 0; p < particles; ++p) group.block[p] = !group.still.empty() && group.still[p] ? -1 : count++;
+  int count = 0;
+  for (size_t k = 0; k < group.chains.size(); ++k) {
+    group.offset[group.numbers[k]] = count;
+    count += group.chains[k]->n();
+  }
   return count;
 }
 
@@ -32,13 +29,13 @@ void find_pattern(Group& group) {
   group.edges.clear();
   const int count = number_blocks(group);
   auto join = [&](int i, int j) {
-    if (i >= 0 && j >= 0 && i != j) group.edges.push_back({i, j});
+    if (i != j) group.edges.push_back({i, j});
   };
   for (size_t k = 0; k < group.chains.size(); ++k) {
     const Chain& c = *group.chains[k];
-    const int* block = group.block.data() + group.offset[group.numbers[k]];
+    const int first = group.offset[group.numbers[k]];
     for (int reach = 1; reach <= c.matrix.half; ++reach)
-      for (int i = 0; i + reach < c.n(); ++i) join(block[i], block[i + reach]);
+      for (int i = first; i + reach < first + c.n(); ++i) join(i, i + reach);
   }
   for (const Row* row : group.rows) {
     if (!row->joins) continue;
@@ -50,25 +47,21 @@ void find_pattern(Group& group) {
   group.factor.analyse(count, group.edges);
 }
 
-// block: of the tendon's particles.
-void add_band(SparseFactor& factor, const Chain& c, const int* block) {
-  for (int i = 0; i < c.n(); ++i)
-    if (block[i] >= 0) factor.add(block[i], block[i], block_of(c.matrix.block(i)));
+// first: block of the tendon's first particle.
+void add_band(SparseFactor& factor, const Chain& c, int first) {
+  for (int i = 0; i < c.n(); ++i) factor.add(first + i, first + i, block_of(c.matrix.block(i)));
   for (int reach = 1; reach <= c.matrix.half; ++reach)
     for (int i = 0; i + reach < c.n(); ++i) {
-      if (block[i] < 0 || block[i + reach] < 0) continue;
       Block3 b;
       for (int e = 0; e < 9; ++e) b.v[e] = c.matrix.below[reach - 1][e][i];
-      factor.add(block[i + reach], block[i], b);
+      factor.add(first + i + reach, first + i, b);
     }
 }
 
 // What holds leave free of every block's particle, as a projector.
 void find_freedom(Group& group) {
   group.free.assign(group.factor.blocks(), identity(1));
-  auto leave = [&](int chain, int i, const Sym3& free) {
-    if (const int block = block_at(group, chain, i); block >= 0) group.free[block] = free;
-  };
+  auto leave = [&](int chain, int i, const Sym3& free) { group.free[block_at(group, chain, i)] = free; };
   for (size_t k = 0; k < group.chains.size(); ++k)
     for (const Hold& h : group.chains[k]->holds)
       if (h.rigid) leave(group.numbers[k], h.particle, {});
@@ -84,7 +77,7 @@ void add_coupling(Group& group, const Row& row) {
   for (int i : {0, 1})
     for (int j : {0, 1}) {
       const double weight = (i ? row.a.w1 : row.a.w0) * (j ? row.b.w1 : row.b.w0);
-      if (weight == 0 || a[i] < 0 || b[j] < 0) continue;
+      if (weight == 0) continue;
       Block3 part = product(product(block_of(group.free[a[i]]), block), block_of(group.free[b[j]]));
       for (double& v : part.v) v *= weight;
       group.factor.add(a[i], b[j], part);
@@ -92,7 +85,6 @@ void add_coupling(Group& group, const Row& row) {
   for (int k = 0; k < row.levers; ++k)
     for (int i : {0, 1})
       for (int j : {0, 1}) {
-        if (a[i] < 0 || b[j] < 0) continue;
         const Vec3 p = row.lever_share[k] * (group.free[a[i]] * row.lever[k][i]);
         const Vec3 q = group.free[b[j]] * row.lever[k][2 + j];
         group.factor.add(a[i], b[j],
@@ -108,7 +100,7 @@ bool factorise_coupled(Group& group) {
   find_freedom(group);
   group.factor.start();
   for (size_t k = 0; k < group.chains.size(); ++k)
-    add_band(group.factor, *group.chains[k], group.block.data() + group.offset[group.numbers[k]]);
+    add_band(group.factor, *group.chains[k], group.offset[group.numbers[k]]);
   for (const Row* row : group.acting)
     if (row->b.chain >= 0) add_coupling(group, *row);
   return group.factor.factorise();
@@ -116,14 +108,13 @@ bool factorise_coupled(Group& group) {
 
 void solve_coupled(Group& group, Which b, Which x) {
   group.right_hand.resize(group.factor.blocks());
-  const int* block = group.block.data();
+  int block = 0;
   for (const Chain* c : group.chains)
-    for (int i = 0; i < c->n(); ++i, ++block)
-      if (*block >= 0) group.right_hand[*block] = (c->*b).at(i);
+    for (int i = 0; i < c->n(); ++i) group.right_hand[block++] = (c->*b).at(i);
   group.factor.solve(group.right_hand);
-  block = group.block.data();
+  block = 0;
   for (Chain* c : group.chains)
-    for (int i = 0; i < c->n(); ++i, ++block) (c->*x).set(i, *block >= 0 ? group.right_hand[*block] : Vec3{});
+    for (int i = 0; i < c->n(); ++i) (c->*x).set(i, group.right_hand[block++]);
 }
 
 }  // namespace bt

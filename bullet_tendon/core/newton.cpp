@@ -5,7 +5,6 @@
 #include "assembly.h"
 #include "constants.h"
 #include "pairs.h"
-#include "places.h"
 #include "progress.h"
 #include "rounds.h"
 
@@ -124,14 +123,6 @@ Assembly judge(Solution& s) {
   return a;
 }
 
-// true: what is left in a few places has been solved for. Not before the first iterations, which are about
-// everything.
-bool solve_places(Solution& s, const Assembly& a) {
-  if (!s.far || s.safe || s.violent || s.iteration < kEverywhere || !std::isfinite(a.residual)) return false;
-  if (!s.group.places) s.group.places = std::make_shared<Places>();
-  return s.group.places->solve(s.group, s.context);
-}
-
 // Where the solution, or a round of it, is at its end.
 Next end_round(Solution& s, const Assembly& a) {
   Group& group = s.group;
@@ -232,8 +223,7 @@ void end(Solution& s) {
 void newton(Group& group, const StepContext& context, bool safeguarded) {
   Solution s = begin(group, context, safeguarded);
   for (;; ++s.iteration) {
-    Assembly a = judge(s);
-    if (solve_places(s, a)) a = judge(s), s.last_residual = kNone;
+    const Assembly a = judge(s);
     Next next = end_round(s, a);
     if (next == Next::step) next = watch(s, a);
     if (next == Next::step) next = find_step(s, a);

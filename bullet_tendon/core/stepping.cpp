@@ -218,17 +218,6 @@ void add_lever_blocks(Group& group, Row& row, bool definite) {
   }
 }
 
-namespace {
-
-void clear_still(Group& group, Field Chain::* what) {
-  const char* still = group.still.data();
-  for (Chain* c : group.chains)
-    for (int i = 0; i < c->n(); ++i)
-      if (*still++) (c->*what).set(i, Vec3{});
-}
-
-}  // namespace
-
 void add_soft_holds(Chain& c, const Field& x, bool matrix) {
   for (Hold& h : c.holds) {
     if (h.rigid) continue;
@@ -243,7 +232,6 @@ void add_soft_holds(Chain& c, const Field& x, bool matrix) {
 }
 
 void project_holds(Group& group, Field Chain::* what) {
-  if (!group.still.empty()) clear_still(group, what);
   for (Chain* c : group.chains)
     for (const Hold& h : c->holds)
       if (h.rigid) (c->*what).set(h.particle, Vec3{});

@@ -54,8 +54,6 @@ struct Waiting {
   int a = 0, b = 0;  // slots
 };
 
-class Places;
-
 // Tendons joined by tendon-tendon contacts, with the rows that touch them.
 struct Group {
   const std::vector<Chain*>* slots = nullptr;  // all tendons of the world, as spots name them
@@ -75,20 +73,15 @@ struct Group {
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
-  // tendon's particles begin, by slot, the block of each (-1: it stays where it is), and by block what holds
-  // leave free and the right-hand side.
+  // tendon's particles begin, by slot, and by block what holds leave free and the right-hand side.
   SparseFactor factor;
   SparseFactor::Edges edges;
-  std::vector<int> offset, block;
+  std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
   // Of what cannot touch yet (waiting.cpp): by row; by slot, how far in this solution and by its next step
   // [m].
   std::vector<Waiting> waiting;
   std::vector<double> travelled, stride;
-  // Of a part of a group that is solved by itself (places.h): particles that stay where they are; none where
-  // it is empty. And of the group, what finds and solves those parts.
-  std::vector<char> still;
-  std::shared_ptr<Places> places;
   std::vector<Row*> acting;  // in the matrix that is being made
   bool follows = true;       // points of rows move along with what they touch,
   double most_jump = 0;      // but for pairs whose force that would change by more than this [N],
