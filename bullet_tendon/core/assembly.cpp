@@ -61,11 +61,8 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   Assembly a;
   clear_loads(group), clear_pulls(group);
   for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
-  for (size_t r = 0; r < group.rows.size(); ++r) {
-    if (waits(group, r)) continue;
-    Row* row = group.rows[r];
+  for (Row* row : group.rows) {
     evaluate(group, *row, at_position, definite);
-    let_wait(group, r);
     if (!row->acts()) continue;
     a.scale = std::max(a.scale, max_abs(row->total_force));
     add_row_force(group, *row);
@@ -74,6 +71,16 @@ Assembly residual_of(Group& group, bool at_position, bool definite) {
   load_carried(group, &Chain::residual);
   start_body_residual(group, 1);
   return a;
+}
+
+void find_acting(Group& group) {
+  group.acting.clear();
+  for (Row* row : group.rows)
+    if (row->acts()) group.acting.push_back(row);
+}
+
+void foresee_contacts(Group& group) {
+  for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
 }
 
 void carry_springs(Group& group) {

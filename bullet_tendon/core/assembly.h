@@ -20,16 +20,6 @@ void evaluate(Group& group, Row& row, bool at_position, bool definite);
 Assembly residual_of(Group& group, bool at_position, bool definite);
 // Its norms, once what holds supply has been taken out.
 void measure_residual(Group& group, Assembly& a);
-// What cannot touch yet (waiting.cpp). Nothing, where a solution begins.
-void start_waiting(Group& group);
-bool waits(const Group& group, size_t r);
-// After row r was evaluated: it may wait from now on.
-void let_wait(Group& group, size_t r);
-// How far the step takes each tendon at most, and that it has been taken.
-void measure_stride(Group& group);
-void travel(Group& group, double alpha);
-// The gaps of what waits, at the end of a solution.
-void measure_waiting(Group& group, bool definite);
 // The rows' multipliers from the step, before it is taken.
 void foresee_contacts(Group& group);
 // The springs' multipliers go along with the step: the forces that the linearisation foresees.

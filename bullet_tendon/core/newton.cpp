@@ -79,7 +79,6 @@ Solution begin(Group& group, const StepContext& context, bool safeguarded) {
     row->stays &= context.goes_on;
   }
   start_bodies(group);
-  start_waiting(group);
   if (violent && !context.goes_on) guess_struck(group);
   group.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
   return {group, context, safeguarded, violent, false, !context.goes_on,           violent,
@@ -97,7 +96,6 @@ bool update_directs(Group& group) {
 void note_distance(Solution& s, const Assembly& a) {
   const bool was_far = s.far;
   s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
-  if (was_far && !s.far) wake(s.group);
   s.turns |= s.far;  // a guess that was near is corrected along lines
   s.lost += s.far && !was_far;
   s.group.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
@@ -198,7 +196,6 @@ void settle_limits(Solution& s) {
 void take_step(Solution& s) {
   Group& group = s.group;
   if (s.circles) halve_step(group), s.last_residual = kNone;
-  measure_stride(group);
   if (s.safe) return line_search(group);
   carry_springs(group);
   foresee_contacts(group);
@@ -206,12 +203,10 @@ void take_step(Solution& s) {
   advance(group, 1);
   if (!s.turns || !may_keep_lengths(group, s.violent)) return;
   for (Chain* c : group.chains) s.violent ? pull_to_lengths(*c) : keep_lengths(*c);
-  wake(group);
 }
 
 void end(Solution& s) {
   Group& group = s.group;
-  measure_waiting(group, s.safe || s.far);
   for (Row* row : group.rows)
     if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
   find_worst(group);

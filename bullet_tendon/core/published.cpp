@@ -27,7 +27,6 @@ void forces_now(Chain& c, const StepContext& context, bool matrix, double dampin
 }
 
 void rows_now(Group& group, bool matrix) {
-  wake(group);
   for (Row* row : group.rows) {
     row->direct = false;
     const Vec3 relative = relative_position(group, *row, &Chain::x);

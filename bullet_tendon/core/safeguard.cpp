@@ -34,7 +34,6 @@ BT_VECTOR void advance_particles(Chain& c, double alpha) {
 void advance(Group& group, double alpha) {
   for (Chain* c : group.chains) advance_particles(*c, alpha);
   advance_bodies(group, alpha);
-  travel(group, alpha);
 }
 
 void halve_step(Group& group) {
@@ -76,7 +75,6 @@ void restart_from_now(Group& group) {
       if (h.rigid) c->next.set(h.particle, h.target);
   }
   forget_bodies(group);
-  wake(group);
 }
 
 }  // namespace bt

@@ -48,12 +48,6 @@ struct Push {
   double light = 0;  // inverse mass that an impulse between them meets [1/kg]
 };
 
-// A pair that is out of reach until its tendons have travelled so far together.
-struct Waiting {
-  double clear = 0;  // [m]
-  int a = 0, b = 0;  // slots
-};
-
 // Tendons joined by tendon-tendon contacts, with the rows that touch them.
 struct Group {
   const std::vector<Chain*>* slots = nullptr;  // all tendons of the world, as spots name them
@@ -78,10 +72,6 @@ struct Group {
   SparseFactor::Edges edges;
   std::vector<int> offset;
   bool patterned = false;  // the pattern is of this group
-  // Of what cannot touch yet (waiting.cpp): by row; by slot, how far in this solution and by its next step
-  // [m].
-  std::vector<Waiting> waiting;
-  std::vector<double> travelled, stride;
   std::vector<Row*> acting;  // in the matrix that is being made
   bool follows = true;       // points of rows move along with what they touch,
   double most_jump = 0;      // but for pairs whose force that would change by more than this [N],
@@ -185,8 +175,6 @@ Vec3 body_moved(const Group& group, const Row& row, bool by_step);
 
 // The rows that act now, for the matrix.
 void find_acting(Group& group);
-// Nothing waits.
-void wake(Group& group);
 // cg_image = A cg_direction; and the part of that which rows between tendons have beside the bands.
 void multiply(Group& group);
 void add_coupling(Group& group);
