@@ -228,7 +228,7 @@ void World::take_part() {
     }
   remember();
   for (Chain* c : slots_)
-    if (c) finish_step(*c, context_), c->let_overlaid_part();
+    if (c) finish_step(*c, context_);
   share_weights();
   ++parts_;
 }
