@@ -17,7 +17,7 @@ if not Path(sysconfig.get_paths()["include"], "Python.h").exists():
 
 ParallelCompile(default=os.cpu_count() or 1).install()
 
-# BULLET_TENDON_SANITIZE=address,undefined builds the core with those sanitizers, for tests (README.md).
+# BULLET_TENDON_SANITIZE=address,undefined builds the core with those sanitizers, for tests (tests/README.md).
 sanitize = os.environ.get("BULLET_TENDON_SANITIZE", "")
 sanitizers = [f"-fsanitize={sanitize}", "-fno-omit-frame-pointer", "-g"] if sanitize else []
 if "undefined" in sanitize:

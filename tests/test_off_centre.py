@@ -95,7 +95,7 @@ class Scene:
 
 
 # At pybullet's bound of 100 rad/s about all three axes on two stiff tendons, in steps some of which are not
-# solved: it gains 17 times of what was put in, once (README, on bodies that are cut off in their spin).
+# solved: it gains 17 times of what was put in, once (limits in bullet_tendon/core/README.md).
 CUT_OFF = {98}
 ROUNDING = 1e-15  # J
 

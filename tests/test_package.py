@@ -19,6 +19,15 @@ from bullet_tendon import _core
 ROOT = Path(__file__).parents[1]
 STUB = ROOT / "bullet_tendon" / "_core.pyi"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+READMES = [
+    "README.md",
+    "bullet_tendon/README.md",
+    "bullet_tendon/core/README.md",
+    "scenarios/README.md",
+    "scenarios/benchmarks/README.md",
+    "tests/README.md",
+    "urdf/README.md",
+]
 
 
 def stub_methods() -> dict[str, ast.FunctionDef]:
@@ -125,13 +134,34 @@ def test_readme_example_prints_what_it_says():
     assert run_python("-c", code).splitlines()[-1] == said.strip()
 
 
-def test_readme_names_every_scenario():
-    known = run_python("-m", "bullet_tendon.scenarios").splitlines()
-    named = {line.split("`")[1] for line in README.splitlines() if line.startswith("| `")}
-    assert {line.split()[0] for line in known if line and not line.startswith("pybullet ")} <= named
+@pytest.mark.parametrize("package", ["scenarios", "scenarios.benchmarks"])
+def test_readmes_name_every_scenario_and_benchmark(package):
+    known = run_python("-m", f"bullet_tendon.{package}").splitlines()
+    rows = (ROOT / package.replace(".", "/") / "README.md").read_text(encoding="utf-8").splitlines()
+    named = {line.split("`")[1] for line in rows if line.startswith(("| `", "| [`"))}
+    names = {line.split()[0] for line in known if line and not line.startswith("pybullet ")}
+    assert len(names) > 5
+    assert names <= named
 
 
-def test_readme_refers_to_files_that_are_there():
-    links = re.findall(r"\]\(([^)#:]+)\)", README)
+def test_the_first_readme_shows_a_picture():
+    links = re.findall(r"!\[[^]]*\]\(([^)#:]+)\)", README)
     assert any(link.endswith(".png") for link in links)
-    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def headings(path: Path) -> set[str]:
+    """The anchors that a Markdown file has, as GitHub makes them of its headings."""
+    text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", READMES, ids=str)
+def test_readmes_refer_to_files_and_headings_that_are_there(page):
+    missing = []
+    for link in re.findall(r"\]\(([^)]+)\)", (ROOT / page).read_text(encoding="utf-8")):
+        file, _, heading = link.partition("#")
+        target = (ROOT / page).parent / file if file else ROOT / page
+        if ":" not in link and not (target.exists() and (not heading or heading in headings(target))):
+            missing.append(link)
+    assert missing == []

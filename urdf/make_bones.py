@@ -2,25 +2,10 @@
 
     python -m bullet_tendon.urdf.make_bones [--out DIRECTORY]
 
-The bones are modelled, not scanned: blended primitives (femur_field.py, tibia_field.py) sized after published
-means of a man's knee, polygonised here. Frame of both: x anterior, y superior, z to the right (lateral, for
-this is a right knee), origin half-way between the epicondyles; in full extension the two frames coincide.
-
-| dimension [mm or degrees] | published | source |
-| --- | --- | --- |
-| femur, depth AP | 64.0 +- 3.4, 61.0 +- 3.1 | Hussain 2013 (PMC3835611), men; (a) |
-| femur, width of the condyles ML | 74.9 +- 3.5, 74.9 +- 3.2 | the same two |
-| posterior condyle's radius | 17 +- 1.7 to 22 | Hokari (b); Iwaki 2000 (J Bone Joint Surg Br 82:1189) |
-| notch width / epicondylar width | 0.231 +- 0.044 | Souryal and Freeman 1993 (Am J Sports Med 21:535) |
-| Blumensaat's line to the shaft | about 40 | textbook value |
-| sulcus angle of the trochlea | 138 +- 6 | Merchant 1974 (J Bone Joint Surg Am 56:1391) |
-| tibial plateau ML, AP | 76.0 +- 3.0, 46.9 +- 3.0 | (a) |
-| posterior slope | medial 7.4, lateral 7.5 | 3D measurement of 54 knees (c) |
-| plateaus | medially concave, laterally mostly flat | Hashemi 2008 (PMC2663332) |
-| ACL, tibial centre along the plateau | 41 %, range 38-45 | Cho 2017 (PMC5686853) |
-
-(a) J Orthop Surg Res 2021, doi 10.1186/s13018-021-02708-8, men; (b) 3D-CT of 124 knees, radii as spheres;
-(c) BMC Musculoskelet Disord 2020, doi 10.1186/s12891-020-03657-9.
+The bones are modelled, not scanned: blended primitives (femur_field.py, tibia_field.py), polygonised here.
+README.md has the published dimensions and their sources. Frame of both: x anterior, y superior, z to the
+right (lateral, for this is a right knee), origin half-way between the epicondyles; in full extension the two
+frames coincide.
 
 The drilled meshes are for the eye: the same triangles with the <tunnel> elements of femur.urdf and tibia.urdf
 bored through them (drill.py).

@@ -8,7 +8,7 @@ Pendulum: 1 kg, from 60 degrees, at its static stretch; error: RMS of the bob's 
 scipy's solution of the same elastic chain (chain_ode). Errors are relative to the length.
 
 PEERS are measured figures, on one core of a machine like the one this was written on, best wall time of the
-settings tried: see README. They are facts of other programs and another run: ratios to them are for scale.
+settings tried. They are facts of other programs and another run: ratios to them are for scale.
 """
 
 import dataclasses
