@@ -196,9 +196,6 @@ constexpr double kRunaway = 1e12;
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 
-// Pivots of a panel at most [-]. More: they take longer among themselves. Fewer: the blocks that they take
-// something off are fetched more often.
-constexpr int kWidest = 16;
 
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
 constexpr double kRounding = 8.0;

@@ -21,22 +21,6 @@ inline void subtract_product(const PaddedBlock& a, const PaddedBlock& b, PaddedB
     c.row[i] -= a.row[i][0] * b.row[0] + a.row[i][1] * b.row[1] + a.row[i][2] * b.row[2];
 }
 
-// c += a b
-inline void add_product(const PaddedBlock& a, const BlockPair& b, BlockPair& c) {
-  for (int i = 0; i < 3; ++i)
-    c.row[i] += a.row[i][0] * b.row[0] + a.row[i][1] * b.row[1] + a.row[i][2] * b.row[2];
-}
-
-inline void put(const PaddedBlock& b, BlockPair& pair, int half) {
-  for (int i = 0; i < 3; ++i)
-    for (int e = 0; e < 4; ++e) pair.row[i][4 * half + e] = b.row[i][e];
-}
-
-inline void subtract_half(const BlockPair& pair, int half, PaddedBlock& from) {
-  for (int i = 0; i < 3; ++i)
-    for (int e = 0; e < 4; ++e) from.row[i][e] -= pair.row[i][4 * half + e];
-}
-
 inline PaddedBlock transposed(const PaddedBlock& b) {
   PaddedBlock t;
   for (int i = 0; i < 3; ++i) t.row[i] = Lanes4{b.row[0][i], b.row[1][i], b.row[2][i], 0};
@@ -70,7 +54,6 @@ void SparseFactor::analyse(int n, const Edges& edges) {
   find_neighbours();
   node_ = minimum_degree_.order(graph_);
   find_columns();
-  find_panels();
   plan_updates();
   diagonal_.resize(n_), below_.resize(rows_.size());
 }
@@ -121,30 +104,17 @@ int SparseFactor::slot(int row, int column) const {
   return static_cast<int>(std::lower_bound(from, to, row) - rows_.begin());
 }
 
-// The next pivot belongs to the panel where it is the first block below, and has all the others below too.
-void SparseFactor::find_panels() {
-  panel_.clear();
-  for (int k = 0; k < n_; ++k) {
-    const int before = k > 0 ? first_[k] - first_[k - 1] : 0;
-    const bool same = before > 0 && rows_[first_[k - 1]] == k && first_[k + 1] - first_[k] == before - 1;
-    if (!same || k - panel_.back() == kWidest) panel_.push_back(k);
-  }
-  panel_.push_back(n_);
-}
-
-// What is below a panel after its row r is below pivot r too, in the same order.
+// What is below row r of pivot k is below pivot r too, in the same order.
 void SparseFactor::plan_updates() {
   target_.clear();
-  for (size_t p = 0; p + 1 < panel_.size(); ++p) {
-    const int last = panel_[p + 1] - 1;
-    for (int a = first_[last]; a < first_[last + 1]; ++a) {
-      target_.push_back(~rows_[a]);
-      for (int b = a + 1, at = first_[rows_[a]]; b < first_[last + 1]; ++b, ++at) {
+  for (int k = 0; k < n_; ++k)
+    for (int a = first_[k]; a < first_[k + 1]; ++a) {
+      target_.push_back(rows_[a]);
+      for (int b = a + 1, at = first_[rows_[a]]; b < first_[k + 1]; ++b, ++at) {
         while (rows_[at] != rows_[b]) ++at;
         target_.push_back(at);
       }
     }
-  }
 }
 
 void SparseFactor::start() {
@@ -160,64 +130,20 @@ void SparseFactor::add(int i, int j, const Block3& b) {
     for (int c = 0; c < 3; ++c) to.row[r][c] += lower ? b.v[3 * r + c] : b.v[3 * c + r];
 }
 
-// Pivots k to k + m - 1, and what they do to each other; A^T and W of what is below them all are put aside.
-BT_VECTOR bool SparseFactor::factorise_panel(int k, int m) {
-  const int r = first_[k + m] - first_[k + m - 1];
-  scaled_.resize(r * m), turned_.resize((r + 1) / 2 * m);
-  PaddedBlock w[kWidest];
-  for (int j = 0; j < m; ++j) {
-    PaddedBlock& pivot = diagonal_[k + j];
-    if (!invert(pivot)) return false;
-    PaddedBlock* column = below_.data() + first_[k + j];
-    const int inside = m - 1 - j;
-    for (int a = 0; a < r; ++a) {
-      multiply(column[inside + a], pivot, scaled_[a * m + j]);
-      put(transposed(column[inside + a]), turned_[a / 2 * m + j], a % 2);
-    }
-    if (r % 2) put(PaddedBlock{}, turned_[r / 2 * m + j], 1);
-    for (int c = 0; c < inside; ++c) multiply(column[c], pivot, w[c]);
-    for (int c = 0; c < inside; ++c) {
-      const PaddedBlock turned = transposed(column[c]);
-      subtract_product(w[c], turned, diagonal_[k + j + 1 + c]);
-      PaddedBlock* later = below_.data() + first_[k + j + 1 + c];
-      for (int b = c + 1; b < inside; ++b) subtract_product(w[b], turned, later[b - c - 1]);
-      for (int a = 0; a < r; ++a) subtract_product(scaled_[a * m + j], turned, later[inside - c - 1 + a]);
-    }
-    std::copy_n(w, inside, column);
-    for (int a = 0; a < r; ++a) column[inside + a] = scaled_[a * m + j];
-  }
-  return true;
-}
-
-// What the panel takes off all others, two columns of blocks at a time.
-BT_VECTOR void SparseFactor::update_others(int k, int m, const int*& target) {
-  const int r = first_[k + m] - first_[k + m - 1];
-  auto block = [&](int at) -> PaddedBlock& { return at < 0 ? diagonal_[~at] : below_[at]; };
-  for (int a = 0; a < r; a += 2) {
-    const BlockPair* turned = turned_.data() + a / 2 * m;
-    const int *one = target, *other = target + (r - a);
-    const bool two = a + 1 < r;
-    auto take = [&](const BlockPair& sum, int b) {
-      subtract_half(sum, 0, block(one[b - a]));
-      if (two && b > a) subtract_half(sum, 1, block(other[b - a - 1]));
-    };
-    for (int b = a; b < r; b += 2) {  // two at a time: one has to wait for its own sums
-      const PaddedBlock *w = scaled_.data() + b * m, *v = b + 1 < r ? w + m : w;
-      BlockPair sum{}, beside{};
-      for (int j = 0; j < m; ++j) add_product(w[j], turned[j], sum), add_product(v[j], turned[j], beside);
-      take(sum, b);
-      if (b + 1 < r) take(beside, b + 1);
-    }
-    target = other + (two ? r - a - 1 : 0);
-  }
-}
-
-bool SparseFactor::factorise() {
+BT_VECTOR bool SparseFactor::factorise() {
   const int* target = target_.data();
-  for (size_t p = 0; p + 1 < panel_.size(); ++p) {
-    const int k = panel_[p], m = panel_[p + 1] - k;
-    if (!factorise_panel(k, m)) return false;
-    update_others(k, m, target);
+  for (int k = 0; k < n_; ++k) {
+    if (!invert(diagonal_[k])) return false;
+    const int r = first_[k + 1] - first_[k];
+    PaddedBlock* column = below_.data() + first_[k];
+    scaled_.resize(r);
+    for (int a = 0; a < r; ++a) multiply(column[a], diagonal_[k], scaled_[a]);
+    for (int a = 0; a < r; ++a) {
+      const PaddedBlock turned = transposed(column[a]);
+      subtract_product(scaled_[a], turned, diagonal_[*target++]);
+      for (int b = a + 1; b < r; ++b) subtract_product(scaled_[b], turned, below_[*target++]);
+    }
+    std::copy(scaled_.begin(), scaled_.end(), column);
   }
   return true;
 }

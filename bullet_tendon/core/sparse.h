@@ -9,9 +9,6 @@
 // and blocks A_a below
 //
 //   W_a = A_a D^-1,   A_ba -= W_b A_a^T,   L_a = W_a.
-//
-// Pivots that follow each other and have the same blocks below are one panel: what they take off a block
-// elsewhere is added up first (supernodes; Ng and Peyton 1993).
 #pragma once
 #include <utility>
 #include <vector>
@@ -32,11 +29,6 @@ typedef double Lanes4 __attribute__((vector_size(32), aligned(8)));  // wherever
 struct PaddedBlock {
   Lanes4 row[3];
 };
-// Two such, side by side.
-typedef double Lanes8 __attribute__((vector_size(64), aligned(8)));
-struct BlockPair {
-  Lanes8 row[3];
-};
 
 class SparseFactor {
  public:
@@ -56,10 +48,7 @@ class SparseFactor {
  private:
   void find_neighbours();
   void find_columns();
-  void find_panels();
   void plan_updates();
-  bool factorise_panel(int k, int m);
-  void update_others(int k, int m, const int*& target);
   int slot(int row, int column) const;
 
   int n_ = 0;
@@ -69,11 +58,9 @@ class SparseFactor {
   std::vector<int> where_, node_;              // place of a block in the elimination, and back
   std::vector<int> first_, rows_;              // places of the blocks below pivot k: rows_[first_[k] ...]
   std::vector<int> child_, sibling_, seen_;    // of the elimination tree, while columns are found
-  std::vector<int> panel_;                     // first pivot of each panel, and the end
-  std::vector<int> target_;                    // block that each update goes to, in order; diagonals: ~place
+  std::vector<int> target_;                    // block that each update goes to, in order
   std::vector<PaddedBlock> diagonal_, below_;  // D^-1 and L once factorised
-  std::vector<PaddedBlock> scaled_;            // of what is below one panel: W, by block and pivot,
-  std::vector<BlockPair> turned_;              // and A^T, by pair of blocks and pivot
+  std::vector<PaddedBlock> scaled_;            // W of one pivot, by block below it
   std::vector<Vec3> right_;                    // of a solution, by place
 };
 
