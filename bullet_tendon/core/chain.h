@@ -100,7 +100,6 @@ class Chain {
   uint64_t touching = 0;     // a hash of the contacts with bodies
   bool touched = false;      // a contact pressed on it in the last step
   double b = 0;              // step weight of this step (stepping.h)
-  double turn = 0;           // greatest_turn (stepping.h) in it, for methods of second order
 
   // How contacts are foreseen: where particles are thought to be at the end of the step [m], and by how
   // much they may miss it [m].

@@ -119,17 +119,6 @@ constexpr int kMostSubsteps = 2048;
 // that fast motion near a body or another tendon can ask for.
 constexpr int kUnits = 3 * 8192;
 
-// Sine of the angle that a segment is foreseen to turn by in a step above which methods of second order take
-// it in three parts [-]. Larger: the crack of a whip is lost. Smaller: fast spinning costs more.
-constexpr double kTurn = 0.6;
-// The same above which the lengths of segments are kept, by the guess and by iterations [-]. Larger: more
-// iterations. Smaller: each takes longer for nothing.
-constexpr double kTurned = 0.1;
-// Turns of pushing apart what such segments strike in the guess, and the push, in radii, under which it is
-// enough [-]. Fewer, or larger: more iterations. More: each guess takes longer for nothing.
-constexpr int kGuessSweeps = 10;
-constexpr double kGuessed = 1e-6;
-
 // Speed up to which a tendon is at rest, in radii a second [1/s], for how long until it sleeps [s], and in
 // how many steps at least (sleep.cpp). Faster, or sooner: what creeps, or turns back, is stopped. Slower, or
 // later: heaps, which settle ever more slowly, are solved for longer.

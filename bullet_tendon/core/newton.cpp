@@ -21,25 +21,20 @@ struct Solution {
   Group& group;
   const StepContext& context;
   bool safeguarded;      // may be
-  bool violent;          // turns far
   bool safe = false;     // is safeguarded
-  bool far, turns;       // from the solution; and, at some time, off the direct way to it
+  bool far = true;       // from the solution
+  bool turns = false;    // was far from it at some time, so that segments turn
   bool changed = false;  // what constrains particles directly
   bool circles = false;
   int iteration = 0, lost = 0;
   Rounds rounds;
-  Progress progress;
+  Progress progress{0};
   // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
   void start_anew() { progress = Progress(group.rows.size()), last_residual = kNone; }
 };
-
-bool turns_far(const Group& group) {
-  return std::any_of(group.chains.begin(), group.chains.end(),
-                     [](const Chain* c) { return c->turn > kTurned; });
-}
 
 bool touches(const Group& group) { return !group.acting.empty(); }
 
@@ -64,25 +59,18 @@ bool is_rounding(Group& group, const Assembly& a, double last_residual, bool tai
   return in_roundings(group, a, tails) <= most && !ran_away(group);
 }
 
-// Contacts are stiff across the tendon: there it matters more where particles are than how long segments are,
-// but for what strikes another tendon, or itself, while it turns far.
-bool may_keep_lengths(const Group& group, bool violent) {
-  return std::none_of(group.acting.begin(), group.acting.end(),
-                      [violent](const Row* row) { return !violent || row->link >= 0; });
-}
-
 Solution begin(Group& group, const StepContext& context, bool safeguarded) {
-  const bool violent = turns_far(group);
   group.most_jump = kNone, group.stayed = group.strays = false;
   for (Row* row : group.rows) {
     row->held = false, row->changes = 0;
     row->stays &= context.goes_on;
   }
   start_bodies(group);
-  if (violent && !context.goes_on) guess_struck(group);
   group.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
-  return {group, context, safeguarded, violent, false, !context.goes_on,           violent,
-          false, false,   0,           0,       {},    Progress(group.rows.size())};
+  Solution s{group, context, safeguarded};
+  s.far = !context.goes_on;
+  s.start_anew();
+  return s;
 }
 
 bool update_directs(Group& group) {
@@ -104,9 +92,7 @@ void note_distance(Solution& s, const Assembly& a) {
 // The residual, and whether it is small enough.
 Assembly judge(Solution& s) {
   Group& group = s.group;
-  // Where segments turn far, what touched in the last step says little about what does in the guess.
-  const bool anew = s.violent && s.iteration == 0;
-  Assembly a = residual_of(group, s.safe || anew, s.safe || s.far);
+  Assembly a = residual_of(group, s.safe, s.safe || s.far);
   s.changed = update_directs(group);
   measure_residual(group, a);
   group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
@@ -124,8 +110,7 @@ Assembly judge(Solution& s) {
 // Where the solution, or a round of it, is at its end.
 Next end_round(Solution& s, const Assembly& a) {
   Group& group = s.group;
-  // What turns far has its limits settled within iterations.
-  const bool settled = s.violent || s.safe || s.far || s.changed || s.rounds.over();
+  const bool settled = s.safe || s.far || s.changed || s.rounds.over();
   if (!group.converged && (settled || !s.rounds.near_end(s.iteration, group.residual))) return Next::step;
   if (s.rounds.over()) return Next::stop;
   if (s.rounds.next(group, s.iteration, s.options().tolerance * a.scale)) {
@@ -172,7 +157,7 @@ Next find_step(Solution& s, const Assembly& a) {
   group.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
   assemble(group, how, s.safe, s.safe || s.far);
   if (solve_linear(group, s.context, s.safe)) {
-    if (!s.safe && !s.far && !s.violent) solve_limits(group, s.context, least_change(s, a));
+    if (!s.safe && !s.far) solve_limits(group, s.context, least_change(s, a));
     return Next::step;
   }
   // Indefinite: once more, with compression cut off.
@@ -182,15 +167,10 @@ Next find_step(Solution& s, const Assembly& a) {
 }
 
 // Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
-// odds, not yet. Stiffness does so where tendons turn far alone: a multiplier that takes over too much pushes
-// off, and what rests would not stay at rest.
+// odds, not yet.
 void settle_limits(Solution& s) {
-  for (Row* row : s.group.acting) {
-    if (s.violent)
-      row->settle_limits();
-    else if (row->agrees(row->multiplier))
-      row->settle_friction();
-  }
+  for (Row* row : s.group.acting)
+    if (row->agrees(row->multiplier)) row->settle_friction();
 }
 
 void take_step(Solution& s) {
@@ -201,8 +181,9 @@ void take_step(Solution& s) {
   foresee_contacts(group);
   settle_limits(s);
   advance(group, 1);
-  if (!s.turns || !may_keep_lengths(group, s.violent)) return;
-  for (Chain* c : group.chains) s.violent ? pull_to_lengths(*c) : keep_lengths(*c);
+  // Contacts are stiff across the tendon: there it matters more where particles are than how long segments are.
+  if (!s.turns || touches(group)) return;
+  for (Chain* c : group.chains) keep_lengths(*c);
 }
 
 void end(Solution& s) {

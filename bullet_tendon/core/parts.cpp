@@ -8,8 +8,6 @@
 //   room        what is near something moves relative to it by more than its radius: only that share of
 //               the step is taken (share_to_go), and the rest from there
 //   unsettled   a group with contacts does not converge: half of it is taken
-//   turning     methods of second order lose it where segments turn far: a third or half of it is taken, and
-//               once something is struck, all that is left: solutions with contacts take more iterations
 //
 // A part is a step of its own, with contacts of its own. Links go as they were going, and as earlier parts
 // have pushed them, from the start of the step on: pybullet moves them by the step's length times the
@@ -59,27 +57,7 @@ void World::begin_part() {
   find_bores();
 }
 
-// Parts that a step is begun with, by what its segments are foreseen to turn by: fewer beside contacts, where
-// each takes more iterations. After shorter ones it grows in two, so that second order is not begun anew.
-int World::turning_parts() const {
-  if (!is_second_order(options.integrator) || !can_split()) return 1;
-  bool turns = false, touched = false, grows = false;
-  for (const Chain* c : slots_) {
-    if (!c) continue;
-    turns |= c->turn > kTurn;
-    touched |= c->touched;
-    const double growth = c->dt_before > 0 ? context_.dt / c->dt_before : 1;
-    grows |= growth > kMostGrowth && growth <= 2 * kMostGrowth;
-  }
-  return turns ? (touched ? 2 : 3) : grows ? 2 : 1;
-}
-
 Outcome World::solve() {
-  if (const int parts = size_ == kUnits && !looking_ ? turning_parts() : 1; parts > 1) {
-    keep_start();
-    size_ = kUnits / parts;
-    return solve_again();
-  }
   if (looking_) rows_.swap(before_);
   collect_rows();
   if (rouse_met()) return solve_again();
@@ -172,21 +150,12 @@ void World::copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const {
   }
 }
 
-// In thirds: it touches something while it turns far.
-bool World::has_struck() const {
-  return size_ == kUnits / 3 && std::any_of(slots_.begin(), slots_.end(), [](const Chain* c) {
-           return c && c->touched && c->turn > kTurned;
-         });
-}
-
 void World::next_part() {
   take_part();
   push_bodies();
   for (Link& l : links) l.advance_to(time_of_part());
   done_ += size_;
-  if (has_struck())
-    size_ = kUnits - done_;
-  else if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits)
+  if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits)
     size_ *= 2;
   for (Chain* c : slots_)
     if (c) c->keep_multipliers(c->kept);

@@ -86,13 +86,6 @@ void Row::settle_friction() {
   if (!direct && friction > 0) limit_friction(friction * multiplier);
 }
 
-void Row::settle_limits() {
-  if (direct) return;
-  settle_friction();
-  if (softest == 0 || multiplier - carried <= stiffness * kDepth * radius) return;
-  take_over(multiplier);
-}
-
 void Row::settle(Vec3 relative) {
   Vec3 z = without(stuck + relative - reference, normal);
   double pull = grip * norm(z);

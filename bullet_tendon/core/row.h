@@ -129,9 +129,6 @@ struct Row {
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   // Friction's limit as the normal force that is foreseen asks for.
   void settle_friction();
-  // Friction's limit, and k, as the normal force that is foreseen asks for: what the solution would be solved
-  // on for else.
-  void settle_limits();
   // z at the end of a step whose forces were taken at its start.
   void settle(Vec3 relative);
 };

@@ -67,7 +67,7 @@ template <class A>
 void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
          tunnel_of, x_before, v_before, acceleration,
-         dt_before, smooth, quiet, bed, touching, touched, b, turn, foreseen, slack, most_slack, rest_set,
+         dt_before, smooth, quiet, bed, touching, touched, b, foreseen, slack, most_slack, rest_set,
          kept, kept_smooth, start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split,
          gathered, braked, next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
          cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks,
@@ -76,7 +76,7 @@ void fields(A& a, Chain& chain) {
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, tunnel_of);
   a(x_before, v_before, acceleration, dt_before, smooth, quiet, bed, touching, touched, split,
     gathered);
-  a.scratch(b, turn, foreseen, slack, most_slack, rest_set, kept, kept_smooth,
+  a.scratch(b, foreseen, slack, most_slack, rest_set, kept, kept_smooth,
             start_x, start_v, start, start_x_before, start_v_before, start_dt_before, braked, next_tail,
             goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
             cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm,

@@ -47,9 +47,6 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
     h.target = fraction == 1 ? h.aim : (1 - fraction) * from.at(h.particle) + fraction * h.aim;
     if (h.rigid) c.next.set(h.particle, h.target);
   }
-  const bool turning = is_second_order(method) && carries(context.options) && !context.whole;
-  c.turn = turning ? greatest_turn(c) : 0;
-  if (c.turn > kTurned) guess_turned(c);
 }
 
 namespace {

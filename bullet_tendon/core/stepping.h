@@ -181,15 +181,6 @@ void add_coupling(Group& group);
 
 // After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
 void keep_lengths(Chain& c);
-// Greatest sine of the angle by which a segment turns from chain.x to the guess in chain.next; what is turned
-// over along itself does not count.
-double greatest_turn(const Chain& c);
-// The same where they turn far within the step, by pulls that are added to the multipliers (pulls.cpp); and
-// the guess in chain.next with pulls that answer it.
-void pull_to_lengths(Chain& c);
-void guess_turned(Chain& c);
-// The same of tendons that strike each other, by contacts too (struck.cpp).
-void guess_struck(Group& group);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);

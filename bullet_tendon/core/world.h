@@ -133,8 +133,6 @@ class World {
   bool can_carry() const;
   bool can_split() const;
   void begin_part();
-  int turning_parts() const;
-  bool has_struck() const;
   void keep_start();
   Outcome shrink(double share);
   void push_links(double share);
