@@ -1,4 +1,4 @@
-"""Bending stiffness with segments of different lengths, and clamps at either end, against the beam's formula."""
+"""Bending with segments of different lengths, and clamps at either end, against the beam's formula."""
 
 import numpy as np
 import pytest
