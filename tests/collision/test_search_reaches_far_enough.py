@@ -1,4 +1,4 @@
-"""What tendons could touch within a step is found: fast motion, slack on both sides, and lists of triangles."""
+"""What tendons could touch in a step is found: fast motion, slack on both sides, lists of triangles."""
 
 import numpy as np
 import pybullet as p
