@@ -1,4 +1,4 @@
-"""Where tendons take bodies to be within a step: in its parts, on arms whose base is led, and after a blow."""
+"""Where tendons take bodies to be within a step: in its parts, on a base that is led, after a blow."""
 
 import numpy as np
 import pybullet as p
