@@ -1,4 +1,4 @@
-"""What is learned of how a body answers: by how much it gives way, and that it is never lighter than it is."""
+"""What is learned of how a body answers: how much it gives way; it is never taken for lighter than it is."""
 
 import numpy as np
 import pybullet as p
@@ -30,7 +30,7 @@ class Helped:
             self.cords.append(cord)
 
     def step(self, pulls):
-        """One step with about these pulls [N]; by how much the body missed its plan, over f dt^2/m (2,) [-]."""
+        """One step with about these pulls [N]; how far the body is off its plan, over f dt^2/m (2,) [-]."""
         place = np.array(p.getBasePositionAndOrientation(self.body, self.client)[0])
         for axis, (hand, pull) in enumerate(zip(self.hands, pulls, strict=True)):
             hand.target = place + (LENGTH * (1 + pull / K)) * np.eye(3)[axis]
