@@ -163,16 +163,20 @@ class HostileInt(int):
     __int__ = __index__ = __repr__ = Hostile._refuse
 
 
-class Unfinished(Hostile):
-    """A sequence that ends badly when it is read."""
+class Unfinished:
+    """A sequence that ends badly when it is read: it says how often that was."""
+
+    reads = 0
+    __repr__ = Hostile._refuse
 
     def __len__(self):
         return 3
 
     def __getitem__(self, index):
-        raise RuntimeError("unfinished")
-
-    __array__ = None
+        Unfinished.reads += 1
+        if index == 2:
+            raise RuntimeError("unfinished")
+        return 1.0
 
 
 @pytest.mark.parametrize(
@@ -194,6 +198,13 @@ class Unfinished(Hostile):
 def test_errors_of_the_value_itself_do_not_get_through(check, make):
     with pytest.raises(TendonError, match="x = .*must be"):
         check("x", make())
+
+
+def test_a_sequence_that_ends_badly_is_read_and_refused():
+    reads = Unfinished.reads
+    with pytest.raises(TendonError, match="x = .*must be"):
+        checks.vector("x", Unfinished())
+    assert Unfinished.reads >= reads + 3
 
 
 def test_errors_of_the_value_itself_do_not_get_through_the_world(make_world):

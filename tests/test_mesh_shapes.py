@@ -136,9 +136,10 @@ def test_trap_solver_type_is_never_passed(monkeypatch):
 def test_trap_collision_objects_are_made_once(monkeypatch):
     shape = mesh(*torus())
     a, b = random_segments(np.random.default_rng(11), 50, shape)
-    shape.measure(a, b)
+    first = shape.measure(a, b)
     monkeypatch.setattr(fcl, "CollisionObject", None)
-    shape.measure(a, b)
+    for once, again in zip(first, shape.measure(a, b), strict=True):
+        np.testing.assert_array_equal(again, once)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -209,7 +209,7 @@ def test_inside_must_be_one_of_the_choices(make_world):
 
 
 @pytest.mark.skipif(not PATELLA.exists(), reason="no real bone beside the project (shared/knee/patella.stl)")
-def test_out_of_a_real_bone_or_refused(make_world):
+def test_out_of_a_real_bone(make_world):
     """Random lines through a patella: pushed out they cross it nowhere, by brute force."""
     world, bone = make_world(), read_mesh(PATELLA)
     made = p.createCollisionShape(
@@ -220,15 +220,12 @@ def test_out_of_a_real_bone_or_refused(make_world):
     )
     body = p.createMultiBody(0, made, physicsClientId=world.physicsClientId)
     world.add_obstacle(body, meshes=[PATELLA])
-    rng, refused = np.random.default_rng(3), 0
+    rng, crossed = np.random.default_rng(3), 0
     for _ in range(8):
         middle = bone.vertices.mean(0) + rng.normal(size=3) * 0.006
         line = middle + np.outer([-1, 1], rng.normal(size=3) * 0.02)
-        try:
-            t = world.add_tendon(line, 0.002, SOFT, 16, inside="push_out")
-        except bt.InvalidValue:
-            refused += 1
-            continue
-        x, corners = t.positions, bone.vertices[bone.triangles]
+        corners = bone.vertices[bone.triangles]
+        crossed += segment_triangles(*line, corners) == 0
+        x = world.add_tendon(line, 0.002, SOFT, 16, inside="push_out").positions
         assert min(segment_triangles(a, b, corners) for a, b in zip(x, x[1:], strict=False)) > 0
-    assert refused <= 2
+    assert crossed >= 4

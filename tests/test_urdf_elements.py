@@ -198,7 +198,8 @@ def test_names_are_unique_within_a_kind(written, element, kind):
 
 
 def test_a_tunnel_and_a_tendon_may_share_a_name(written):
-    read_elements(written(TUNNEL, TENDON.replace("graft", "bore")))
+    found = read_elements(written(TUNNEL, TENDON.replace("graft", "bore")))
+    assert [e.name for e in found.tunnels] == [e.name for e in found.tendons] == ["bore"]
 
 
 @pytest.mark.parametrize("kind, element", [("tunnel", TUNNEL), ("tendon", TENDON)])

@@ -41,7 +41,12 @@ body = st.one_of(st.integers(-2, 6), wild)
 
 
 class Calls(RuleBasedStateMachine):
-    """Handles are never thrown away, so that most of them are stale after a while."""
+    """Handles are never thrown away, so that most of them are stale after a while.
+
+    set: attributes of grips that were set, and refused: those that were not, by name, of all runs.
+    """
+
+    set, refused = set(), set()
 
     def __init__(self):
         super().__init__()
@@ -51,6 +56,7 @@ class Calls(RuleBasedStateMachine):
         self.tendons, self.tunnels, self.holds, self.states, self.snapshots = [], [], [], [], []
         self.new_body(1.0)
         self.add_good_tendon(0.0)
+        self.holds.append(self.tendons[0].grip(0, None, 10.0))
 
     def teardown(self):
         p.disconnect(self.client)
@@ -138,11 +144,15 @@ class Calls(RuleBasedStateMachine):
         if self.tendons:
             self.attempt(lambda: self.pick(self.tendons, k).grip(i, at, s, d, e), self.holds)
 
-    @rule(k=st.integers(0, 50), name=st.sampled_from(SETTERS), to=point)
+    @rule(k=st.integers(0, 50), name=st.sampled_from(SETTERS), to=st.one_of(point, number))
     def change_grip(self, k, name, to):
-        hold = self.pick(self.holds, k)
-        if isinstance(hold, bt.Grip):
-            self.attempt(lambda: setattr(hold, name, to))
+        grips = [hold for hold in self.holds if isinstance(hold, bt.Grip)]
+        hold = self.pick([g for g in grips if not g.released] if k < 40 else grips, k)
+        if hold is None:
+            return
+        done = []
+        self.attempt(lambda: setattr(hold, name, to), done)
+        (self.set if done else self.refused).add(name)
 
     @rule(k=st.integers(0, 50))
     def release(self, k):
@@ -228,4 +238,7 @@ def test_random_calls(runs, calls):
         derandomize=True,
         suppress_health_check=list(HealthCheck),
     )
+    Calls.set.clear(), Calls.refused.clear()
     run_state_machine_as_test(Calls, settings=sweep)
+    assert {"target", "stiffness", "damping"} <= Calls.set
+    assert Calls.refused

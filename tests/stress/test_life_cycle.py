@@ -133,7 +133,7 @@ def test_one_world_a_thread():
 
 
 OFTEN = ["load", "load", "remove", "attach", "attach", "obstacle", "tendon", "release"]
-SELDOM = ["step", "step", "step", "substeps", "save", "restore", "reset", "drop", "reconnect"]
+SELDOM = ["step", "step", "step", "substeps", "save", "restore", "reset", "drop", "reconnect", "fail"]
 
 
 class Life:
@@ -146,7 +146,7 @@ class Life:
         self.saved = [[], []]
         self.holds = [[], []]  # (attachment, body object), the body known by its own user data
         self.bodies = [{}, {}]  # id: (mark, how often this body may have been pushed)
-        self.count = 0
+        self.count = self.failed = 0
 
     def close(self):
         for c in self.clients:
@@ -154,13 +154,9 @@ class Life:
 
     def act(self):
         k = int(self.rng.integers(2))
-        name = self.rng.choice(
-            ["load", "load", "remove", "attach", "attach", "obstacle", "tendon", "release"]
-        )
+        name = self.rng.choice(OFTEN)
         if self.rng.random() < 0.4:
-            name = self.rng.choice(
-                ["step", "step", "step", "substeps", "save", "restore", "reset", "drop", "reconnect"]
-            )
+            name = self.rng.choice(SELDOM)
         if name in ("reset", "reconnect") and self.rng.random() > 0.1:
             name = "step"
         getattr(self, name)(k, self.worlds[k], self.clients[k])
@@ -228,6 +224,26 @@ class Life:
             assert not stale
             self.nobody_else_was_pushed(k, world, client)
 
+    def fail(self, k, world, client):
+        """A step under a force that no step can be solved with: tendons stay as they were."""
+        if not world.tendons:
+            return
+        t = world.tendons[int(self.rng.integers(len(world.tendons)))]
+        t.set_force(2, (1e308, 0, 1e308))
+        before = [(u.positions, u.velocities, u.tension) for u in world.tendons]
+        try:
+            world.step()
+        except bt.UnknownId:
+            pass
+        except bt.StepFailed:
+            self.failed += 1
+        else:
+            raise AssertionError("a step was solved")
+        for u, was in zip(world.tendons, before, strict=True):
+            for now, then in zip((u.positions, u.velocities, u.tension), was, strict=True):
+                np.testing.assert_array_equal(now, then)
+        t.set_force(2, (0, 0, 0))
+
     def nobody_else_was_pushed(self, k, world, client):
         held = {body for h, body, mark in self.holds[k] if not h.released}
         for body in set(self.bodies[k]) - held:
@@ -269,3 +285,4 @@ def test_random_operations(operations):
     for _ in range(operations):
         life.act()
     life.close()
+    assert life.failed > 0

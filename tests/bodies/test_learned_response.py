@@ -1,0 +1,60 @@
+"""What is learned of how a body answers: how much it gives way; it is never taken for lighter than it is."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from link_scenes import free_ball
+
+import bullet_tendon as bt
+
+DT, MASS, K, LENGTH = 1 / 240, 5e4, 2e3, 0.1
+
+
+class Helped:
+    """A heavy body on cords along x and y. A script resists the pull along y by half, and helps that along x.
+
+    Something in pybullet could hold a body: elsewhere there is a constraint.
+    """
+
+    def __init__(self, client, world, help_along_x):
+        self.client, self.world, self.help = client, world, help_along_x
+        other = free_ball(client, 1.0, (5, 0, 0))
+        place = [p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [5, 0, 0]]
+        p.createConstraint(other, -1, -1, -1, *place, physicsClientId=client)
+        self.body = free_ball(client, MASS)
+        self.hands, self.ties, self.cords = [], [], []
+        for along in np.eye(3)[:2]:
+            cord = world.add_tendon([LENGTH * along, 0 * along], 0.002, bt.Material(stiffness=K), 3)
+            self.hands.append(cord.grip(0))
+            self.ties.append(cord.attach(-1, self.body))
+            self.cords.append(cord)
+
+    def step(self, pulls):
+        """One step with about these pulls [N]; how far the body is off its plan, over f dt^2/m (2,) [-]."""
+        place = np.array(p.getBasePositionAndOrientation(self.body, self.client)[0])
+        for axis, (hand, pull) in enumerate(zip(self.hands, pulls, strict=True)):
+            hand.target = place + (LENGTH * (1 + pull / K)) * np.eye(3)[axis]
+        self.world.apply()
+        force = sum(tie.force for tie in self.ties)
+        more = [self.help * force[0], -0.5 * force[1], 0]
+        p.applyExternalForce(self.body, -1, more, place.tolist(), p.WORLD_FRAME, self.client)
+        p.stepSimulation(self.client)
+        place = np.array(p.getBasePositionAndOrientation(self.body, self.client)[0])
+        missed = [place[k] - self.cords[k].positions[-1, k] for k in (0, 1)]
+        return np.array(missed) / np.abs(force[:2]) / DT**2 * MASS
+
+
+@pytest.mark.parametrize("share", [0.12, 0.18])
+def test_a_body_is_never_taken_to_be_lighter_than_it_is(make_world, client, share):
+    """What helps along x may end at once: the plan is that of the mass, or less, while the help lasts too."""
+    scene = Helped(client, make_world(DT), share)
+    for k in range(10):
+        missed = scene.step([0.0, 100 * (1 + 0.5 * (-1) ** k)])
+    assert abs(missed[1]) <= 1e-3  # it is known that it gives way by half
+    for k in range(6):
+        missed = scene.step([40 * (-1) ** k, 100.0])
+        np.testing.assert_allclose(np.abs(missed), [share, 0], atol=1e-4)
+    scene.help = 0.0
+    for k in range(4):
+        missed = scene.step([40 * (-1) ** k, 100.0])
+        np.testing.assert_allclose(missed, 0, atol=1e-4)

@@ -1,0 +1,123 @@
+"""Bores and mouths of bodies that move, and what has been led out of them and is let go."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+DT, BORE, R, HALF = 1 / 240, 0.006, 0.004, 0.05
+ROPE = bt.Material(stiffness=3e3, damping=3.0, friction=1.0)
+
+
+def heavy(client, mass=1e4, at=(0, 0, 0)):
+    """A free body without damping, so heavy that a tendon does not change its motion."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[HALF] * 3, physicsClientId=client)
+    body = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    return body
+
+
+def off_axis(client, body, points):
+    """Distances of points from the x axis of a body, as it is now [m]."""
+    origin, turn = p.getBasePositionAndOrientation(body, client)
+    axes = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    return np.linalg.norm(((points - origin) @ axes)[:, 1:], axis=1)
+
+
+@pytest.mark.parametrize("options", [{}, {"integrator": "bdf2"}], ids=["euler", "bdf2"])
+@pytest.mark.parametrize("static", [False, True], ids=["free", "led by hand"])
+def test_a_tunnel_that_moves_along_its_axis_drags_the_tendon(make_world, client, static, options):
+    """mu N on the tendon and its opposite on the body, until the tendon is as fast."""
+    mu, push, speed, n = 0.25, 0.02, 0.3, 9
+    world = make_world(DT, sleep=False, **options)
+    body = heavy(client, 0.0 if static else 1e4)
+    world.add_tunnel(body, -1, [-HALF, 0, 0], [HALF, 0, 0], BORE, mu)
+    t = world.add_tendon([[-0.01, 0, R - BORE], [0.01, 0, R - BORE]], R, ROPE, n)
+    share = t.masses / t.masses.sum()
+    for i in range(n):
+        t.set_force(i, [0, 0, -push * share[i]])
+    world.step(60)
+    start, friction = t.positions[:, 0], mu * push
+    assert np.abs(t.velocities).max() <= 1e-5
+    p.resetBaseVelocity(body, [speed, 0, 0], [0, 0, 0], client)
+    slips = int(speed * t.masses.sum() / (friction * DT))
+    assert slips >= 8
+    for k in range(1, slips + 20):
+        if static:
+            p.resetBasePositionAndOrientation(body, [speed * DT * (k - 1), 0, 0], [0, 0, 0, 1], client)
+            p.resetBaseVelocity(body, [speed, 0, 0], [0, 0, 0], client)
+        world.step()
+        if k <= slips - 1:
+            assert world.wrench(body)[0] == pytest.approx(-friction, rel=1e-4)
+    np.testing.assert_allclose(t.velocities[:, 0], speed, rtol=1e-3)
+    # While it slid, friction took it 1/2 a t^2 with v = a t: half as far as the bore went.
+    behind = speed * DT * (slips + 19) - (t.positions[:, 0] - start)
+    assert behind.mean() == pytest.approx(speed**2 * t.masses.sum() / (2 * friction), rel=0.1)
+
+
+@pytest.mark.parametrize(("spin", "speed"), [(6.0, 0.0), (6.0, 2.0), (2.0, -2.0)])
+@pytest.mark.parametrize("axis", [(0, 1, 0), (0, 0.6, 0.8)])
+def test_a_tunnel_that_turns_takes_its_particles_along_within_the_step(make_world, client, spin, speed, axis):
+    """At the end of a step particles are in the bore as the body has turned in it, however fast they slide.
+
+    Within a step the axis goes along its tangent: that is off by the cube of the angle.
+    """
+    world, length = make_world(DT), 0.2
+    body = heavy(client)
+    world.add_tunnel(body, -1, [-length, 0, 0], [length, 0, 0], BORE, 0.0)
+    t = world.add_tendon([[-0.04, 0, 0], [0.04, 0, 0]], R, ROPE, 17)
+    if not speed:
+        t.attach(8, body)
+    t.set_positions(t.positions, np.tile([speed, 0, 0], (17, 1)))
+    p.resetBaseVelocity(body, [0, 0, 0], (spin * np.array(axis)).tolist(), client)
+    most = 0.0
+    for _ in range(15):
+        world.step()
+        most = max(most, off_axis(client, body, t.positions).max())
+        assert most <= BORE - R + length * (spin * DT) ** 3 + 2e-3 * R
+    assert most >= 0.9 * (BORE - R)  # the wall pushes
+
+
+def led_out(make_world, client, line, n, taken, aside):
+    """The world and a tendon of which rigid grips took particles out of a bore, sideways through its wall.
+
+    They are let go; particles that are not taken, at the ends, are held for good.
+    """
+    world = make_world(DT)
+    body = heavy(client, 0.0)
+    world.add_tunnel(body, -1, [-HALF, 0, 0], [HALF, 0, 0], BORE, 0.0)
+    t = world.add_tendon(line, R, ROPE, n)
+    world.step()
+    hands = [t.grip(i) for i in taken]
+    for i, pull in ((0, -0.002), (n - 1, 0.002)):
+        if i not in taken:
+            t.grip(i, target=t.positions[i] + [pull, 0, 0])
+    for _ in range(10):
+        for hand in hands:
+            hand.target = hand.target + np.array(aside) / 10
+        world.step()
+    world.step()  # with the hands still: at rest
+    for hand in hands:
+        hand.release()
+    return world, t
+
+
+@pytest.mark.parametrize("aside", [(0, 1.6 * BORE, 0), (0, -1.2 * BORE, 1.2 * BORE)])
+def test_what_was_forced_through_the_wall_of_a_bore_comes_back(make_world, client, aside):
+    """A particle stays of the bore that it was in until it leaves by a mouth."""
+    line = [[-0.012, 0, 0], [0.012, 0, 0]]
+    world, t = led_out(make_world, client, line, 7, range(7), aside)
+    assert np.hypot(*t.positions.T[1:]).min() > 1.1 * BORE
+    world.step(60)
+    assert np.hypot(*t.positions.T[1:]).max() <= BORE - R + 1e-3 * R
+
+
+@pytest.mark.parametrize("mouth", [-1, 1])
+@pytest.mark.parametrize("shift", [-0.003, 0.0, 0.004])
+def test_a_segment_that_was_forced_beyond_a_mouths_edge_comes_back(make_world, client, mouth, shift):
+    """A taut tendon whose middle is let go outside a mouth's circle passes through the mouth again."""
+    line = np.array([[-0.04, 0, 0], [0.04, 0, 0]]) + [mouth * (HALF + shift), 0, 0]
+    world, t = led_out(make_world, client, line, 9, [3, 4, 5], (0, 1.5 * BORE, 0))
+    world.step(100)
+    assert np.hypot(*t.positions.T[1:]).max() <= BORE - R + 0.02 * R
