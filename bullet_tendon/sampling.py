@@ -5,15 +5,13 @@ import numpy as np
 from . import checks
 from .errors import InvalidValue
 
-_MOST = 32_768  # particles of a tendon: features are numbered by 16 bits in the keys of contacts
-
 
 def particle_positions(points, particles: int | None) -> np.ndarray:
     """(n, 3) particles along the polyline `points` (m, 3) [m].
 
     particles: how many, evenly spaced by arc length; None: the points themselves. At corners the
     centreline cuts across, so it can be shorter than the polyline. Raises InvalidType or InvalidValue,
-    also where neighbouring points coincide.
+    also where neighbouring points coincide, or where there would be more than checks.MOST_PARTICLES.
     """
     line = checks.array("points", points, (None, 3))
     if len(line) < 2:
@@ -22,8 +20,11 @@ def particle_positions(points, particles: int | None) -> np.ndarray:
     if not (lengths > 1e-9 * lengths.max()).all() or lengths.max() == 0:
         raise InvalidValue("points", points, "distinct from one point to the next")
     if particles is None:
+        if len(line) > checks.MOST_PARTICLES:
+            allowed = f"at most {checks.MOST_PARTICLES} points, or resampled to `particles`"
+            raise InvalidValue("points", f"{len(line)} points", allowed)
         return line
-    n = checks.integer("particles", particles, at_least=2, at_most=_MOST)
+    n = checks.integer("particles", particles, at_least=2, at_most=checks.MOST_PARTICLES)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
     even = np.linspace(0.0, arc[-1], n)
     return np.column_stack([np.interp(even, arc, line[:, c]) for c in range(3)])
