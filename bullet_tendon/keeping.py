@@ -18,8 +18,8 @@ class KeepsState:
         """Keep all state of the tendons in memory; returns an id for restore_state and remove_state.
 
         Positions, velocities, the integrator's history, multipliers, friction anchors, contact planes,
-        memberships of tunnels, rest lengths, forces, holds and the last step's contacts. Not: the
-        options, and pybullet's bodies, for which p.saveState stands beside it; that in turn does not
+        memberships of tunnels, rest lengths, forces, holds, the last step's contacts, length and gravity.
+        Not: the options, and pybullet's bodies, for which p.saveState stands beside it; that in turn does not
         keep forces that were applied and not stepped yet, the time step, gravity, motor commands and
         bodies added or removed since.
         """
@@ -48,7 +48,7 @@ class KeepsState:
     def snapshot(self, path=None) -> bytes:
         """The state (see save_state) as bytes of a numpy npz file, written to `path` unless None.
 
-        Versioned, without pickle. p.saveBullet stands beside it for the bodies.
+        Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it for the bodies.
         """
         data = pack(self)
         if path is not None:
@@ -62,7 +62,8 @@ class KeepsState:
         run again: tendons (names, particles, materials, radii), tunnels and obstacles, on bodies of
         the same ids. Holds become those of the snapshot: handles of the same tendon, particle, kind
         and body go on, others are released, and what is missing is made (Tendon.holds). Raises
-        InvalidType, SnapshotError for what cannot be read, or StateMismatch; then nothing has changed.
+        InvalidType, SnapshotError for what cannot be read, is of another version or contradicts itself,
+        or StateMismatch for what is of another world; then nothing has changed.
         """
         unpack(self, source)
 

@@ -7,17 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from . import checks
-from .errors import InvalidType, SnapshotError, StateMismatch
+from .errors import InvalidType, SnapshotError, StateMismatch, UnknownId
 from .holds import Attachment, Grip
 from .state import parts_of, require_parts, restore_core, retake_holds
 
-VERSION = 1  # raised whenever an array, or the core's layout, changes
-_KINDS = (Grip, Attachment)
+VERSION = 2  # raised whenever an array, or the core's layout, changes
+_GRIP, _ATTACHMENT = 0, 1  # kinds of holds
+_NO_LINK = (-1, -2)  # of a slot that is not in use
+_MOST_NUMBER = 2**30  # of a hold; the core's are of 32 bits, and more are going to be made
 
 # Name: kind of numbers and shape, None for any length.
 _ARRAYS = {
     "version": ("i", ()),
     "core": ("u", (None,)),
+    "last_step": ("f", (4,)),  # length, gravity 3
     "tendons": ("U", (None,)),
     "tendon_slots": ("i", (None,)),
     "tunnels": ("U", (None,)),
@@ -34,7 +37,7 @@ def pack(world) -> bytes:
     """See TendonWorld.snapshot."""
     world._bodies.keep_contacts(world._core)
     tendons, tunnels, obstacles = parts_of(world)
-    links = [key[:2] if key else (-1, -2) for key in world._bodies.marked_links()]
+    links = [key[:2] if key else _NO_LINK for key in world._bodies.marked_links()]
     places, numbers = [], []
     for index, tendon in enumerate(world.tendons):
         for hold in tendon.holds:
@@ -44,6 +47,7 @@ def pack(world) -> bytes:
     arrays = {
         "version": np.array(VERSION),
         "core": np.frombuffer(world._core.save(), np.uint8),
+        "last_step": np.array([world._dt, *world._last_gravity], dtype=float),
         "tendons": np.array([name for _, name in tendons], dtype=str),
         "tendon_slots": np.array([slot for slot, _ in tendons], dtype=int),
         "tunnels": np.array([name for _, name, *_ in tunnels], dtype=str),
@@ -54,7 +58,7 @@ def pack(world) -> bytes:
         "hold_numbers": np.array(numbers, dtype=float).reshape(-1, 8),
     }
     file = io.BytesIO()
-    np.savez(file, **arrays, digest=_digest(arrays))
+    np.savez(file, **arrays, digest=digest_of(arrays))
     return file.getvalue()
 
 
@@ -64,26 +68,45 @@ def unpack(world, source) -> None:
     shown = "bytes" if isinstance(source, (bytes, bytearray)) else source
     require_parts(world, _parts(data), "source", shown)
     missing = _missing_links(world, data["links"], shown)
+    _require_holds(world, data, shown)
+    before = world._core.save()
     restore_core(world, data["core"].tobytes(), "source", shown)
+    if not _core_agrees(world, data):
+        world._core.restore(before)
+        raise SnapshotError("source", shown, "a snapshot whose core has the links and holds of its tables")
+    dt, *gravity = data["last_step"].tolist()
+    world._dt, world._last_gravity = dt, tuple(gravity)
     for body, link in missing:
         world._bodies.slot(body, link)
-    retake_holds(
-        world, [_hold(world, *row) for row in zip(data["hold_places"], data["hold_numbers"], strict=True)]
-    )
+    rows = zip(data["hold_places"], data["hold_numbers"], strict=True)
+    retake_holds(world, [_hold(world, *row) for row in rows])
     world._count = max([world._count, *data["hold_places"][:, 3].tolist()])
+
+
+def _core_agrees(world, data) -> bool:
+    """Whether the core that was restored has no more links than the table, and every hold of it."""
+    if len(world._core.wrenches()) > len(data["links"]):
+        return False
+    tendons = world.tendons
+    try:
+        for index, _, _, number, *_ in data["hold_places"].tolist():
+            world._core.hold_force(tendons[index]._slot, number)
+    except KeyError:
+        return False
+    return True
 
 
 def _packed(hold) -> tuple[tuple, np.ndarray]:
     settings, values = hold._settings(), np.full(8, np.nan)
     if isinstance(hold, Attachment):
         values[:3] = settings["position"]
-        return (1, settings["number"], settings["bodyUniqueId"], settings["linkIndex"]), values
+        return (_ATTACHMENT, settings["number"], settings["bodyUniqueId"], settings["linkIndex"]), values
     values[:3], values[4] = settings["target"], settings["damping"]
     if settings["stiffness"] is not None:
         values[3] = settings["stiffness"]
     if settings["direction"] is not None:
         values[5:] = settings["direction"]
-    return (0, settings["number"], -1, -1), values
+    return (_GRIP, settings["number"], -1, -1), values
 
 
 def _hold(world, place, values):
@@ -91,7 +114,7 @@ def _hold(world, place, values):
     index, particle, kind, number, body, link = map(int, place)
     tendon = world.tendons[index]
     own = tendon._holds.get(particle)
-    if kind == 1:
+    if kind == _ATTACHMENT:
         fits = isinstance(own, Attachment) and (own.bodyUniqueId, own.linkIndex) == (body, link)
         where = (body, link, values[:3].copy(), world._bodies.slot(body, link))
         hold = own if fits else Attachment(tendon, particle, number, *where)
@@ -112,16 +135,42 @@ def _hold(world, place, values):
 
 def _missing_links(world, links, shown) -> list:
     """Links of the snapshot that the world does not know yet, in the order of their slots."""
-    have = [key[:2] if key else (-1, -2) for key in world._bodies.marked_links()]
+    have = [key[:2] if key else _NO_LINK for key in world._bodies.marked_links()]
     want = [tuple(row) for row in links.tolist()]
-    if have[: len(want)] != want[: len(have)] or (-1, -2) in want[len(have) :]:
+    if have[: len(want)] != want[: len(have)] or _NO_LINK in want[len(have) :]:
         raise StateMismatch(
             "source", shown, "of a world whose tendons touch the same links, in the same order"
         )
     for body, link in want:
-        if body >= 0:
-            world._bodies.require(body, link)
+        if (body, link) != _NO_LINK:
+            try:
+                world._bodies.require(body, link)
+            except UnknownId:
+                allowed = f"of links that are there, not link {link} of body {body}"
+                raise StateMismatch("source", shown, allowed) from None
     return want[len(have) :]
+
+
+def _require_holds(world, data, shown) -> None:
+    """Raise SnapshotError where a hold is none that a tendon of this world could have."""
+    links = {tuple(row) for row in data["links"].tolist()} - {_NO_LINK}
+    for place, values in zip(data["hold_places"].tolist(), data["hold_numbers"], strict=True):
+        index, particle, kind, _, *where = place
+        there = index < len(world.tendons) and particle < world.tendons[index].particles
+        if kind == _ATTACHMENT:
+            fits = there and tuple(where) in links
+        else:
+            fits = there and _could_be_clamped(world.tendons[index], particle, values[5:])
+        if not fits:
+            raise SnapshotError("source", shown, f"a snapshot of holds that there can be, not {place}")
+
+
+def _could_be_clamped(tendon, particle: int, direction) -> bool:
+    if np.isnan(direction).all():
+        return True
+    is_end = particle in (0, tendon.particles - 1)
+    is_unit = abs(np.linalg.norm(direction) - 1) < 1e-9
+    return is_end and is_unit and tendon.material.bending_stiffness > 0
 
 
 def _parts(data) -> tuple:
@@ -160,7 +209,11 @@ def _read(source) -> dict[str, np.ndarray]:
 def _checked(data, shown) -> dict[str, np.ndarray]:
     version = data.get("version")
     if version is None or version.shape != () or version.dtype.kind != "i" or version != VERSION:
-        raise SnapshotError("source", shown, f"a snapshot of version {VERSION}, not {version}")
+        raise SnapshotError(
+            "source",
+            shown,
+            f"a snapshot of version {VERSION}, not {version} (another version of the package wrote it)",
+        )
     for name, (kind, shape) in _ARRAYS.items():
         if name not in data:
             raise SnapshotError("source", shown, f"a snapshot with an array {name!r}")
@@ -169,12 +222,50 @@ def _checked(data, shown) -> dict[str, np.ndarray]:
         if not fits or any(want not in (None, size) for size, want in zip(have.shape, shape, strict=True)):
             raise SnapshotError("source", shown, f"a snapshot whose {name!r} has the shape {shape}")
     arrays = {name: data[name] for name in _ARRAYS if name != "digest"}
-    if not np.array_equal(_digest(arrays), data["digest"]):
+    if not np.array_equal(digest_of(arrays), data["digest"]):
         raise SnapshotError("source", shown, "an undamaged snapshot: its digest does not fit its arrays")
+    for name, have in arrays.items():
+        if have.dtype.kind in "if":
+            arrays[name] = have.astype(np.int64 if have.dtype.kind == "i" else np.float64)
+    for what, fits in _consistency(arrays):
+        if not fits:
+            raise SnapshotError("source", shown, f"a snapshot whose {what}")
     return arrays
 
 
-def _digest(arrays) -> np.ndarray:
+def _consistency(arrays):
+    """What of a snapshot's arrays must be true whatever world they are of: texts, and whether it is."""
+    yield "'core' is bytes", arrays["core"].dtype == np.uint8
+    for names, rows in (("tendons", "tendon_slots"), ("tunnels", "tunnel_slots")):
+        yield f"{rows!r} has a row for each of {names!r}", len(arrays[names]) == len(arrays[rows])
+    step = arrays["last_step"]
+    yield "'last_step' is finite and of a length >= 0", np.isfinite(step).all() and step[0] >= 0
+    links = [tuple(row) for row in arrays["links"].tolist() if tuple(row) != _NO_LINK]
+    known = all(body >= 0 and link >= -1 for body, link in links)
+    yield "'links' are links, each once", known and len(set(links)) == len(links)
+    yield from _holds_consistency(arrays["hold_places"], arrays["hold_numbers"])
+
+
+def _holds_consistency(places, numbers):
+    yield "'hold_numbers' has a row for each of 'hold_places'", len(places) == len(numbers)
+    tendon, particle, kind, number, body, link = places.T
+    yield "holds are of tendons and particles >= 0", (tendon >= 0).all() and (particle >= 0).all()
+    yield "holds are grips or attachments", np.isin(kind, (_GRIP, _ATTACHMENT)).all()
+    yield "holds hold different particles", len(np.unique(places[:, :2], axis=0)) == len(places)
+    within = ((number > 0) & (number < _MOST_NUMBER)).all()
+    yield "holds have different numbers > 0", within and len(np.unique(number)) == len(number)
+    grips = kind == _GRIP
+    yield "grips hold no links", ((body[grips] == -1) & (link[grips] == -1)).all()
+    yield "holds are at finite points", np.isfinite(numbers[:, :3]).all()
+    stiffness, damping, direction = numbers[grips, 3], numbers[grips, 4], numbers[grips, 5:]
+    soft = ~np.isnan(stiffness)
+    yield "grips have a stiffness > 0 or none", (np.isfinite(stiffness) & (stiffness > 0))[soft].all()
+    yield "grips have a damping >= 0", (np.isfinite(damping) & (damping >= 0)).all()
+    clamped = ~np.isnan(direction).all(axis=1)
+    yield "grips have a finite direction or none", np.isfinite(direction[clamped]).all()
+
+
+def digest_of(arrays) -> np.ndarray:
     digest = hashlib.blake2b(digest_size=32)
     for name in sorted(arrays):
         digest.update(repr((name, arrays[name].shape, arrays[name].dtype.str)).encode())

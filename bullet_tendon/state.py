@@ -16,9 +16,15 @@ _PARTS = ("tendons", "tunnels", "obstacles")
 
 @dataclasses.dataclass(frozen=True)
 class State:
-    """core: the core's bytes; parts, links: what has to be the same; holds: handles, what they stood for."""
+    """What a world was like.
+
+    core: the core's bytes; last_step: length [s] and gravity (3,) [m/s^2] of the last step, with which it is
+    solved again where it has to be; parts, links: what has to be the same; holds: handles, and what they
+    stood for.
+    """
 
     core: bytes
+    last_step: tuple[float, tuple]
     parts: tuple
     links: tuple
     holds: tuple
@@ -34,7 +40,8 @@ def parts_of(world) -> tuple:
 def capture(world) -> State:
     world._bodies.keep_contacts(world._core)
     holds = tuple((hold, hold._settings()) for t in world.tendons for hold in t.holds)
-    return State(world._core.save(), parts_of(world), world._bodies.marked_links(), holds)
+    last_step = world._dt, world._last_gravity
+    return State(world._core.save(), last_step, parts_of(world), world._bodies.marked_links(), holds)
 
 
 def put_back(world, state: State, argument: str, value) -> None:
@@ -49,12 +56,14 @@ def put_back(world, state: State, argument: str, value) -> None:
     if gone and _refers(world, state, {state.links.index(link) for link in gone}):
         raise StateMismatch(argument, value, f"of bodies that are still there, not {gone[0][:2]}")
     restore_core(world, state.core, argument, value)
+    world._dt, world._last_gravity = state.last_step
     retake_holds(world, state.holds)
 
 
 def take_back(world, state: State) -> None:
     """Undo what a call did that is then refused: the parts are what they were, whatever pybullet holds."""
     restore_core(world, state.core, "state", "before the call")
+    world._dt, world._last_gravity = state.last_step
     retake_holds(world, state.holds)
 
 

@@ -30,6 +30,11 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
 
     physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
     Gravity and the time step are pybullet's own, read at every step. Raises UnknownId or InvalidType.
+
+    Threads: worlds share nothing that changes, so different threads can use different worlds at the same
+    time, each with a pybullet client of its own. One world is used by one thread at a time: a script that
+    reads or changes a world while another thread steps it has to take turns, by a lock of its own. The core
+    lets other Python threads run while it solves.
     """
 
     def __init__(self, physicsClientId=0, options: SolverOptions | None = None):
