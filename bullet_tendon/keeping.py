@@ -48,7 +48,8 @@ class KeepsState:
     def snapshot(self, path=None) -> bytes:
         """The state (see save_state) as bytes of a numpy npz file, written to `path` unless None.
 
-        Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it for the bodies.
+        Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it
+        for the bodies.
         """
         data = pack(self)
         if path is not None:
