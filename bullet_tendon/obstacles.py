@@ -1,9 +1,14 @@
-"""Obstacles: which links tendons collide with, and the near room (the core asks, FCL answers)."""
+"""Obstacles: the links that tendons collide with, and distances from their shapes.
+
+Owns: the collision shapes of links, by the numbers that the core gives them, and through them the FCL objects
+that measure meshes: no other world has any part in them. Goes with the core's room `collision`; the shapes
+themselves are in shapes.py.
+"""
 
 import numpy as np
 import pybullet as p
 
-from . import checks
+from . import _core, checks
 from .bodies import Bodies
 from .errors import InvalidType, InvalidValue, UnknownId
 from .penetration import Obstacle
@@ -13,7 +18,7 @@ from .shapes import Shape, collision_shapes
 class Obstacles:
     """Collision shapes of links, in slots numbered as the core numbers them."""
 
-    def __init__(self, core, bodies: Bodies):
+    def __init__(self, core: _core.World, bodies: Bodies):
         self._core = core
         self._bodies = bodies
         self._shapes: dict[int, Shape] = {}
@@ -84,18 +89,18 @@ class Obstacles:
                 found.append(Obstacle(body, link, shape, *there))
         return found
 
-    def measure(self) -> None:
-        """Answer what the core asks: distances of points and segments from shapes, by FCL."""
-        if not self._shapes:
-            return
-        shape, a, b = self._core.near()
-        if not len(shape):
-            return
+    def measure(
+        self, shape: np.ndarray, a: np.ndarray, b: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distances of k segments a -> b (k, 3) from the shapes numbered `shape` (k,); a == b is a point.
+
+        Each in its shape's frame [m]. Returns distance (k,), surface point (k, 3), u (k,): see Shape.measure.
+        """
         distance, point, u = np.empty(len(a)), np.empty((len(a), 3)), np.empty(len(a))
-        for slot in np.unique(shape):
-            which = np.flatnonzero(shape == slot)
-            distance[which], point[which], u[which] = self._shapes[slot].measure(a[which], b[which])
-        self._core.answers(distance, point, u)
+        for number in np.unique(shape):
+            which = np.flatnonzero(shape == number)
+            distance[which], point[which], u[which] = self._shapes[number].measure(a[which], b[which])
+        return distance, point, u
 
     def _require_room(self, body: int, found: dict[int, list[Shape]]) -> None:
         """Raise InvalidValue where all shapes, with those found for links of a body, are too many."""

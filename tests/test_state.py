@@ -10,7 +10,7 @@ import pytest
 from state_scenes import build, disturb, run_from
 
 import bullet_tendon as bt
-from bullet_tendon import snapshot
+from bullet_tendon import states
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def crafted(data: bytes, **arrays) -> bytes:
     with np.load(io.BytesIO(data)) as file:
         content = {k: v for k, v in {**dict(file), **arrays}.items() if k != "digest"}
     out = io.BytesIO()
-    np.savez(out, **content, digest=snapshot.digest_of(content))
+    np.savez(out, **content, digest=states.digest_of(content))
     return out.getvalue()
 
 
