@@ -21,12 +21,12 @@ class Obstacles:
     def __init__(self, core: _core.World, bodies: Bodies):
         self._core = core
         self._bodies = bodies
-        self._shapes: dict[int, Shape] = {}
+        self.shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
         self._link_slots: dict[tuple[int, int], int] = {}
 
     def __len__(self) -> int:
-        return len(self._shapes)
+        return len(self.shapes)
 
     def listing(self) -> tuple:
         """Body, link, and the numbers of its shapes, of every link that is an obstacle."""
@@ -84,7 +84,7 @@ class Obstacles:
         found = []
         for (body, link), numbers in self._by_link.items():
             origin, axes = self._bodies.frame(body, link)
-            for shape in (self._shapes[k] for k in numbers):
+            for shape in (self.shapes[k] for k in numbers):
                 there = origin + axes @ shape.position, axes @ shape.rotation
                 found.append(Obstacle(body, link, shape, *there))
         return found
@@ -99,13 +99,13 @@ class Obstacles:
         distance, point, u = np.empty(len(a)), np.empty((len(a), 3)), np.empty(len(a))
         for number in np.unique(shape):
             which = np.flatnonzero(shape == number)
-            distance[which], point[which], u[which] = self._shapes[number].measure(a[which], b[which])
+            distance[which], point[which], u[which] = self.shapes[number].measure(a[which], b[which])
         return distance, point, u
 
     def _require_room(self, body: int, found: dict[int, list[Shape]]) -> None:
         """Raise InvalidValue where all shapes, with those found for links of a body, are too many."""
         replaced = sum(len(self._by_link.get((body, link), ())) for link in found)
-        count = len(self._shapes) - replaced + sum(map(len, found.values()))
+        count = len(self.shapes) - replaced + sum(map(len, found.values()))
         if count > checks.MOST_SHAPES:
             allowed = (
                 f"a body with which the world has at most {checks.MOST_SHAPES} collision shapes, not {count}"
@@ -123,7 +123,7 @@ class Obstacles:
             placed = (slot, shape.position, shape.rotation, lo, hi)
             surface = shape.triangles, shape.closed_form
             number = self._core.add_shape(*placed, flat, normal, float(offset), friction, *surface)
-            self._shapes[number] = shape
+            self.shapes[number] = shape
             numbers.append(number)
         self._by_link[body, link] = numbers
         self._link_slots[body, link] = slot
@@ -132,4 +132,4 @@ class Obstacles:
         self._link_slots.pop(key, None)
         for number in self._by_link.pop(key, ()):
             self._core.remove_shape(number)
-            del self._shapes[number]
+            del self.shapes[number]

@@ -8,6 +8,7 @@ turns in is Stepper._solve, and nowhere else.
 """
 
 import warnings
+from operator import itemgetter
 from time import perf_counter
 
 import numpy as np
@@ -22,6 +23,7 @@ from .reports import ROOMS, StepReport
 from .tendon import Tendon
 
 _FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
+_step_and_gravity = itemgetter("fixedTimeStep", *["gravityAcceleration" + axis for axis in "XYZ"])
 _SENSE, _NEAR, _SOLVE, _REACT, _BULLET = range(len(ROOMS))
 
 
@@ -47,7 +49,8 @@ class Stepper:
         self._read: tuple = ()  # pybullet's time step and gravity, and what they are when checked
         self._checked: tuple[float, tuple] = self.last_step
         self._seconds = [0.0] * len(ROOMS)  # of the last step
-        self._report, self._unread = StepReport(), None
+        self._report = StepReport()
+        self._is_read = True  # whether _report is what the core reports
 
     @property
     def options(self) -> SolverOptions:
@@ -64,8 +67,11 @@ class Stepper:
     @property
     def report(self) -> StepReport:
         """What the last step did and what it skipped; made when it is asked for."""
-        if self._unread is not None:
-            self._report, self._unread = StepReport.read(*self._unread), None
+        if not self._is_read:
+            found = self._core.report()
+            worst = self._tendons.get(found.worst_chain)
+            name = "" if worst is None else worst.name
+            self._report, self._is_read = StepReport.read(found, name, self._seconds), True
         return self._report
 
     def apply(self) -> None:
@@ -94,12 +100,7 @@ class Stepper:
         except p.error:
             self._bodies.require_client()
             raise
-        read = (
-            found["fixedTimeStep"],
-            found["gravityAccelerationX"],
-            found["gravityAccelerationY"],
-            found["gravityAccelerationZ"],
-        )
+        read = _step_and_gravity(found)
         if read != self._read:
             step = checks.number("fixedTimeStep", read[0], above=0)
             self._checked = step, tuple(checks.vector("gravity", read[1:]).tolist())
@@ -112,28 +113,27 @@ class Stepper:
         False where it could not be solved and the options say to go on. Raises StepFailed where they do
         not; then, and where anything else is raised, the tendons are as they were.
         """
-        seconds = [0.0] * len(ROOMS)
-        start = perf_counter()
         self._core.keep()
+        seconds = [0.0, 0.0, 0.0, 0.0, 0.0]
         try:
             if self._bodies.links:
+                start = perf_counter()
                 self._sense(dt, gravity, held)
-            seconds[_SENSE] = perf_counter() - start
+                seconds[_SENSE] = perf_counter() - start
             self._solve(dt, gravity, held, seconds)
-        except StepFailed as problem:
+        except BaseException as problem:  # an interrupt too
             self._core.roll_back()
+            if not isinstance(problem, StepFailed):
+                raise
+            self._seconds, self._is_read = seconds, False
+            self.report.converged = False
             if self._options.on_failure == "raise":
                 raise
-            self._keep_report(seconds)
-            self.report.converged = False
             warnings.warn(str(problem), StepWarning, stacklevel=5)
             return False
-        except BaseException:  # an interrupt too
-            self._core.roll_back()
-            raise
+        self._seconds, self._is_read = seconds, False
         if not held:
             self.last_step = dt, gravity
-        self._keep_report(seconds)
         return True
 
     def _solve(self, dt: float, gravity: tuple, held: bool, seconds: list[float]) -> None:
@@ -145,7 +145,7 @@ class Stepper:
         core.begin(dt, gravity, held)
         outcome = _AGAIN
         while outcome == _AGAIN:
-            if self._obstacles:
+            if self._obstacles.shapes:
                 shape, a, b = core.near()
                 if len(shape):
                     core.answers(*self._obstacles.measure(shape, a, b))
@@ -164,13 +164,6 @@ class Stepper:
         worst = self._tendons.get(report.worst_chain)
         name = "?" if worst is None else worst.name
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
-
-    def _keep_report(self, seconds: list[float]) -> None:
-        """Keep what the core reports, for when somebody reads it."""
-        found = self._core.report()
-        worst = self._tendons.get(found.worst_chain)
-        self._seconds = seconds
-        self._unread = found, "" if worst is None else worst.name, seconds
 
     def _sense(self, dt: float, gravity: tuple, held: bool = False) -> None:
         """Where links are and how they answer; a last step with a release or a sudden pull is put right."""
@@ -211,11 +204,12 @@ class Stepper:
         if not released and not pulled:
             return False
         core = self._core
+        _ = self.report  # of the step as it was taken: the core's is going to be of this solution
         taken, given = core.save(), core.wrenches()
         if not core.rewind(*self.last_step, pulled):
             return False
         try:
-            self._solve(*self.last_step, False, [0.0] * len(ROOMS))
+            self._solve(*self.last_step, False, [0.0] * len(ROOMS))  # seconds that nobody reads
             self._exchange_wrenches(given)
         except StepFailed:
             core.restore(taken)

@@ -118,6 +118,7 @@ class TendonWorld:
     def remove_tendon(self, tendon: Tendon) -> None:
         """Take a tendon out; its handles can no longer be used."""
         slot = self._slot_of("tendon", tendon, Tendon, self._tendons)
+        _ = self._stepper.report  # which may name it
         del self._tendons[slot]
         tendon.removed = True
         self._core.remove_chain(slot)
@@ -221,7 +222,7 @@ class TendonWorld:
 
     @property
     def report(self) -> StepReport:
-        """What the last step did and what it skipped."""
+        """What the last step did and what it skipped; of a step that failed, what was tried."""
         return self._stepper.report
 
     @property
