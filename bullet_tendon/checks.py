@@ -1,6 +1,7 @@
 """Argument checks: each returns the value in the form the package works with, or raises.
 
-They run before anything changes, so that a refused call leaves no trace.
+They run before anything changes, so that a refused call leaves no trace. Here too: how many particles, shapes
+and tunnels the core can address. Goes with no room of the core, which trusts what comes from here.
 """
 
 import numbers

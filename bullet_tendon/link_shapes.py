@@ -1,4 +1,7 @@
-"""What pybullet tells about the collision shapes of a link, put into the link's frame; no FCL here.
+"""What pybullet has of the collision shapes of a link, put into the link's frame.
+
+Owns: nothing; it reads a link once, when it becomes an obstacle. Goes with the core's room `collision`. It
+does not use FCL.
 
 pybullet 3.2.7 reports less than it has; found by reading its source and by running it:
 
@@ -8,7 +11,8 @@ pybullet 3.2.7 reports less than it has; found by reading its source and by runn
   `<collision concave=...>`. Bullet has no algorithm for two triangle meshes, so a link that is nothing but
   triangles is near nothing of itself: that is how hulls and triangles are told apart.
 - getMeshData gives a hull's vertices. It prints a line "?" for every other shape that it is asked for, so it
-  is asked for hulls only; but for links in which hulls, triangles and other shapes are mixed.
+  is asked only where something of the link is convex: links that mix triangle meshes with other shapes still
+  print.
 - An OBJ file becomes one hull per group; from a URDF they are reported as one row.
 - A URDF `<cylinder>` is a hull of 64 vertices, unless loaded with URDF_USE_IMPLICIT_CYLINDER. It is taken
   as the true cylinder here.
