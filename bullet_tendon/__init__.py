@@ -12,6 +12,7 @@ from pkgutil import extend_path
 # elsewhere in a checkout; an installed copy on the path completes one that was not built in place.
 __path__ = extend_path(__path__, __name__)
 
+from .anchors import Attachment, Grip  # noqa: E402
 from .errors import (  # noqa: E402
     InvalidType,
     InvalidValue,
@@ -24,10 +25,9 @@ from .errors import (  # noqa: E402
     UnknownId,
     UrdfError,
 )
-from .holds import Attachment, Grip  # noqa: E402
+from .loading import data_path  # noqa: E402
 from .material import Material  # noqa: E402
 from .options import SolverOptions  # noqa: E402
-from .resources import data_path  # noqa: E402
 from .skin import Skin  # noqa: E402
 from .tendon import Tendon  # noqa: E402
 from .tunnels import Tunnel  # noqa: E402

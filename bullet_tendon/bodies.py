@@ -1,20 +1,28 @@
-"""Bodies: poses and velocities in, wrenches out. With movers, jacobians and pushes, all that talks
-to pybullet about motion.
+"""Bodies: the links that tendons can touch, as pybullet has them and as the core numbers them.
 
-pybullet gives base poses at the centre of mass; the frames of URDFs, which tunnels and attachments
-use, differ from them by the inertial offset.
+Owns: the slots of links, and the marks by which a body is known again. Reads poses, velocities and inertias
+into the core, and puts the core's wrenches on the links. With generalized_bodies, all that talks to pybullet
+about motion. Goes with the core's room `bodies`.
+
+pybullet gives base poses at the centre of mass; the frames of URDFs, which tunnels and attachments use,
+differ from them by the inertial offset.
 """
+
+import itertools
+import os
+from collections.abc import Callable
 
 import numpy as np
 import pybullet as p
 
 from . import _core
 from .errors import InvalidValue, UnknownId
-from .identity import Marks
-from .movers import can_be_hit, read_link, touched
-from .pushes import change_rates, exchange
+from .generalized_bodies import can_be_hit, change_rates, exchange_wrench, generalized_bodies, read_link
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
+_KEY = "bullet_tendon"  # of the user data that marks a body
+_PROCESS = os.urandom(8).hex()
+_numbers = itertools.count()  # its next() is one operation, whatever threads there are
 
 
 def client_of(physicsClientId) -> int:
@@ -26,18 +34,52 @@ def client_of(physicsClientId) -> int:
     return number
 
 
-class Bodies:
-    """The links that tendons can touch, in slots numbered as the core numbers them."""
+class Marks:
+    """Marks on the bodies of one client, by which an id is known to mean the same body still.
+
+    pybullet gives the ids of removed bodies to others (all of them after resetSimulation), so every body that
+    tendons refer to gets a mark, as pybullet user data: it goes when its body goes, and a body that has the
+    id next does not carry it.
+    """
 
     def __init__(self, client: int):
+        self._client = client
+
+    def mark(self, body: int) -> tuple[int, bytes]:
+        """The body's mark, made where it has none: the user data's id and its value."""
+        number = p.getUserDataId(body, _KEY, physicsClientId=self._client)
+        if number < 0:
+            value = f"{_PROCESS}-{next(_numbers)}"
+            number = p.addUserData(body, _KEY, value, physicsClientId=self._client)
+        return number, p.getUserData(number, self._client)
+
+    def all_hold(self, marks) -> bool:
+        """Whether all bodies that carry these marks are still there."""
+        value_of, client = p.getUserData, self._client
+        return all(value_of(number, client) == value for number, value in marks)
+
+    def holds(self, mark: tuple[int, bytes]) -> bool:
+        """Whether the body that carries the mark is still there."""
+        return p.getUserData(mark[0], self._client) == mark[1]
+
+
+class Bodies:
+    """The links that tendons can touch, in slots numbered as the core numbers them.
+
+    client: the number of a pybullet client. core: the compiled world. in_use: a function that tells the slots
+    of the links that something refers to.
+    """
+
+    def __init__(self, client: int, core: _core.World, in_use: Callable[[], set[int]]):
         self.client = client
+        self._core = core
+        self._in_use = in_use
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
-        self._touched: list | None = None  # of the links in use
+        self._bodies: list | None = None  # generalized, of the links in use
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
         self._unused: set[int] = set()
-        self.in_use = lambda: set(range(len(self.links)))
 
     def require_client(self) -> None:
         """Raise UnknownId where the client was disconnected."""
@@ -61,7 +103,7 @@ class Bodies:
         if known is not None:
             return known
         mark = self._marks.mark(key[0])
-        self._touched = None
+        self._bodies = None
         if self._unused:
             slot = min(self._unused)
             self._unused.discard(slot)
@@ -94,59 +136,61 @@ class Bodies:
             marked.pop()
         return tuple(marked)
 
-    def tell(self, core) -> None:
-        """Tell the core where links are and how they answer.
+    def read(self) -> None:
+        """Into the core: where links are and how they answer.
 
         Raises UnknownId where a body was removed from pybullet that something here refers to, and
         InvalidValue where pybullet has no finite pose, velocity or inertia for one.
         """
         self.require_alive()
         for slot in self._unused:
-            core.clear_link(slot)
-        for body in self._touched_bodies():
-            if not body.tell(core):
+            self._core.clear_link(slot)
+        for body in self._generalized():
+            if not body.read(self._core):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
 
-    def note(self, core) -> bool:
-        """Motion of what is held, right after pybullet's step; whether any of it seems to be let go."""
-        held = core.held_movers()
-        let_go = [body.note(core) for body in self._touched_bodies() if body.slot in held]
-        return any(let_go)
+    def sample(self) -> bool:
+        """Motion of what is held, right after pybullet's step; whether any of it seems to be released."""
+        held = self._core.held_movers()
+        released = [body.sample(self._core) for body in self._generalized() if body.slot in held]
+        return any(released)
 
-    def keep_contacts(self, core) -> None:
+    def keep_contacts(self) -> None:
         """What free bodies rest on becomes part of the core's state."""
         if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
-            for body in self._touched_bodies():
-                body.keep_contacts(core)
+            for body in self._generalized():
+                body.keep_contacts(self._core)
 
     def _used(self) -> list[int]:
         return [slot for slot in range(len(self.links)) if slot not in self._unused]
 
-    def _touched_bodies(self) -> list:
+    def _generalized(self) -> list:
         """The bodies of the links in use; slots do not change what they mean while they are."""
-        if self._touched is None:
+        if self._bodies is None:
             slots: dict[tuple[int, bytes], dict[int, int]] = {}
             for slot in self._used():
                 body, link = self.links[slot]
                 slots.setdefault((body, self._mark_of[slot][1]), {})[link] = slot
-            self._touched = [
-                t for (body, mark), links in slots.items() for t in touched(body, links, mark, self.client)
+            self._bodies = [
+                found
+                for (body, mark), links in slots.items()
+                for found in generalized_bodies(body, links, mark, self.client)
             ]
-        return self._touched
+        return self._bodies
 
     def forget(self, slots: set[int]) -> None:
         """Read and push links no more: nothing refers to them."""
         self._unused |= slots
         self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
-        self._touched = None
+        self._bodies = None
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""
         if self._marks.all_hold(self._mark_of):
             return
         gone = {s for s in self._used() if self.is_gone(s)}
-        for slot in sorted(gone & self.in_use()):
+        for slot in sorted(gone & self._in_use()):
             body = self.links[slot][0]
             raise UnknownId("bodyUniqueId", body, "a body that was not removed: release what refers to it")
         self.forget(gone)
@@ -155,18 +199,18 @@ class Bodies:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
         return _core.link_frame(*read_link(int(body), int(link), self.client)[:2])
 
-    def push(self, core) -> None:
+    def apply_wrenches(self) -> None:
         """Put the core's wrenches on the links that answer to them."""
-        for slot, force, point, torque in core.pushes():
+        for slot, force, point, torque in self._core.pushes():
             body, link = self.links[slot]
             p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
             if torque is not None:
                 p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
 
-    def unheld(self, core) -> list[int]:
+    def unheld(self) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""
-        held = core.held_movers()
-        return held and [b.slot for b in self._touched_bodies() if b.slot in held and not b.can_be_held()]
+        held = self._core.held_movers()
+        return held and [b.slot for b in self._generalized() if b.slot in held and not b.can_be_held()]
 
     def was_free(self, slot: int) -> bool:
         """Whether neither a contact nor a constraint had a part in how a body without joints moved."""
@@ -179,10 +223,10 @@ class Bodies:
         """
         change_rates(self.links[slot][0], by, dt, self.client)
 
-    def exchange(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
+    def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
 
         About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
         changes too. stopped: degrees of freedom that a joint's limit kept from moving in it.
         """
-        exchange(*self.links[slot], old, new, dt, self.client, stopped)
+        exchange_wrench(*self.links[slot], old, new, dt, self.client, stopped)

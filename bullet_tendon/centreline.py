@@ -1,5 +1,7 @@
 """Geometry of a centreline: frames along it that do not twist, and stations between its points.
 
+Owns: nothing; skin.py is made of it. Goes with no room of the core.
+
 Frames are held as unit tangents and normals (n, 3); the binormal is tangent x normal. Everything
 works on whole arrays, stays finite whatever the points are, and turns with the points. A station
 is a segment's index and a fraction of that segment.

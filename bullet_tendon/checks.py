@@ -1,6 +1,7 @@
 """Argument checks: each returns the value in the form the package works with, or raises.
 
-They run before anything changes, so that a refused call leaves no trace.
+They run before anything changes, so that a refused call leaves no trace. Here too: how many particles, shapes
+and tunnels the core can address. Goes with no room of the core, which trusts what comes from here.
 """
 
 import numbers
@@ -9,6 +10,11 @@ import os
 import numpy as np
 
 from .errors import InvalidType, InvalidValue
+
+# What the core's keys of contacts can number.
+MOST_PARTICLES = 32_768  # of a tendon: its particles and segments are numbered together, by 16 bits
+MOST_SHAPES = 65_536  # of all obstacles
+MOST_TUNNELS = 65_536
 
 
 def number(argument: str, value, *, above=None, at_least=None, at_most=None) -> float:

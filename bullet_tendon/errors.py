@@ -1,7 +1,7 @@
 """The package's exceptions: one hierarchy, and one form of message.
 
-Every message names the argument, the value that was given and what is allowed, so that the
-reader can mend the call without opening the source.
+Owns: the types. Goes with no room of the core. Every message names the argument, the value that was given and
+what is allowed, so that the reader can correct the call without opening the source.
 """
 
 

@@ -1,4 +1,7 @@
-"""Images: outlines, PNG files, and figures of images and curves (matplotlib, extra `view`)."""
+"""Images: outlines, PNG files, and figures of images and curves (matplotlib, extra `view`).
+
+Owns: nothing. Goes with no room of the core.
+"""
 
 import struct
 import zlib

@@ -1,12 +1,18 @@
-"""What pybullet tells about the collision shapes of a link, put into the link's frame; no FCL here.
+"""What pybullet has of the collision shapes of a link, put into the link's frame.
+
+Owns: nothing; it reads a link once, when it becomes an obstacle. Goes with the core's room `collision`. It
+does not use FCL.
 
 pybullet 3.2.7 reports less than it has; found by reading its source and by running it:
 
 - Local frames are relative to the link's inertial frame.
 - `createCollisionShape` meshes are all reported as "unknown_file", scale 1; a URDF's keep their file name.
 - Meshes become convex hulls unless created with indices, GEOM_FORCE_CONCAVE_TRIMESH or, in a URDF,
-  `<collision concave=...>`. getMeshData gives a hull's vertices and nothing for triangles, so the two can be
-  told apart. (For triangles pybullet prints a line "?".)
+  `<collision concave=...>`. Bullet has no algorithm for two triangle meshes, so a link that is nothing but
+  triangles is near nothing of itself: that is how hulls and triangles are told apart.
+- getMeshData gives a hull's vertices. It prints a line "?" for every other shape that it is asked for, so it
+  is asked only where something of the link is convex: links that mix triangle meshes with other shapes still
+  print.
 - An OBJ file becomes one hull per group; from a URDF they are reported as one row.
 - A URDF `<cylinder>` is a hull of 64 vertices, unless loaded with URDF_USE_IMPLICIT_CYLINDER. It is taken
   as the true cylinder here.
@@ -27,6 +33,7 @@ from .mesh_files import read_mesh
 
 _MULTI_BODY = 2  # body type in getDynamicsInfo
 _NO_FILE = b"unknown_file"
+_NEAR = 1.0  # m; a convex shape is at a distance below 0 from itself
 _PRISM_SIDES = 32  # of the hull that stands for a URDF cylinder
 
 
@@ -55,8 +62,17 @@ class _Link(NamedTuple):
     client: int
     rows: tuple
 
+    def has_convex_shapes(self) -> bool:
+        """Whether any of the link's shapes is convex: only such a shape is ever near itself."""
+        near = pybullet.getClosestPoints(
+            self.body, self.body, _NEAR, self.index, self.index, physicsClientId=self.client
+        )
+        return len(near) > 0
+
     def hull_vertices(self, **numbered) -> np.ndarray:
         """Vertices (v, 3) of the link's hulls in its inertial frame: all, or one child's of its compound."""
+        if not self.has_convex_shapes():
+            return np.empty((0, 3))
         points = pybullet.getMeshData(self.body, self.index, physicsClientId=self.client, **numbered)[1]
         return np.array(points, float).reshape(-1, 3)
 
@@ -125,16 +141,21 @@ def _row_shapes(link: _Link, number: int, convex, given: list) -> list[LinkShape
         return [LinkShape(kind, *nowhere, sizes)]
     if row[2] != pybullet.GEOM_MESH:
         raise InvalidValue("collision shape type", row[2], "box, sphere, cylinder, capsule, plane or mesh")
-    hull = link.hull_vertices(**({} if len(link.rows) == 1 else {"collisionShapeIndex": number}))
-    if len(hull) and row[4] == _NO_FILE:
-        hull = (hull - row[5]) @ _rotation(row[6])
-        round_one = _cylinder_of(hull)
-        if round_one or convex is not False:
-            return [round_one or LinkShape("mesh", *nowhere, vertices=hull)]
+    alone = len(link.rows) == 1
+    numbered = {} if alone else {"collisionShapeIndex": number}
+    if row[4] == _NO_FILE:
+        hull = link.hull_vertices(**numbered)
+        if len(hull):
+            hull = (hull - row[5]) @ _rotation(row[6])
+            round_one = _cylinder_of(hull)
+            if round_one or convex is not False:
+                return [round_one or LinkShape("mesh", *nowhere, vertices=hull)]
     vertices, triangles, group = _mesh_of(link, number, given)
-    if convex is None:
-        convex = bool(len(hull)) or (
-            len(link.rows) > 1 and _is_hull(link, row, vertices[triangles[group == 0]])
+    if convex is None and alone:
+        convex = link.has_convex_shapes()
+    elif convex is None:
+        convex = len(link.hull_vertices(**numbered)) > 0 or _is_hull(
+            link, row, vertices[triangles[group == 0]]
         )
     if not convex:
         return [LinkShape("mesh", *nowhere, vertices=vertices, triangles=triangles)]

@@ -1,13 +1,20 @@
-"""world.load_urdf: a body with the tunnels and tendons that its URDF names."""
+"""Loading: a body with the tunnels and tendons that its URDF names, and where the package's URDFs are.
+
+Owns: nothing; it calls what a user could call (TendonWorld.add_obstacle, add_tunnel, add_tendon), and takes
+all of it back where something is refused. Goes with no room of the core; the elements are read in
+urdf_elements.
+"""
 
 import contextlib
+import os
+from importlib.resources import files
 
 import numpy as np
 import pybullet as p
 
+from . import checks
 from .errors import InvalidValue, UrdfError
 from .material import Material
-from .state import capture, take_back
 from .urdf_elements import TendonElement, UrdfElements, read_elements
 
 
@@ -21,13 +28,13 @@ def load_urdf(world, path, args, kwargs, obstacles: bool) -> int:
         body = p.loadURDF(str(path), *args, physicsClientId=client, **kwargs)
     except p.error as problem:
         raise InvalidValue("path", path, f"a URDF that pybullet can load ({problem})") from None
-    kept, tendons, tunnels = capture(world), world.tendons, world.tunnels
+    kept, tendons, tunnels = world._states.capture(), world.tendons, world.tunnels
     try:
         _equip(world, path, body, elements, materials, obstacles)
     except BaseException:  # an interrupt too
         _take_out(world, body, set(world.tendons) - set(tendons), set(world.tunnels) - set(tunnels))
         p.removeBody(body, client)
-        take_back(world, kept)
+        world._states.take_back(kept)
         raise
     return body
 
@@ -103,4 +110,14 @@ def _check_names(world, path, elements: UrdfElements) -> None:
             raise UrdfError(path, where, "name", t.name, "different from the world's other tendons' names")
 
 
-__all__ = ["link_indices", "load_urdf"]
+def data_path(name: str) -> str:
+    """Absolute path of a file in the package's `urdf` folder, for instance "knee.urdf".
+
+    Raises InvalidType for anything but a string, InvalidValue where there is no such file.
+    """
+    folder = files("bullet_tendon.urdf")
+    path = os.path.join(str(folder), checks.text("name", name))
+    if not os.path.isfile(path):
+        known = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".urdf"))
+        raise InvalidValue("name", name, "a file of the urdf folder, such as " + ", ".join(known))
+    return path

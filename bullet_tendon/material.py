@@ -1,4 +1,7 @@
-"""Material: the law of a tendon's cross-section, and published tendon materials."""
+"""Material: the law of a tendon's cross-section, and published tendon materials.
+
+Owns: values, immutable. Goes with the core's room `tendon` (axial_law, axial_springs, bending).
+"""
 
 import dataclasses
 import math

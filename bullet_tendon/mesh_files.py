@@ -1,5 +1,7 @@
 """Triangles out of STL (binary and ASCII) and OBJ files, with numpy only, in the file's own units.
 
+Owns: nothing. Goes with no room of the core.
+
 OBJ faces are cut into fans as pybullet's loader does; groups are what it makes one convex hull each of.
 """
 

@@ -1,11 +1,15 @@
 """Distances from a segment to triangles and to convex hulls: the only file that talks to FCL.
 
+Owns: FCL's objects, those of one mesh by one MeshQuery, so that nothing of FCL is shared by worlds. Goes with
+the core's room `geometry`, which keeps the triangles that were near and asks only where they do not decide.
+
 How FCL is asked, found by measuring python-fcl 0.7 against exact distances: a segment is a mesh of one
 triangle without area. FCL then uses its closed triangle-triangle form, right to rounding and two to three
 times faster than a thin capsule, whose iterative solver is up to 5e-4 m wrong; a sphere's finds 0 far away.
 """
 
 from math import frexp, sqrt
+from threading import Lock
 
 import fcl
 import numpy as np
@@ -18,7 +22,11 @@ _REQUEST = fcl.DistanceRequest(enable_nearest_points=True)
 
 
 class MeshQuery:
-    """Distance from segments to triangles, by FCL; FCL's copy of the mesh is centred and scaled."""
+    """Distance from segments to triangles, by FCL; FCL's copy of the mesh is centred and scaled.
+
+    Every FCL object belongs to one query, and a query to one world: what another world in another thread
+    measures cannot move them. A lock keeps two threads apart that ask the same query.
+    """
 
     def __init__(self, vertices, triangles):
         low, high = vertices[triangles].min((0, 1)), vertices[triangles].max((0, 1))
@@ -28,10 +36,13 @@ class MeshQuery:
         scaled, triangles = clean_triangles((vertices - self.centre) * self.scale, triangles, SMALLEST_NORMAL)
         self.corners = scaled[triangles] / self.scale + self.centre  # (t, 3, 3) [m], of what is measured
         self.model = _fcl_mesh(scaled, triangles)
+        self._pieces: dict[float, fcl.CollisionObject] = {}  # by length; FCL's objects leak when dropped
+        self._lock = Lock()
 
     def __call__(self, a, d) -> tuple:
         """a (3 floats), d = b - a [m] -> distance, point, u; -1 where the segment crosses a triangle."""
-        hit, point = self._nearest(a, d)
+        with self._lock:
+            hit, point = self._nearest(a, d)
         square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
         if hit <= 0.0:
             return -1.0, (a[0] + 0.5 * d[0], a[1] + 0.5 * d[1], a[2] + 0.5 * d[2]), 0.5
@@ -51,10 +62,10 @@ class MeshQuery:
         length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * k
         start = (a[0] - c[0]) * k, (a[1] - c[1]) * k, (a[2] - c[2]) * k
         if length < 1e-12 * UNIT_SIZE:
-            return self._ask(_piece(0.0), np.array(start), fcl.DistanceResult())
+            return self._ask(self._piece(0.0), np.array(start), fcl.DistanceResult())
         way = d[0] * k / length, d[1] * k / length, d[2] * k / length
         half = 0.5 ** (2 - frexp(length)[1])  # length / 4 <= half <= length / 2
-        piece = _piece(2.0 * half)
+        piece = self._piece(2.0 * half)
         piece.setQuatRotation(_turn(*way))
         x, y, z = way
         result = fcl.DistanceResult()
@@ -66,6 +77,13 @@ class MeshQuery:
         rest = length - half
         place = np.array((start[0] + rest * x, start[1] + rest * y, start[2] + rest * z))
         return self._ask(piece, place, result)
+
+    def _piece(self, length: float) -> fcl.CollisionObject:
+        """A segment along z, centred, as a mesh of one triangle without area; made once, then moved."""
+        if length not in self._pieces:
+            ends = np.array([[0.0, 0.0, -0.5 * length], [0.0, 0.0, 0.5 * length], [0.0, 0.0, 0.5 * length]])
+            self._pieces[length] = _fcl_mesh(ends, np.array([[0, 1, 2]]))
+        return self._pieces[length]
 
     def _ask(self, piece, place, result) -> tuple:
         piece.setTranslation(place)
@@ -103,17 +121,6 @@ class ConvexQuery(MeshQuery):
         face = heights.argmax()
         x = np.array(a) + u * np.array(d)
         return min(float(heights[face]), 0.0), tuple(x - heights[face] * self.normals[face]), float(u)
-
-
-_pieces: dict[float, fcl.CollisionObject] = {}  # FCL's objects leak when dropped: made once, then moved
-
-
-def _piece(length: float) -> fcl.CollisionObject:
-    """A segment along z, centred, as a mesh of one triangle without area."""
-    if length not in _pieces:
-        ends = np.array([[0.0, 0.0, -0.5 * length], [0.0, 0.0, 0.5 * length], [0.0, 0.0, 0.5 * length]])
-        _pieces[length] = _fcl_mesh(ends, np.array([[0, 1, 2]]))
-    return _pieces[length]
 
 
 def _turn(x: float, y: float, z: float) -> list:

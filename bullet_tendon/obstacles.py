@@ -1,9 +1,14 @@
-"""Obstacles: which links tendons collide with, and the near room (the core asks, FCL answers)."""
+"""Obstacles: the links that tendons collide with, and distances from their shapes.
+
+Owns: the collision shapes of links, by the numbers that the core gives them, and through them the FCL objects
+that measure meshes: no other world has any part in them. Goes with the core's room `collision`; the shapes
+themselves are in shapes.py.
+"""
 
 import numpy as np
 import pybullet as p
 
-from . import checks
+from . import _core, checks
 from .bodies import Bodies
 from .errors import InvalidType, InvalidValue, UnknownId
 from .penetration import Obstacle
@@ -13,15 +18,15 @@ from .shapes import Shape, collision_shapes
 class Obstacles:
     """Collision shapes of links, in slots numbered as the core numbers them."""
 
-    def __init__(self, core, bodies: Bodies):
+    def __init__(self, core: _core.World, bodies: Bodies):
         self._core = core
         self._bodies = bodies
-        self._shapes: dict[int, Shape] = {}
+        self.shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
         self._link_slots: dict[tuple[int, int], int] = {}
 
     def __len__(self) -> int:
-        return len(self._shapes)
+        return len(self.shapes)
 
     def listing(self) -> tuple:
         """Body, link, and the numbers of its shapes, of every link that is an obstacle."""
@@ -46,6 +51,7 @@ class Obstacles:
         frictions = {i: self.friction_of(body, i, friction) for i in links}
         for key in [k for k, slot in self._link_slots.items() if k[0] == body and self._bodies.is_gone(slot)]:
             self._drop(key)  # of a body that had this id before
+        self._require_room(int(body), found)
         for i, shapes in found.items():
             self._drop((int(body), int(i)))
             if shapes:
@@ -78,23 +84,33 @@ class Obstacles:
         found = []
         for (body, link), numbers in self._by_link.items():
             origin, axes = self._bodies.frame(body, link)
-            for shape in (self._shapes[k] for k in numbers):
+            for shape in (self.shapes[k] for k in numbers):
                 there = origin + axes @ shape.position, axes @ shape.rotation
                 found.append(Obstacle(body, link, shape, *there))
         return found
 
-    def measure(self) -> None:
-        """Answer what the core asks: distances of points and segments from shapes, by FCL."""
-        if not self._shapes:
-            return
-        shape, a, b = self._core.near()
-        if not len(shape):
-            return
+    def measure(
+        self, shape: np.ndarray, a: np.ndarray, b: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distances of k segments a -> b (k, 3) from the shapes numbered `shape` (k,); a == b is a point.
+
+        Each in its shape's frame [m]. Returns distance (k,), surface point (k, 3), u (k,): see Shape.measure.
+        """
         distance, point, u = np.empty(len(a)), np.empty((len(a), 3)), np.empty(len(a))
-        for slot in np.unique(shape):
-            which = np.flatnonzero(shape == slot)
-            distance[which], point[which], u[which] = self._shapes[slot].measure(a[which], b[which])
-        self._core.answers(distance, point, u)
+        for number in np.unique(shape):
+            which = np.flatnonzero(shape == number)
+            distance[which], point[which], u[which] = self.shapes[number].measure(a[which], b[which])
+        return distance, point, u
+
+    def _require_room(self, body: int, found: dict[int, list[Shape]]) -> None:
+        """Raise InvalidValue where all shapes, with those found for links of a body, are too many."""
+        replaced = sum(len(self._by_link.get((body, link), ())) for link in found)
+        count = len(self.shapes) - replaced + sum(map(len, found.values()))
+        if count > checks.MOST_SHAPES:
+            allowed = (
+                f"a body with which the world has at most {checks.MOST_SHAPES} collision shapes, not {count}"
+            )
+            raise InvalidValue("bodyUniqueId", body, allowed)
 
     def _put(self, body: int, link: int, shapes: list[Shape], friction: float) -> None:
         slot = self._bodies.slot(body, link)
@@ -107,7 +123,7 @@ class Obstacles:
             placed = (slot, shape.position, shape.rotation, lo, hi)
             surface = shape.triangles, shape.closed_form
             number = self._core.add_shape(*placed, flat, normal, float(offset), friction, *surface)
-            self._shapes[number] = shape
+            self.shapes[number] = shape
             numbers.append(number)
         self._by_link[body, link] = numbers
         self._link_slots[body, link] = slot
@@ -116,4 +132,4 @@ class Obstacles:
         self._link_slots.pop(key, None)
         for number in self._by_link.pop(key, ()):
             self._core.remove_shape(number)
-            del self._shapes[number]
+            del self.shapes[number]

@@ -1,4 +1,7 @@
-"""SolverOptions: what the user chooses about time stepping and contact."""
+"""SolverOptions: what the user chooses about time stepping and contact.
+
+Owns: values, immutable, and their order as the core takes them. Goes with the core's room `solver`.
+"""
 
 import dataclasses
 

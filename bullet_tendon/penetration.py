@@ -1,4 +1,8 @@
-"""Where a centreline is inside obstacles, and the near way out. Pure geometry; no step asks for it."""
+"""Where a centreline is inside obstacles, and the near way out.
+
+Owns: a view of all shapes and bores where they are at one moment (Surroundings). Pure geometry, in Python; no
+step asks for it, and it goes with no room of the core.
+"""
 
 from typing import NamedTuple
 

@@ -1,4 +1,6 @@
-"""world.relax: static equilibrium of the tendons with the bodies held.
+"""Relaxation: static equilibrium of the tendons with the bodies held (TendonWorld.relax).
+
+Owns: nothing; it takes steps of a Stepper, and takes them back by States. Goes with the core's room `world`.
 
 Equilibrium is where an implicit step of endless length would end: without inertia, the step's
 residual is the static one. A tendon that can touch nothing is taken there at once. Where there is
@@ -9,8 +11,12 @@ from rest, short while particles move by more than a share of the radius and dou
 
 import numpy as np
 
-from .holds import Attachment
-from .state import capture, take_back
+from .anchors import Attachment
+from .bodies import Bodies
+from .reports import Readouts
+from .states import States
+from .stepper import Stepper
+from .tendon import Tendon
 
 _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FIRST = 1 / 240  # s
@@ -20,54 +26,104 @@ _DEPTH = 2.5e-4  # of the radius, of contacts at rest: half of what a step may l
 _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 
 
-def relax(world, tolerance: float, max_steps: int) -> None:
-    """See TendonWorld.relax."""
-    _, gravity = world._step_and_gravity()
-    world._bodies.require_alive()
-    core = world._core
-    kept = capture(world)
-    start = {t: t.positions for t in world.tendons}
-    alone = len(start) == 1 and not world._obstacles and not world.tunnels
-    for t in world.tendons:
-        if alone:
-            _lay_out(world, t, gravity)
-        core.guess_multipliers(t._slot, gravity)
-    dt = _ENDLESS if alone else _FIRST
-    iterations, residual, settled = 0, np.inf, not start
-    for _ in range(max_steps):
-        before = {t: t.positions for t in start}
+class Relaxation:
+    """Brings tendons to rest among bodies. alone: there is nothing to touch, not even another tendon."""
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        states: States,
+        readouts: Readouts,
+        bodies: Bodies,
+        tendons: tuple[Tendon, ...],
+        alone: bool,
+    ):
+        self._stepper, self._states, self._readouts, self._bodies = stepper, states, readouts, bodies
+        self._tendons, self._alone = tendons, alone
+
+    def run(self, tolerance: float, max_steps: int) -> None:
+        """See TendonWorld.relax."""
+        _, gravity = self._stepper.step_and_gravity()
+        self._bodies.require_alive()
+        kept = self._states.capture()
+        start = {t: t.positions for t in self._tendons}
         try:
-            if not world._solve(dt, gravity, held=True):
-                settled = False
-                take_back(world, kept)
-                break
+            for t in self._tendons:
+                if self._alone:
+                    self._lay_out(t, gravity)
+                t._core.guess_multipliers(t._slot, gravity)
+            settled, iterations, residual = self._descend(start, gravity, tolerance, max_steps)
         except BaseException:
-            take_back(world, kept)
+            self._states.take_back(kept)
             raise
-        iterations += world.report.iterations
-        moved = {t: np.abs(t.positions - x).max() for t, x in before.items()}
-        residual = max([world.report.residual, *(_inertia(t, moved[t], dt, gravity) for t in start)])
-        for t in start:
-            core.stop(t._slot)
-        if any(_lost(t, x) for t, x in start.items()):
-            settled = False
-            take_back(world, kept)
-            break
-        settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
-        if world.report.converged and settled and _depth(world) <= _DEPTH:
-            break
-        ratio = max((moved[t] / t.radius for t in start), default=0.0)
-        dt = dt / _GROWTH if ratio > _FARTHEST and not alone else dt
-        dt = min(dt * _GROWTH, _ENDLESS) if ratio < _NEAREST else dt
-    world.report.iterations, world.report.residual = iterations, float(residual)
-    world.report.converged = bool(world.report.converged and settled)
+        if settled is None:  # nothing holds a tendon, or a step could not be solved
+            self._states.take_back(kept)
+        report = self._stepper.report
+        report.iterations, report.residual = iterations, float(residual)
+        report.converged = bool(report.converged and settled)
 
+    def _descend(self, start: dict[Tendon, np.ndarray], gravity, tolerance: float, max_steps: int) -> tuple:
+        """Steps from rest until the residual is small: settled (None: take it back), iterations, residual."""
+        stepper, dt = self._stepper, _ENDLESS if self._alone else _FIRST
+        iterations, residual, settled = 0, np.inf, not start
+        for _ in range(max_steps):
+            before = {t: t.positions for t in start}
+            if not stepper.solve(dt, gravity, held=True):
+                return None, iterations, residual
+            report = stepper.report
+            iterations += report.iterations
+            moved = {t: np.abs(t.positions - x).max() for t, x in before.items()}
+            residual = max([report.residual, *(_inertia(t, moved[t], dt, gravity) for t in start)])
+            for t in start:
+                t._core.stop(t._slot)
+            if any(_lost(t, x) for t, x in start.items()):
+                return None, iterations, residual
+            settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
+            if report.converged and settled and self._depth() <= _DEPTH:
+                break
+            ratio = max((moved[t] / t.radius for t in start), default=0.0)
+            dt = dt / _GROWTH if ratio > _FARTHEST and not self._alone else dt
+            dt = min(dt * _GROWTH, _ENDLESS) if ratio < _NEAREST else dt
+        return settled, iterations, residual
 
-def _depth(world) -> float:
-    """Of the deepest contact, in radii of its tendon [-]."""
-    contacts = world.contacts
-    radii = {t.name: t.radius for t in world.tendons}
-    return max((-c["distance"] / radii[c["tendon"]] for c in contacts if c["normal_force"] > 0), default=0.0)
+    def _depth(self) -> float:
+        """Of the deepest contact, in radii of its tendon [-]."""
+        contacts = self._readouts.contacts()
+        radii = {t.name: t.radius for t in self._tendons}
+        return max(
+            (-c["distance"] / radii[c["tendon"]] for c in contacts if c["normal_force"] > 0), default=0.0
+        )
+
+    def _lay_out(self, tendon: Tendon, gravity) -> None:
+        """Put a tendon that touches nothing where its segments have their rest lengths, hanging.
+
+        Newton's method for a stiff tendon starts well from any shape without strain, and badly from a
+        compressed one. Between two holds nearer than the tendon is long it is laid as a V along the load,
+        free ends straight along it, and where holds are farther apart straight between them.
+        """
+        x, rest = tendon.positions, tendon._core.rest(tendon._slot)
+        held = {i: self._point_of(anchor) for i, anchor in tendon._anchors.items()}
+        held = {i: point for i, point in held.items() if point is not None}
+        if not held:
+            return
+        forces = np.array([tendon._core.force(tendon._slot, i) for i in range(len(x))])
+        load = (forces + tendon.masses[:, None] * np.array(gravity)).sum(axis=0)
+        where = sorted(held)
+        for i, j in zip(where[:-1], where[1:], strict=True):
+            x[i : j + 1] = _span(held[i], held[j], rest[i:j], load)
+        size = np.linalg.norm(load)
+        for end, arc in ((where[0], rest[: where[0]][::-1]), (where[-1], rest[where[-1] :])):
+            order = slice(end, None, -1) if end == where[0] and len(arc) == end else slice(end, None)
+            reach = np.concatenate([[0.0], np.cumsum(arc)])[:, None]
+            x[order] = held[end] + reach * load / size if size > 0 else x[order] + held[end] - x[end]
+        tendon._core.set_state(tendon._slot, x, np.zeros_like(x))
+
+    def _point_of(self, anchor):
+        """Where a rigid anchor takes its particle (3,), or None for a soft one."""
+        if isinstance(anchor, Attachment):
+            origin, axes = self._bodies.frame(anchor.bodyUniqueId, anchor.linkIndex)
+            return origin + axes @ anchor.position
+        return anchor.target if anchor.stiffness is None else None
 
 
 def _lost(tendon, start) -> bool:
@@ -79,39 +135,6 @@ def _inertia(tendon, moved: float, dt: float, gravity) -> float:
     masses = tendon.masses
     at_hand = max(np.abs(tendon.tension).max(), masses.sum() * np.linalg.norm(gravity), 1e-300)
     return float(masses.max() * moved / dt**2 / at_hand)
-
-
-def _lay_out(world, tendon, gravity) -> None:
-    """Put a tendon that touches nothing where its segments have their rest lengths, hanging.
-
-    Newton's method for a stiff tendon starts well from any shape without strain, and badly from a
-    compressed one. Between two holds nearer than the tendon is long it is laid as a V along the load,
-    free ends straight along it, and where holds are farther apart straight between them.
-    """
-    x, rest = tendon.positions, tendon._core.rest(tendon._slot)
-    held = {i: _point_of(world, hold) for i, hold in tendon._holds.items()}
-    held = {i: point for i, point in held.items() if point is not None}
-    if not held:
-        return
-    forces = np.array([tendon._core.force(tendon._slot, i) for i in range(len(x))])
-    load = (forces + tendon.masses[:, None] * np.array(gravity)).sum(axis=0)
-    where = sorted(held)
-    for i, j in zip(where[:-1], where[1:], strict=True):
-        x[i : j + 1] = _span(held[i], held[j], rest[i:j], load)
-    size = np.linalg.norm(load)
-    for end, arc in ((where[0], rest[: where[0]][::-1]), (where[-1], rest[where[-1] :])):
-        order = slice(end, None, -1) if end == where[0] and len(arc) == end else slice(end, None)
-        reach = np.concatenate([[0.0], np.cumsum(arc)])[:, None]
-        x[order] = held[end] + reach * load / size if size > 0 else x[order] + held[end] - x[end]
-    tendon._core.set_state(tendon._slot, x, np.zeros_like(x))
-
-
-def _point_of(world, hold):
-    """Where a rigid hold takes its particle (3,), or None for a soft one."""
-    if isinstance(hold, Attachment):
-        origin, axes = world._bodies.frame(hold.bodyUniqueId, hold.linkIndex)
-        return origin + axes @ hold.position
-    return hold.target if hold.stiffness is None else None
 
 
 def _span(a, b, rest, load) -> np.ndarray:

@@ -1,8 +1,10 @@
 """Collision shapes of pybullet bodies, and distances from a tendon's centreline to them.
 
-Meshes are measured by FCL (mesh_queries.py); boxes, spheres, capsules and cylinders have closed forms in the
-core (primitive.h), planes too. Distances are to the surface as drawn: without Bullet's
-collision margin (about a millimetre around meshes) and without the tendon's radius.
+Owns: the geometry of one shape in its link's frame. Goes with the core's room `geometry`, which has closed
+forms of boxes, spheres, capsules, cylinders and planes; meshes are measured by FCL (mesh_queries.py).
+
+Distances are to the surface as drawn: without Bullet's collision margin (about a millimetre around meshes)
+and without the tendon's radius.
 """
 
 from collections.abc import Callable

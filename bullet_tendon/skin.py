@@ -1,5 +1,7 @@
 """The surface mesh that a tendon's centreline carries: for eyes and pictures, without physics.
 
+Owns: the vertices' places about the centreline, and the last evaluated pose. Goes with no room of the core.
+
 As in the paper (section 4.3), every edge point's vector from the centre of its layer is stored
 once; afterwards the particles' positions give each layer's translation and rotation. Layers need
 not sit at particles: a layer is a *station*, a segment and a fraction of it, on the cubic through

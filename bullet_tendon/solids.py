@@ -1,5 +1,7 @@
 """What is inside a triangle surface, whichever way its triangles were wound.
 
+Owns: the closed surfaces of one mesh. Used by penetration.py alone; goes with no room of the core.
+
 The surface is cut into pieces that hang together by edges of two triangles. A piece that closes has an
 inside: its triangles are turned to agree, outwards. A closed piece wholly within another is a cavity, one
 within a cavity is solid again. Open pieces have no inside. Then the generalised winding number

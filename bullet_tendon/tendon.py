@@ -1,10 +1,15 @@
-"""Tendon: what a user holds. Its grips and attachments are in holds.py."""
+"""Tendon: what a user holds of a tendon, and how a polyline becomes its particles.
+
+Owns: the handle, its anchors (anchors.py) and the rest lengths it was made with; positions, velocities and
+forces are the core's. Goes with the core's room `tendon`.
+"""
 
 import numpy as np
 
-from . import checks
+from . import _core, checks
+from .anchors import Attachment, Grip, Numbers, clamp_direction
+from .bodies import Bodies
 from .errors import InvalidValue, UnknownId
-from .holds import Attachment, Grip, clamp_direction
 from .material import Material
 
 # A segment may be reeled in to, or paid out to, these shares of its first rest length [-]: shorter
@@ -19,14 +24,24 @@ class Tendon:
     when asked for.
     """
 
-    def __init__(self, world, slot: int, name: str, radius: float, material: Material):
-        self._world = world
-        self._core = world._core
+    def __init__(
+        self,
+        core: _core.World,
+        bodies: Bodies,
+        numbers: Numbers,
+        slot: int,
+        name: str,
+        radius: float,
+        material: Material,
+    ):
+        self._core = core
+        self._bodies = bodies
+        self._numbers = numbers
         self._slot = slot
         self._name = name
         self._radius = radius
         self._material = material
-        self._holds: dict[int, Grip | Attachment] = {}
+        self._anchors: dict[int, Grip | Attachment] = {}
         self._first_rest = self._core.rest(slot)
         self.removed = False
 
@@ -102,7 +117,7 @@ class Tendon:
     @property
     def holds(self) -> tuple[Grip | Attachment, ...]:
         """Its grips and attachments that were not released, by particle."""
-        return tuple(self._holds[i] for i in sorted(self._holds))
+        return tuple(self._anchors[i] for i in sorted(self._anchors))
 
     def attach(self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position=None) -> Attachment:
         """Tie a particle (negative: from the end) to a point of a link.
@@ -111,7 +126,7 @@ class Tendon:
         can be held once. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         index = self._free_particle(particle)
-        bodies = self._world._bodies
+        bodies = self._bodies
         bodies.require(bodyUniqueId, linkIndex)
         if position is None:
             origin, axes = bodies.frame(bodyUniqueId, linkIndex)
@@ -119,11 +134,11 @@ class Tendon:
         else:
             local = checks.vector("position", position)
         link = bodies.slot(bodyUniqueId, linkIndex)
-        number = self._world._next_number()
+        number = self._numbers.next()
         self._core.add_attachment(self._slot, number, index, link, local)
-        hold = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local, link)
-        self._holds[index] = hold
-        return hold
+        anchor = Attachment(self, index, number, int(bodyUniqueId), int(linkIndex), local, link)
+        self._anchors[index] = anchor
+        return anchor
 
     def grip(
         self,
@@ -147,16 +162,16 @@ class Tendon:
         damping = checks.number("damping", damping, at_least=0)
         if direction is not None:
             direction = clamp_direction(self, index, direction)
-        number = self._world._next_number()
+        number = self._numbers.next()
         self._core.add_grip(self._slot, number, index)
-        hold = Grip(self, index, number, where, stiffness, damping, direction)
-        self._holds[index] = hold
-        return hold
+        anchor = Grip(self, index, number, where, stiffness, damping, direction)
+        self._anchors[index] = anchor
+        return anchor
 
     def is_attached_to(self, bodyUniqueId: int) -> bool:
         """Whether a particle is attached to any link of the body."""
-        holds = self._holds.values()
-        return any(isinstance(h, Attachment) and h.bodyUniqueId == bodyUniqueId for h in holds)
+        attachments = [a for a in self._anchors.values() if isinstance(a, Attachment)]
+        return any(a.bodyUniqueId == bodyUniqueId for a in attachments)
 
     def set_force(self, particle: int, force) -> None:
         """A constant external force (3,) [N] on a particle, world frame, until it is set again."""
@@ -218,7 +233,7 @@ class Tendon:
     def _free_particle(self, particle) -> int:
         self._alive()
         index = self._particle(particle)
-        if index in self._holds:
+        if index in self._anchors:
             raise InvalidValue("particle", particle, "one that is not gripped or attached already")
         return index
 
@@ -232,3 +247,27 @@ def _reeled(rest, first, amount):
         rest[k] -= taken
         amount -= taken
     return rest if abs(amount) <= 1e-12 * first.sum() else None
+
+
+def particle_positions(points, particles: int | None) -> np.ndarray:
+    """(n, 3) particles along the polyline `points` (m, 3) [m].
+
+    particles: how many, evenly spaced by arc length; None: the points themselves. At corners the
+    centreline cuts across, so it can be shorter than the polyline. Raises InvalidType or InvalidValue,
+    also where neighbouring points coincide, or where there would be more than checks.MOST_PARTICLES.
+    """
+    line = checks.array("points", points, (None, 3))
+    if len(line) < 2:
+        raise InvalidValue("points", points, "at least 2 points")
+    lengths = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    if not (lengths > 1e-9 * lengths.max()).all() or lengths.max() == 0:
+        raise InvalidValue("points", points, "distinct from one point to the next")
+    if particles is None:
+        if len(line) > checks.MOST_PARTICLES:
+            allowed = f"at most {checks.MOST_PARTICLES} points, or resampled to `particles`"
+            raise InvalidValue("points", f"{len(line)} points", allowed)
+        return line
+    n = checks.integer("particles", particles, at_least=2, at_most=checks.MOST_PARTICLES)
+    arc = np.concatenate([[0.0], np.cumsum(lengths)])
+    even = np.linspace(0.0, arc[-1], n)
+    return np.column_stack([np.interp(even, arc, line[:, c]) for c in range(3)])

@@ -1,4 +1,7 @@
-"""Tunnel: a bore in a bone (paper, Algorithm 2)."""
+"""Tunnel: a bore in a bone (paper, Algorithm 2), and where the bone is drilled.
+
+Owns: the handle of a bore; its contacts are the core's. Goes with the core's room `geometry` (tunnel_bore).
+"""
 
 import dataclasses
 

@@ -1,5 +1,7 @@
 """Tendons and tunnels written in a URDF: the <tunnel> and <tendon> elements under <robot>.
 
+Owns: nothing; loading.py makes them. Goes with no room of the core.
+
 pybullet's own loader ignores both. Lengths [m]; a point is in the frame of the URDF link it names, a
 tendon's point without a link in the world frame.
 

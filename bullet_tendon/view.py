@@ -1,5 +1,7 @@
 """Pictures: tendons drawn in pybullet, camera images without a window, plots. No physics.
 
+Owns: the visual bodies that it adds to pybullet. Goes with no room of the core.
+
 Bodies added here have no collision shape and mass 0, so that nothing feels them; what is added for
 a picture is removed again. Images are (height, width, 3) uint8. A `physicsClientId` may be the
 number or a BulletClient. matplotlib and tqdm (extra `view`) are imported only where they are used.

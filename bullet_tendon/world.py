@@ -1,68 +1,71 @@
-"""TendonWorld: the plug-in beside a pybullet client. One step in five rooms (see step)."""
+"""TendonWorld: the plug-in beside a pybullet client; what a user calls, put together from its parts.
+
+Owns: the compiled core, the tendons and tunnels by the core's slots, and one object for each concern, made
+with what it needs: Bodies, Obstacles, Stepper, States, Readouts. Nothing is computed here. Goes with the
+core's room `world`.
+"""
 
 import math
-from time import perf_counter
 
 import numpy as np
-import pybullet as p
 
 from . import _core, checks
+from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
 from .errors import InvalidType, InvalidValue, UnknownId
-from .holds import Attachment
-from .keeping import KeepsState
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
 from .penetration import INSIDE
-from .readouts import ReadsOut
-from .relaxation import relax
-from .report import CONTACT, PENETRATION, StepReport
-from .sampling import particle_positions
-from .stepping import TakesSteps
-from .tendon import Tendon
+from .relaxation import Relaxation
+from .reports import CONTACT, PENETRATION, Readouts, StepReport
+from .states import States
+from .stepper import Stepper
+from .tendon import Tendon, particle_positions
 from .tunnels import Tunnel
 
 
-class TendonWorld(KeepsState, TakesSteps, ReadsOut):
+class TendonWorld:
     """The tendons of one pybullet client.
 
     physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
     Gravity and the time step are pybullet's own, read at every step. Raises UnknownId or InvalidType.
+
+    Threads: worlds share nothing that changes, so different threads can use different worlds at the same
+    time, each with a pybullet client of its own. One world is used by one thread at a time: a script that
+    reads or changes a world while another thread steps it has to take turns, by a lock of its own. The core
+    lets other Python threads run while it solves.
     """
 
-    def __init__(self, physicsClientId=0, options: SolverOptions | None = None):
-        self._client = client_of(physicsClientId)
-        super().__init__()
+    def __init__(self, physicsClientId: int = 0, options: SolverOptions | None = None):
+        client = client_of(physicsClientId)
         self._connection = physicsClientId  # a BulletClient disconnects when nobody keeps it
         self._core = _core.World()
-        self._bodies = Bodies(self._client)
-        self._bodies.in_use = self._links_in_use
-        self._obstacles = Obstacles(self._core, self._bodies)
+        self._numbers = Numbers()
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
-        self._count = 0
-        self._dt, self._last_gravity = 0.0, (0.0, 0.0, 0.0)  # of the last step
-        self.options = SolverOptions() if options is None else options
-        self._told, self._checked = (), (0.0, (0.0, 0.0, 0.0))  # pybullet's parameters, as told and checked
-        self._report, self._unread = StepReport(), None
+        parts = self._tendons, self._tunnels
+        self._bodies = Bodies(client, self._core, self._links_in_use)
+        self._obstacles = Obstacles(self._core, self._bodies)
+        chosen = SolverOptions() if options is None else options
+        self._stepper = Stepper(client, self._core, self._bodies, self._obstacles, self._tendons, chosen)
+        places = self._core, self._bodies, self._obstacles
+        self._states = States(*places, *parts, self._numbers, self._stepper)
+        self._readouts = Readouts(*places, *parts)
 
     @property
     def physicsClientId(self) -> int:
-        return self._client
+        return self._bodies.client
 
     @property
     def options(self) -> SolverOptions:
-        """The solver's options; they can be replaced between steps."""
-        return self._options
+        """The solver's options; they can be replaced between steps. Raises InvalidType."""
+        return self._stepper.options
 
     @options.setter
     def options(self, value: SolverOptions) -> None:
-        if not isinstance(value, SolverOptions):
-            raise InvalidType("options", value, "SolverOptions")
-        self._core.set_options(*value.core_arguments())
-        self._options = value
+        self._stepper.options = value
 
     @property
     def tendons(self) -> tuple[Tendon, ...]:
@@ -98,8 +101,8 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
         if checks.choice("inside", inside, INSIDE) != "allow":
-            line = self._surroundings().cleared(line, radius, inside)
-        name = f"tendon{self._next_number()}" if name is None else checks.text("name", name)
+            line = self._readouts.surroundings().cleared(line, radius, inside)
+        name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
         m = material
@@ -108,13 +111,14 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         stiffnesses = (m.shear_stiffness, m.bending_stiffness)
         whole = m.damping_form == "whole"
         slot = self._core.add_chain(line, radius, m.friction, *law, whole, *stiffnesses, density)
-        tendon = Tendon(self, slot, name, radius, material)
+        tendon = Tendon(self._core, self._bodies, self._numbers, slot, name, radius, material)
         self._tendons[slot] = tendon
         return tendon
 
     def remove_tendon(self, tendon: Tendon) -> None:
         """Take a tendon out; its handles can no longer be used."""
         slot = self._slot_of("tendon", tendon, Tendon, self._tendons)
+        _ = self._stepper.report  # which may name it
         del self._tendons[slot]
         tendon.removed = True
         self._core.remove_chain(slot)
@@ -153,6 +157,8 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         InvalidValue or UnknownId; then nothing has changed.
         """
         self._bodies.require(bodyUniqueId, linkIndex)
+        if len(self._tunnels) >= checks.MOST_TUNNELS:
+            raise InvalidValue("tunnels", len(self._tunnels) + 1, f"at most {checks.MOST_TUNNELS}")
         start, end = checks.vector("start", start), checks.vector("end", end)
         radius = checks.number("radius", radius, above=0)
         chamfer = checks.number("chamfer", chamfer, at_least=0)
@@ -160,7 +166,7 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         if length <= 2 * chamfer:
             raise InvalidValue("end", end, "farther from start than twice the chamfer")
         mu = self._obstacles.friction_of(bodyUniqueId, linkIndex, friction)
-        name = f"tunnel{self._next_number()}" if name is None else checks.text("name", name)
+        name = f"tunnel{self._numbers.next()}" if name is None else checks.text("name", name)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
         where = (int(bodyUniqueId), int(linkIndex), start, end)
@@ -189,24 +195,14 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         solve (the implicit step), react (wrenches), bullet (pybullet's own step).
         """
         for _ in range(checks.integer("n", n, at_least=1)):
-            self.apply()
-            start = perf_counter()
-            p.stepSimulation(self._client)
-            self._seconds["bullet"] = perf_counter() - start
-            if self._core.any_held() and self._bodies.note(self._core):
-                self._sense(self._dt, self._last_gravity)
+            self._stepper.step()
 
     def apply(self) -> None:
         """step without p.stepSimulation, for a script that owns its loop: call it just before.
 
         Raises StepFailed, with the tendons as they were, where the step has no finite solution.
         """
-        if not self._solve(*self._step_and_gravity()):
-            return
-        if self._bodies.links:
-            start = perf_counter()
-            self._bodies.push(self._core)
-            self._seconds["react"] += perf_counter() - start
+        self._stepper.apply()
 
     def relax(self, tolerance: float = 1e-6, max_steps: int = 1000) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
@@ -219,19 +215,99 @@ class TendonWorld(KeepsState, TakesSteps, ReadsOut):
         the report says that it did not converge. Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
-        relax(self, tolerance, checks.integer("max_steps", max_steps, at_least=1))
+        max_steps = checks.integer("max_steps", max_steps, at_least=1)
+        alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
+        parts = self._stepper, self._states, self._readouts, self._bodies
+        Relaxation(*parts, self.tendons, alone).run(tolerance, max_steps)
+
+    @property
+    def report(self) -> StepReport:
+        """What the last step did and what it skipped; of a step that failed, what was tried."""
+        return self._stepper.report
+
+    @property
+    def contacts(self) -> np.ndarray:
+        """Structured array of the last step's contacts (fields: reports.CONTACT), sorted by tendon.
+
+        position: (3,) on the centreline [m]; normal: (3,) from the body to the tendon; distance
+        between the surfaces [m], negative where they overlap; forces [N]. kind: "bone", "bore",
+        "mouth" or "tendon" (another tendon, or the tendon itself; bodyUniqueId is then -1).
+        """
+        return self._readouts.contacts()
+
+    def wrench(self, bodyUniqueId: int, linkIndex: int = -1) -> np.ndarray:
+        """(6,) force [N] and torque about the centre of mass [N m] of all tendons on a link.
+
+        World frame, of the last step; zero for links that no tendon can touch. Static links too.
+        On a free body that turns by a tenth of a radian or more within the step, or would be swung by half
+        of one, arms are those that it turns to.
+        """
+        return self._readouts.wrench(bodyUniqueId, linkIndex)
+
+    def penetrations(self) -> np.ndarray:
+        """Structured array of the tendons' segments that are inside an obstacle or cross its surface, now.
+
+        Fields: reports.PENETRATION. position (3,): the deepest point of the segment's centreline [m];
+        normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
+        have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
+        of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
+        Raises UnknownId where an obstacle's body was removed from pybullet.
+        """
+        return self._readouts.penetrations()
+
+    def save_state(self) -> int:
+        """Keep all state of the tendons in memory; returns an id for restore_state and remove_state.
+
+        Positions, velocities, the integrator's history, multipliers, friction anchors, contact planes,
+        memberships of tunnels, rest lengths, forces, holds, the last step's contacts, length and gravity.
+        Not: the options, and pybullet's bodies, for which p.saveState stands beside it; that in turn does not
+        keep forces that were applied and not stepped yet, the time step, gravity, motor commands and
+        bodies added or removed since.
+        """
+        return self._states.save()
+
+    def restore_state(self, state: int) -> None:
+        """Put the state of save_state back; it can be put back any number of times.
+
+        Together with p.restoreState the run then goes on with the same bits. Grips and attachments
+        made since are released; those released since hold again, and their handles with them.
+        Raises UnknownId, or StateMismatch where tendons, tunnels or obstacles were added, removed
+        or replaced, or bodies that they refer to removed, since; then nothing has changed.
+        """
+        self._states.restore(state)
+
+    def remove_state(self, state: int) -> None:
+        """Forget a saved state. Raises UnknownId or InvalidType."""
+        self._states.remove(state)
+
+    def state_hash(self) -> str:
+        """A hash of the whole state, options included: equal for equal bits."""
+        return self._states.hash(self._links_in_use())
+
+    def snapshot(self, path=None) -> bytes:
+        """The state (see save_state) as bytes of a numpy npz file, written to `path` unless None.
+
+        Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it
+        for the bodies.
+        """
+        return self._states.snapshot(path)
+
+    def load_snapshot(self, source) -> None:
+        """Put back a snapshot: the bytes, or the path of its file.
+
+        The world must have been made of the same parts in the same order, as a script does that is
+        run again: tendons (names, particles, materials, radii), tunnels and obstacles, on bodies of
+        the same ids. Holds become those of the snapshot: handles of the same tendon, particle, kind
+        and body go on, others are released, and what is missing is made (Tendon.holds). Raises
+        InvalidType, SnapshotError for what cannot be read, is of another version or contradicts itself,
+        or StateMismatch for what is of another world; then nothing has changed.
+        """
+        self._states.load_snapshot(source)
 
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles and attachments refer to."""
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
-
-    def _names(self) -> dict[int, str]:
-        return {slot: t.name for slot, t in self._tendons.items()}
-
-    def _next_number(self) -> int:
-        self._count += 1
-        return self._count
 
     def _slot_of(self, argument, handle, kind, known) -> int:
         if not isinstance(handle, kind):

@@ -6,8 +6,14 @@ import pytest
 from random_robots import KINDS, UNDAMPED, let_go, poses, robot, stop, velocities
 
 from bullet_tendon import _core
-from bullet_tendon.jacobians import jacobians_and_mass, movable_joints, rates
-from bullet_tendon.pushes import exchange, product, rotation_by
+from bullet_tendon.generalized_bodies import (
+    exchange_wrench,
+    jacobians_and_mass,
+    movable_joints,
+    product,
+    rates,
+    rotation_by,
+)
 
 H = 1e-3  # of finite differences of fourth order [m], [rad]
 DT = 1e-4
@@ -152,7 +158,7 @@ def test_exchanged_wrenches_move_a_body_as_if_they_had_acted(client, count):
             apply(client, body, link, wrenches[0])
             p.stepSimulation(client)
             if len(wrenches) == 2:
-                exchange(body, link, *wrenches, DT, client)
+                exchange_wrench(body, link, *wrenches, DT, client)
             outcomes.append((*poses(client, body), rates(body, client)))
             p.restoreState(state, physicsClientId=client)
         *direct_poses, direct = outcomes[0]
@@ -215,5 +221,5 @@ def test_planar_joints_are_not_known(client, tmp_path):
     before = velocities(client, body)
     assert p.getJointInfo(body, 0, client)[2] == p.JOINT_PLANAR
     assert jacobians_and_mass(body, [0], client) is None
-    exchange(body, 0, np.ones(6), np.zeros(6), DT, client)
+    exchange_wrench(body, 0, np.ones(6), np.zeros(6), DT, client)
     np.testing.assert_array_equal(velocities(client, body), before)

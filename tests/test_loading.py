@@ -1,5 +1,8 @@
 """load_urdf: bodies with the tunnels, tendons and obstacles of their file; nothing left where it fails."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -186,3 +189,34 @@ def test_files_that_are_not_there(make_world, tmp_path):
         world.load_urdf(str(tmp_path / "none.urdf"))
     assert state(world) == (0, (), ())
     assert Path(bt.data_path("knee.urdf")).read_bytes() == (URDF / "knee.urdf").read_bytes()
+
+
+LOADED = """
+import pybullet as p, bullet_tendon as bt
+client = p.connect(p.DIRECT)
+world = bt.TendonWorld(client)
+for name in ("knee.urdf", "femur.urdf", "tendon_finger.urdf"):
+    world.load_urdf(bt.data_path(name), useFixedBase=True)
+"""
+ADDED = """
+import pybullet as p, bullet_tendon as bt
+client = p.connect(p.DIRECT)
+world = bt.TendonWorld(client)
+world.add_obstacle(p.loadURDF(bt.data_path("tibia.urdf")))
+corners, faces = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+hull = p.createCollisionShape(p.GEOM_MESH, vertices=corners)
+triangles = p.createCollisionShape(p.GEOM_MESH, vertices=corners, indices=sum(faces, []))
+world.add_obstacle(p.createMultiBody(0, hull))
+world.add_obstacle(p.createMultiBody(0, triangles), meshes=[(corners, faces)])
+world.add_obstacle(p.createMultiBody(0, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)))
+"""
+
+
+@pytest.mark.parametrize("script", [LOADED, ADDED], ids=["load_urdf", "add_obstacle"])
+def test_nothing_is_printed(script):
+    """pybullet's getMeshData would print a lone question mark for every mesh that is no hull."""
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=found)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout == ""
+    assert "?" not in run.stderr

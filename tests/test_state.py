@@ -10,6 +10,7 @@ import pytest
 from state_scenes import build, disturb, run_from
 
 import bullet_tendon as bt
+from bullet_tendon import states
 
 
 @pytest.mark.parametrize(
@@ -172,6 +173,143 @@ def test_snapshots_are_checked_when_read(client, tmp_path):
             world.load_snapshot(source)
         with pytest.raises(bt.InvalidType):
             world.snapshot(source if source else 3)
+
+
+def pulled_once(client):
+    """A ball on a tendon, pulled at for one step so hard that the next one solves that step again."""
+    p.setGravity(0, 0, -9.81, physicsClientId=client)
+    p.setTimeStep(1 / 240, physicsClientId=client)
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    body = p.createMultiBody(0.2, ball, basePosition=(0, 0, -0.08), physicsClientId=client)
+    world = bt.TendonWorld(client)
+    t = world.add_tendon([(0, 0, 0), (0, 0, -0.08)], 0.001, bt.Material(stiffness=2e5), 8)
+    t.grip(0)
+    t.attach(-1, body)
+    world.step(100)
+    place = p.getBasePositionAndOrientation(body, client)[0]
+    p.applyExternalForce(body, -1, (0, 30, -200), place, p.WORLD_FRAME, client)
+    world.step()
+    return world, body
+
+
+def after_a_step(world, body):
+    """Everything of a tendon and a body, one step later."""
+    world.step()
+    places = *p.getBasePositionAndOrientation(body, world.physicsClientId), *world.tendons[0].positions
+    return np.concatenate([*places, *p.getBaseVelocity(body, world.physicsClientId)])
+
+
+def test_a_fresh_world_solves_the_snapshots_last_step_again(client, tmp_path):
+    world, body = pulled_once(client)
+    world.snapshot(tmp_path / "state.npz")
+    p.saveBullet(str(tmp_path / "state.bullet"), physicsClientId=client)
+    other = p.connect(p.DIRECT)
+    fresh, its_body = pulled_once(other)
+    fresh = bt.TendonWorld(other)
+    t = fresh.add_tendon([(0, 0, 0), (0, 0, -0.08)], 0.001, bt.Material(stiffness=2e5), 8)
+    t.grip(0)
+    t.attach(-1, its_body)
+    fresh.load_snapshot(tmp_path / "state.npz")
+    for number in (client, other):  # pybullet itself goes on with other bits after a file
+        p.restoreState(fileName=str(tmp_path / "state.bullet"), physicsClientId=number)
+    expected = after_a_step(world, body)
+    assert np.linalg.norm(expected[-6:-3]) < 1.0  # it was pulled back, not shot away
+    np.testing.assert_array_equal(after_a_step(fresh, its_body), expected)
+    p.disconnect(other)
+
+
+def test_the_last_steps_length_and_gravity_are_restored(client):
+    """With them that step is solved again, whatever steps were taken between saving and restoring."""
+    world, body = pulled_once(client)
+    state, bullet = world.save_state(), p.saveState(client)
+    found = []
+    for dt, gravity in ((1 / 240, (0, 0, -9.81)), (1 / 1000, (5, 0, 9.81))):
+        p.setTimeStep(dt, physicsClientId=client)
+        p.setGravity(*gravity, physicsClientId=client)
+        world.step(3)
+        p.setTimeStep(1 / 240, physicsClientId=client)
+        p.setGravity(0, 0, -9.81, physicsClientId=client)
+        world.restore_state(state)
+        p.restoreState(bullet, physicsClientId=client)
+        found.append(after_a_step(world, body))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+def crafted(data: bytes, **arrays) -> bytes:
+    """A snapshot of other arrays, with the digest that fits them."""
+    with np.load(io.BytesIO(data)) as file:
+        content = {k: v for k, v in {**dict(file), **arrays}.items() if k != "digest"}
+    out = io.BytesIO()
+    np.savez(out, **content, digest=states.digest_of(content))
+    return out.getvalue()
+
+
+def set_to(array, index, value):
+    array = np.array(array)
+    array[index] = value
+    return array
+
+
+# What is put where: array, index, value. In the scene, holds are of a soft grip, a rigid one and two bodies.
+CRAFTED = [
+    ("last_step", 0, -1.0),
+    ("last_step", 0, np.nan),
+    ("last_step", 2, np.inf),
+    ("links", (0, 0), -5),
+    ("links", (0, 0), 10**12),
+    ("links", (0, 1), 4),
+    ("links", (slice(None), 0), 1),
+    ("hold_places", (0, 0), 7),
+    ("hold_places", (0, 0), -1),
+    ("hold_places", (0, 1), 10**6),
+    ("hold_places", (0, 1), -1),
+    ("hold_places", (0, 2), 2),
+    ("hold_places", (0, 2), 1),
+    ("hold_places", (0, 3), 0),
+    ("hold_places", (0, 3), 999),
+    ("hold_places", (0, 3), 2**40),
+    ("hold_places", (slice(None), 3), 1),
+    ("hold_places", (slice(None), slice(0, 2)), 1),
+    ("hold_places", (0, 4), 0),
+    ("hold_places", (1, 4), 99),
+    ("hold_places", (1, 5), 3),
+    ("hold_numbers", (0, 0), np.nan),
+    ("hold_numbers", (1, 2), np.inf),
+    ("hold_numbers", (0, 3), -1.0),
+    ("hold_numbers", (0, 3), np.inf),
+    ("hold_numbers", (0, 4), np.nan),
+    ("hold_numbers", (0, 4), -1.0),
+    ("hold_numbers", (0, 5), 1.0),
+    ("hold_numbers", (0, slice(5, 8)), 1.0),
+]
+
+
+def test_crafted_tables_are_refused(client):
+    """With a digest that fits: nothing of them is believed, and nothing has changed."""
+    world, _ = build(client, bodies=True)
+    world.step(3)
+    data, before = world.snapshot(), world.state_hash()
+    with np.load(io.BytesIO(data)) as file:
+        arrays = dict(file)
+    bad = [(name, set_to(arrays[name], index, value)) for name, index, value in CRAFTED]
+    for name in ("tendons", "tendon_slots", "tunnels", "links", "hold_places", "hold_numbers"):
+        bad += [(name, arrays[name][:-1]), (name, np.concatenate([arrays[name], arrays[name][-1:]]))]
+    for name, kind in (("core", np.uint16), ("hold_places", float), ("last_step", int)):
+        bad.append((name, arrays[name][: 2 * (len(arrays[name]) // 2)].astype(kind)))
+    for name, array in bad:
+        with pytest.raises((bt.SnapshotError, bt.StateMismatch)):
+            world.load_snapshot(crafted(data, **{name: array}))
+        assert world.state_hash() == before, (name, array)
+    world.load_snapshot(crafted(data))
+    assert world.state_hash() == before
+    world.step(3)
+
+
+def test_snapshots_of_another_version_are_refused_by_its_number(client):
+    world, _ = build(client, bodies=False)
+    data = crafted(world.snapshot(), version=np.array(1))
+    with pytest.raises(bt.SnapshotError, match="of version 2, not 1"):
+        world.load_snapshot(data)
 
 
 def test_run_from_is_what_the_other_process_runs():

@@ -192,6 +192,19 @@ def test_refused_tendons_leave_nothing(make_world, argument, change, error):
     assert [t.name for t in world.tendons] == ["taken"]
 
 
+def test_more_particles_than_contacts_can_tell_apart_are_refused(make_world):
+    """Given one by one as well as by `particles`; resampled to fewer, a long polyline is welcome."""
+    world, material, count = make_world(), bt.Material(stiffness=1e3), 32_769
+    line = np.zeros((count, 3))
+    line[:, 0] = 1e-3 * np.arange(count)
+    with pytest.raises(bt.InvalidValue, match="points = .*at most 32768"):
+        world.add_tendon(line, RADIUS, material)
+    with pytest.raises(bt.InvalidValue, match="particles = .*<= 32768"):
+        world.add_tendon(line, RADIUS, material, count)
+    assert world.tendons == ()
+    assert world.add_tendon(line, RADIUS, material, 20).particles == 20
+
+
 def test_removed_tendons_are_gone(make_world):
     world, other, material = make_world(), make_world(), bt.Material(stiffness=1e3)
     t, kept = (world.add_tendon(LINE, RADIUS, material, 5, name=name) for name in "ab")

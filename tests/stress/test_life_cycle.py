@@ -1,10 +1,12 @@
 """pybullet's life under the plug-in: bodies come and go, ids are used again, clients close."""
 
+import sys
 import threading
 
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import torus
 
 import bullet_tendon as bt
 
@@ -104,32 +106,55 @@ def test_gravity_and_time_step_may_change_and_nonsense_is_refused(client, make_w
     assert world.state_hash() == before
 
 
-def hash_of_run(steps):
+def torus_on_a_shelf(client, world, scale):
+    """A static ring of triangles, of which distances come from FCL; the number of queries is listed."""
+    vertices, triangles = torus(0.1 * scale, 0.03 * scale)
+    indices = triangles.ravel().tolist()
+    shape = p.createCollisionShape(p.GEOM_MESH, vertices=vertices, indices=indices, physicsClientId=client)
+    ring = p.createMultiBody(0, shape, basePosition=(0.1, 0, -0.05), physicsClientId=client)
+    world.add_obstacle(ring, meshes=[(vertices, triangles)])
+
+
+def run_on_a_mesh(steps, scale):
+    """The state's hash after some steps of a tendon that falls on a ring, and what was inside on the way."""
     client = p.connect(p.DIRECT)
     p.setGravity(0, 0, -9.81, physicsClientId=client)
     world = bt.TendonWorld(client)
-    world.add_obstacle(ball(client, 0.0, (0.1, 0, -0.05)))
-    t = world.add_tendon([[0, 0, 0], [0.2, 0, 0]], 0.004, MATERIAL, 12)
+    torus_on_a_shelf(client, world, scale)
+    t = world.add_tendon([[0, 0, 0], [0.2, 0, 0]], 0.004, MATERIAL, 40)
     t.grip(0)
-    world.step(steps)
-    found = world.state_hash()
+    lying = world.add_tendon([[0, 0.01, -0.05], [0.2, 0.01, -0.05]], 0.004, MATERIAL, 40)  # partly inside
+    lying.grip(0)
+    queried, inside = 0, []
+    for _ in range(steps):
+        world.step()
+        queried += world.report.counts["pairs_queried"]
+        inside += [world.penetrations().tobytes() for _ in range(3)]
+    found = world.state_hash(), inside
     p.disconnect(client)
+    assert queried > 10
     return found
 
 
 def test_one_world_a_thread():
-    """Two worlds stepped at the same time end where each ends alone."""
+    """Two worlds stepped at the same time end where each ends alone; both measure meshes, by FCL."""
+    cases = (15, 1.0), (20, 1.2)
     found = [None] * 2
 
     def run(k):
-        found[k] = hash_of_run(150 + 50 * k)
+        found[k] = run_on_a_mesh(*cases[k])
 
-    threads = [threading.Thread(target=run, args=(k,)) for k in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [hash_of_run(150), hash_of_run(200)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=run, args=(k,)) for k in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert found == [run_on_a_mesh(*case) for case in cases]
 
 
 OFTEN = ["load", "load", "remove", "attach", "attach", "obstacle", "tendon", "release"]

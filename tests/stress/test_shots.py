@@ -105,7 +105,7 @@ def test_other_tendons(client, count, seed):
             world, random, rod(random, top + away) + [*random.uniform(-0.03, 0.03, 2), 0], "shot"
         )
         shoot(t, (0.0, 0.0, -speed))
-        world._core = witness = Witness(world._core)
+        world._stepper._core = witness = Witness(world._core)
         last = [target.positions, t.positions]
         for _ in range(min(40, int(np.ceil(240 * away / speed)) + 4)):
             witness.seen.clear()

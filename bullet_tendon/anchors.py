@@ -1,4 +1,8 @@
-"""Grip and Attachment: particles of a tendon that are tied to something."""
+"""Anchors: particles of a tendon that are tied to something, a hand (Grip) or a link (Attachment).
+
+Owns: the handles; the core owns what holds (by its slot of the tendon and a number), and a Tendon owns its
+anchors. Goes with the core's room `tendon`.
+"""
 
 import numpy as np
 
@@ -6,7 +10,23 @@ from . import checks
 from .errors import InvalidValue, UnknownId
 
 
-class _Hold:
+class Numbers:
+    """Numbers that a world gives out, each once: to anchors, saved states and what has no name."""
+
+    def __init__(self):
+        self._last = 0
+
+    def next(self) -> int:
+        """A number that was not given out yet."""
+        self._last += 1
+        return self._last
+
+    def skip(self, number: int) -> None:
+        """Give out none up to this one any more."""
+        self._last = max(self._last, number)
+
+
+class _Anchor:
     """What grips and attachments share: a particle of a tendon that is tied to something."""
 
     def __init__(self, tendon, particle: int, number: int):
@@ -34,22 +54,22 @@ class _Hold:
         """Let go. Doing so twice does nothing."""
         if not self.released:
             self._tendon._core.remove_hold(self._tendon._slot, self._number)
-            self._tendon._holds.pop(self.particle, None)
+            self._tendon._anchors.pop(self.particle, None)
         self._released = True
 
     def _settings(self) -> dict:
         """What a saved state has to know of this handle."""
         return {"number": self._number}
 
-    def _let_go(self) -> None:
+    def _forget(self) -> None:
         """The core has released it already."""
-        self._tendon._holds.pop(self.particle, None)
+        self._tendon._anchors.pop(self.particle, None)
         self._released = True
 
-    def _take_again(self, settings: dict) -> None:
+    def _restore(self, settings: dict) -> None:
         """The core holds it (again), as `settings` say."""
         self._number = settings["number"]
-        self._tendon._holds[self.particle] = self
+        self._tendon._anchors[self.particle] = self
         self._released = False
 
     def _require(self) -> None:
@@ -57,10 +77,11 @@ class _Hold:
             raise UnknownId(type(self).__name__.lower(), self.particle, "one that was not released")
 
 
-class Attachment(_Hold):
+class Attachment(_Anchor):
     """A particle tied to a point of a pybullet link; made by Tendon.attach.
 
-    force is what the tendon does to the body; its exact opposite acts on the tendon.
+    particle: its index. bodyUniqueId, linkIndex: the link. force: what the tendon does to the body; its exact
+    opposite acts on the tendon.
     """
 
     def __init__(self, tendon, particle, number, bodyUniqueId, linkIndex, position, link_slot):
@@ -80,7 +101,7 @@ class Attachment(_Hold):
         return {**super()._settings(), **where, "position": self.position}
 
 
-class Grip(_Hold):
+class Grip(_Anchor):
     """A particle led by a hand, a suture or a haptic device; made by Tendon.grip.
 
     Without a stiffness the particle is at `target` at the end of every step, exactly. With one
@@ -107,7 +128,7 @@ class Grip(_Hold):
         stiffness = None if value is None else checks.number("stiffness", value, above=0)
         self._require()
         self._stiffness = stiffness
-        self._tell()
+        self._send()
 
     @property
     def damping(self) -> float:
@@ -119,7 +140,7 @@ class Grip(_Hold):
         damping = checks.number("damping", value, at_least=0)
         self._require()
         self._damping = damping
-        self._tell()
+        self._send()
 
     @property
     def target(self) -> np.ndarray:
@@ -131,9 +152,9 @@ class Grip(_Hold):
         target = checks.vector("target", value)
         self._require()
         self._target = target
-        self._tell()
+        self._send()
 
-    def _tell(self) -> None:
+    def _send(self) -> None:
         spring = (self._stiffness or 0.0, self._damping)
         self._tendon._core.set_grip(self._tendon._slot, self._number, self._target, *spring)
 
@@ -141,8 +162,8 @@ class Grip(_Hold):
         spring = {"stiffness": self._stiffness, "damping": self._damping}
         return {**super()._settings(), **spring, "target": self.target, "direction": self.direction}
 
-    def _take_again(self, settings: dict) -> None:
-        super()._take_again(settings)
+    def _restore(self, settings: dict) -> None:
+        super()._restore(settings)
         self._stiffness, self._damping = settings["stiffness"], settings["damping"]
         self._target, self._direction = settings["target"], settings["direction"]
 

@@ -1,9 +1,19 @@
-"""Read-outs of a step: the report and the contact table. Made when somebody asks."""
+"""What can be read of a world: the report of its last step, contacts, wrenches and penetrations.
+
+Owns: nothing but the forms of what is read; all of it is made when somebody asks. Goes with the core's room
+`world` (report).
+"""
 
 import dataclasses
-from time import perf_counter
 
 import numpy as np
+
+from . import _core
+from .bodies import Bodies
+from .obstacles import Obstacles
+from .penetration import Surroundings
+from .tendon import Tendon
+from .tunnels import Bores, Tunnel
 
 ROOMS = ("sense", "near", "solve", "react", "bullet")
 KINDS = ("bone", "bore", "mouth", "tendon")
@@ -37,20 +47,6 @@ PENETRATION = np.dtype(
 )
 
 
-class Clock:
-    """Wall time of a step by room [s]."""
-
-    def __init__(self):
-        self.seconds = dict.fromkeys(ROOMS, 0.0)
-        self._last = perf_counter()
-
-    def enter(self, room: str) -> None:
-        """The time since the last call was spent in `room`."""
-        now = perf_counter()
-        self.seconds[room] += now - self._last
-        self._last = now
-
-
 @dataclasses.dataclass
 class StepReport:
     """What the last step did and what it skipped.
@@ -79,12 +75,54 @@ class StepReport:
     search_seconds: float = 0.0
 
     @classmethod
-    def read(cls, core, worst: str, seconds: dict[str, float]) -> "StepReport":
-        """From the core's report, and the name of the tendon that is worst in it."""
-        where = (worst, core.worst_particle)
+    def read(cls, core: _core.Report, worst: str, seconds: list[float]) -> "StepReport":
+        """From the core's report, the name of the tendon that is worst in it, and seconds by room."""
         return cls(
-            core.iterations, core.residual, core.converged, where, seconds, core.counts(), core.search_seconds
+            core.iterations,
+            core.residual,
+            core.converged,
+            (worst, core.worst_particle),
+            dict(zip(ROOMS, seconds, strict=True)),
+            core.counts(),
+            core.search_seconds,
         )
+
+
+class Readouts:
+    """What is read of a world's tendons, bodies and obstacles as they are now, and of its last step."""
+
+    def __init__(
+        self,
+        core: _core.World,
+        bodies: Bodies,
+        obstacles: Obstacles,
+        tendons: dict[int, Tendon],
+        tunnels: dict[int, Tunnel],
+    ):
+        self._core, self._bodies, self._obstacles = core, bodies, obstacles
+        self._tendons, self._tunnels = tendons, tunnels
+
+    def contacts(self) -> np.ndarray:
+        """See TendonWorld.contacts."""
+        names = {slot: t.name for slot, t in self._tendons.items()}
+        return contact_table(self._core.contacts(), names, self._bodies.links)
+
+    def wrench(self, body: int, link: int) -> np.ndarray:
+        """See TendonWorld.wrench."""
+        self._bodies.require(body, link)
+        slot = self._bodies.find_slot(body, link)
+        wrenches = self._core.wrenches()
+        return wrenches[slot] if slot is not None and slot < len(wrenches) else np.zeros(6)
+
+    def penetrations(self) -> np.ndarray:
+        """See TendonWorld.penetrations."""
+        return penetration_table({t.name: t.positions for t in self._tendons.values()}, self.surroundings())
+
+    def surroundings(self) -> Surroundings:
+        """Obstacles and bores where they are now. Raises UnknownId where a body was removed."""
+        self._bodies.require_alive()
+        bores = Bores(tuple(self._tunnels.values()), self._bodies.frame)
+        return Surroundings(self._obstacles.placed(), bores)
 
 
 def contact_table(records: list, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:
