@@ -1,5 +1,7 @@
 """Compiled core (core/bindings.cpp): arrays in, arrays out. Python validates before it calls."""
 
+from types import ModuleType
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -8,6 +10,8 @@ _Ints = NDArray[np.int32]
 _Vector = tuple[float, float, float]
 # chain, segment, other chain, link (-1: none), kind, position, normal, distance, normal and friction force
 _Contact = tuple[int, int, int, int, int, _Vector, _Vector, float, float, float]
+
+testing: ModuleType  # what only tests call: terms, solvers and searches by themselves
 
 def allocated_bytes() -> int: ...
 
@@ -50,42 +54,6 @@ def dynamics(
 ) -> tuple[_Floats, _Floats]: ...
 def link_frame(info: tuple, where: tuple, /) -> tuple[_Floats, _Floats]: ...
 def answer(mass: ArrayLike, forces: ArrayLike, /) -> _Floats: ...
-def row_term(
-    kind: int,
-    relative: ArrayLike,
-    normal: ArrayLike,
-    offset: float,
-    point: ArrayLike,
-    axis: ArrayLike,
-    ring: float,
-    stiffness: float,
-    carried: float,
-    grip: float,
-    limit: float,
-    stuck: ArrayLike,
-    definite: bool,
-    /,
-) -> tuple[float, _Vector, _Vector, _Floats, bool]: ...
-def edge_term(
-    start: ArrayLike,
-    end: ArrayLike,
-    offset: float,
-    centre: ArrayLike,
-    axis: ArrayLike,
-    ring: float,
-    stiffness: float,
-    carried: float,
-    /,
-) -> tuple[float, _Vector, _Vector, _Floats]: ...
-def pair_term(
-    ends: ArrayLike, offset: float, stiffness: float, carried: float, /
-) -> tuple[float, _Floats, _Floats]: ...
-def band_solutions(
-    diagonal: _Floats, below: _Floats, right: _Floats, first: int, last: int, /
-) -> tuple[_Floats, _Floats, _Floats]: ...
-def sparse_solutions(
-    systems: list[tuple[_Ints, _Floats, _Floats, _Floats]], /
-) -> list[tuple[_Floats | None, int]]: ...
 
 class World:
     def __init__(self) -> None: ...
@@ -135,10 +103,6 @@ class World:
     def tension(self, chain: int, /) -> _Floats: ...
     def is_asleep(self, chain: int, /) -> bool: ...
     def energy(self, chain: int, /) -> float: ...
-    def spring_term(
-        self, chain: int, shear: bool, positions: ArrayLike, before: ArrayLike, b: float, /
-    ) -> tuple[float, _Floats, _Floats]: ...
-    def bending_term(self, chain: int, positions: ArrayLike, /) -> tuple[float, _Floats, _Floats]: ...
     def tunnel_of(self, chain: int, /) -> list[int]: ...
     def set_force(self, chain: int, particle: int, force: ArrayLike, /) -> None: ...
     def force(self, chain: int, particle: int, /) -> _Vector: ...

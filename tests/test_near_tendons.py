@@ -89,7 +89,7 @@ def check(scene, seed, speed, steps, brute=True):
     rng = np.random.default_rng(seed)
     tendons = SCENES[scene](rng)
     rests = [np.linalg.norm(np.diff(x, axis=0), axis=1) for x in tendons]
-    finder = _core.PairFinder()
+    finder = _core.testing.PairFinder()
     for x in tendons:
         finder.add(x, RADIUS)
     searches = 0
@@ -98,7 +98,7 @@ def check(scene, seed, speed, steps, brute=True):
         ahead = moved(rng, tendons, now)
         rows, made, _ = finder.find(tendons, ahead, SWEPT)
         searches += made
-        fresh = _core.PairFinder()
+        fresh = _core.testing.PairFinder()
         for x in SCENES[scene](np.random.default_rng(seed)):
             fresh.add(x, RADIUS)
         np.testing.assert_array_equal(rows, fresh.find(tendons, ahead, SWEPT)[0])
@@ -138,7 +138,7 @@ def test_what_moves_together_is_searched_once(scene):
     """At 1 m/s, and trembling; then one comes near."""
     rng = np.random.default_rng(0)
     tendons = SCENES[scene](rng)
-    finder = _core.PairFinder()
+    finder = _core.testing.PairFinder()
     for x in tendons:
         finder.add(x, RADIUS)
     made = []
@@ -161,7 +161,7 @@ def test_what_is_paid_out_can_touch():
     """Neighbours along a tendon do not touch, however they lie, until there is as much of it between them."""
     angle = np.linspace(0, 5.5, 24)
     loop = 1.3 * RADIUS * np.c_[np.cos(angle), np.sin(angle), 0.05 * angle]
-    finder = _core.PairFinder()
+    finder = _core.testing.PairFinder()
     finder.add(loop, RADIUS)
     rest = np.linalg.norm(np.diff(loop, axis=0), axis=1)
     counts = []

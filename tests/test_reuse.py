@@ -39,14 +39,14 @@ def test_what_was_listed_answers_until_something_else_can_be_nearest(soup, lengt
         d = segment_triangles(*segment, corners)
         if d == 0.0:
             continue
-        whole, count, distance, _, _ = _core.listed_nearest(corners, segment, 1.3 * d, segment)
+        whole, count, distance, _, _ = _core.testing.listed_nearest(corners, segment, 1.3 * d, segment)
         assert distance == pytest.approx(d, abs=1e-15)
         assert whole == pytest.approx(1.3 * d) or count == 64
         away = rng.standard_normal((2, 3)) if length else np.tile(rng.standard_normal(3), (2, 1))
         away *= 0.5 * (whole - d) / np.linalg.norm(away, axis=1).max()
         moved = segment + away
         exact = segment_triangles(*moved, corners)
-        _, _, distance, point, u = _core.listed_nearest(corners, segment, 1.3 * d, moved)
+        _, _, distance, point, u = _core.testing.listed_nearest(corners, segment, 1.3 * d, moved)
         assert distance == pytest.approx(exact, abs=1e-15)
         assert np.linalg.norm(moved[0] + u * (moved[1] - moved[0]) - point) == pytest.approx(exact, abs=1e-15)
 
@@ -66,7 +66,7 @@ def test_what_is_nearest_of_all_is_found_from_a_bound(surface):
     b = a + rng.normal(0, 0.01, (400, 3)) * (rng.random((400, 1)) < 0.7)
     exact = np.array([segment_triangles(*ends, corners) for ends in zip(a, b, strict=True)])
     within = exact * (1 + 10 ** rng.uniform(-8, 1, 400))
-    found = _core.searched_nearest(corners, np.c_[a, b], within)
+    found = _core.testing.searched_nearest(corners, np.c_[a, b], within)
     np.testing.assert_allclose(found[:, 0], exact, rtol=0, atol=1e-15)
     assert 20 <= (exact == 0).sum() <= 300
     apart = exact > 0
@@ -78,7 +78,7 @@ def test_flat_faces_are_not_crossed_by_what_lies_in_their_planes():
     square = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 1, 0], [0, 1, 0], [1, 0, 0]]], float)
     beside = [2.0, 0.2, 0.0, 2.5, 0.8, 0.0]
     inside, through = [0.2, 0.2, 0.0, 0.3, 0.3, 0.0], [0.5, 0.5, -1.0, 0.5, 0.5, 1.0]
-    found = _core.searched_nearest(square, np.array([beside, inside, through]), np.full(3, 2.0))
+    found = _core.testing.searched_nearest(square, np.array([beside, inside, through]), np.full(3, 2.0))
     np.testing.assert_allclose(found[:, 0], [1.0, 0.0, 0.0], atol=1e-15)
 
 

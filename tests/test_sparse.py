@@ -45,7 +45,7 @@ def dense(edges, diagonal, beside):
 
 def agree(one):
     """The solution is the dense one, to the condition of the matrix."""
-    ((found, _),) = _core.sparse_solutions([one])
+    ((found, _),) = _core.testing.sparse_solutions([one])
     expected = np.linalg.solve(dense(*one[:3]), one[3].ravel())
     np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
@@ -90,9 +90,9 @@ def test_a_factor_forgets_what_it_solved_before():
         for n, touching in [(12, 30), (8, 50), (12, 5)]
     ]
     systems += systems[::-1]
-    together = _core.sparse_solutions(systems)
+    together = _core.testing.sparse_solutions(systems)
     for one, (found, below) in zip(systems, together, strict=True):
-        ((alone, below_alone),) = _core.sparse_solutions([one])
+        ((alone, below_alone),) = _core.testing.sparse_solutions([one])
         assert np.array_equal(found, alone) and below == below_alone
 
 
@@ -100,7 +100,7 @@ def test_the_order_of_edges_does_not_matter():
     random = np.random.default_rng(5)
     edges, diagonal, beside, right = system(random, 60, chains(random, 3, 20, 1, 0))
     shuffled = random.permutation(len(edges))
-    (one, below), (other, below_other) = _core.sparse_solutions(
+    (one, below), (other, below_other) = _core.testing.sparse_solutions(
         [(edges, diagonal, beside, right), (edges[shuffled], diagonal, beside[shuffled], right)]
     )
     assert np.array_equal(one, other) and below == below_other
@@ -110,7 +110,7 @@ def test_what_is_not_definite_is_told():
     random = np.random.default_rng(6)
     edges, diagonal, beside, right = system(random, 30, chains(random, 3, 10, 2, 8))
     diagonal[17] -= 2 * np.trace(diagonal[17]) * np.eye(3)
-    ((found, _),) = _core.sparse_solutions([(edges, diagonal, beside, right)])
+    ((found, _),) = _core.testing.sparse_solutions([(edges, diagonal, beside, right)])
     assert found is None
 
 
@@ -118,7 +118,7 @@ def test_what_is_not_definite_is_told():
 def test_chains_that_do_not_touch_fill_nothing_in(reach, blocks):
     random = np.random.default_rng(7)
     edges = chains(random, 4, 50, reach, 0)
-    ((_, below),) = _core.sparse_solutions([system(random, 200, edges)])
+    ((_, below),) = _core.testing.sparse_solutions([system(random, 200, edges)])
     assert below <= blocks * len(edges) / reach
 
 
@@ -152,5 +152,5 @@ def test_fill(touching):
     random = np.random.default_rng(8)
     n = 400
     edges = lattice(20) if touching is None else chains(random, 8, 50, 1, touching)
-    ((_, below),) = _core.sparse_solutions([system(random, n, edges)])
+    ((_, below),) = _core.testing.sparse_solutions([system(random, n, edges)])
     assert below <= 1.05 * fill_by_least_degree(n, edges)

@@ -84,7 +84,7 @@ def test_springs(make_world, law, shear, seed):
         x = crooked(random, 4)
 
     def term(at):
-        return t._core.spring_term(t._slot, shear, at, at, 1.0)
+        return _core.testing.spring_term(t._core, t._slot, shear, at, at, 1.0)
 
     _, gradient, matrix = term(x)
     if np.abs(gradient).max() == 0:  # all compressed, and tension-only
@@ -120,8 +120,8 @@ def test_damping(make_world, form, power, seed):
 
     def term(at):
         parts = zip(
-            t._core.spring_term(t._slot, False, at, before, b)[1:],
-            elastic._core.spring_term(elastic._slot, False, at, at, b)[1:],
+            _core.testing.spring_term(t._core, t._slot, False, at, before, b)[1:],
+            _core.testing.spring_term(elastic._core, elastic._slot, False, at, at, b)[1:],
             strict=True,
         )
         return [both - alone for both, alone in parts]
@@ -142,7 +142,7 @@ def test_bending(make_world, clamps, seed):
     x = crooked(random, 5)
 
     def term(at):
-        return t._core.bending_term(t._slot, at)
+        return _core.testing.bending_term(t._core, t._slot, at)
 
     _, gradient, matrix = term(x)
     agree(gradient, slopes(lambda at: term(at)[0], x, 1e-6))
@@ -176,7 +176,7 @@ def contact(random, kind, ring=0.005, offset=0.001):
     stiffness, carried = 1e4, 3.0
 
     def row(at, definite=False):
-        return _core.row_term(
+        return _core.testing.row_term(
             kind, at, normal, offset, place, axis, ring, stiffness, carried, 0.0, 0.0, np.zeros(3), definite
         )
 
@@ -223,7 +223,7 @@ def test_edges(seed):
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     def edge(at):
-        return _core.edge_term(at[:3], at[3:], 0.001, place, axis, 0.005, stiffness, carried)
+        return _core.testing.edge_term(at[:3], at[3:], 0.001, place, axis, 0.005, stiffness, carried)
 
     def potential(at):
         return max(0.0, carried - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
@@ -256,7 +256,7 @@ def test_pairs(shares, seed):
     )
 
     def pair(at):
-        return _core.pair_term(at, 2e-3, 1e4, 3.0)
+        return _core.testing.pair_term(at, 2e-3, 1e4, 3.0)
 
     def potential(at):
         return max(0.0, 3.0 - 1e4 * pair(at)[0]) ** 2 / 2e4
@@ -280,7 +280,7 @@ def test_friction(slides, seed):
     normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, 1e4, 3.0)
 
     def row(at, grip=grip, limit=limit):
-        return _core.row_term(BONE, at, normal, *normal_only, grip, limit, stuck, True)
+        return _core.testing.row_term(BONE, at, normal, *normal_only, grip, limit, stuck, True)
 
     def pull(at):
         return np.subtract(row(at)[2], row(at, 0.0, 0.0)[2])

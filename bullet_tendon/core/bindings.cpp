@@ -156,12 +156,13 @@ PYBIND11_MODULE(_core, m) {
       .def_readonly("search_seconds", &Report::search_seconds)
       .def("counts", &counts);
   bind_articulated(m);
-  bind_terms(m, world);
   bind_links(m, world);
   bind_bodies(m, world);
-  bind_sparse(m);
-  bind_pairs(m);
   bind_primitives(m);
+  py::module_ testing = m.def_submodule("testing", "What only tests call.");
+  bind_terms(testing);
+  bind_sparse(testing);
+  bind_pairs(testing);
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)

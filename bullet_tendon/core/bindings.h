@@ -57,16 +57,18 @@ inline std::vector<Triangle> triangles_of(const Array& corners) {
   return out;
 }
 
-// Single terms of a step's potential (term_bindings.cpp).
-void bind_terms(py::module_& m, py::class_<World>& world);
 // What pybullet tells of links (link_bindings.cpp) and of bodies with joints (body_bindings.cpp).
 void bind_links(py::module_& m, py::class_<World>& world);
 void bind_bodies(py::module_& m, py::class_<World>& world);
-// The search for tendons that touch (pair_bindings.cpp).
-void bind_pairs(py::module_& m);
-// The sparse solver by itself (sparse_bindings.cpp).
-void bind_sparse(py::module_& m);
 // Distances that have closed forms (primitive_bindings.cpp).
 void bind_primitives(py::module_& m);
+
+// Module _core.testing: what only tests call.
+// Single terms of a step's potential (term_bindings.cpp).
+void bind_terms(py::module_& testing);
+// The search for tendons that touch (pair_bindings.cpp).
+void bind_pairs(py::module_& testing);
+// The sparse and the banded solver by themselves (sparse_bindings.cpp).
+void bind_sparse(py::module_& testing);
 
 }  // namespace bt

@@ -26,4 +26,17 @@ BT_VECTOR double largest_of(const double* a, int n) {
   return largest + bad;
 }
 
+void Planes::resize(int planes, int n) {
+  n_ = n;
+  stride_ = (n + 15) / 8 * 8;
+  data_.assign(static_cast<size_t>(planes) * stride_, 0.0);
+}
+
+double inner(const Field& a, const Field& b) {
+  double sum = 0;
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < a.size(); ++i) sum += a[c][i] * b[c][i];
+  return sum;
+}
+
 }  // namespace bt

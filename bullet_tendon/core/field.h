@@ -27,11 +27,7 @@ class Planes {
  public:
   Planes() = default;
   Planes(int planes, int n) { resize(planes, n); }
-  void resize(int planes, int n) {
-    n_ = n;
-    stride_ = (n + 15) / 8 * 8;
-    data_.assign(static_cast<size_t>(planes) * stride_, 0.0);
-  }
+  void resize(int planes, int n);
   void zero() { std::fill(data_.begin(), data_.end(), 0.0); }
   int size() const { return n_; }
   int stride() const { return stride_; }
@@ -62,11 +58,7 @@ inline void add_exactly(double& a, double& tail, double by) {
   a = sum;
 }
 
-inline double inner(const Field& a, const Field& b) {
-  double sum = 0;
-  for (int c = 0; c < 3; ++c)
-    for (int i = 0; i < a.size(); ++i) sum += a[c][i] * b[c][i];
-  return sum;
-}
+// The sum of a_i . b_i.
+double inner(const Field& a, const Field& b);
 
 }  // namespace bt

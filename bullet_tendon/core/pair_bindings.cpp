@@ -44,8 +44,8 @@ struct Probe {
 
 }  // namespace
 
-void bind_pairs(py::module_& m) {
-  py::class_<Probe>(m, "PairFinder")
+void bind_pairs(py::module_& testing) {
+  py::class_<Probe>(testing, "PairFinder")
       .def(py::init<>())
       .def("add", &Probe::add)
       .def("find", &Probe::find)

@@ -87,8 +87,8 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
 
 }  // namespace
 
-void bind_sparse(py::module_& m) {
-  m.def("sparse_solutions", &sparse_solutions).def("band_solutions", &band_solutions);
+void bind_sparse(py::module_& testing) {
+  testing.def("sparse_solutions", &sparse_solutions).def("band_solutions", &band_solutions);
 }
 
 }  // namespace bt

@@ -113,14 +113,14 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
 
 }  // namespace
 
-void bind_terms(py::module_& m, py::class_<World>& world) {
-  m.def("row_term", &row_term);
-  m.def("edge_term", &edge_term);
-  m.def("pair_term", &pair_term);
-  m.def("listed_nearest", &listed_nearest);
-  m.def("searched_nearest", &searched_nearest);
-  world.def("spring_term", &spring_term_of);
-  world.def("bending_term", [](const World& w, int c, const Array& x) {
+void bind_terms(py::module_& testing) {
+  testing.def("row_term", &row_term);
+  testing.def("edge_term", &edge_term);
+  testing.def("pair_term", &pair_term);
+  testing.def("listed_nearest", &listed_nearest);
+  testing.def("searched_nearest", &searched_nearest);
+  testing.def("spring_term", &spring_term_of);
+  testing.def("bending_term", [](const World& w, int c, const Array& x) {
     return term_of(bending_term(*w.chains[c], field_of(x)));
   });
 }
