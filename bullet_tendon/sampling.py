@@ -5,8 +5,6 @@ import numpy as np
 from . import checks
 from .errors import InvalidValue
 
-_MOST = 32_768  # particles of a tendon: features are numbered by 16 bits in the keys of contacts
-
 
 def particle_positions(points, particles: int | None) -> np.ndarray:
     """(n, 3) particles along the polyline `points` (m, 3) [m].
@@ -23,7 +21,7 @@ def particle_positions(points, particles: int | None) -> np.ndarray:
         raise InvalidValue("points", points, "distinct from one point to the next")
     if particles is None:
         return line
-    n = checks.integer("particles", particles, at_least=2, at_most=_MOST)
+    n = checks.integer("particles", particles, at_least=2)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
     even = np.linspace(0.0, arc[-1], n)
     return np.column_stack([np.interp(even, arc, line[:, c]) for c in range(3)])

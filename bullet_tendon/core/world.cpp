@@ -24,8 +24,8 @@ void World::remove_chain(int slot) {
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
-  forget_memory([&](const KeyParts& k) {
-    return k.chain == slot || (k.kind == ContactKind::tendon && k.other == slot);
+  forget_memory([&](const ContactKey& k) {
+    return k.tendon == slot || (k.kind == ContactKind::tendon && k.other == slot);
   });
 }
 
@@ -60,7 +60,7 @@ void World::remove_shape(int slot) {
   rows_.clear();
   for (auto& of_chain : caches_)
     if (slot < static_cast<int>(of_chain.size())) of_chain[slot] = NearCache{};
-  forget_memory([&](const KeyParts& k) { return k.kind == ContactKind::bone && k.other == slot; });
+  forget_memory([&](const ContactKey& k) { return k.kind == ContactKind::bone && k.other == slot; });
 }
 
 int World::add_tunnel(const Tunnel& tunnel) {
@@ -77,7 +77,7 @@ void World::remove_tunnel(int slot) {
   forget_planes();
   for (auto& c : chains)
     if (c) std::replace(c->tunnel_of.begin(), c->tunnel_of.end(), slot, -1);
-  forget_memory([&](const KeyParts& k) {
+  forget_memory([&](const ContactKey& k) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
            (k.kind == ContactKind::mouth && k.other / 2 == slot);
   });
@@ -85,7 +85,7 @@ void World::remove_tunnel(int slot) {
 
 template <class Which>
 void World::forget_memory(Which which) {
-  auto gone = [&](const ContactMemory& m) { return which(parts_of(m.key)); };
+  auto gone = [&](const ContactMemory& m) { return which(m.key); };
   memory_.erase(std::remove_if(memory_.begin(), memory_.end(), gone), memory_.end());
 }
 

@@ -198,7 +198,7 @@ class World {
   void make_groups();
   int group_root(int chain);
   void join_groups(int a, int b);
-  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, uint64_t key,
+  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, const ContactKey& key,
                 double friction);
 
   StepContext context_;
@@ -228,7 +228,7 @@ class World {
   Vec3 rest_gravity_;                     // when the last of them fell asleep
   std::vector<char> restful_, restless_;  // by root of a group
   std::vector<Box> reach_;                // of tendons that do not, by slot
-  std::vector<uint64_t> keys_;
+  std::vector<ContactKey> keys_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
