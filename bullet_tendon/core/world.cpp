@@ -24,9 +24,7 @@ void World::remove_chain(int slot) {
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
-  forget_memory([&](const ContactKey& k) {
-    return k.tendon == slot || (k.kind == ContactKind::tendon && k.other == slot);
-  });
+  forget_memory_of(slot);
 }
 
 namespace {
@@ -89,19 +87,27 @@ void World::forget_memory(Which which) {
   memory_.erase(std::remove_if(memory_.begin(), memory_.end(), gone), memory_.end());
 }
 
+void World::forget_memory_of(int chain) {
+  forget_memory([&](const ContactKey& k) {
+    return k.tendon == chain || (k.kind == ContactKind::tendon && k.other == chain);
+  });
+}
+
 // What was bone may be bore now, and the other way round.
 void World::forget_planes() {
   for (auto& chain_caches : caches_)
     for (auto& cache : chain_caches) cache.entries.clear();
 }
 
-void World::forget_contacts() {
-  rouse_all();
-  memory_.clear();
-  rows_.clear();
-  forget_planes();
-  for (auto& c : chains)
-    if (c) std::fill(c->tunnel_of.begin(), c->tunnel_of.end(), -1);
+// What it has come near to instead wakes when it is met (rouse_met).
+void World::forget_contacts(int chain) {
+  rouse(chain);
+  auto touches = [&](const Row& row) { return row.a.chain == chain || row.b.chain == chain; };
+  rows_.erase(std::remove_if(rows_.begin(), rows_.end(), touches), rows_.end());
+  forget_memory_of(chain);
+  if (chain < static_cast<int>(caches_.size()))
+    for (NearCache& cache : caches_[chain]) cache.entries.clear();
+  std::fill(chains[chain]->tunnel_of.begin(), chains[chain]->tunnel_of.end(), -1);
 }
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as

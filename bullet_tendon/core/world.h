@@ -62,8 +62,8 @@ class World {
   void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
-  // Forgets contacts, planes and memberships, after things were moved from outside.
-  void forget_contacts();
+  // Forgets contacts, planes and tunnels of one tendon, after it was moved from outside.
+  void forget_contacts(int chain);
 
   // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
   void sense(double dt, Vec3 gravity, bool held);
@@ -117,6 +117,7 @@ class World {
   void size_caches();
   template <class Which>
   void forget_memory(Which which);
+  void forget_memory_of(int chain);
   void forget_planes();
   bool any_moved() const;
   double pulled_away(const Chain& c, const Hold& hold) const;
