@@ -11,10 +11,7 @@ import numpy as np
 
 from .errors import InvalidType, InvalidValue
 
-# What the core's keys of contacts can number.
-MOST_PARTICLES = 32_768  # of a tendon: its particles and segments are numbered together, by 16 bits
-MOST_SHAPES = 65_536  # of all obstacles
-MOST_TUNNELS = 65_536
+MOST_PARTICLES = 32_768  # of a tendon: more are a slip of the unit or of the axis, and a step of seconds
 
 
 def number(argument: str, value, *, above=None, at_least=None, at_most=None) -> float:

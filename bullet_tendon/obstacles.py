@@ -51,7 +51,6 @@ class Obstacles:
         frictions = {i: self.friction_of(body, i, friction) for i in links}
         for key in [k for k, slot in self._link_slots.items() if k[0] == body and self._bodies.is_gone(slot)]:
             self._drop(key)  # of a body that had this id before
-        self._require_room(int(body), found)
         for i, shapes in found.items():
             self._drop((int(body), int(i)))
             if shapes:
@@ -101,16 +100,6 @@ class Obstacles:
             which = np.flatnonzero(shape == number)
             distance[which], point[which], u[which] = self.shapes[number].measure(a[which], b[which])
         return distance, point, u
-
-    def _require_room(self, body: int, found: dict[int, list[Shape]]) -> None:
-        """Raise InvalidValue where all shapes, with those found for links of a body, are too many."""
-        replaced = sum(len(self._by_link.get((body, link), ())) for link in found)
-        count = len(self.shapes) - replaced + sum(map(len, found.values()))
-        if count > checks.MOST_SHAPES:
-            allowed = (
-                f"a body with which the world has at most {checks.MOST_SHAPES} collision shapes, not {count}"
-            )
-            raise InvalidValue("bodyUniqueId", body, allowed)
 
     def _put(self, body: int, link: int, shapes: list[Shape], friction: float) -> None:
         slot = self._bodies.slot(body, link)

@@ -190,14 +190,14 @@ class Tendon:
     def set_positions(self, positions, velocities=None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
 
-        Rest lengths stay; contacts and the integrator's history are forgotten. Neighbours at one place are
+        Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place are
         spread by a millionth of their rest length, because springs need a direction.
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
         v = np.zeros(shape) if velocities is None else checks.array("velocities", velocities, shape)
         self._core.set_state(self._alive(), x, v)
-        self._core.forget_contacts()
+        self._core.forget_contacts(self._slot)
 
     def shorten(self, length: float, end: int = 1) -> None:
         """Reel in `length` [m] of rest length at one end (0: the first particle's, 1: the last's).

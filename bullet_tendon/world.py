@@ -157,8 +157,6 @@ class TendonWorld:
         InvalidValue or UnknownId; then nothing has changed.
         """
         self._bodies.require(bodyUniqueId, linkIndex)
-        if len(self._tunnels) >= checks.MOST_TUNNELS:
-            raise InvalidValue("tunnels", len(self._tunnels) + 1, f"at most {checks.MOST_TUNNELS}")
         start, end = checks.vector("start", start), checks.vector("end", end)
         radius = checks.number("radius", radius, above=0)
         chamfer = checks.number("chamfer", chamfer, at_least=0)

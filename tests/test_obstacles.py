@@ -5,7 +5,6 @@ import pybullet as p
 import pytest
 
 import bullet_tendon as bt
-from bullet_tendon import checks
 
 RADIUS, G = 0.004, 9.81
 SOFT = bt.Material(stiffness=300.0, damping=0.3, friction=1.0)
@@ -193,26 +192,6 @@ def test_refused_obstacles_change_nothing(falling, client):
     with pytest.raises(bt.UnknownId):
         falling.remove_obstacle(body, 3)
     falling.remove_obstacle(body, -1)
-
-
-def test_more_than_contacts_can_tell_apart_is_refused(falling, client, monkeypatch):
-    """Shapes and tunnels are counted; what takes the place of others counts once."""
-    monkeypatch.setattr(checks, "MOST_SHAPES", 3)
-    monkeypatch.setattr(checks, "MOST_TUNNELS", 1)
-    first, second, third = two_link_body(client), box(client), box(client)
-    falling.add_obstacle(first)
-    falling.add_obstacle(second)
-    falling.add_obstacle(first)
-    before = falling.state_hash()
-    with pytest.raises(bt.InvalidValue, match="bodyUniqueId = .*at most 3 collision shapes, not 4"):
-        falling.add_obstacle(third)
-    bore = falling.add_tunnel(third, -1, (0, 0, 0), (0, 0, 0.1), 0.01)
-    with pytest.raises(bt.InvalidValue, match="tunnels = 2: must be at most 1"):
-        falling.add_tunnel(third, -1, (0, 0, 0), (0, 0, 0.1), 0.01)
-    falling.remove_tunnel(bore)
-    assert falling.state_hash() == before
-    falling.remove_obstacle(second)
-    falling.add_obstacle(third)
 
 
 @pytest.mark.parametrize(("body", "link"), [(7, -1), (0, 0), (0, -2), (0, 1.0), ("0", -1), (True, -1)])

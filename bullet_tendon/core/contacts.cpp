@@ -66,8 +66,8 @@ void World::collect_rows() {
 bool World::can_carry() const { return carries(options); }
 
 // A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
-Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec3 normal, uint64_t key,
-                     double friction) {
+Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec3 normal,
+                     const ContactKey& key, double friction) {
   const Link& link = links[link_slot];
   const Chain& c = *slots_[spot.chain];
   const double dt = context_.dt;
@@ -127,8 +127,8 @@ void World::add_row(const Row& row) {
 
 void World::recall(Row& row, double inertia) {
   auto found = std::lower_bound(memory_.begin(), memory_.end(), row.key,
-                                [](const ContactMemory& m, uint64_t key) { return m.key < key; });
-  if (found == memory_.end() || found->key != row.key) return;
+                                [](const ContactMemory& m, const ContactKey& key) { return m.key < key; });
+  if (found == memory_.end() || !(found->key == row.key)) return;
   const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
   const bool carries = can_carry() && options.contact_stiffness == 0;  // a spring as published has no memory
   row.stuck = without(turn * found->stuck, row.normal);
@@ -148,7 +148,7 @@ void World::recall(Row& row, double inertia) {
 }
 
 void World::remember() {
-  auto awake = [&](const ContactMemory& m) { return chains[parts_of(m.key).chain]->bed < 0; };
+  auto awake = [&](const ContactMemory& m) { return chains[m.key.tendon]->bed < 0; };
   memory_.erase(std::remove_if(memory_.begin(), memory_.end(), awake), memory_.end());
   touching_.assign(slots_.size(), 0);
   for (Chain* c : slots_)
@@ -157,7 +157,7 @@ void World::remember() {
     if (row.normal_force <= 0) continue;
     slots_[row.a.chain]->touched = true;
     if (row.b.chain >= 0) slots_[row.b.chain]->touched = true;
-    if (row.link >= 0) touching_[row.a.chain] += row.key * 0x9e3779b97f4a7c15ull;
+    if (row.link >= 0) touching_[row.a.chain] += hash_of(row.key);
     const Rot3 turn = turn_of(row.link >= 0 ? &links[row.link] : nullptr);
     memory_.push_back({row.key, row.normal_force, std::min(row.normal_force, row.before), row.sliding,
                        row.mean_force, slots_[row.a.chain]->b, transposed_times(turn, row.displacement)});
@@ -198,7 +198,7 @@ void World::bone_rows() {
         lean_ahead(caches_[c][s], f, to_local(pose, ahead - links[shape.link].drift(here, context_.dt)),
                    point, normal);
         point = to_world(pose, point), normal = pose.rotation * normal;
-        uint64_t key = contact_key(ContactKind::bone, chain, f, static_cast<int>(s), 0);
+        const ContactKey key{0, ContactKind::bone, chain, f, static_cast<int>(s)};
         Row row = plane_row(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
         row.direct =
             !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields();
@@ -222,7 +222,7 @@ void World::half_space_rows(int chain, int s) {
     const int first = std::min(i, c.n() - 2);
     Spot spot{chain, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     Row row = plane_row(ContactKind::bone, spot, shape.link, x - height * normal, normal,
-                        contact_key(ContactKind::bone, chain, i, s, 0), shape.friction);
+                        {0, ContactKind::bone, chain, i, s}, shape.friction);
     row.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_row(row);
   }
@@ -240,7 +240,7 @@ void World::tendon_rows() {
     const Chain &a = *slots_[p.chain_a], &b = *slots_[p.chain_b];
     Row row;
     row.kind = ContactKind::tendon;
-    row.key = contact_key(row.kind, p.chain_a, p.segment_a, p.chain_b, p.segment_b);
+    row.key = {0, row.kind, p.chain_a, p.segment_a, p.chain_b, p.segment_b};
     row.a = {p.chain_a, p.segment_a, 1 - p.u, p.u};
     row.b = {p.chain_b, p.segment_b, 1 - p.w, p.w};
     Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);

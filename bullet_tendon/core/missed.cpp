@@ -29,7 +29,9 @@ bool moved_pair(const Group& group, const Row& row, Row& more) {
 }
 
 bool same_place(const Row& a, const Row& b) {
-  return ((a.key ^ b.key) & ~kExtraKey) == 0 && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
+  ContactKey first = a.key, second = b.key;
+  first.extra = second.extra = 0;
+  return first == second && std::fabs(a.a.w1 - b.a.w1) < kNearlySame &&
          std::fabs(a.b.w1 - b.b.w1) < kNearlySame;
 }
 
@@ -40,7 +42,7 @@ bool add_missed(Group& group) {
   bool any = false;
   std::vector<const Row*> besides;
   for (const Row* row : group.rows)
-    if (row->key & kExtraKey) besides.push_back(row);
+    if (row->key.extra) besides.push_back(row);
   for (size_t r = 0; r < known && group.extra.size() < group.extra.capacity(); ++r) {
     Row& row = *group.rows[r];
     if (row.b.chain < 0 || row.follows) continue;  // what follows has its points with it
@@ -50,7 +52,7 @@ bool add_missed(Group& group) {
     if (!moved_pair(group, row, more) || overruled(more, group.at(more.a))) continue;
     auto there = [&](const Row* other) { return same_place(*other, more); };
     if (there(&row) || std::any_of(besides.begin(), besides.end(), there)) continue;
-    more.key |= kExtraKey;
+    more.key.extra = 1;
     group.extra.push_back(more);
     group.rows.push_back(&group.extra.back()), besides.push_back(group.rows.back());
     any = true;

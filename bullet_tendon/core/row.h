@@ -17,6 +17,7 @@
 #pragma once
 #include <cmath>
 #include <cstdint>
+#include <tuple>
 #include <vector>
 
 #include "chain.h"
@@ -25,6 +26,22 @@
 namespace bt {
 
 enum class ContactKind : int { bone = 0, bore = 1, mouth = 2, tendon = 3 };
+
+// Which contact it is, the same in every step for as long as it lasts.
+struct ContactKey {
+  int extra = 0;  // 1: a row that was added in the same step to the one with the rest of the key (missed.cpp)
+  ContactKind kind = ContactKind::bone;
+  int tendon = 0, feature = 0;  // of a bone: particle i, or n + k for segment k; else particle or segment
+  int other = 0;                // shape, tunnel, of a mouth 2 tunnel + mouth, or the other tendon
+  int other_feature = 0;        // of the other tendon: its segment
+};
+
+inline bool operator<(const ContactKey& a, const ContactKey& b) {
+  return std::tie(a.extra, a.kind, a.tendon, a.feature, a.other, a.other_feature) <
+         std::tie(b.extra, b.kind, b.tendon, b.feature, b.other, b.other_feature);
+}
+
+inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < b) && !(b < a); }
 
 // A point on segment `first` of a tendon: w0 x_first + w1 x_first+1.
 struct Spot {
@@ -44,7 +61,7 @@ inline void pull_back(Field& f, const Spot& s, Vec3 pull) {
 }
 
 struct Row {
-  uint64_t key = 0;
+  ContactKey key;
   ContactKind kind = ContactKind::bone;
   Spot a, b;  // b.chain = -1: against a link
   int link = -1;
@@ -135,7 +152,7 @@ struct Row {
 
 // What a contact remembers from one step to the next.
 struct ContactMemory {
-  uint64_t key = 0;
+  ContactKey key;
   double carried = 0;    // N [N]
   double confirmed = 0;  // the least of the last two [N]
   bool sliding = false;
@@ -144,22 +161,14 @@ struct ContactMemory {
   Vec3 stuck;    // in the link's frame, or the world's for two tendons
 };
 
-inline uint64_t contact_key(ContactKind kind, int chain, int feature, int other, int other_feature) {
-  return (static_cast<uint64_t>(kind) << 60) | (static_cast<uint64_t>(chain & 0xfff) << 48) |
-         (static_cast<uint64_t>(feature & 0xffff) << 32) | (static_cast<uint64_t>(other & 0xffff) << 16) |
-         static_cast<uint64_t>(other_feature & 0xffff);
-}
-
-// Besides in the key of a row that was added to the one with the rest of the key (missed.cpp).
-constexpr uint64_t kExtraKey = 1ull << 63;
-
-struct KeyParts {
-  ContactKind kind;
-  int chain, other;
-};
-inline KeyParts parts_of(uint64_t key) {
-  return {static_cast<ContactKind>(key >> 60), static_cast<int>(key >> 48 & 0xfff),
-          static_cast<int>(key >> 16 & 0xffff)};
+// Tells sets of keys from each other, as a sum over them (multipliers: FNV-1a of 64 bits, and the golden
+// ratio).
+inline uint64_t hash_of(const ContactKey& key) {
+  uint64_t hash = 14695981039346656037ull;
+  for (const int part :
+       {key.extra, static_cast<int>(key.kind), key.tendon, key.feature, key.other, key.other_feature})
+    hash = (hash ^ static_cast<uint32_t>(part)) * 1099511628211ull;
+  return (hash ^ hash >> 32) * 0x9e3779b97f4a7c15ull;
 }
 
 }  // namespace bt

@@ -139,6 +139,12 @@ void fields(A& a, Entry& entry) {
 }
 
 template <class A>
+void fields(A& a, ContactKey& key) {
+  auto& [extra, kind, tendon, feature, other, other_feature] = key;
+  a(extra, kind, tendon, feature, other, other_feature);
+}
+
+template <class A>
 void fields(A& a, ContactMemory& memory) {
   auto& [key, carried, confirmed, sliding, mean_force, b, stuck] = memory;
   a(key, carried, confirmed, sliding, mean_force, b, stuck);

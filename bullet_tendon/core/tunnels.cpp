@@ -50,7 +50,7 @@ void World::bore_rows(int chain, int t) {
     Row row;
     const int first = std::min(i, c.n() - 2);
     row.kind = ContactKind::bore, row.link = tunnels[t].link;
-    row.key = contact_key(row.kind, chain, i, t, 0);
+    row.key = {0, row.kind, chain, i, t};
     row.a = {chain, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     row.axis_point = on_axis + link.drift(on_axis, dt);
     row.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
@@ -119,7 +119,7 @@ void World::mouth_row(int chain, int t, int mouth, int k, const Bore& bore, Vec3
   const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Row row;
   row.kind = ContactKind::mouth, row.link = tunnels[t].link;
-  row.key = contact_key(row.kind, chain, k, 2 * t + mouth, 0);
+  row.key = {0, row.kind, chain, k, 2 * t + mouth};
   row.a = {chain, k, 1 - u, u}, row.stuck_at = u;
   row.axis_point = centre + link.drift(centre, dt);
   row.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);

@@ -24,9 +24,7 @@ void World::remove_chain(int slot) {
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
-  forget_memory([&](const KeyParts& k) {
-    return k.chain == slot || (k.kind == ContactKind::tendon && k.other == slot);
-  });
+  forget_memory_of(slot);
 }
 
 namespace {
@@ -60,7 +58,7 @@ void World::remove_shape(int slot) {
   rows_.clear();
   for (auto& of_chain : caches_)
     if (slot < static_cast<int>(of_chain.size())) of_chain[slot] = NearCache{};
-  forget_memory([&](const KeyParts& k) { return k.kind == ContactKind::bone && k.other == slot; });
+  forget_memory([&](const ContactKey& k) { return k.kind == ContactKind::bone && k.other == slot; });
 }
 
 int World::add_tunnel(const Tunnel& tunnel) {
@@ -77,7 +75,7 @@ void World::remove_tunnel(int slot) {
   forget_planes();
   for (auto& c : chains)
     if (c) std::replace(c->tunnel_of.begin(), c->tunnel_of.end(), slot, -1);
-  forget_memory([&](const KeyParts& k) {
+  forget_memory([&](const ContactKey& k) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
            (k.kind == ContactKind::mouth && k.other / 2 == slot);
   });
@@ -85,8 +83,14 @@ void World::remove_tunnel(int slot) {
 
 template <class Which>
 void World::forget_memory(Which which) {
-  auto gone = [&](const ContactMemory& m) { return which(parts_of(m.key)); };
+  auto gone = [&](const ContactMemory& m) { return which(m.key); };
   memory_.erase(std::remove_if(memory_.begin(), memory_.end(), gone), memory_.end());
+}
+
+void World::forget_memory_of(int chain) {
+  forget_memory([&](const ContactKey& k) {
+    return k.tendon == chain || (k.kind == ContactKind::tendon && k.other == chain);
+  });
 }
 
 // What was bone may be bore now, and the other way round.
@@ -95,13 +99,15 @@ void World::forget_planes() {
     for (auto& cache : chain_caches) cache.entries.clear();
 }
 
-void World::forget_contacts() {
-  rouse_all();
-  memory_.clear();
-  rows_.clear();
-  forget_planes();
-  for (auto& c : chains)
-    if (c) std::fill(c->tunnel_of.begin(), c->tunnel_of.end(), -1);
+// What it has come near to instead wakes when it is met (rouse_met).
+void World::forget_contacts(int chain) {
+  rouse(chain);
+  auto touches = [&](const Row& row) { return row.a.chain == chain || row.b.chain == chain; };
+  rows_.erase(std::remove_if(rows_.begin(), rows_.end(), touches), rows_.end());
+  forget_memory_of(chain);
+  if (chain < static_cast<int>(caches_.size()))
+    for (NearCache& cache : caches_[chain]) cache.entries.clear();
+  std::fill(chains[chain]->tunnel_of.begin(), chains[chain]->tunnel_of.end(), -1);
 }
 
 // An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as

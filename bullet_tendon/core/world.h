@@ -62,8 +62,8 @@ class World {
   void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
-  // Forgets contacts, planes and memberships, after things were moved from outside.
-  void forget_contacts();
+  // Forgets contacts, planes and tunnels of one tendon, after it was moved from outside.
+  void forget_contacts(int chain);
 
   // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
   void sense(double dt, Vec3 gravity, bool held);
@@ -117,6 +117,7 @@ class World {
   void size_caches();
   template <class Which>
   void forget_memory(Which which);
+  void forget_memory_of(int chain);
   void forget_planes();
   bool any_moved() const;
   double pulled_away(const Chain& c, const Hold& hold) const;
@@ -196,7 +197,7 @@ class World {
   void make_groups();
   int group_root(int chain);
   void join_groups(int a, int b);
-  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, uint64_t key,
+  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, const ContactKey& key,
                 double friction);
 
   StepContext context_;
@@ -226,7 +227,7 @@ class World {
   Vec3 rest_gravity_;                     // when the last of them fell asleep
   std::vector<char> restful_, restless_;  // by root of a group
   std::vector<Box> reach_;                // of tendons that do not, by slot
-  std::vector<uint64_t> keys_;
+  std::vector<ContactKey> keys_;
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
