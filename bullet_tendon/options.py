@@ -46,6 +46,10 @@ class SolverOptions:
     sleep: whether steps leave out tendons at rest (slower than 1e-5 of their radius a second, for half a
         second) that something static holds or carries, until they or what is within reach of them moves or
         is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
+    max_linear_solves: linear solutions that one step may take, of all its islands and substeps together.
+    time_budget: wall time that one step may take [s]; None: any. Once either is used up, the step ends with
+        the iterates that there are, which are finite: report.converged is False and report.over_budget True.
+        What has not been solved by then takes one linear solution in each substep that is left.
     on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
         the report says converged False; the tendons stay as they were, without a force on bodies, for
         that step. A step that ends finite above the tolerance is taken in both cases: its report
@@ -65,6 +69,8 @@ class SolverOptions:
     contact_threshold: float = 0.0
     reuse_tolerance: float = 1e-6
     sleep: bool = True
+    max_linear_solves: int = 100_000
+    time_budget: float | None = None
     on_failure: str = "raise"
 
     def __post_init__(self):
@@ -79,6 +85,9 @@ class SolverOptions:
         checks.number("contact_threshold", self.contact_threshold, at_least=0)
         checks.number("reuse_tolerance", self.reuse_tolerance, at_least=0)
         checks.flag("sleep", self.sleep)
+        checks.integer("max_linear_solves", self.max_linear_solves, at_least=1, at_most=10**9)
+        if self.time_budget is not None:
+            checks.number("time_budget", self.time_budget, above=0)
 
     @classmethod
     def published(cls, **changes) -> "SolverOptions":
@@ -97,4 +106,6 @@ class SolverOptions:
             float(self.contact_threshold),
             float(self.reuse_tolerance),
             bool(self.sleep),
+            int(self.max_linear_solves),
+            float(self.time_budget or 0.0),
         )

@@ -17,6 +17,17 @@ from .tunnels import Bores, Tunnel
 
 ROOMS = ("sense", "near", "solve", "react", "bullet")
 KINDS = ("bone", "bore", "mouth", "tendon")
+REASONS = (
+    "motion",
+    "turn",
+    "growth",
+    "not_converged",
+    "left_prediction",
+    "woken",
+    "step_weights",
+    "joint_stops",
+    "body_rotation",
+)
 
 CONTACT = np.dtype(
     [
@@ -52,7 +63,13 @@ class StepReport:
     """What the last step did and what it skipped.
 
     iterations: Newton iterations (linear solutions), the most of any group of touching tendons, summed
-    over all that was tried where the step was taken in parts; but for those on a few places of a group.
+    over all that was tried where the step was taken in substeps.
+    reasons: how often a substep was solved again or cut, by reason: "motion" (something near a contact moves
+    by more than its radius), "turn" (a segment turns far), "growth" (the last step was much shorter),
+    "not_converged", "left_prediction" (particles ended where contacts were not looked for), "woken" (tendons
+    at rest were reached), "step_weights" (tendons that press on each other had other methods),
+    "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far).
+    over_budget: whether max_linear_solves or time_budget was used up.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).
     worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of
@@ -73,6 +90,8 @@ class StepReport:
     seconds: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(ROOMS, 0.0))
     counts: dict[str, int] = dataclasses.field(default_factory=dict)
     search_seconds: float = 0.0
+    reasons: dict[str, int] = dataclasses.field(default_factory=dict)
+    over_budget: bool = False
 
     @classmethod
     def read(cls, core: _core.Report, worst: str, seconds: list[float]) -> "StepReport":
@@ -85,6 +104,8 @@ class StepReport:
             dict(zip(ROOMS, seconds, strict=True)),
             core.counts(),
             core.search_seconds,
+            {name: count for name, count in zip(REASONS, core.reasons, strict=True) if count},
+            core.over_budget,
         )
 
 

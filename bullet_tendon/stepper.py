@@ -3,8 +3,7 @@
 Owns: the solver's options, the last step's length and gravity (with which it is solved again where a body
 turns out to have been released in it), and the last report. A step has five rooms: sense (where links are and
 how they answer), near (distances that could matter), solve (the implicit step), react (wrenches on links) and
-bullet (pybullet's own step). Goes with the core's room `world`; the loop that the core and the distances take
-turns in is Stepper._solve, and nowhere else.
+bullet (pybullet's own step). Goes with the core's room `world`, which asks for distances by a callback.
 """
 
 import warnings
@@ -22,7 +21,6 @@ from .options import SolverOptions
 from .reports import ROOMS, StepReport
 from .tendon import Tendon
 
-_FAILED, _AGAIN = 0, 2  # outcomes of the core's solve
 _step_and_gravity = itemgetter("fixedTimeStep", *["gravityAcceleration" + axis for axis in "XYZ"])
 _SENSE, _NEAR, _SOLVE, _REACT, _BULLET = range(len(ROOMS))
 
@@ -137,27 +135,15 @@ class Stepper:
         return True
 
     def _solve(self, dt: float, gravity: tuple, held: bool, seconds: list[float]) -> None:
-        """Near and solve, as often as the core wants it: to look again for contacts, or in parts.
+        """Rooms near and solve: the core's step, which asks obstacles for the distances that it needs.
 
         Adds to the seconds of both rooms. Raises StepFailed.
         """
-        core, last = self._core, perf_counter()
-        core.begin(dt, gravity, held)
-        outcome = _AGAIN
-        while outcome == _AGAIN:
-            if self._obstacles.shapes:
-                shape, a, b = core.near()
-                if len(shape):
-                    core.answers(*self._obstacles.measure(shape, a, b))
-            now = perf_counter()
-            seconds[_NEAR] += now - last
-            outcome = core.solve()
-            last = perf_counter()
-            seconds[_SOLVE] += last - now
-        if outcome == _FAILED:
+        solved, near, solve = self._core.step(dt, gravity, held, self._obstacles.measure)
+        seconds[_NEAR] += near
+        seconds[_SOLVE] += solve
+        if not solved:
             raise self._failure()
-        core.finish()
-        seconds[_SOLVE] += perf_counter() - last
 
     def _failure(self) -> StepFailed:
         report = self._core.report()

@@ -64,12 +64,59 @@ int add_shape(World& w, int link, const Array& position, const Array& rot, const
   return w.add_shape(s);
 }
 
-py::tuple near_queries(World& w) {
-  const std::vector<Query>& queries = w.near();
-  std::vector<Vec3> a, b;
-  std::vector<int> shape;
-  for (const Query& q : queries) a.push_back(q.a), b.push_back(q.b), shape.push_back(q.shape);
-  return py::make_tuple(Ints(static_cast<py::ssize_t>(shape.size()), shape.data()), rows_of(a), rows_of(b));
+// Distances that Python measures, by FCL: measure(shape, a, b) -> (distance, points, u), of queries by shape
+// number and ends (q, 3) [m] in the shape's frame. The interpreter is locked in it alone.
+class PythonOracle : public DistanceOracle {
+ public:
+  explicit PythonOracle(py::object measure) : measure_(std::move(measure)) {}
+  ~PythonOracle() override {
+    py::gil_scoped_acquire lock;
+    measure_ = {};
+  }
+
+  void measure(const std::vector<Query>& queries, std::vector<double>& distance, std::vector<double>& points,
+               std::vector<double>& u) override {
+    py::gil_scoped_acquire lock;
+    a_.clear();
+    b_.clear();
+    shape_.clear();
+    for (const Query& q : queries) {
+      a_.push_back(q.a);
+      b_.push_back(q.b);
+      shape_.push_back(q.shape);
+    }
+    const Ints shape(static_cast<py::ssize_t>(shape_.size()), shape_.data());
+    const py::tuple found = measure_(shape, rows_of(a_), rows_of(b_));
+    distance = list_of(found[0].cast<Array>());
+    points = list_of(found[1].cast<Array>());
+    u = list_of(found[2].cast<Array>());
+    const size_t n = queries.size();
+    if (distance.size() != n || points.size() != 3 * n || u.size() != n)
+      throw std::length_error("distances of another number of queries");
+  }
+
+  // Ctrl-C ends the step.
+  void poll() override {
+    py::gil_scoped_acquire lock;
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+  }
+
+ private:
+  py::object measure_;
+  std::vector<Vec3> a_, b_;
+  std::vector<int> shape_;
+};
+
+// One step: whether it was solved, and the seconds of wall time of distances and of the rest.
+py::tuple step(World& w, double dt, const py::tuple& gravity, bool whole, py::object measure) {
+  const Vec3 g = vector(gravity.ptr());
+  PythonOracle oracle(std::move(measure));
+  StepOutcome out;
+  {
+    py::gil_scoped_release release;
+    out = w.step(dt, g, whole, oracle);
+  }
+  return py::make_tuple(out.solved, out.near_seconds, out.solve_seconds);
 }
 
 Array wrenches(const World& w) {
@@ -110,6 +157,7 @@ py::dict counts(const Report& r) {
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
   d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
   d["tendons_asleep"] = r.asleep;
+  d["linear_solves"] = r.linear_solves;
   return d;
 }
 
@@ -124,7 +172,8 @@ py::list contacts(const World& w) {
 
 void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
                  double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
-                 double contact_threshold, double reuse_tolerance, bool sleep) {
+                 double contact_threshold, double reuse_tolerance, bool sleep, long max_linear_solves,
+                 double time_budget) {
   w.rouse_all();
   w.options = {static_cast<Integrator>(integrator),
                static_cast<Iteration>(iteration),
@@ -136,7 +185,9 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                contact_stiffness,
                contact_threshold,
                reuse_tolerance,
-               sleep};
+               sleep,
+               max_linear_solves,
+               time_budget};
 }
 
 }  // namespace
@@ -154,6 +205,11 @@ PYBIND11_MODULE(_core, m) {
       .def_readonly("worst_chain", &Report::worst_chain)
       .def_readonly("worst_particle", &Report::worst_particle)
       .def_readonly("search_seconds", &Report::search_seconds)
+      .def_readonly("over_budget", &Report::over_budget)
+      .def_property_readonly("reasons",
+                             [](const Report& r) {
+                               return std::vector<int>(r.reasons.begin(), r.reasons.end());
+                             })
       .def("counts", &counts);
   bind_articulated(m);
   bind_links(m, world);
@@ -163,6 +219,12 @@ PYBIND11_MODULE(_core, m) {
   bind_terms(testing);
   bind_sparse(testing);
   bind_pairs(testing);
+  testing.def("watch_substeps", [](World& w, py::object callback) {
+    w.after_substep = [callback = std::move(callback)] {
+      py::gil_scoped_acquire lock;
+      callback();
+    };
+  });
   world.def(py::init<>())
       .def("set_options", &set_options)
       .def("add_chain", &add_chain)
@@ -264,15 +326,7 @@ PYBIND11_MODULE(_core, m) {
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("begin", [](World& w, double dt, const py::tuple& gravity,
-                       bool whole) { w.begin(dt, vector(gravity.ptr()), whole); })
-      .def("near", &near_queries)
-      .def("answers", [](World& w, const Array& d, const Array& points,
-                         const Array& u) { w.answers(d.data(), points.data(), u.data()); })
-      .def(
-          "solve", [](World& w) { return static_cast<int>(w.solve()); }, release())
-      .def("cancel", &World::cancel)
-      .def("finish", &World::finish, release())
+      .def("step", &step)
       .def("keep", &World::keep)
       .def("roll_back", &World::roll_back)
       .def("save",

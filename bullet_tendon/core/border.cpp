@@ -23,7 +23,7 @@ namespace {
 Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
 
 // s of mover.h, of the part that is being solved for.
-double reach_of(const Group& group) { return group.part_root * group.reach; }
+double reach_of(const Group& group) { return group.reach; }
 
 template <class Do>
 void each_body(const Group& group, Do what) {
@@ -67,14 +67,10 @@ void place(Group& group) {
     Link& link = (*group.links)[l];
     const Mover& m = (*group.movers)[link.mover];
     link.given = scaled(reach_of(group), link.spin_of(m.y));
-    if (group.part_end != 1 || group.part_root != 1) {
-      const Twist before = scaled(group.part_end * group.reach, link.spin_of(m.gathered));
-      link.given.linear += before.linear, link.given.angular += before.angular;
-    }
-    if (link.turned.far) link.turn(m, group.part_end);
+    if (link.turned.far) link.turn(m, 1);
   }
   each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    c.next.set(h.particle, h.target), c.next_tail.set(h.particle, Vec3{});
+    c.next.set(h.particle, h.aim), c.next_tail.set(h.particle, Vec3{});
     c.move(h.particle, link.displaced(arm));
   });
 }
@@ -121,17 +117,6 @@ void forget_bodies(Group& group) {
   if (group.bodies.empty()) return;
   each_body(group, [](Mover& m) { m.y.assign(m.freedom, 0.0); });
   place(group);
-}
-
-void start_parts(Group& group) {
-  each_body(group, [](Mover& m) { m.gathered.assign(m.freedom, 0.0); });
-}
-
-// y = B^T f of a part has the part's root in it.
-void gather_bodies(Group& group, double share) {
-  each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.freedom; ++k) m.gathered[k] += share / group.part_root * m.y[k];
-  });
 }
 
 void advance_bodies(Group& group, double alpha) {

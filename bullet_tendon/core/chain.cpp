@@ -6,7 +6,7 @@ namespace bt {
 
 Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x,        &v,         &force,     &start_x,      &start_v,           &x_before,
+  for (Field* f : {&x,        &v,         &force,     &x_before,
                    &v_before, &next,      &step,      &residual,     &anchor_x,          &anchor_v,
                    &goal,     &next_tail, &goal_tail, &cg_remainder, &cg_preconditioned, &cg_direction,
                    &cg_image, &column,    &solved,    &foreseen,     &acceleration})

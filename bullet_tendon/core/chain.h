@@ -32,12 +32,11 @@ struct Hold {
   Vec3 goal;             // of a grip: where it is to be at the end of the step [m]
   Vec3 aim;              // where the point will be at the end of the part that is being solved [m]
   Vec3 target_before;    // at the end of the last step [m]
-  Vec3 target;           // the same, where a group takes that part in parts again [m]
   double viscosity = 0;  // of a soft hold [N s/m]
   Vec3 force;            // of the tendon on the holder, last step [N]
   Vec3 mean_force;       // the same, averaged over the parts of a split step [N]
   Vec3 mean_torque;      // of that, on a body that turns far (turned.h) [N m]
-  Vec3 kept_force;       // mean_force of the part before [N]
+  Vec3 last_mean;        // mean_force of the substep before [N]
   Vec3 sum_force;        // of the parts that are done, by their share of the step [N]
   Vec3 step_force;       // on the holder, averaged over the last step [N]
 };
@@ -108,16 +107,7 @@ class Chain {
   double most_slack = 0;
   int rest_set = 0;  // how often rest lengths were
   // At the start of the step, or of the part of it that is being solved.
-  Multipliers kept;
-  bool kept_smooth = true;
-
-  // The state before a step that is being split, and whether it was (splitting.cpp).
-  Field start_x, start_v;
-  Multipliers start;
-  Field start_x_before, start_v_before;
-  double start_dt_before = 0;
-  bool split = false;     // parts of the step are being solved
-  bool gathered = false;  // next and step hold the positions and velocities at their end
+  Multipliers start_multipliers;
   bool braked = false;    // step holds the velocities at the end (passivity.cpp)
 
   // Work space of a step. Positions and goal are sums with their tails, what rounding takes off them: of a

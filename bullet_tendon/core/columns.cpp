@@ -179,7 +179,7 @@ void move_links(Group& group, int column) {
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
       for (int r = 0; r < 6; ++r)
-        of.twist[r][lane] = group.part_root * group.reach * link.reached[r * m.freedom + k];
+        of.twist[r][lane] = group.reach * link.reached[r * m.freedom + k];
     }
   }
 }
@@ -220,7 +220,7 @@ BT_VECTOR void fill_corner(Group& group, int column) {
     for (int i = 0; i < m.freedom; ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (group.part_root * group.reach * link.reached[r * m.freedom + i]) * group.of_links[l].load[r];
+        sum += (group.reach * link.reached[r * m.freedom + i]) * group.of_links[l].load[r];
       double* to = &group.corner[static_cast<size_t>(m.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
@@ -235,7 +235,7 @@ void stiffen_turned(Group& group, bool definite) {
     const Link& link = (*group.links)[l];
     if (!link.turned.far) continue;
     const Mover& m = (*group.movers)[link.mover];
-    const double reach = group.part_root * group.reach;
+    const double reach = group.reach;
     const Sym3 k =
         (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
     auto spin = [&](int i) {

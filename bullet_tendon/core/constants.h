@@ -110,14 +110,9 @@ constexpr int kLongestCircle = 12;
 // Iterations without progress from which on half steps are taken. More: heaps go on for long.
 constexpr int kIdle = 6;
 
-// Parts that a group's step can be split into, and a world's where it does not converge [-], a power of
-// two. More: violent steps cost more before they are given up. Fewer: a step of seconds of a stiff,
-// folded tendon may stay unsolved.
-constexpr int kMostSubsteps = 2048;
-
-// Units in which the parts of a world's step are counted [-], three times a power of two: the shortest part
-// that fast motion near a body or another tendon can ask for.
-constexpr int kUnits = 3 * 8192;
+// Sine of the angle that a segment is predicted to turn by in a step above which BDF2 takes it in substeps [-].
+// Larger: the crack of a whip is lost. Smaller: fast spinning costs more.
+constexpr double kTurn = 0.6;
 
 // Speed up to which a tendon is at rest, in radii a second [1/s], for how long until it sleeps [s], and in
 // how many steps at least (sleep.cpp). Faster, or sooner: what creeps, or turns back, is stopped. Slower, or

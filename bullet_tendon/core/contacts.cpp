@@ -87,8 +87,8 @@ Row World::plane_row(ContactKind kind, Spot spot, int link_slot, Vec3 point, Vec
 double World::depth_to_leave(const Row& row, double most) const {
   Row now = row;
   now.evaluate(row.reference, true);
-  const double depth = std::max(0.0, -now.gap), share = static_cast<double>(size_) / (kUnits - done_);
-  const double left = most * (kUnits - done_) / kUnits;  // by the rest of the step
+  const double depth = std::max(0.0, -now.gap), share = substeps_.share_left();
+  const double left = most * (1 - substeps_.share_before());  // by the rest of the step
   return -(depth - share * std::min(depth, left));
 }
 
@@ -144,7 +144,6 @@ void World::recall(Row& row, double inertia) {
   row.last_mean = found->mean_force;
   row.limit = row.friction * row.before;
   row.sliding = found->sliding;
-  row.kept_multiplier = row.multiplier, row.kept_sliding = row.sliding;
 }
 
 void World::remember() {
@@ -232,7 +231,7 @@ void World::half_space_rows(int chain, int s) {
 void World::tendon_rows() {
   const auto start = std::chrono::steady_clock::now();
   pairs_.clear();
-  const Foresight foresight = can_split() ? Foresight::swept : Foresight::near;
+  const Foresight foresight = substeps_.divisible() ? Foresight::swept : Foresight::near;
   report_.pairs = finder_.find(slots_, options.contact_threshold, foresight, pairs_);
   report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   room_ = std::min(room_, report_.pairs.room);

@@ -28,10 +28,9 @@ void World::make_groups() {
     g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
     g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.substeps = 1, g.strays = false;
+    g.residual = 0, g.strays = false;
     g.linear_tolerance = 0, g.patterned = false;
-    g.movers = &movers, g.links = &links, g.part_end = g.part_root = 1, g.reach = context_.reach,
-    g.freedom = 0;
+    g.movers = &movers, g.links = &links, g.reach = context_.reach, g.freedom = 0;
     g.bodies.clear(), g.carried.clear();
   }
   for (int c = 0; c < count; ++c)
@@ -66,9 +65,8 @@ bool World::solve_groups() {
     if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
     finite &= g.finite;
     stray_ |= g.strays;
-    unsettled_ |= !g.converged && !g.strays && !g.rows.empty();
+    unsettled_ |= !g.converged && !g.strays;
     attempt_.iterations = std::max(attempt_.iterations, g.iterations);
-    attempt_.substeps = std::max(attempt_.substeps, g.substeps);
     ++attempt_.groups;
     attempt_.converged &= g.converged;
     if (!(g.residual <= attempt_.residual) || attempt_.worst_chain < 0) read_worst(g);
@@ -93,7 +91,6 @@ void Report::take(const Report& part) {
   if (!(part.residual <= residual) || worst_chain < 0)
     residual = part.residual, worst_chain = part.worst_chain, worst_particle = part.worst_particle;
   converged &= part.converged;
-  substeps = std::max(substeps, part.substeps);
   rows = part.rows, groups = part.groups;
 }
 

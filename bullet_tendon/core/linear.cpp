@@ -192,6 +192,7 @@ bool solve_again(Group& group, const Options& o, Which b, Which x) {
 
 bool solve_linear(Group& group, const StepContext& context, bool definite) {
   const Options& o = context.options;
+  context.budget->spend();
   if (!factorise(group, o)) return false;
   if (!group.bodies.empty() && !factorise_bodies(group, o, definite)) return false;
   if (!solve_again(group, o, &Chain::residual, &Chain::step)) return false;

@@ -40,6 +40,17 @@ void World::let_go(int mover) {
   interrupt();
 }
 
+// Into copies of earlier steps where there are some: nothing has to be allocated.
+void World::copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const {
+  copies.resize(chains.size());
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (chains[c] && copies[c])
+      *copies[c] = *chains[c];
+    else
+      copies[c] = chains[c] ? std::make_unique<Chain>(*chains[c]) : nullptr;
+  }
+}
+
 // Where tendons or holds were made or lost since, there is no way back.
 bool World::take_back() {
   if (!way_back_ || kept_before_.empty()) return false;

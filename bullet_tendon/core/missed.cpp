@@ -24,7 +24,7 @@ bool moved_pair(const Group& group, const Row& row, Row& more) {
   if (std::fabs(u - row.a.w1) < kNearlySame && std::fabs(w - row.b.w1) < kNearlySame) return false;
   more.normal = (dot(apart, row.normal) < 0 ? -1 / distance : 1 / distance) * apart;
   more.side = more.normal;
-  more.reference = more.a.of(a.split ? a.start_x : a.x) - more.b.of(b.split ? b.start_x : b.x);
+  more.reference = more.a.of(a.x) - more.b.of(b.x);
   return true;
 }
 

@@ -52,7 +52,6 @@ struct Mover {
   int freedom = 0;            // how many unknowns it has
   Numbers basis;              // Q^T (freedom n), where they are fewer than n
   Numbers y, step, residual;  // z, its change, and the residual
-  Numbers gathered;           // z of whole steps, by the parts of a group's step that are done
   int first = 0;              // of its unknowns among those of its group
   double lever = 0;           // largest |B| of its touched points
 

@@ -134,6 +134,7 @@ Next guard(Solution& s, bool anew) {
 Next watch(Solution& s, const Assembly& a) {
   Group& group = s.group;
   if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
+  if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
   const bool finite = std::isfinite(a.residual);
   if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
   if (group.stayed && add_missed(group)) {
@@ -206,7 +207,25 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     if (next == Next::stop) break;
     if (next == Next::step) take_step(s);
   }
+  if (context.budget->exhausted() && !std::isfinite(group.residual)) {
+    restart_from_now(group);
+    judge(s);
+  }
   end(s);
+}
+
+namespace {
+
+bool by_euler(const Group& group, const StepContext& context) {
+  return std::all_of(group.chains.begin(), group.chains.end(),
+                     [&](const Chain* c) { return c->b == context.dt; });
+}
+
+}  // namespace
+
+void converged_step(Group& group, const StepContext& context) {
+  newton(group, context, !context.may_halve);
+  if (!group.strays && (group.converged || !context.may_halve) && by_euler(group, context)) keep_passive(group);
 }
 
 }  // namespace bt

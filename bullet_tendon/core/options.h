@@ -22,6 +22,8 @@ struct Options {
   double contact_threshold = 0;     // d_collision beyond the surfaces [m]
   double reuse_tolerance = 1e-6;    // error allowed to a reused contact plane [m]
   bool sleep = true;                // leave out what rests
+  long max_linear_solves = 100000;  // of a whole step, of all islands together
+  double time_budget = 0;           // of wall time, of a whole step [s]; 0: any
 };
 
 // Whether steps are solved to convergence, with multipliers.

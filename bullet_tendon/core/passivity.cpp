@@ -161,12 +161,12 @@ double lost(Chain& c, double& kinetic) {
 
 // The same of the bodies, by what the tendons changed their velocities.
 double lost_by_bodies(const Group& group, double b) {
-  const double reach = group.part_root * group.reach;
+  const double reach = group.reach;
   double sum = 0;
   for (int m : group.bodies) sum += dense::dot((*group.movers)[m].y, (*group.movers)[m].y);
   for (const Chain* c : group.chains)
     for (const Hold& h : c->holds)
-      if (h.link >= 0 && !h.rigid) sum += dot(h.force, c->next.at(h.particle) - h.target);
+      if (h.link >= 0 && !h.rigid) sum += dot(h.force, c->next.at(h.particle) - h.aim);
   return sum > 0 ? 0.5 * sum * (b * b) / (reach * reach) : 0;
 }
 

@@ -42,13 +42,13 @@ void rows_now(Group& group, bool matrix) {
 }
 
 Vec3 held_velocity(const Chain& c, const Hold& h, double dt) {
-  return (1 / dt) * (h.target - c.x.at(h.particle));
+  return (1 / dt) * (h.aim - c.x.at(h.particle));
 }
 
 void add_stiff_holds_and_inertia(Chain& c, double dt) {
   for (const Hold& h : c.holds) {
     if (h.rigid) continue;
-    c.residual.add(h.particle, h.stiffness * (c.x.at(h.particle) - h.target));
+    c.residual.add(h.particle, h.stiffness * (c.x.at(h.particle) - h.aim));
     c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / dt));
   }
   for (int i = 0; i < c.n(); ++i) {
@@ -86,7 +86,7 @@ Vec3 spring_forces_after(const Chain& c, int i) {
 Vec3 predicted_hold_force(const Group& group, const Chain& c, const Hold& h, const StepContext& context) {
   const int i = h.particle;
   const Vec3 u = c.step.at(i);
-  if (!h.rigid) return h.stiffness * (c.x.at(i) + u - h.target) + (h.viscosity / context.dt) * u;
+  if (!h.rigid) return h.stiffness * (c.x.at(i) + u - h.aim) + (h.viscosity / context.dt) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
              bending_force_after(c, c.x, c.step, i);
@@ -110,7 +110,7 @@ void explicit_euler(Group& group, const StepContext& context) {
     c->b = dt;
     for (Hold& h : c->holds) {
       if (h.rigid) continue;
-      h.force = h.stiffness * (c->x.at(h.particle) - h.target) + h.viscosity * c->v.at(h.particle);
+      h.force = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * c->v.at(h.particle);
       c->residual.add(h.particle, h.force);
     }
     for (int i = 0; i < c->n(); ++i) {
@@ -121,7 +121,7 @@ void explicit_euler(Group& group, const StepContext& context) {
       if (!h.rigid) continue;
       Vec3 v = held_velocity(*c, h, dt), before = c->v.at(h.particle);
       h.force = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
-      c->next.set(h.particle, h.target), c->step.set(h.particle, v);
+      c->next.set(h.particle, h.aim), c->step.set(h.particle, v);
     }
   }
   settle_rows(group);
@@ -151,7 +151,7 @@ void single_linearisation(Group& group, const StepContext& context) {
     add_stiff_holds_and_inertia(*c, dt);
     for (int k = 0; k < 3; ++k) std::fill_n(c->cg_direction[k], c->n(), 0.0);
     for (const Hold& h : c->holds)
-      if (h.rigid) c->cg_direction.set(h.particle, h.target - c->x.at(h.particle));
+      if (h.rigid) c->cg_direction.set(h.particle, h.aim - c->x.at(h.particle));
   }
   multiply(group);
   for (Chain* c : group.chains)

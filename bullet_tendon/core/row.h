@@ -95,8 +95,6 @@ struct Row {
   bool passes = false;         // what it is for does not touch as foreseen
   bool pressed = false;        // touches, in the linearisation
   bool sliding = false;        // else it sticks, in the linearisation
-  double kept_multiplier = 0;  // both, before a part of a split step was tried
-  bool kept_sliding = false;
   int changes = 0;  // how often a direct row let go in this step
 
   // As last evaluated.

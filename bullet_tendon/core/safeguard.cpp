@@ -72,7 +72,7 @@ void restart_from_now(Group& group) {
   for (Chain* c : group.chains) {
     c->next = c->x, c->next_tail.zero();
     for (const Hold& h : c->holds)
-      if (h.rigid) c->next.set(h.particle, h.target);
+      if (h.rigid) c->next.set(h.particle, h.aim);
   }
   forget_bodies(group);
 }

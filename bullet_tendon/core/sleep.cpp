@@ -184,9 +184,10 @@ void World::join_step() {
   for (size_t c = 0; c < chains.size(); ++c) {
     if (slots_[c] || !chains[c] || chains[c]->bed >= 0) continue;
     slots_[c] = chains[c].get();
-    slots_[c]->keep_multipliers(slots_[c]->kept), slots_[c]->kept_smooth = slots_[c]->smooth;
+    slots_[c]->keep_multipliers(slots_[c]->start_multipliers);
     for (Hold& h : slots_[c]->holds) {
-      h.kept_force = h.mean_force, h.sum_force = static_cast<double>(done_) / kUnits * h.step_force;
+      h.last_mean = h.mean_force;
+      h.sum_force = substeps_.share_before() * h.step_force;
       if (h.link >= 0) ++links[h.link].touching;
     }
   }
@@ -194,7 +195,7 @@ void World::join_step() {
 
 // For how long each has been at rest [s]. false: none long enough.
 bool World::count_rest(double dt) {
-  const bool solved = parts_ == 1 && report_.converged;
+  const bool solved = substeps_.taken() == 1 && report_.converged;
   bool any = false;
   for (Chain* c : slots_) {
     if (!c) continue;
@@ -220,7 +221,7 @@ void World::find_restful() {
 }
 
 void World::fall_asleep() {
-  if (!options.sleep || !can_split() || !count_rest(whole_dt_)) return;
+  if (!options.sleep || !substeps_.divisible() || !count_rest(whole_dt_)) return;
   find_restful();
   for (size_t c = 0; c < slots_.size(); ++c) {
     const int root = slots_[c] ? group_root(static_cast<int>(c)) : 0;

@@ -43,9 +43,9 @@ void same_fields(A& a, Tunnel& tunnel) {
 template <class A>
 void fields(A& a, Hold& hold) {
   auto& [id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before,
-         target, viscosity, force, mean_force, mean_torque, kept_force, sum_force, step_force] = hold;
-  a(id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before, target,
-    viscosity, force, mean_force, kept_force, sum_force, step_force);
+         viscosity, force, mean_force, mean_torque, last_mean, sum_force, step_force] = hold;
+  a(id, particle, link, local, rigid, moves, clamped, direction, stiffness, goal, aim, target_before,
+    viscosity, force, mean_force, last_mean, sum_force, step_force);
   a.scratch(mean_torque);
 }
 
@@ -68,16 +68,14 @@ void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
          tunnel_of, x_before, v_before, acceleration,
          dt_before, smooth, quiet, bed, touching, touched, b, foreseen, slack, most_slack, rest_set,
-         kept, kept_smooth, start_x, start_v, start, start_x_before, start_v_before, start_dt_before, split,
-         gathered, braked, next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
+         start_multipliers, braked, next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
          cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks,
          residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, tunnel_of);
-  a(x_before, v_before, acceleration, dt_before, smooth, quiet, bed, touching, touched, split,
-    gathered);
-  a.scratch(b, foreseen, slack, most_slack, rest_set, kept, kept_smooth,
-            start_x, start_v, start, start_x_before, start_v_before, start_dt_before, braked, next_tail,
+  a(x_before, v_before, acceleration, dt_before, smooth, quiet, bed, touching, touched);
+  a.scratch(b, foreseen, slack, most_slack, rest_set, start_multipliers,
+            braked, next_tail,
             goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
             cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm,
             worst_particle);
@@ -101,14 +99,14 @@ void fields(A& a, Stop& stop) {
 template <class A>
 void fields(A& a, Mover& mover) {
   auto& [rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
-         change, forces, turns, torque, pull, unknown, freedom, basis, y, step, residual, gathered, first,
+         change, forces, turns, torque, pull, unknown, freedom, basis, y, step, residual, first,
          lever, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested, slipped, known,
          half, direction, through, within, within_acting, within_root, missing, given, along] = mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
   a(rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
     change, turns, unknown, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested,
     slipped);
-  a.scratch(torque, pull, freedom, basis, forces, y, step, residual, gathered, first, lever, known, half,
+  a.scratch(torque, pull, freedom, basis, forces, y, step, residual, first, lever, known, half,
             direction, through, within, within_acting, within_root, missing, given, along);
 }
 
@@ -156,12 +154,12 @@ void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
          through, radius, stiffness, softest, grip, carried, before, multiplier, friction, stuck, reference,
          stuck_at, stuck_at_other, side, follows, stays, limit, direct, held, joins, passes, pressed, sliding,
-         kept_multiplier, kept_sliding, changes, gap, normal_force, raw, displacement, tangent_force,
+         changes, gap, normal_force, raw, displacement, tangent_force,
          total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force, mean_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
-            stays, limit, direct, held, joins, passes, pressed, sliding, kept_multiplier, kept_sliding,
+            stays, limit, direct, held, joins, passes, pressed, sliding,
             changes, raw, displacement, total_force, linear_force, last_mean, slid, block, levers, lever,
             lever_share);
 }
@@ -188,9 +186,10 @@ void World::moving_fields(A& a) {
 
 template <class A>
 void World::all_fields(A& a) {
-  auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, context,
-         whole_dt, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings, backup,
-         backup_memory, way_back, before_links, before_movers, slots, caches, queries, finder, pairs, touches,
+  auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, after, context,
+         whole_dt, whole, substeps, budget, substeps_parts, failed, looks, room, looking, stray, unsettled,
+         settlings, way_back, before_links, before_movers, slots, caches, queries, distances, points, parameters,
+         finder, pairs, touches,
          rows, found, before, asleep_rows, rest_gravity, restful, restless, reach, keys, memory, touching,
          bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_before, kept_links,
          kept_movers, begun, told_contacts, kept_entries, kept_rows] = *this;
@@ -209,8 +208,8 @@ void World::all_fields(A& a) {
     }
   a(rows);
   // Options are the user's, as they are now.
-  a.scratch(options_, context, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings,
-            backup, backup_memory, slots, queries, finder, pairs, touches, found, before, restful, restless,
+  a.scratch(options_, after, context, whole, substeps, budget, substeps_parts, failed, looks, room, looking, stray,
+            unsettled, settlings, slots, queries, distances, points, parameters, finder, pairs, touches, found, before, restful, restless,
             reach, keys, touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before,
             kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows);
 }

@@ -4,7 +4,7 @@
 
 namespace bt {
 
-BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction) {
+BT_VECTOR void begin_step(Chain& c, const StepContext& context) {
   const double dt = context.dt;
   // What touches something has velocities that jump: they are not to be extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
@@ -42,11 +42,8 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context, double fraction)
       s->history[k] = now * s->start[k] + (two ? last * s->before[k] : 0);
     }
   }
-  const Field& from = c.split ? c.start_x : c.x;
-  for (Hold& h : c.holds) {
-    h.target = fraction == 1 ? h.aim : (1 - fraction) * from.at(h.particle) + fraction * h.aim;
-    if (h.rigid) c.next.set(h.particle, h.target);
-  }
+  for (const Hold& h : c.holds)
+    if (h.rigid) c.next.set(h.particle, h.aim);
 }
 
 namespace {
@@ -63,8 +60,8 @@ BT_VECTOR void read_acceleration(Chain& c) {
 }  // namespace
 
 BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
-  // Explicit Euler and a split step leave their velocities in `step`.
-  const bool made_known = c.gathered || c.braked || context.options.integrator == Integrator::explicit_euler;
+  // Explicit Euler and the energy projection leave their velocities in `step`.
+  const bool made_known = c.braked || context.options.integrator == Integrator::explicit_euler;
   for (int k = 0; k < 3; ++k) {
     double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
     const double *next = c.next[k], *tail = c.next_tail[k], *xh = c.anchor_x[k], *made = c.step[k];
@@ -75,13 +72,13 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
       x[i] = next[i];
     }
   }
-  for (Hold& h : c.holds) h.target_before = h.target;
+  for (Hold& h : c.holds) h.target_before = h.aim;
   if (is_second_order(context.options.integrator)) {
     c.smooth &= !c.touched || goes_smoothly(c, context.dt);
     read_acceleration(c);
   }
-  c.dt_before = c.gathered || c.split ? 0 : context.dt;
-  c.gathered = c.braked = false;
+  c.dt_before = context.dt;
+  c.braked = false;
 }
 
 namespace {
@@ -111,22 +108,20 @@ bool is_sane(const Chain& c, const StepContext& context) {
 }  // namespace
 
 void solve(Group& group, const StepContext& context) {
-  for (Chain* c : group.chains) c->gathered = c->braked = false;
+  for (Chain* c : group.chains) c->braked = false;
   if (context.options.integrator == Integrator::explicit_euler)
     explicit_euler(group, context);
   else if (context.options.iteration == Iteration::single)
     single_linearisation(group, context);
   else
     converged_step(group, context);
-  if (group.substeps == 1) {
-    for (Row* row : group.rows)
-      row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
-    for (Chain* c : group.chains)
-      for (Hold& h : c->holds) {
-        h.mean_force = step_mean(*c, context, h.kept_force, h.force);
-        if (h.link >= 0) h.mean_torque = torque_of(group, h, h.mean_force);
-      }
-  }
+  for (Row* row : group.rows)
+    row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
+  for (Chain* c : group.chains)
+    for (Hold& h : c->holds) {
+      h.mean_force = step_mean(*c, context, h.last_mean, h.force);
+      if (h.link >= 0) h.mean_torque = torque_of(group, h, h.mean_force);
+    }
   for (Chain* c : group.chains) group.finite &= is_sane(*c, context);
 }
 
@@ -223,7 +218,7 @@ void add_soft_holds(Chain& c, const Field& x, bool matrix) {
       continue;
     }
     Vec3 moved = x.at(h.particle) - c.anchor_x.at(h.particle);
-    h.force = h.stiffness * (x.at(h.particle) - h.target) + (h.viscosity / c.b) * moved;
+    h.force = h.stiffness * (x.at(h.particle) - h.aim) + (h.viscosity / c.b) * moved;
     c.residual.add(h.particle, h.force);
   }
 }

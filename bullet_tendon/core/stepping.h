@@ -20,16 +20,15 @@
 #include "options.h"
 #include "row.h"
 #include "sparse.h"
+#include "substepper.h"
 
 namespace bt {
-
-// Who splits a step that does not converge: the world, where something is touched; else the group.
-enum class Splitting { by_world, by_group, never };
 
 struct StepContext {
   double dt = 0;
   double reach = 0;  // s of mover.h [s]
-  Splitting splitting = Splitting::by_group;
+  bool may_halve = false;  // a solution that does not converge is given up, and the substep cut
+  Budget* budget = nullptr;
   bool whole = false;     // the step's length means nothing: it is a way to rest
   bool part = false;      // of a step: what touches something takes it by implicit Euler
   bool goes_on = false;   // from the last solution, with more rows
@@ -60,10 +59,7 @@ struct Group {
   std::vector<Link>* links = nullptr;
   std::vector<int> bodies, carried;
   int freedom = 0;
-  // Of the part of the step that is being solved (splitting.cpp): the share of the step at its end, and the
-  // root of that times the part's own share.
-  double part_end = 1, part_root = 1;
-  double reach = 0;        // s of mover.h, but for that root [s]
+  double reach = 0;        // s of mover.h [s]
   std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
@@ -83,7 +79,6 @@ struct Group {
   bool converged = false;
   bool strays = false;  // left, for that
   bool finite = true;
-  int substeps = 1;
   double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
   // By unknown of the bodies: what they pull at the tendons, by tendon, where in the group that is, by slot,
   // and what they make of links (columns.cpp); the matrix and right-hand side of the rest.
@@ -98,8 +93,7 @@ struct Group {
 };
 
 // History, goal y, starting guess and held particles of a chain.
-// fraction: of the way that holds have gone from the start of the whole step to its end.
-void begin_step(Chain& c, const StepContext& context, double fraction = 1);
+void begin_step(Chain& c, const StepContext& context);
 // One step by the method of the options; fills chain.next and the forces of holds and rows.
 void solve(Group& group, const StepContext& context);
 // Whether two-step methods may go on with what touches something, after its step of dt; acceleration is that
@@ -108,7 +102,7 @@ bool goes_smoothly(const Chain& c, double dt);
 // Takes chain.next as the new state.
 void finish_step(Chain& c, const StepContext& context);
 
-// Implicit, converged: whole, and where that fails in parts.
+// Implicit, converged.
 void converged_step(Group& group, const StepContext& context);
 // Takes energy that a solution made out of nothing from its velocities.
 void keep_passive(Group& group);
@@ -142,9 +136,6 @@ void solve_coupled(Group& group, Which b, Which x);
 // Bodies that are unknown (border.cpp). Their first guess, and where they take tendons by y:
 void start_bodies(Group& group);
 void forget_bodies(Group& group);  // y = 0
-// Parts of the group's step: none yet, and one more of that share of the step.
-void start_parts(Group& group);
-void gather_bodies(Group& group, double share);
 void advance_bodies(Group& group, double alpha);
 // The step of the unknowns, a share of corner_side, and where it takes the particles, in x.
 void move_bodies(Group& group, double share, Which x);
@@ -181,6 +172,10 @@ void add_coupling(Group& group);
 
 // After chain.step was added to chain.next: without what segments got longer by turning (turning.cpp).
 void keep_lengths(Chain& c);
+
+// Greatest sine of the angle by which a segment turns from chain.x to the guess in chain.next; what is turned
+// over along itself does not count.
+double greatest_turn(const Chain& c);
 
 // Pieces that the methods share.
 Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);

@@ -130,8 +130,8 @@ bool World::settle_stops() {
   if (whole_ || settlings_ >= kSettlings ||
       std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.may_stop(); }))
     return false;
-  push_links(static_cast<double>(size_) / kUnits);
-  sum_forces(static_cast<double>(kUnits) / (done_ + size_), false);
+  push_links(substeps_.share());
+  sum_forces(1 / substeps_.share_at_end(), false);
   for (Link& l : links) l.force = l.before_force, l.torque = l.before_torque;
   bool other = false;
   for (size_t m = 0; m < movers.size(); ++m) {

@@ -123,7 +123,7 @@ void World::aim_attachments(Chain& c) {
     h.moves = link.yields() && movers[link.mover].unknown;
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
-    if (share_left() < 1) h.aim += (1 - share_left()) * (c.x.at(h.particle) - p);
+    h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
     if (h.rigid) continue;
     h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
     invert_definite(h.stiffness);
@@ -183,25 +183,6 @@ bool World::any_moved() const {
   return std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
 }
 
-void World::begin(double dt, Vec3 gravity, bool whole) {
-  context_.gravity = gravity, context_.options = options;
-  whole_dt_ = dt, whole_ = whole, done_ = parts_ = 0, size_ = kUnits;
-  backup_.clear();
-  slots_.clear();
-  for (Link& l : links) l.force = l.torque = Vec3{}, l.touches = l.touching, l.touching = 0;
-  way_back_ = !whole && any_moved();
-  if (!begun_) before_links_.swap(kept_links_), before_movers_.swap(kept_movers_);
-  begun_ = true;
-  for (Mover& m : movers) m.turns = false;
-  if (way_back_) before_links_ = links, before_movers_ = movers;
-  rouse_disturbed(dt);
-  join_step();
-  for (Link& l : links) l.touches = std::max(l.touches, l.touching);
-  report_ = Report{};
-  settlings_ = 0;
-  begin_part();
-}
-
 // A cache for every tendon and shape that are there, of planes not known yet.
 void World::size_caches() {
   caches_.resize(chains.size());
@@ -218,7 +199,8 @@ void World::size_caches() {
   }
 }
 
-const std::vector<Query>& World::near() {
+// The distances of this substep: those that the core knows, and the oracle's.
+void World::update_proximity(DistanceOracle& oracle) {
   queries_.clear();
   size_caches();
   for (size_t c = 0; c < chains.size(); ++c) {
@@ -231,16 +213,14 @@ const std::vector<Query>& World::near() {
           caches_[c][s], queries_, report_.near);
     }
   }
-  return queries_;
-}
-
-void World::answers(const double* distance, const double* points, const double* u) {
+  if (queries_.empty()) return;
+  oracle.measure(queries_, distances_, points_, parameters_);
   for (size_t q = 0; q < queries_.size(); ++q) {
     const Query& query = queries_[q];
     const Shape& shape = shapes[query.shape];
     Entry& entry = caches_[query.chain][query.shape].entries[query.feature];
     kept_entries_.push_back({query.chain, query.shape, query.feature, entry});
-    answer(query, distance[q], {points[3 * q], points[3 * q + 1], points[3 * q + 2]}, u[q], shape,
+    answer(query, distances_[q], vec3_at(points_, q), parameters_[q], shape,
            in_world(shape, links[shape.link]), bores_of(shape.link), entry);
   }
 }

@@ -1,22 +1,23 @@
 // The core's world: tendons, links, shapes and tunnels, and one step of them in named stages.
 //
-//   begin      starting guess and goals of every tendon
-//   near       which distances are needed (asked of the caller, who answers)
-//   solve      rows from planes, bores, mouths and tendon pairs, with what they remember (contacts.cpp,
-//              tunnels.cpp); each group of touching tendons by itself (groups.cpp)
-//   finish     new states, memories, and one wrench per touched link
+//   predict          history, inertial targets and starting guess of every tendon
+//   update_proximity which distances are needed, and the answers to them
+//   collect_rows     contacts from planes, bores, mouths and tendon pairs, with what they remember
+//   solve_islands    each group of touching tendons by itself
+//   take_substep     new states, memories, and one wrench per touched link
 //
-// solve may ask for near and solve once more: because contacts have to be looked for elsewhere, or
-// because the step is taken in parts (parts.cpp). A step that fails or is cancelled leaves the state as
-// it was.
+// step.cpp has the loop. Whoever calls it makes a checkpoint before, and goes back to it where the step fails.
 #pragma once
+#include <functional>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <vector>
 
 #include "near.h"
 #include "pairs.h"
 #include "stepping.h"
+#include "substepper.h"
 
 namespace bt {
 
@@ -38,12 +39,29 @@ struct Report {
   PairCounts pairs;
   long rows = 0, groups = 0, asleep = 0;
   double search_seconds = 0;  // of wall time: which segments of tendons could touch
-  int substeps = 1;           // parts that the step was split into, or that of the most violent group
-  // Adds a part that was solved.
+  int substeps = 1;           // that the step was taken in
+  long linear_solves = 0;     // of all islands, whatever came of them
+  bool over_budget = false;   // the budget was used up
+  ReasonCounts reasons{};     // how often substeps were solved again, by reason
+  // Adds a substep that was solved.
   void take(const Report& part);
 };
 
-enum class Outcome : int { failed = 0, done = 1, again = 2 };
+// Who knows distances to shapes that the core cannot measure by itself.
+class DistanceOracle {
+ public:
+  virtual ~DistanceOracle() = default;
+  // By query: distance [m], nearest surface point (3) and parameter of the segment (near.h, answer).
+  virtual void measure(const std::vector<Query>& queries, std::vector<double>& distance,
+                       std::vector<double>& points, std::vector<double>& u) = 0;
+  // Called now and then in a step. It may throw, which ends the step.
+  virtual void poll() {}
+};
+
+struct StepOutcome {
+  bool solved = false;  // else some solution is not finite
+  double near_seconds = 0, solve_seconds = 0;  // of wall time
+};
 
 class World {
  public:
@@ -84,15 +102,10 @@ class World {
   void keep_told_contacts();
   // Their rates were set from outside, to mend the last step, which is not taken back again.
   void refresh_movers();
-  // whole: not in parts, whatever happens (for steps whose length means nothing).
-  void begin(double dt, Vec3 gravity, bool whole);
-  const std::vector<Query>& near();
-  void answers(const double* distance, const double* points, const double* u);
-  // failed: not finite, state as before begin. again: near, answers and solve once more.
-  Outcome solve();
-  void finish();
-  // Back to the state before begin, at any time before finish.
-  void cancel();
+  // One step of dt [s]. whole: not in substeps, whatever happens (for steps whose length means nothing).
+  StepOutcome step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
+  // Called after every substep, for tests.
+  std::function<void()> after_substep;
   // Keeps all that a step changes, before links are sensed, and puts it back.
   void keep();
   void roll_back();
@@ -122,7 +135,6 @@ class World {
   bool any_moved() const;
   double pulled_away(const Chain& c, const Hold& hold) const;
   bool take_back();
-  double share_left() const;
   // How a mover is going to move in this step.
   void foresee(int mover);
   void lead_links(int mover);
@@ -130,20 +142,21 @@ class World {
   // forces have to share their means.
   void interrupt();
   void aim_attachments(Chain& c);
-  // parts.cpp
+  // step.cpp
+  void begin_step_of_world(double dt, Vec3 gravity, bool whole);
+  void predict();
+  void update_proximity(DistanceOracle& oracle);
+  std::optional<Reason> solve_substep();
+  std::optional<Reason> outlast_history();
+  std::optional<Reason> solve_islands();
+  void solve_again(Reason why);
+  void take_substep();
+  void finish_step_of_world();
   bool can_carry() const;
-  bool can_split() const;
-  void begin_part();
-  void keep_start();
-  Outcome shrink(double share);
   void push_links(double share);
-  Outcome solve_again();
   void copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const;
   bool strayed();
   bool take_new_rows();
-  void next_part();
-  void take_part();
-  double time_of_part() const { return whole_dt_ * (done_ + size_) / kUnits; }
   // restarts.cpp
   // What is to press on each other takes steps of the same weight, so that its impulses are equal and
   // opposite. true: some had begun with another.
@@ -203,15 +216,16 @@ class World {
   StepContext context_;
   double whole_dt_ = 0;        // of the step that begin was asked for [s]
   bool whole_ = false;         // it must not be taken in parts
-  int done_ = 0, size_ = 0;    // parts finished, and the one being solved [units of the step]
-  int parts_ = 0, looks_ = 0;  // finished; looks for contacts in this one
+  Substepper substeps_;
+  Budget budget_;
+  int substeps_parts_ = 1;     // that a step whose segments turn far is begun with
+  bool failed_ = false;        // a solution is not finite
+  int looks_ = 0;              // for contacts, in this substep
   double room_ = 1;            // share of the part that can be gone before something unforeseen touches
   bool looking_ = false;       // rows_ are solved for, and are only to be added to
   bool stray_ = false;         // a group was left because its particles end elsewhere than foreseen
   bool unsettled_ = false;     // a group with contacts did not converge
   int settlings_ = 0;          // of this part, because other stops act than foreseen
-  std::vector<std::unique_ptr<Chain>> backup_;  // before the first part
-  std::vector<ContactMemory> backup_memory_;
   bool way_back_ = false;  // the last step can be taken back: bodies had a part in it
   // As they were told before it.
   std::vector<Link> before_links_;
@@ -219,6 +233,7 @@ class World {
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
+  std::vector<double> distances_, points_, parameters_;  // the answers to them
   PairFinder finder_;
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover

@@ -183,12 +183,10 @@ def _time_lapack(tendon, share) -> float:
 
 
 def _core_allocated(scene) -> int:
-    """Bytes that the core asked for in one step, freed or not: begin, solve and finish of its world."""
+    """Bytes that the core asked for in one step, freed or not."""
     core = scene.world._core
     before = _core.allocated_bytes()
-    core.begin(TIME_STEP, (0.0, 0.0, -GRAVITY), False)
-    core.solve()
-    core.finish()
+    core.step(TIME_STEP, (0.0, 0.0, -GRAVITY), False, None)
     return _core.allocated_bytes() - before
 
 

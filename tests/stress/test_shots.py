@@ -6,6 +6,7 @@ import pytest
 from bullet_tendon.scenarios import measure
 
 import bullet_tendon as bt
+from bullet_tendon import _core
 
 RADIUS = 0.5e-3  # m, of the tendons; and half the plate's thickness
 SAMPLES = np.linspace(0, 1, 17)  # of a part of a step, in which nothing near goes farther than its radius
@@ -59,20 +60,11 @@ def test_plates(client, count, seed):
     assert unsolved <= 0.02 * steps
 
 
-class Witness:
-    """In a core's place: where tendons are after every part of a step."""
-
-    def __init__(self, core):
-        self._core = core
-        self.seen = []
-
-    def __getattr__(self, name):
-        return getattr(self._core, name)
-
-    def solve(self):
-        outcome = self._core.solve()
-        self.seen.append([self._core.positions(slot) for slot in (0, 1)])
-        return outcome
+def watched(core):
+    """List to which the positions of both tendons are added after every substep."""
+    seen = []
+    _core.testing.watch_substeps(core, lambda: seen.append([core.positions(slot) for slot in (0, 1)]))
+    return seen
 
 
 def least_distance(before, after):
@@ -105,13 +97,13 @@ def test_other_tendons(client, count, seed):
             world, random, rod(random, top + away) + [*random.uniform(-0.03, 0.03, 2), 0], "shot"
         )
         shoot(t, (0.0, 0.0, -speed))
-        world._stepper._core = witness = Witness(world._core)
+        seen = watched(world._core)
         last = [target.positions, t.positions]
         for _ in range(min(40, int(np.ceil(240 * away / speed)) + 4)):
-            witness.seen.clear()
+            seen.clear()
             world.step()
             unsolved, steps = unsolved + (not world.report.converged), steps + 1
-            for now in [*witness.seen, [target.positions, t.positions]]:
+            for now in [*seen, [target.positions, t.positions]]:
                 assert least_distance(last, now) > 0.2 * 2 * RADIUS
                 last = now
         world.remove_tendon(t)
