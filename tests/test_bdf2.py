@@ -24,7 +24,7 @@ def test_grip_forces_are_what_momentum_changes_by(make_world, client, other):
     world = make_world(1 / 240, (0, 0, -GRAVITY), integrator="bdf2", tolerance=1e-12)
     t = hanging(world)
     soft = t.grip(-1, stiffness=50.0, damping=0.5)
-    grips = t._holds[0], soft
+    grips = t._anchors[0], soft
     for k in range(60):
         soft.target = [0.1, 0.02 * math.sin(0.1 * k), 0.05]
         dt = (other if k % 3 == 0 else 1.0) / 240

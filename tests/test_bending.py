@@ -88,7 +88,7 @@ def test_newton_converges_fast_with_the_full_hessian(make_world):
 def test_momentum_of_a_free_beam(make_world):
     world = make_world(1 / 240)
     t = beam(world, 20)
-    next(iter(t._holds.values())).release()
+    next(iter(t._anchors.values())).release()
     v = np.zeros((20, 3))
     v[:, 2] = np.linspace(-1, 2, 20) ** 2
     t.set_positions(t.positions, v)

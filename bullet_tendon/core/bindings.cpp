@@ -236,6 +236,7 @@ PYBIND11_MODULE(_core, m) {
              Chain& chain = stirred(w, c);
              fill(chain.x, x), fill(chain.v, v);
              chain.spread_coincident();
+             chain.find_overlaid();
              chain.reset_history();
            })
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })

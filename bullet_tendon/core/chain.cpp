@@ -29,6 +29,7 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   std::vector<double> lengths(n_ - 1);
   for (int k = 0; k + 1 < n_; ++k) lengths[k] = norm(points[k + 1] - points[k]);
   set_rest(lengths);
+  find_overlaid();
   reset_history();
 }
 

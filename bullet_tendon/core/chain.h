@@ -68,6 +68,10 @@ class Chain {
   void foresee();
   // Particles at the place of their neighbour get a direction from it.
   void spread_coincident();
+  // Pairs of own segments laid through each other, which do not touch until they have parted.
+  void find_overlaid();
+  bool is_overlaid(int k, int m) const;
+  void let_overlaid_part();
   // Lengths and multipliers at x, after positions were set from outside.
   void reset_history();
   // Raises the multipliers of loose springs to what half of all loads would pull, as a first guess at
@@ -87,6 +91,7 @@ class Chain {
   std::vector<double> scale;
   SpringSet structure, shear;
   std::vector<Hold> holds;
+  std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
   std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
 
   // History of the integrator.

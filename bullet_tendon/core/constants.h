@@ -192,6 +192,11 @@ constexpr double kStraight = 0.75;
 // come three to a segment, and share the load as rounding has it.
 constexpr double kNoBulge = 1e-5;
 
+// Distance of two stretches of one tendon, in sums of radii, under which they are laid through each other
+// [-]. Larger: what touches at the start gets through itself. Smaller: a crumpled start ties knots.
+constexpr double kOverlaid = 0.5;
+// The same under which neighbours of such pairs are laid through each other too [-]: no contact is so deep.
+constexpr double kStillOverlaid = 0.9;
 
 // Leaves of eight segments up to which a stretch is looked at for being straight [-].
 constexpr int kFarthestLeaf = 64;

@@ -141,7 +141,7 @@ struct Measuring {
   }
 
   void operator()(int k, int m) {
-    if (straight && (straight->joins(k, m) || of_a.joins(k, m))) return;
+    if (straight && (straight->joins(k, m) || of_a.joins(k, m) || a.is_overlaid(k, m))) return;
     ++counts.considered;
     Vec3 p0 = a.x.at(k), p1 = a.x.at(k + 1), q0 = b.x.at(m), q1 = b.x.at(m + 1);
     const double moves = motion(k, m);

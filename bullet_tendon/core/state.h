@@ -66,13 +66,13 @@ void fields(A& a, SpringSet& set) {
 template <class A>
 void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
-         tunnel_of, x_before, v_before, acceleration,
+         overlaid, tunnel_of, x_before, v_before, acceleration,
          dt_before, smooth, quiet, bed, touching, touched, b, foreseen, slack, most_slack, rest_set,
          start_multipliers, braked, next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
          cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks,
          residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
-  a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, tunnel_of);
+  a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, dt_before, smooth, quiet, bed, touching, touched);
   a.scratch(b, foreseen, slack, most_slack, rest_set, start_multipliers,
             braked, next_tail,

@@ -261,7 +261,10 @@ void World::take_substep() {
     }
   remember();
   for (Chain* c : slots_)
-    if (c) finish_step(*c, context_);
+    if (c) {
+      finish_step(*c, context_);
+      c->let_overlaid_part();
+    }
   share_weights();
   if (after_substep) after_substep();
   if (substeps_.is_last()) return substeps_.accept();
