@@ -12,7 +12,7 @@ pybullet 3.2.7 reports less than it has; found by reading its source and by runn
   triangles is near nothing of itself: that is how hulls and triangles are told apart.
 - getMeshData gives a hull's vertices. It prints a line "?" for every other shape that it is asked for, so it
   is asked only where something of the link is convex: links that mix triangle meshes with other shapes still
-  print.
+  print, unless their URDF's elements are known.
 - An OBJ file becomes one hull per group; from a URDF they are reported as one row.
 - A URDF `<cylinder>` is a hull of 64 vertices, unless loaded with URDF_USE_IMPLICIT_CYLINDER. It is taken
   as the true cylinder here.
@@ -55,12 +55,13 @@ class LinkShape:
 
 
 class _Link(NamedTuple):
-    """A link and getCollisionShapeData's rows of it."""
+    """A link and getCollisionShapeData's rows of it; concave: of its meshes from files, where it is known."""
 
     body: int
     index: int
     client: int
     rows: tuple
+    concave: tuple | None
 
     def has_convex_shapes(self) -> bool:
         """Whether any of the link's shapes is convex: only such a shape is ever near itself."""
@@ -78,12 +79,17 @@ class _Link(NamedTuple):
 
 
 def read_link(
-    bodyUniqueId: int, linkIndex: int, physicsClientId: int, convex=None, meshes=()
+    bodyUniqueId: int, linkIndex: int, physicsClientId: int, convex=None, meshes=(), concave=None
 ) -> list[LinkShape]:
-    """All collision shapes of a link (-1: the base); for the arguments see shapes.collision_shapes."""
+    """All collision shapes of a link (-1: the base); for the arguments see shapes.collision_shapes.
+
+    concave: whether each <collision> element of the link's URDF asks for triangles, so that pybullet need not
+    be asked; None, or of another number than pybullet has shapes: not known.
+    """
     info = _dynamics(bodyUniqueId, linkIndex, physicsClientId)
     rows = pybullet.getCollisionShapeData(bodyUniqueId, linkIndex, physicsClientId=physicsClientId)
-    link = _Link(bodyUniqueId, linkIndex, physicsClientId, rows)
+    is_known = concave is not None and len(concave) == len(rows)
+    link = _Link(bodyUniqueId, linkIndex, physicsClientId, rows, tuple(concave) if is_known else None)
     if not rows:
         _refuse_unreported(link)
     inertial_position, inertial_rotation = np.array(info[3]), _rotation(info[4])
@@ -153,6 +159,8 @@ def _row_shapes(link: _Link, number: int, convex, given: list) -> list[LinkShape
     vertices, triangles, group = _mesh_of(link, number, given)
     if convex is None and alone:
         convex = link.has_convex_shapes()
+    elif convex is None and link.concave is not None and row[4] != _NO_FILE:
+        convex = not link.concave[number]
     elif convex is None:
         convex = len(link.hull_vertices(**numbered)) > 0 or _is_hull(
             link, row, vertices[triangles[group == 0]]

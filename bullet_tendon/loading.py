@@ -61,7 +61,8 @@ def _equip(world, path, body, elements: UrdfElements, materials, obstacles) -> N
     client = world.physicsClientId
     links = link_indices(body, client)
     if obstacles and any(p.getCollisionShapeData(body, i, client) for i in links.values()):
-        world.add_obstacle(body)
+        concave = {index: elements.concave[name] for name, index in links.items() if name in elements.concave}
+        world._obstacles.add(body, concave=concave)
     for t in elements.tunnels:
         with _named(path, f"<tunnel name='{t.name}'>"):
             world.add_tunnel(body, links[t.link], t.start, t.end, t.radius, t.friction, t.chamfer, t.name)

@@ -109,6 +109,13 @@ class Material:
         """A published material by name: "native_acl", "patellar_tendon" or "hamstring_graft"."""
         return cls.ligament(**{**_PRESETS[checks.choice("name", name, tuple(_PRESETS))], **changes})
 
+    def core_arguments(self, area: float) -> tuple:
+        """The material as the compiled core takes it, for a cross-section of `area` [m^2]."""
+        law = (self.stiffness, self.exponent, self.toe, self.tension_only, self.damping)
+        whole = self.damping_form == "whole"
+        stiffnesses = (self.shear_stiffness, self.bending_stiffness)
+        return (self.friction, *law, self.damping_exponent, whole, *stiffnesses, self.density * area)
+
     @property
     def toe(self) -> float:
         """toe_strain, or infinity."""

@@ -35,8 +35,10 @@ class Obstacles:
     def link_slots(self) -> set[int]:
         return set(self._link_slots.values())
 
-    def add(self, body, link, friction, convex, meshes) -> None:
-        """See TendonWorld.add_obstacle."""
+    def add(
+        self, body, link=None, friction=None, convex=None, meshes=(), concave: dict | None = None
+    ) -> None:
+        """See TendonWorld.add_obstacle. concave: by link, see link_shapes.read_link."""
         self._bodies.require(body, -1 if link is None else link)
         if convex is not None:
             convex = checks.flag("convex", convex)
@@ -44,7 +46,8 @@ class Obstacles:
             raise InvalidType("meshes", meshes, "a list of paths or of vertices and triangles")
         client = self._bodies.client
         links = range(-1, p.getNumJoints(body, client)) if link is None else [link]
-        found = {i: collision_shapes(body, i, client, convex, meshes) for i in links}
+        known = concave or {}
+        found = {i: collision_shapes(body, i, client, convex, meshes, known.get(i)) for i in links}
         if not any(found.values()):
             where = "bodyUniqueId" if link is None else "linkIndex"
             raise InvalidValue(where, body if link is None else link, "one with a collision shape")

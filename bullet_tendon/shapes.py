@@ -7,7 +7,7 @@ Distances are to the surface as drawn: without Bullet's collision margin (about 
 and without the tendon's radius.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
@@ -75,7 +75,12 @@ class Shape:
 
 
 def collision_shapes(
-    bodyUniqueId: int, linkIndex: int, physicsClientId: int = 0, convex: bool | None = None, meshes=()
+    bodyUniqueId: int,
+    linkIndex: int,
+    physicsClientId: int = 0,
+    convex: bool | None = None,
+    meshes=(),
+    concave: Sequence[bool] | None = None,
 ) -> list[Shape]:
     """Mirror every collision shape of a link (-1: the base); a mesh of several hulls gives several shapes.
 
@@ -84,8 +89,10 @@ def collision_shapes(
     meshes: in order, one for each mesh whose triangles are needed and that pybullet does not tell: a path, or
     vertices (v, 3) [m] and triangles (t, 3) of vertex indices; in the shape's frame, scaled already. Needed
     for concave meshes made by createCollisionShape; a URDF's files are found, from the working directory.
+    concave: of the link's <collision> elements, where they are known; see link_shapes.read_link.
     """
-    return [_mirror(shape) for shape in read_link(bodyUniqueId, linkIndex, physicsClientId, convex, meshes)]
+    found = read_link(bodyUniqueId, linkIndex, physicsClientId, convex, meshes, concave)
+    return [_mirror(shape) for shape in found]
 
 
 def _mirror(shape: LinkShape) -> Shape:

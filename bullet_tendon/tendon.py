@@ -5,6 +5,7 @@ forces are the core's. Goes with the core's room `tendon`.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import _core, checks
 from .anchors import Attachment, Grip, Numbers, clamp_direction
@@ -119,7 +120,9 @@ class Tendon:
         """Its grips and attachments that were not released, by particle."""
         return tuple(self._anchors[i] for i in sorted(self._anchors))
 
-    def attach(self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position=None) -> Attachment:
+    def attach(
+        self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position: ArrayLike | None = None
+    ) -> Attachment:
         """Tie a particle (negative: from the end) to a point of a link.
 
         position: (3,) in the link's URDF frame [m]; None: where the particle is now. A particle
@@ -143,10 +146,10 @@ class Tendon:
     def grip(
         self,
         particle: int,
-        target=None,
+        target: ArrayLike | None = None,
         stiffness: float | None = None,
         damping: float = 0.0,
-        direction=None,
+        direction: ArrayLike | None = None,
     ) -> Grip:
         """Hold a particle (negative: from the end) at `target`, which can then be moved step by step.
 
@@ -173,8 +176,11 @@ class Tendon:
         attachments = [a for a in self._anchors.values() if isinstance(a, Attachment)]
         return any(a.bodyUniqueId == bodyUniqueId for a in attachments)
 
-    def set_force(self, particle: int, force) -> None:
-        """A constant external force (3,) [N] on a particle, world frame, until it is set again."""
+    def set_force(self, particle: int, force: ArrayLike) -> None:
+        """A constant external force (3,) [N] on a particle, world frame, until it is set again.
+
+        Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        """
         index = self._particle(particle)
         self._core.set_force(self._alive(), index, checks.vector("force", force))
 
@@ -187,11 +193,12 @@ class Tendon:
         index = self._particle(particle)
         self._core.set_point_mass(self._alive(), index, checks.number("mass", mass, at_least=0))
 
-    def set_positions(self, positions, velocities=None) -> None:
+    def set_positions(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
 
-        Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place are
-        spread by a millionth of their rest length, because springs need a direction.
+        Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place
+        are         spread by a millionth of their rest length, because springs need a direction. Raises InvalidType,
+        InvalidValue or UnknownId; then nothing has changed.
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
@@ -249,7 +256,7 @@ def _reeled(rest, first, amount):
     return rest if abs(amount) <= 1e-12 * first.sum() else None
 
 
-def particle_positions(points, particles: int | None) -> np.ndarray:
+def particle_positions(points: ArrayLike, particles: int | None) -> np.ndarray:
     """(n, 3) particles along the polyline `points` (m, 3) [m].
 
     particles: how many, evenly spaced by arc length; None: the points themselves. At corners the

@@ -20,7 +20,7 @@ A file is read as a whole: either all of it is right, or UrdfError names what is
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
 import numpy as np
@@ -65,10 +65,14 @@ class TendonElement:
 
 @dataclass(frozen=True)
 class UrdfElements:
-    """All tunnels and tendons of one file, in its order."""
+    """All tunnels and tendons of one file, in its order.
+
+    concave: by the name of a link, whether each of its <collision> elements asks pybullet for triangles.
+    """
 
     tunnels: tuple[TunnelElement, ...]
     tendons: tuple[TendonElement, ...]
+    concave: dict[str, tuple[bool, ...]] = field(default_factory=dict)
 
 
 def read_elements(path: str | os.PathLike) -> UrdfElements:
@@ -82,6 +86,10 @@ def read_elements(path: str | os.PathLike) -> UrdfElements:
     found = UrdfElements(
         tuple(_tunnel(_Element(path, node), links) for node in robot.findall("tunnel")),
         tuple(_tendon(_Element(path, node), links) for node in robot.findall("tendon")),
+        {
+            link.get("name"): tuple("concave" in node.attrib for node in link.findall("collision"))
+            for link in robot.findall("link")
+        },
     )
     for kind, elements in (("tunnel", found.tunnels), ("tendon", found.tendons)):
         names = [element.name for element in elements]

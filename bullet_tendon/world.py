@@ -6,8 +6,11 @@ core's room `world`.
 """
 
 import math
+from collections.abc import Sequence
+from os import PathLike
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import _core, checks
 from .anchors import Attachment, Numbers
@@ -56,6 +59,7 @@ class TendonWorld:
 
     @property
     def physicsClientId(self) -> int:
+        """Number of the pybullet client that its bodies are in."""
         return self._bodies.client
 
     @property
@@ -69,15 +73,17 @@ class TendonWorld:
 
     @property
     def tendons(self) -> tuple[Tendon, ...]:
+        """Its tendons that were not removed, in the order in which they were added."""
         return tuple(self._tendons.values())
 
     @property
     def tunnels(self) -> tuple[Tunnel, ...]:
+        """Its tunnels that were not removed, in the order in which they were added."""
         return tuple(self._tunnels.values())
 
     def add_tendon(
         self,
-        points,
+        points: ArrayLike,
         radius: float,
         material: Material,
         particles: int | None = None,
@@ -105,18 +111,13 @@ class TendonWorld:
         name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
-        m = material
-        law = (m.stiffness, m.exponent, m.toe, m.tension_only, m.damping, m.damping_exponent)
-        density = m.density * area
-        stiffnesses = (m.shear_stiffness, m.bending_stiffness)
-        whole = m.damping_form == "whole"
-        slot = self._core.add_chain(line, radius, m.friction, *law, whole, *stiffnesses, density)
+        slot = self._core.add_chain(line, radius, *material.core_arguments(area))
         tendon = Tendon(self._core, self._bodies, self._numbers, slot, name, radius, material)
         self._tendons[slot] = tendon
         return tendon
 
     def remove_tendon(self, tendon: Tendon) -> None:
-        """Take a tendon out; its handles can no longer be used."""
+        """Take a tendon out; its handles can no longer be used. Raises InvalidType or UnknownId."""
         slot = self._slot_of("tendon", tendon, Tendon, self._tendons)
         _ = self._stepper.report  # which may name it
         del self._tendons[slot]
@@ -129,7 +130,7 @@ class TendonWorld:
         linkIndex: int | None = None,
         friction: float | None = None,
         convex: bool | None = None,
-        meshes=(),
+        meshes: Sequence = (),
     ) -> None:
         """Let tendons collide with a link (None: every link with a collision shape; -1: the base).
 
@@ -143,11 +144,22 @@ class TendonWorld:
         self._obstacles.add(bodyUniqueId, linkIndex, friction, convex, meshes)
 
     def remove_obstacle(self, bodyUniqueId: int, linkIndex: int | None = None) -> None:
-        """Let tendons no longer collide with a link (None: all links of the body)."""
+        """Let tendons no longer collide with a link (None: all links of the body).
+
+        Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        """
         self._obstacles.remove(bodyUniqueId, linkIndex)
 
     def add_tunnel(
-        self, bodyUniqueId, linkIndex, start, end, radius, friction=None, chamfer=0.0, name=None
+        self,
+        bodyUniqueId: int,
+        linkIndex: int,
+        start: ArrayLike,
+        end: ArrayLike,
+        radius: float,
+        friction: float | None = None,
+        chamfer: float = 0.0,
+        name: str | None = None,
     ) -> Tunnel:
         """A bore in a link, from start to end ((3,) each, in the link's URDF frame [m]).
 
@@ -173,12 +185,12 @@ class TendonWorld:
         return tunnel
 
     def remove_tunnel(self, tunnel: Tunnel) -> None:
-        """Fill a bore up again."""
+        """Fill a bore up again. Raises InvalidType or UnknownId."""
         slot = self._slot_of("tunnel", tunnel, Tunnel, self._tunnels)
         del self._tunnels[slot]
         self._core.remove_tunnel(slot)
 
-    def load_urdf(self, path: str, *args, obstacles: bool = True, **kwargs) -> int:
+    def load_urdf(self, path: str | PathLike, *args, obstacles: bool = True, **kwargs) -> int:
         """p.loadURDF(path, *args, **kwargs), and the file's <tunnel> and <tendon> elements.
 
         obstacles: whether every link with a collision shape becomes an obstacle. Returns the body's
@@ -190,7 +202,7 @@ class TendonWorld:
         """n times: tendons, their reactions on the bodies, p.stepSimulation().
 
         Five rooms: sense (poses and inertia of touched links), near (distances that could matter),
-        solve (the implicit step), react (wrenches), bullet (pybullet's own step).
+        solve (the implicit step), react (wrenches), bullet (pybullet's own step). Raises what apply raises.
         """
         for _ in range(checks.integer("n", n, at_least=1)):
             self._stepper.step()
@@ -198,7 +210,9 @@ class TendonWorld:
     def apply(self) -> None:
         """step without p.stepSimulation, for a script that owns its loop: call it just before.
 
-        Raises StepFailed, with the tendons as they were, where the step has no finite solution.
+        Raises StepFailed, with the tendons as they were, where the step has no finite solution (see
+        SolverOptions.on_failure); UnknownId where the client was disconnected, or a body removed that
+        something here refers to; InvalidValue where pybullet's time step, gravity or a body is not finite.
         """
         self._stepper.apply()
 
@@ -282,7 +296,7 @@ class TendonWorld:
         """A hash of the whole state, options included: equal for equal bits."""
         return self._states.hash(self._links_in_use())
 
-    def snapshot(self, path=None) -> bytes:
+    def snapshot(self, path: str | PathLike | None = None) -> bytes:
         """The state (see save_state) as bytes of a numpy npz file, written to `path` unless None.
 
         Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it
@@ -290,7 +304,7 @@ class TendonWorld:
         """
         return self._states.snapshot(path)
 
-    def load_snapshot(self, source) -> None:
+    def load_snapshot(self, source: bytes | str | PathLike) -> None:
         """Put back a snapshot: the bytes, or the path of its file.
 
         The world must have been made of the same parts in the same order, as a script does that is

@@ -212,7 +212,28 @@ world.add_obstacle(p.createMultiBody(0, p.createCollisionShape(p.GEOM_SPHERE, ra
 """
 
 
-@pytest.mark.parametrize("script", [LOADED, ADDED], ids=["load_urdf", "add_obstacle"])
+# Hulls, triangles and a sphere in one link: which is which is in the file.
+MIXED = """
+import pathlib, tempfile
+import pybullet as p, bullet_tendon as bt
+from link_scenes import tetra_obj
+folder = pathlib.Path(tempfile.mkdtemp())
+tetra_obj(folder / "one.obj")
+tetra_obj(folder / "two.obj", groups=2)
+mesh = '<mesh filename="{}.obj" scale="1 1 {}"/>'.format
+ball = '<sphere radius=".2"/>'
+parts = ["", mesh("one", 1)], ['concave="0"', mesh("two", 2)], ["", ball], ["", mesh("two", 3)]
+shapes = "".join(f"<collision {c}><geometry>{g}</geometry></collision>" for c, g in parts)
+heavy = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+(folder / "mixed.urdf").write_text(f'<robot name="r"><link name="a">{heavy}{shapes}</link></robot>')
+world = bt.TendonWorld(p.connect(p.DIRECT))
+body = world.load_urdf(folder / "mixed.urdf", useFixedBase=True)
+kinds = ["hull" if hasattr(s.query, "hull") else s.kind for s in world._obstacles.shapes.values()]
+assert kinds == ["hull", "mesh", "sphere", "hull", "hull"], kinds
+"""
+
+
+@pytest.mark.parametrize("script", [LOADED, ADDED, MIXED], ids=["load_urdf", "add_obstacle", "mixed"])
 def test_nothing_is_printed(script):
     """pybullet's getMeshData would print a lone question mark for every mesh that is no hull."""
     found = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
