@@ -197,8 +197,8 @@ class Tendon:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
 
         Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place
-        are         spread by a millionth of their rest length, because springs need a direction. Raises InvalidType,
-        InvalidValue or UnknownId; then nothing has changed.
+        are spread by a millionth of their rest length, because springs need a direction. Raises
+        InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
