@@ -79,7 +79,7 @@ struct KeptEntry {
 };
 
 struct NearCache {
-  std::vector<Entry> entries;  // n particles, then n - 1 segments
+  std::vector<Entry> entries;  // n particles, then n - 1 segments; empty until the shape was near
   std::vector<Vec3> local;     // particles in the shape's frame
   std::vector<double> motion;  // of particles in this step, relative to the shape, as foreseen [m]
 };

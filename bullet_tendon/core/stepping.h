@@ -73,7 +73,7 @@ struct Group {
   // root of that times the part's own share.
   double part_end = 1, part_root = 1;
   double reach = 0;        // s of mover.h, but for that root [s]
-  std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
+  std::vector<Row> extra;  // found while solving; kMostExtraRows at most, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
   // tendon's particles begin, by slot, the block of each (-1: it stays where it is), and by block what holds

@@ -115,6 +115,7 @@ class World {
   template <class A>
   void all_fields(A& a);
   void size_caches();
+  void empty_caches();
   template <class Which>
   void forget_memory(Which which);
   void forget_memory_of(int chain);
