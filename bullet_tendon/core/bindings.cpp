@@ -106,6 +106,7 @@ py::dict counts(const Report& r) {
   d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
   d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused;
   d["pairs_searched"] = r.near.searched, d["pairs_queried"] = r.near.queried;
+  d["tunnels_considered"] = r.near.tunnels, d["tunnels_culled"] = r.near.tunnels_culled;
   d["tendon_searches"] = r.pairs.searches, d["tendon_searches_skipped"] = r.pairs.skipped;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
   d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;

@@ -48,10 +48,11 @@ void World::collect_rows() {
   room_ = 1;
   for (size_t c = 0; c < slots_.size(); ++c) {
     if (!slots_[c]) continue;
-    for (size_t t = 0; t < tunnels.size(); ++t)
-      if (tunnel_alive[t])
-        bore_rows(static_cast<int>(c), static_cast<int>(t)),
-            mouth_rows(static_cast<int>(c), static_cast<int>(t));
+    find_near_tunnels(*slots_[c]);
+    for (const int t : near_tunnels_) {
+      bore_rows(static_cast<int>(c), t);
+      mouth_rows(static_cast<int>(c), t);
+    }
     for (size_t s = 0; s < shapes.size(); ++s)
       if (shape_alive[s] && shapes[s].half_space) half_space_rows(static_cast<int>(c), static_cast<int>(s));
   }

@@ -70,6 +70,8 @@ struct Query {
 
 struct NearCounts {
   long considered = 0, culled = 0, skipped = 0, reused = 0, searched = 0, queried = 0;
+  long tunnels = 0,
+       tunnels_culled = 0;  // pairs of tendons and tunnels, and those of them that are too far apart
 };
 
 // An entry as it was, of the tendon, shape and feature.

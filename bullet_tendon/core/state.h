@@ -192,8 +192,8 @@ void World::all_fields(A& a) {
          whole_dt, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings, backup,
          backup_memory, way_back, before_links, before_movers, slots, caches, queries, finder, pairs, touches,
          rows, found, before, asleep_rows, rest_gravity, restful, restless, reach, keys, memory, touching,
-         bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_before, kept_links,
-         kept_movers, begun, told_contacts, kept_entries, kept_rows] = *this;
+         bores, near_tunnels, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_before,
+         kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
   a.scratch(chains_, links_, movers_, memory, whole_dt, way_back, asleep_rows, rest_gravity);
@@ -211,8 +211,8 @@ void World::all_fields(A& a) {
   // Options are the user's, as they are now.
   a.scratch(options_, context, whole, done, size, parts, looks, room, looking, stray, unsettled, settlings,
             backup, backup_memory, slots, queries, finder, pairs, touches, found, before, restful, restless,
-            reach, keys, touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before,
-            kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows);
+            reach, keys, touching, bores, near_tunnels, bores_by_link, groups, group_of, report, attempt,
+            kept_before, kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows);
 }
 
 }  // namespace bt

@@ -191,6 +191,8 @@ class World {
   // tunnels.cpp
   void find_bores();
   void classify(Chain& c);
+  // Those that the tendon could touch in the step, by boxes, and those that it is in, into near_tunnels_.
+  void find_near_tunnels(const Chain& c);
   void bore_rows(int chain, int tunnel);
   void mouth_rows(int chain, int tunnel);
   double mouth_reach(int chain, int t, int k) const;
@@ -234,6 +236,7 @@ class World {
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
+  std::vector<int> near_tunnels_;
   std::vector<std::vector<Bore>> bores_by_link_;
   std::vector<Group> groups_;
   std::vector<int> group_of_;
