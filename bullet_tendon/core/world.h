@@ -171,6 +171,8 @@ class World {
   void half_space_rows(int chain, int shape);
   void tendon_rows();
   void finish_row(Row& row, int chain_slot, int particle);
+  void finish_row(Row& row, const HeldBack& held, double radius, bool two_step);
+  void finish_pair(Row& row);
   void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
   double depth_to_leave(const Row& row, double most) const;
