@@ -77,6 +77,7 @@ class StepReport:
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
     boxes, culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
     nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core);
+    tunnels_considered: pairs of tendons and tunnels; tunnels_culled: those whose boxes are too far apart;
     tendon_searches: pairs of tendons (each with itself too) of which it was searched anew which segments are
     near; tendon_searches_skipped: those that cannot have come near since, or nearer than what was listed;
     tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:

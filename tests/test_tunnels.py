@@ -243,3 +243,46 @@ def test_refused_tunnels_change_nothing(make_world, client, argument, value, err
     assert (tunnel.name, tunnel.radius, tunnel.friction, tunnel.chamfer) == ("femoral", 0.004, 0.5, 0.0)
     with pytest.raises(bt.InvalidType):
         world.remove_tunnel("femoral")
+
+
+def test_tunnels_far_away_cost_a_box_test(make_world, client):
+    """Of many tunnels, only the one that the tendon is in makes contacts: the same as without the others."""
+
+    def run(others):
+        world = make_world(1 / 240, (0, 0, -9.81), sleep=False)
+        block = p.createMultiBody(0, physicsClientId=client)
+        world.add_tunnel(block, -1, (-0.02, 0, 0), (0.02, 0, 0), radius=0.006)
+        for k in range(others):
+            y = 0.1 * (k + 1)
+            world.add_tunnel(block, -1, (-0.02, y, 0), (0.02, y, 0), radius=0.006)
+        t = world.add_tendon(
+            [[-0.05, 0, 0], [0.05, 0, 0]], 0.002, bt.Material(stiffness=1e3, damping=1.0), 21
+        )
+        t.grip(0)
+        t.set_force(-1, (0.5, 0, -0.5))
+        world.step(30)
+        assert len(world.contacts) > 0
+        return t.positions, world.report.counts
+
+    alone, one = run(0)
+    among, many = run(40)
+    np.testing.assert_array_equal(alone, among)
+    assert (one["tunnels_considered"], one["tunnels_culled"]) == (1, 0)
+    assert many["tunnels_culled"] == 40 * many["tunnels_considered"] / 41
+
+
+def test_a_tunnel_on_a_fast_body_is_not_culled(make_world, client):
+    """Its box is far from the tendon as the step begins, and over it as the step ends."""
+    world = make_world(1 / 240, sleep=False)
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=1e-3, physicsClientId=client)
+    ring = p.createMultiBody(1.0, shape, basePosition=[0.1, 0, 0], physicsClientId=client)
+    p.changeDynamics(ring, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    world.add_tunnel(ring, -1, (-0.005, 0, 0), (0.005, 0, 0), radius=0.006)
+    t = world.add_tendon([[-0.05, 0, 0.003], [0, 0, 0.003]], 0.002, bt.Material(stiffness=1e3), 21)
+    world.step()
+    assert world.report.counts["tunnels_culled"] == world.report.counts["tunnels_considered"] > 0
+    p.resetBaseVelocity(ring, [-30.0, 0, 0], physicsClientId=client)
+    world.step()
+    counts = world.report.counts
+    assert counts["tunnels_culled"] < counts["tunnels_considered"]
+    assert t.particles == 21

@@ -136,7 +136,8 @@ double stiffness_beside(const Chain& c) {
   double most = 0;
   for (const Hold& h : c.holds)
     if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
-  const double rest = c.rest[0];
+  if (c.material.bending_stiffness == 0) return 2 * most;
+  const double rest = c.shortest_rest();
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
 }
 

@@ -153,6 +153,7 @@ py::dict counts(const Report& r) {
   d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
   d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused;
   d["pairs_searched"] = r.near.searched, d["pairs_queried"] = r.near.queried;
+  d["tunnels_considered"] = r.near.tunnels, d["tunnels_culled"] = r.near.tunnels_culled;
   d["tendon_searches"] = r.pairs.searches, d["tendon_searches_skipped"] = r.pairs.skipped;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
   d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
@@ -206,10 +207,8 @@ PYBIND11_MODULE(_core, m) {
       .def_readonly("worst_particle", &Report::worst_particle)
       .def_readonly("search_seconds", &Report::search_seconds)
       .def_readonly("over_budget", &Report::over_budget)
-      .def_property_readonly("reasons",
-                             [](const Report& r) {
-                               return std::vector<int>(r.reasons.begin(), r.reasons.end());
-                             })
+      .def_property_readonly(
+          "reasons", [](const Report& r) { return std::vector<int>(r.reasons.begin(), r.reasons.end()); })
       .def("counts", &counts);
   bind_articulated(m);
   bind_links(m, world);

@@ -108,7 +108,7 @@ void start_bodies(Group& group) {
   for (const Row* row : group.rows)
     if (row->moves) reach_to((*group.links)[row->link], row->arm);
   double shortest = std::numeric_limits<double>::infinity();
-  for (const Chain* c : group.chains) shortest = std::min(shortest, c->rest[0]);
+  for (const Chain* c : group.chains) shortest = std::min(shortest, c->shortest_rest());
   each_body(group, [&](Mover& m) { shorten(m, shortest); });
   place(group);
 }

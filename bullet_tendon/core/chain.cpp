@@ -1,5 +1,7 @@
 #include "chain.h"
 
+#include <numeric>
+
 #include "chain_bending.h"
 
 namespace bt {
@@ -32,6 +34,10 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   find_overlaid();
   reset_history();
 }
+
+double Chain::shortest_rest() const { return *std::min_element(rest.begin(), rest.end()); }
+
+double Chain::rest_length() const { return std::accumulate(rest.begin(), rest.end(), 0.0); }
 
 void Chain::set_rest(const std::vector<double>& lengths) {
   ++rest_set;

@@ -52,6 +52,8 @@ class Chain {
   Chain(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
 
   int n() const { return n_; }
+  double shortest_rest() const;  // of its segments [m]
+  double rest_length() const;    // of all of it [m]
   // Rest lengths of the segments [m]; masses and spring constants follow.
   void set_rest(const std::vector<double>& rest);
   // A weight on a particle beside the tendon's own mass [kg]; 0: none.

@@ -10,19 +10,35 @@ namespace bt {
 
 namespace {
 
-// What holds a particle back across the tendon, its inertia and the tension on both sides; and besides
-// what its springs have at least at the reference strain [N/m].
-double stiffness_at(const Chain& c, int i, bool along) {
-  double sum = c.mass[i] / (c.b * c.b);
+// A particle: across the tendon its inertia and the tension on both sides; and (along) what its springs have
+// at least at the reference strain besides.
+HeldBack held_at(const Chain& c, int i, bool along) {
+  HeldBack held;
+  held.inertia = held.stiffness = c.mass[i] / (c.b * c.b);
   for (int k : {i - 1, i}) {
     if (k < 0 || k >= c.n() - 1) continue;
-    sum += std::max(0.0, c.structure.carried[k]) / c.rest[k];
+    held.stiffness += std::max(0.0, c.structure.carried[k]) / c.rest[k];
     if (!along) continue;
     double force, slope;
     elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
-    sum += std::max(c.structure.slope[k], c.material.stiffness * c.scale[k] * slope / c.rest[k]);
+    held.stiffness += std::max(c.structure.slope[k], c.material.stiffness * c.scale[k] * slope / c.rest[k]);
   }
-  return sum;
+  return held;
+}
+
+// A point of a segment: its ends by their weights, so that nothing jumps where the point moves along.
+HeldBack held_at(const Chain& c, const Spot& s, bool along) {
+  const HeldBack one = held_at(c, s.first, along), other = held_at(c, s.first + 1, along);
+  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia};
+}
+
+// Two points that push each other apart: equal forces move both, by the sum of what they yield, so that the
+// softer one decides. The harmonic mean is that, as stiff as each of them where they are alike, and the same
+// whichever is named first.
+double mean_of(double one, double other) { return one + other > 0 ? 2 * one * other / (one + other) : 0; }
+
+HeldBack mean_of(const HeldBack& a, const HeldBack& b) {
+  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia)};
 }
 
 // Whether a shape comes nearer to the inside of segment k than to its ends, which have rows of their own.
@@ -48,10 +64,11 @@ void World::collect_rows() {
   room_ = 1;
   for (size_t c = 0; c < slots_.size(); ++c) {
     if (!slots_[c]) continue;
-    for (size_t t = 0; t < tunnels.size(); ++t)
-      if (tunnel_alive[t])
-        bore_rows(static_cast<int>(c), static_cast<int>(t)),
-            mouth_rows(static_cast<int>(c), static_cast<int>(t));
+    find_near_tunnels(*slots_[c]);
+    for (const int t : near_tunnels_) {
+      bore_rows(static_cast<int>(c), t);
+      mouth_rows(static_cast<int>(c), t);
+    }
     for (size_t s = 0; s < shapes.size(); ++s)
       if (shape_alive[s] && shapes[s].half_space) half_space_rows(static_cast<int>(c), static_cast<int>(s));
   }
@@ -106,19 +123,36 @@ void World::soften(Row& row, const Link& link, Vec3 at) const {
 // Stiffness and memory.
 void World::finish_row(Row& row, int chain_slot, int particle) {
   const Chain& c = *slots_[chain_slot];
-  // Without multipliers, contacts have to be stiff by themselves.
+  row.radius = c.radius;
+  finish_row(row, held_at(c, particle, !can_carry()), c.radius, c.b < context_.dt);
+}
+
+void World::finish_pair(Row& row) {
+  const Chain &a = *slots_[row.a.chain], &b = *slots_[row.b.chain];
+  const bool along = !can_carry();
+  row.radius = a.radius + b.radius;
+  finish_row(row, mean_of(held_at(a, row.a, along), held_at(b, row.b, along)), std::min(a.radius, b.radius),
+             std::min(a.b, b.b) < context_.dt);
+}
+
+void World::finish_row(Row& row, const HeldBack& held, double radius, bool two_step) {
   const bool carries = can_carry(), chosen = options.contact_stiffness > 0;
-  const double at_hand = stiffness_at(c, particle, !carries);
-  const double ratio = !carries ? kSpringRatio : c.b < context_.dt ? kTwoStepContactRatio : kContactRatio;
-  row.stiffness = chosen ? options.contact_stiffness : ratio * at_hand;
+  if (chosen)
+    row.stiffness = options.contact_stiffness;
+  else if (!carries)  // without multipliers, contacts have to be stiff by themselves
+    row.stiffness = kSpringRatio * held.stiffness;
+  else if (two_step)
+    row.stiffness = kTwoStepContactRatio * held.stiffness;
+  else
+    row.stiffness = kContactRatio * held.stiffness;
   // A particle that lies loose is gripped before it gathers speed.
-  const double inertia = c.mass[particle] / (c.b * c.b);
-  row.grip = carries ? kGripRatio * at_hand + kLooseGripRatio * inertia : kSpringGripRatio * at_hand;
-  row.radius = c.radius + (row.b.chain >= 0 ? slots_[row.b.chain]->radius : 0);
-  if (row.link >= 0 && links[row.link].yields()) soften(row, links[row.link], row.a.of(c.x));
+  row.grip = carries ? kGripRatio * held.stiffness + kLooseGripRatio * held.inertia
+                     : kSpringGripRatio * held.stiffness;
+  if (row.link >= 0 && links[row.link].yields())
+    soften(row, links[row.link], row.a.of(slots_[row.a.chain]->x));
   row.softest = carries && !chosen ? row.stiffness : 0;
-  row.allowed = depth_to_leave(row, kPushOut * c.radius);
-  recall(row, inertia);
+  row.allowed = depth_to_leave(row, kPushOut * radius);
+  recall(row, held.inertia);
 }
 
 void World::add_row(const Row& row) {
@@ -252,7 +286,7 @@ void World::tendon_rows() {
     row.friction = a.friction * b.friction;
     row.reference = p.apart, row.side = row.normal, row.stuck_at = p.u, row.stuck_at_other = p.w;
     row.passes = p.passes;
-    finish_row(row, p.chain_a, p.segment_a);
+    finish_pair(row);
     add_row(row);
   }
 }

@@ -26,7 +26,6 @@ void World::make_groups() {
   for (int c = 0; c < count; ++c) {
     Group& g = groups_[c];
     g.chains.clear(), g.numbers.clear(), g.rows.clear(), g.extra.clear();
-    g.extra.reserve(kMostExtraRows);
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
     g.residual = 0, g.strays = false;
     g.linear_tolerance = 0, g.patterned = false;

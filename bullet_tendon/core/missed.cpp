@@ -43,7 +43,7 @@ bool add_missed(Group& group) {
   std::vector<const Row*> besides;
   for (const Row* row : group.rows)
     if (row->key.extra) besides.push_back(row);
-  for (size_t r = 0; r < known && group.extra.size() < group.extra.capacity(); ++r) {
+  for (size_t r = 0; r < known && group.extra.size() < kMostExtraRows; ++r) {
     Row& row = *group.rows[r];
     if (row.b.chain < 0 || row.follows) continue;  // what follows has its points with it
     Row more = row;
@@ -53,6 +53,7 @@ bool add_missed(Group& group) {
     auto there = [&](const Row* other) { return same_place(*other, more); };
     if (there(&row) || std::any_of(besides.begin(), besides.end(), there)) continue;
     more.key.extra = 1;
+    if (group.extra.empty()) group.extra.reserve(kMostExtraRows);  // pointers to them stay
     group.extra.push_back(more);
     group.rows.push_back(&group.extra.back()), besides.push_back(group.rows.back());
     any = true;

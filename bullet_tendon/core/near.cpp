@@ -135,19 +135,18 @@ struct Considering {
 void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
   const int n = chain.n();
-  cache.motion.resize(n);
-  if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) {
-    cache.entries.assign(2 * n - 1, Entry{});
-    cache.local.assign(n, Vec3{});
-  }
+  // Put into the cache, which most shapes need nothing of, only where the shape is near.
+  thread_local std::vector<Vec3> local;
+  thread_local std::vector<double> motion;
+  local.resize(n), motion.resize(n);
   const Pose pose = in_world(shape, link);
   Vec3 lo{1e300, 1e300, 1e300}, hi = -lo;
   double reach = 0;
   for (int i = 0; i < n; ++i) {
-    cache.local[i] = to_local(pose, chain.x.at(i));
-    lo = lowest(lo, cache.local[i]), hi = highest(hi, cache.local[i]);
-    cache.motion[i] = motion_of(chain, i, link, context.dt);
-    reach = std::max(reach, cache.motion[i] + chain.slack[i]);
+    local[i] = to_local(pose, chain.x.at(i));
+    lo = lowest(lo, local[i]), hi = highest(hi, local[i]);
+    motion[i] = motion_of(chain, i, link, context.dt);
+    reach = std::max(reach, motion[i] + chain.slack[i]);
   }
   const double skin = chain.radius + context.threshold;
   reach += skin;
@@ -156,6 +155,8 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
     counts.culled += 2 * n - 1;
     return;
   }
+  if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
+  cache.local = local, cache.motion = motion;
   Considering consider{shape, pose, context, queries, counts};
   auto drilled = [&](int i) { return in_any_bore(chain.x.at(i), *context.bores); };
   double before = 0;  // reach of the particle before

@@ -70,6 +70,8 @@ struct Query {
 
 struct NearCounts {
   long considered = 0, culled = 0, skipped = 0, reused = 0, searched = 0, queried = 0;
+  long tunnels = 0,
+       tunnels_culled = 0;  // pairs of tendons and tunnels, and those of them that are too far apart
 };
 
 // An entry as it was, of the tendon, shape and feature.
@@ -79,7 +81,7 @@ struct KeptEntry {
 };
 
 struct NearCache {
-  std::vector<Entry> entries;  // n particles, then n - 1 segments
+  std::vector<Entry> entries;  // n particles, then n - 1 segments; empty until the shape was near
   std::vector<Vec3> local;     // particles in the shape's frame
   std::vector<double> motion;  // of particles in this step, relative to the shape, as foreseen [m]
 };

@@ -47,7 +47,7 @@ bool ran_away(const Group& group) {
   for (const Chain* c : group.chains)
     for (int k = 0; k < 3; ++k) {
       const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->goal[k], c->n()));
-      const double length = c->rest[0] * c->n();
+      const double length = c->rest_length();
       if (!(largest_of(c->next[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
     }
   return false;

@@ -148,6 +148,12 @@ struct Row {
   void settle(Vec3 relative);
 };
 
+// What holds a point of a tendon back.
+struct HeldBack {
+  double stiffness = 0;  // all that has a part in it, across the tendon [N/m]
+  double inertia = 0;    // of the particles there, over the step's weight squared [N/m]
+};
+
 // What a contact remembers from one step to the next.
 struct ContactMemory {
   ContactKey key;

@@ -5,6 +5,7 @@ namespace bt {
 
 std::vector<char> World::save() {
   size_caches();
+  empty_caches();
   std::vector<char> out;
   Writer writer(out);
   all_fields(writer);
@@ -14,6 +15,7 @@ std::vector<char> World::save() {
 
 void World::restore(const char* from, size_t size) {
   size_caches();
+  kept_entries_.clear();
   for (bool apply : {false, true}) {
     Reader reader(from, size, apply);
     all_fields(reader);

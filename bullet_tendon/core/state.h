@@ -66,19 +66,16 @@ void fields(A& a, SpringSet& set) {
 template <class A>
 void fields(A& a, Chain& chain) {
   auto& [radius, friction, material, x, v, force, mass, point_mass, rest, scale, structure, shear, holds,
-         overlaid, tunnel_of, x_before, v_before, acceleration,
-         dt_before, smooth, quiet, bed, touching, touched, b, foreseen, slack, most_slack, rest_set,
-         start_multipliers, braked, next_tail, goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder,
-         cg_preconditioned, cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks,
-         residual_norm, worst_particle, n] = chain;
+         overlaid, tunnel_of, x_before, v_before, acceleration, dt_before, smooth, quiet, bed, touching,
+         touched, b, foreseen, slack, most_slack, rest_set, start_multipliers, braked, next_tail, goal_tail,
+         next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
+         cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle, n] = chain;
   a.same(n, radius, friction, material);
   a(x, v, force, mass, point_mass, rest, scale, structure, shear, holds, overlaid, tunnel_of);
   a(x_before, v_before, acceleration, dt_before, smooth, quiet, bed, touching, touched);
-  a.scratch(b, foreseen, slack, most_slack, rest_set, start_multipliers,
-            braked, next_tail,
-            goal_tail, next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned,
-            cg_direction, cg_image, column, solved, matrix, factor, inverse_blocks, residual_norm,
-            worst_particle);
+  a.scratch(b, foreseen, slack, most_slack, rest_set, start_multipliers, braked, next_tail, goal_tail, next,
+            step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction, cg_image,
+            column, solved, matrix, factor, inverse_blocks, residual_norm, worst_particle);
 }
 
 template <class A>
@@ -99,15 +96,15 @@ void fields(A& a, Stop& stop) {
 template <class A>
 void fields(A& a, Mover& mover) {
   auto& [rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
-         change, forces, turns, torque, pull, unknown, freedom, basis, y, step, residual, first,
-         lever, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested, slipped, known,
-         half, direction, through, within, within_acting, within_root, missing, given, along] = mover;
+         change, forces, turns, torque, pull, unknown, freedom, basis, y, step, residual, first, lever,
+         stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested, slipped, known, half,
+         direction, through, within, within_acting, within_root, missing, given, along] = mover;
   // What is told before every step is state where a step may be taken back to (before_movers_).
   a(rates, free, falls, gyration, limits, contacts, contacts_at, rests_on, contacts_kept, observer, root,
     change, turns, unknown, stopped_by, stops, directions, pushes, unstopped, pushed, doubted, rested,
     slipped);
-  a.scratch(torque, pull, freedom, basis, forces, y, step, residual, first, lever, known, half,
-            direction, through, within, within_acting, within_root, missing, given, along);
+  a.scratch(torque, pull, freedom, basis, forces, y, step, residual, first, lever, known, half, direction,
+            through, within, within_acting, within_root, missing, given, along);
 }
 
 template <class A>
@@ -154,14 +151,13 @@ void fields(A& a, Row& row) {
   auto& [key, kind, spot, other, link, moves, arm, normal, offset, allowed, beyond, axis_point, axis, ring,
          through, radius, stiffness, softest, grip, carried, before, multiplier, friction, stuck, reference,
          stuck_at, stuck_at_other, side, follows, stays, limit, direct, held, joins, passes, pressed, sliding,
-         changes, gap, normal_force, raw, displacement, tangent_force,
-         total_force, linear_force, last_mean, mean_force, slid, block, levers, lever, lever_share] = row;
+         changes, gap, normal_force, raw, displacement, tangent_force, total_force, linear_force, last_mean,
+         mean_force, slid, block, levers, lever, lever_share] = row;
   a(key, kind, spot, other, link, normal, beyond, gap, normal_force, tangent_force, mean_force);
   a.scratch(moves, arm, offset, allowed, axis_point, axis, ring, through, radius, stiffness, softest, grip,
             carried, before, multiplier, friction, stuck, reference, stuck_at, stuck_at_other, side, follows,
-            stays, limit, direct, held, joins, passes, pressed, sliding,
-            changes, raw, displacement, total_force, linear_force, last_mean, slid, block, levers, lever,
-            lever_share);
+            stays, limit, direct, held, joins, passes, pressed, sliding, changes, raw, displacement,
+            total_force, linear_force, last_mean, slid, block, levers, lever, lever_share);
 }
 
 template <class A>
@@ -188,11 +184,11 @@ template <class A>
 void World::all_fields(A& a) {
   auto& [options_, chains_, links_, movers_, shapes_, tunnels_, shape_alive_, tunnel_alive_, after, context,
          whole_dt, whole, substeps, budget, substeps_parts, failed, looks, room, looking, stray, unsettled,
-         settlings, way_back, before_links, before_movers, slots, caches, queries, distances, points, parameters,
-         finder, pairs, touches,
-         rows, found, before, asleep_rows, rest_gravity, restful, restless, reach, keys, memory, touching,
-         bores, bores_by_link, groups, group_of, report, attempt, kept_moving, kept_before, kept_links,
-         kept_movers, begun, told_contacts, kept_entries, kept_rows] = *this;
+         settlings, way_back, before_links, before_movers, slots, caches, queries, distances, points,
+         parameters, finder, pairs, touches, rows, found, before, asleep_rows, rest_gravity, restful,
+         restless, reach, keys, memory, touching, bores, near_tunnels, bores_by_link, groups, group_of,
+         report, attempt, kept_moving, kept_before, kept_links, kept_movers, begun, told_contacts,
+         kept_entries, kept_rows] = *this;
   moving_fields(a);
   // Done by it.
   a.scratch(chains_, links_, movers_, memory, whole_dt, way_back, asleep_rows, rest_gravity);
@@ -208,10 +204,11 @@ void World::all_fields(A& a) {
     }
   a(rows);
   // Options are the user's, as they are now.
-  a.scratch(options_, after, context, whole, substeps, budget, substeps_parts, failed, looks, room, looking, stray,
-            unsettled, settlings, slots, queries, distances, points, parameters, finder, pairs, touches, found, before, restful, restless,
-            reach, keys, touching, bores, bores_by_link, groups, group_of, report, attempt, kept_before,
-            kept_links, kept_movers, begun, told_contacts, kept_entries, kept_rows);
+  a.scratch(options_, after, context, whole, substeps, budget, substeps_parts, failed, looks, room, looking,
+            stray, unsettled, settlings, slots, queries, distances, points, parameters, finder, pairs,
+            touches, found, before, restful, restless, reach, keys, touching, bores, near_tunnels,
+            bores_by_link, groups, group_of, report, attempt, kept_before, kept_links, kept_movers, begun,
+            told_contacts, kept_entries, kept_rows);
 }
 
 }  // namespace bt

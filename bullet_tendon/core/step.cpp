@@ -3,11 +3,11 @@
 // Contacts are planes at the nearest points at the start of a substep, looked for as far around as particles
 // are predicted to move. The solution tells whether that was right (Reason, substepper.h).
 //
-// A substep is a step of its own, with contacts of its own. Links go as they were going, and as earlier substeps
-// have pushed them, from the start of the step on: pybullet moves them by the step's length times the velocity
-// that all of it gives them. Their wrenches are the means over the substeps, so that impulses stay exact. A
-// depth at the start of a substep is pushed out by the share that the substep has of what is left of the step:
-// depth over the length of a short substep would be a wild velocity.
+// A substep is a step of its own, with contacts of its own. Links go as they were going, and as earlier
+// substeps have pushed them, from the start of the step on: pybullet moves them by the step's length times
+// the velocity that all of it gives them. Their wrenches are the means over the substeps, so that impulses
+// stay exact. A depth at the start of a substep is pushed out by the share that the substep has of what is
+// left of the step: depth over the length of a short substep would be a wild velocity.
 //
 // A substep that is solved again needs nothing put back but what a solution carries from iteration to
 // iteration: the state changes where a substep is taken, and nowhere else.
@@ -126,9 +126,9 @@ std::optional<Reason> World::solve_substep() {
   return {};
 }
 
-// A step of second order is begun with as many substeps as its segments are predicted to turn by: fewer beside
-// contacts, where each takes more iterations; and with two where the last step was so short that BDF2 would
-// begin anew.
+// A step of second order is begun with as many substeps as its segments are predicted to turn by: fewer
+// beside contacts, where each takes more iterations; and with two where the last step was so short that BDF2
+// would begin anew.
 std::optional<Reason> World::outlast_history() {
   if (!is_second_order(options.integrator) || !substeps_.divisible() || !substeps_.is_whole() || looking_)
     return {};

@@ -26,7 +26,7 @@ namespace bt {
 
 struct StepContext {
   double dt = 0;
-  double reach = 0;  // s of mover.h [s]
+  double reach = 0;        // s of mover.h [s]
   bool may_halve = false;  // a solution that does not converge is given up, and the substep cut
   Budget* budget = nullptr;
   bool whole = false;     // the step's length means nothing: it is a way to rest
@@ -60,14 +60,14 @@ struct Group {
   std::vector<int> bodies, carried;
   int freedom = 0;
   double reach = 0;        // s of mover.h [s]
-  std::vector<Row> extra;  // found while solving; its capacity is its limit, so that pointers stay
+  std::vector<Row> extra;  // found while solving; kMostExtraRows at most, so that pointers stay
   bool coupled = false;    // some row joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (coupled.cpp): the factors and the pattern, where each
   // tendon's particles begin, by slot, and by block what holds leave free and the right-hand side.
   SparseFactor factor;
   SparseFactor::Edges edges;
   std::vector<int> offset;
-  bool patterned = false;  // the pattern is of this group
+  bool patterned = false;    // the pattern is of this group
   std::vector<Row*> acting;  // in the matrix that is being made
   bool follows = true;       // points of rows move along with what they touch,
   double most_jump = 0;      // but for pairs whose force that would change by more than this [N],

@@ -17,7 +17,8 @@ void Budget::start(long most, double seconds, std::function<void()> poll) {
   spent_ = 0;
   exhausted_ = false;
   timed_ = seconds > 0;
-  if (timed_) end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  if (timed_)
+    end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
   poll_ = std::move(poll);
 }
 

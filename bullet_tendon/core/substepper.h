@@ -1,8 +1,8 @@
 // The substeps of one step: where the next one begins, how long it is, and why one was solved again or cut.
 //
-// It is the only one that repeats a part of a step. Lengths are counted in units of the step, so that substeps
-// add up to it exactly. The work of a whole step has one budget, of linear solutions and of wall time: once that
-// is used up, a substep is no longer solved again, and takes the iterate that there is.
+// It is the only one that repeats a part of a step. Lengths are counted in units of the step, so that
+// substeps add up to it exactly. The work of a whole step has one budget, of linear solutions and of wall
+// time: once that is used up, a substep is no longer solved again, and takes the iterate that there is.
 #pragma once
 #include <array>
 #include <chrono>
@@ -60,9 +60,9 @@ class Substepper {
   // divisible: whether substeps may be shorter than the step.
   void start(double dt, bool divisible);
   bool done() const { return done_ == kUnits; }
-  double step() const { return dt_; }                               // [s]
-  double h() const { return dt_ * size_ / kUnits; }                 // of this substep [s]
-  double end() const { return dt_ * (done_ + size_) / kUnits; }     // of it, from the start of the step [s]
+  double step() const { return dt_; }                            // [s]
+  double h() const { return dt_ * size_ / kUnits; }              // of this substep [s]
+  double end() const { return dt_ * (done_ + size_) / kUnits; }  // of it, from the start of the step [s]
   double share() const { return static_cast<double>(size_) / kUnits; }
   double share_at_end() const { return static_cast<double>(done_ + size_) / kUnits; }
   double share_before() const { return static_cast<double>(done_) / kUnits; }

@@ -5,7 +5,10 @@ namespace bt {
 Bore in_world(const Tunnel& t, const Link& link) {
   Vec3 start = to_world(link.pose, t.start), along = to_world(link.pose, t.end) - start;
   double length = norm(along);
-  return {start, (1 / length) * along, length, t.radius, t.chamfer};
+  Box box;
+  box.include(start), box.include(start + along);
+  box.grow(t.radius + t.chamfer);
+  return {start, (1 / length) * along, length, t.radius, t.chamfer, box};
 }
 
 Vec3 nearest_on_circle(Vec3 p, Vec3 centre, Vec3 axis, double radius, Vec3 fallback) {

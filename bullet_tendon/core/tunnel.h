@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "box.h"
 #include "link.h"
 #include "row.h"
 
@@ -19,6 +20,7 @@ struct Tunnel {
 struct Bore {
   Vec3 start, axis;
   double length = 0, radius = 0, chamfer = 0;
+  Box box;  // around it, its chamfers included
   double along(Vec3 p) const { return dot(p - start, axis); }
   double off_axis(Vec3 p) const { return norm(without(p - start, axis)); }
   // Within the bore, lengthened by `beyond` at both mouths.

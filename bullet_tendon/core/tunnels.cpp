@@ -1,4 +1,6 @@
 // Algorithm 2: which stretch of a tendon is in which tunnel, and the rows of bores and mouths.
+#include <algorithm>
+
 #include "constants.h"
 #include "world.h"
 
@@ -20,6 +22,12 @@ void World::find_bores() {
 // Step 1. A particle enters a bore within its radius, and then stays in it wherever it is pushed
 // until it is beyond a mouth: a bore that a violent step left is not forgotten.
 void World::classify(Chain& c) {
+  Box box;
+  for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
+  near_tunnels_.clear();
+  for (size_t t = 0; t < tunnels.size(); ++t)
+    if (tunnel_alive[t] && overlap(box, bores_[t].box, c.radius))
+      near_tunnels_.push_back(static_cast<int>(t));
   for (int i = 0; i < c.n(); ++i) {
     int& in = c.tunnel_of[i];
     const Vec3 x = c.x.at(i);
@@ -28,8 +36,37 @@ void World::classify(Chain& c) {
       if (tunnel_alive[in] && z >= 0 && z <= bores_[in].length) continue;
       in = -1;
     }
-    for (size_t t = 0; t < tunnels.size() && in < 0; ++t)
-      if (tunnel_alive[t] && bores_[t].contains(x, 0)) in = static_cast<int>(t);
+    for (size_t k = 0; k < near_tunnels_.size() && in < 0; ++k)
+      if (bores_[near_tunnels_[k]].contains(x, 0)) in = near_tunnels_[k];
+  }
+}
+
+// What is outside of a bore's box by all that the tendon and the bore can do in the step, and by the longest
+// segment, has no row of it (bore_rows, mouth_reach).
+void World::find_near_tunnels(const Chain& c) {
+  near_tunnels_.clear();
+  if (tunnels.empty()) return;
+  Box box;
+  double moved = 0, longest = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    box.include(c.x.at(i));
+    moved = std::max(moved, norm(c.foreseen.at(i) - c.x.at(i)));
+  }
+  for (double l : c.rest) longest = std::max(longest, l);
+  const double own = c.radius + options.contact_threshold + c.most_slack + moved + longest;
+  const Vec3 middle = 0.5 * (box.lo + box.hi);
+  const double half = 0.5 * norm(box.hi - box.lo);
+  for (size_t t = 0; t < tunnels.size(); ++t) {
+    if (!tunnel_alive[t]) continue;
+    const Link& link = links[tunnels[t].link];
+    // The bore's motion is linear in the place.
+    const double carried = norm(link.drift(middle, context_.dt)) + context_.dt * norm(link.spin) * half;
+    ++report_.near.tunnels;
+    if (overlap(box, bores_[t].box, own + carried + tunnels[t].chamfer) ||
+        std::find(c.tunnel_of.begin(), c.tunnel_of.end(), t) != c.tunnel_of.end())
+      near_tunnels_.push_back(static_cast<int>(t));
+    else
+      ++report_.near.tunnels_culled;
   }
 }
 

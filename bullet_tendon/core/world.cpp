@@ -183,20 +183,18 @@ bool World::any_moved() const {
   return std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
 }
 
-// A cache for every tendon and shape that are there, of planes not known yet.
+// A cache for every tendon and shape that are there.
 void World::size_caches() {
   caches_.resize(chains.size());
-  for (size_t c = 0; c < chains.size(); ++c) {
-    caches_[c].resize(chains[c] ? shapes.size() : 0);
-    for (size_t s = 0; s < caches_[c].size(); ++s) {
-      const bool used = shape_alive[s] && !shapes[s].half_space;
-      const size_t n = used ? chains[c]->n() : 0, features = used ? 2 * n - 1 : 0;
-      if (caches_[c][s].entries.size() == features) continue;
-      caches_[c][s].entries.assign(features, Entry{});
-      caches_[c][s].local.assign(n, Vec3{});
-      caches_[c][s].motion.assign(n, 0.0);
-    }
-  }
+  for (size_t c = 0; c < chains.size(); ++c) caches_[c].resize(chains[c] ? shapes.size() : 0);
+}
+
+// Of which nothing is known as of those that were never near: equal states have equal bytes.
+void World::empty_caches() {
+  auto known = [](const Entry& e) { return e.known || e.inside; };
+  for (auto& of_chain : caches_)
+    for (NearCache& cache : of_chain)
+      if (std::none_of(cache.entries.begin(), cache.entries.end(), known)) cache.entries.clear();
 }
 
 // The distances of this substep: those that the core knows, and the oracle's.

@@ -6,7 +6,8 @@
 //   solve_islands    each group of touching tendons by itself
 //   take_substep     new states, memories, and one wrench per touched link
 //
-// step.cpp has the loop. Whoever calls it makes a checkpoint before, and goes back to it where the step fails.
+// step.cpp has the loop. Whoever calls it makes a checkpoint before, and goes back to it where the step
+// fails.
 #pragma once
 #include <functional>
 #include <memory>
@@ -59,7 +60,7 @@ class DistanceOracle {
 };
 
 struct StepOutcome {
-  bool solved = false;  // else some solution is not finite
+  bool solved = false;                         // else some solution is not finite
   double near_seconds = 0, solve_seconds = 0;  // of wall time
 };
 
@@ -128,6 +129,7 @@ class World {
   template <class A>
   void all_fields(A& a);
   void size_caches();
+  void empty_caches();
   template <class Which>
   void forget_memory(Which which);
   void forget_memory_of(int chain);
@@ -181,6 +183,8 @@ class World {
   void half_space_rows(int chain, int shape);
   void tendon_rows();
   void finish_row(Row& row, int chain_slot, int particle);
+  void finish_row(Row& row, const HeldBack& held, double radius, bool two_step);
+  void finish_pair(Row& row);
   void soften(Row& row, const Link& link, Vec3 at) const;
   void add_row(const Row& row);
   double depth_to_leave(const Row& row, double most) const;
@@ -201,6 +205,8 @@ class World {
   // tunnels.cpp
   void find_bores();
   void classify(Chain& c);
+  // Those that the tendon could touch in the step, by boxes, and those that it is in, into near_tunnels_.
+  void find_near_tunnels(const Chain& c);
   void bore_rows(int chain, int tunnel);
   void mouth_rows(int chain, int tunnel);
   double mouth_reach(int chain, int t, int k) const;
@@ -214,19 +220,19 @@ class World {
                 double friction);
 
   StepContext context_;
-  double whole_dt_ = 0;        // of the step that begin was asked for [s]
-  bool whole_ = false;         // it must not be taken in parts
+  double whole_dt_ = 0;  // of the step that begin was asked for [s]
+  bool whole_ = false;   // it must not be taken in parts
   Substepper substeps_;
   Budget budget_;
-  int substeps_parts_ = 1;     // that a step whose segments turn far is begun with
-  bool failed_ = false;        // a solution is not finite
-  int looks_ = 0;              // for contacts, in this substep
-  double room_ = 1;            // share of the part that can be gone before something unforeseen touches
-  bool looking_ = false;       // rows_ are solved for, and are only to be added to
-  bool stray_ = false;         // a group was left because its particles end elsewhere than foreseen
-  bool unsettled_ = false;     // a group with contacts did not converge
-  int settlings_ = 0;          // of this part, because other stops act than foreseen
-  bool way_back_ = false;  // the last step can be taken back: bodies had a part in it
+  int substeps_parts_ = 1;  // that a step whose segments turn far is begun with
+  bool failed_ = false;     // a solution is not finite
+  int looks_ = 0;           // for contacts, in this substep
+  double room_ = 1;         // share of the part that can be gone before something unforeseen touches
+  bool looking_ = false;    // rows_ are solved for, and are only to be added to
+  bool stray_ = false;      // a group was left because its particles end elsewhere than foreseen
+  bool unsettled_ = false;  // a group with contacts did not converge
+  int settlings_ = 0;       // of this part, because other stops act than foreseen
+  bool way_back_ = false;   // the last step can be taken back: bodies had a part in it
   // As they were told before it.
   std::vector<Link> before_links_;
   std::vector<Mover> before_movers_;
@@ -246,6 +252,7 @@ class World {
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
+  std::vector<int> near_tunnels_;
   std::vector<std::vector<Bore>> bores_by_link_;
   std::vector<Group> groups_;
   std::vector<int> group_of_;
