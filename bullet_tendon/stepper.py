@@ -111,7 +111,7 @@ class Stepper:
         False where it could not be solved and the options say to go on. Raises StepFailed where they do
         not; then, and where anything else is raised, the tendons are as they were.
         """
-        self._core.keep()
+        self._core.checkpoint()
         seconds = [0.0, 0.0, 0.0, 0.0, 0.0]
         try:
             if self._bodies.links:
@@ -120,7 +120,7 @@ class Stepper:
                 seconds[_SENSE] = perf_counter() - start
             self._solve(dt, gravity, held, seconds)
         except BaseException as problem:  # an interrupt too
-            self._core.roll_back()
+            self._core.restore_checkpoint()
             if not isinstance(problem, StepFailed):
                 raise
             self._seconds, self._is_read = seconds, False
@@ -182,7 +182,7 @@ class Stepper:
             return
         self._bodies.read()
         self._core.refresh_movers()
-        self._core.keep()  # where the step to come fails, bodies stay as they are now, and tendons with them
+        self._core.checkpoint()  # where the step to come fails, bodies stay as they are now, and tendons with them
         self._core.sense(dt, gravity, False)
 
     def _solve_again(self, released: list[int], pulled: list[int]) -> bool:

@@ -1,159 +1,141 @@
-// How state becomes bytes, and bytes state again: archives that go through fields in order (state.h lists
-// them). Each call of an archive leaves its number of fields as a tag, so that bytes of another layout are
-// refused.
+// How state becomes bytes, and bytes state again: archives that go through named fields (state_fields.h).
+//
+// Bytes: before every field the hash of its name (4); numbers and vectors as they are in memory; of a list
+// its length (8) first. A reader takes nothing for granted: it throws StateMismatch where bytes end too
+// early, a name is another one, a flag is neither 0 nor 1, or a number is not finite.
 #pragma once
+#include <cmath>
+#include <cstdint>
 #include <cstring>
-#include <stdexcept>
+#include <string>
 #include <type_traits>
 #include <vector>
 
-#include "field.h"
+#include "checkpoint.h"
 
 namespace bt {
 
 // Kept byte by byte: numbers, and structs that are nothing but doubles.
 template <class T>
-constexpr bool kPlain = std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> ||
-                        std::is_same_v<T, Sym3> || std::is_same_v<T, Rot3> || std::is_same_v<T, Pose>;
+constexpr bool kOfDoubles = std::is_same_v<T, double> || std::is_same_v<T, Vec3> || std::is_same_v<T, Sym3> ||
+                            std::is_same_v<T, Rot3> || std::is_same_v<T, Pose>;
+template <class T>
+constexpr bool kPlain = kOfDoubles<T> || std::is_arithmetic_v<T> || std::is_enum_v<T>;
 
-struct StateMismatch : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
+// FNV-1a.
+inline uint32_t hash_of_name(const char* name) {
+  uint32_t hash = 2166136261u;
+  for (; *name; ++name) hash = (hash ^ static_cast<unsigned char>(*name)) * 16777619u;
+  return hash;
+}
 
-// Goes through the fields in order; Derived says what happens to a run of bytes, to a run that has to
-// be equal, and to a length.
-template <class Derived>
-class Archive {
+class StateWriter {
  public:
-  template <class... T>
-  void operator()(T&... values) {
-    unsigned char tag = sizeof...(T);
-    self().equal(&tag, 1);
-    (one(values), ...);
+  explicit StateWriter(std::vector<char>& out) : out_(out) {}
+  template <class T>
+  void operator()(const char* name, T& value) {
+    const uint32_t tag = hash_of_name(name);
+    bytes(&tag, sizeof tag);
+    one(value);
   }
-  template <class... T>
-  void same(T&... values) {
-    (same_one(values), ...);
-  }
-  template <class... T>
-  void scratch(T&...) {}
 
  private:
-  Derived& self() { return static_cast<Derived&>(*this); }
+  void bytes(const void* p, size_t size) {
+    const char* from = static_cast<const char*>(p);
+    out_.insert(out_.end(), from, from + size);
+  }
+  void length(size_t count) {
+    const uint64_t n = count;
+    bytes(&n, sizeof n);
+  }
   template <class T>
   void one(T& value) {
     if constexpr (kPlain<T>)
-      self().bytes(&value, sizeof(T));
+      bytes(&value, sizeof(T));
     else
-      fields(self(), value);
+      visit(*this, value);
   }
   void one(Field& f) {
-    for (int k = 0; k < 3; ++k) self().bytes(f[k], f.size() * sizeof(double));
+    length(f.size());
+    for (int k = 0; k < 3; ++k) bytes(f[k], f.size() * sizeof(double));
   }
   template <class T>
   void one(std::vector<T>& list) {
-    const size_t count = self().length(list.size());
-    if constexpr (kPlain<T>) {
-      self().run(list, count);
-    } else if (self().writes(list, count)) {
-      for (T& value : list) one(value);
-    } else {
-      T none{};
-      for (size_t i = 0; i < count; ++i) one(none);
-    }
+    length(list.size());
+    for (T& value : list) one(value);
   }
-  template <class T>
-  void same_one(T& value) {
-    if constexpr (kPlain<T>)
-      self().equal(&value, sizeof(T));
-    else
-      same_fields(self(), value);
-  }
-  template <class T>
-  void same_one(std::vector<T>& list) {
-    size_t count = list.size();
-    self().equal(&count, sizeof count);
-    for (T& value : list) same_one(value);
-  }
-};
-
-// Writes over what is in `out`, which keeps its length, and with it its memory, until finish.
-class Writer : public Archive<Writer> {
- public:
-  explicit Writer(std::vector<char>& out) : out_(out) {}
-  void bytes(const void* p, size_t size) {
-    if (size > out_.size() - written_) out_.resize(2 * (written_ + size));
-    if (size) std::memcpy(out_.data() + written_, p, size);
-    written_ += size;
-  }
-  void equal(const void* p, size_t size) { bytes(p, size); }
-  size_t length(size_t count) {
-    bytes(&count, sizeof count);
-    return count;
-  }
-  template <class T>
-  bool writes(std::vector<T>&, size_t) {
-    return true;
-  }
-  template <class T>
-  void run(std::vector<T>& list, size_t count) {
-    bytes(list.data(), count * sizeof(T));
-  }
-  bool applies() const { return false; }
-  void finish() { out_.resize(written_); }
-
- private:
   std::vector<char>& out_;
-  size_t written_ = 0;
 };
 
-// Reads what Writer wrote. Without `apply` nothing is changed: so a state is looked through to its end
-// before it is taken. Throws StateMismatch.
-class Reader : public Archive<Reader> {
+class StateReader {
  public:
-  Reader(const char* from, size_t size, bool apply) : at_(from), end_(from + size), apply_(apply) {}
-  void bytes(void* p, size_t size) {
-    need(size);
-    if (apply_ && size) std::memcpy(p, at_, size);
-    at_ += size;
-  }
-  void equal(const void* p, size_t size) {
-    need(size);
-    if (std::memcmp(p, at_, size) != 0) throw StateMismatch("of a world that is made of the same parts");
-    at_ += size;
-  }
-  size_t length(size_t) {
-    need(sizeof(size_t));
-    size_t count;
-    std::memcpy(&count, at_, sizeof count);
-    at_ += sizeof count;
-    need(count);  // every element is a byte at least
-    return count;
-  }
+  StateReader(const char* from, size_t size) : at_(from), end_(from + size) {}
   template <class T>
-  bool writes(std::vector<T>& list, size_t count) {
-    if (apply_) list.resize(count);
-    return apply_;
+  void operator()(const char* name, T& value) {
+    uint32_t tag;
+    bytes(&tag, sizeof tag);
+    if (tag != hash_of_name(name)) throw StateMismatch(std::string("of this layout, with a field ") + name);
+    one(value);
   }
-  template <class T>
-  void run(std::vector<T>& list, size_t count) {
-    need(count * sizeof(T));
-    if (writes(list, count))
-      bytes(list.data(), count * sizeof(T));
-    else
-      at_ += count * sizeof(T);
-  }
-  bool applies() const { return apply_; }
   void finish() const {
-    if (at_ != end_) throw StateMismatch("of the length that the world's parts give");
+    if (at_ != end_) throw StateMismatch("of the length that its fields give");
   }
 
  private:
   void need(size_t size) const {
     if (size > static_cast<size_t>(end_ - at_)) throw StateMismatch("complete");
   }
+  void bytes(void* p, size_t size) {
+    need(size);
+    if (size) std::memcpy(p, at_, size);
+    at_ += size;
+  }
+  // Of a list whose elements take a byte at least.
+  size_t length() {
+    uint64_t n;
+    bytes(&n, sizeof n);
+    need(n);
+    return static_cast<size_t>(n);
+  }
+  static void require_finite(const void* p, size_t doubles) {
+    for (size_t i = 0; i < doubles; ++i) {
+      double value;
+      std::memcpy(&value, static_cast<const char*>(p) + i * sizeof value, sizeof value);
+      if (!std::isfinite(value)) throw StateMismatch("finite");
+    }
+  }
+  template <class T>
+  void one(T& value) {
+    if constexpr (std::is_same_v<T, bool>) {
+      unsigned char flag;
+      bytes(&flag, 1);
+      if (flag > 1) throw StateMismatch("with flags of 0 or 1");
+      value = flag != 0;
+    } else if constexpr (kPlain<T>) {
+      bytes(&value, sizeof(T));
+      if constexpr (kOfDoubles<T>) require_finite(&value, sizeof(T) / sizeof(double));
+    } else {
+      visit(*this, value);
+    }
+  }
+  void one(Field& f) {
+    const size_t n = length();
+    need(3 * n * sizeof(double));
+    f.resize(static_cast<int>(n));
+    for (int k = 0; k < 3; ++k) {
+      bytes(f[k], n * sizeof(double));
+      require_finite(f[k], n);
+    }
+  }
+  template <class T>
+  void one(std::vector<T>& list) {
+    list.clear();
+    for (size_t left = length(); left > 0; --left) {
+      list.emplace_back();
+      one(list.back());
+    }
+  }
   const char *at_, *end_;
-  bool apply_;
 };
 
 }  // namespace bt

@@ -327,8 +327,8 @@ PYBIND11_MODULE(_core, m) {
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
       .def("step", &step)
-      .def("keep", &World::keep)
-      .def("roll_back", &World::roll_back)
+      .def("checkpoint", &World::checkpoint)
+      .def("restore_checkpoint", &World::restore_checkpoint)
       .def("save",
            [](World& w) {
              std::vector<char> state = w.save();

@@ -46,7 +46,54 @@ struct Multipliers {
   std::vector<double> carried[2], elastic[2];  // of structure and shear springs [N]
 };
 
-class Chain {
+// What of a tendon is state, or changed by the user, beside its springs.
+struct TendonState {
+  Field x, v;
+  Field force;                     // constant external force [N]
+  std::vector<double> mass;        // of the particles, point masses included
+  std::vector<double> point_mass;  // what was put on them
+  std::vector<double> rest;        // of the segments
+  std::vector<double> scale;
+  std::vector<Hold> holds;
+  std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
+  std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
+  // History of the integrator.
+  Field x_before, v_before;  // one step back (bdf2, starting guess)
+  Field acceleration;        // at x and v (methods of second order)
+  double dt_before = 0;      // 0: no history
+  bool smooth = true;        // nothing was made, lost, changed or struck since: two-step methods may go on
+  double quiet = 0;          // for how long it has been at rest, up to the last step [s]
+  int bed = -1;              // it sleeps (sleep.cpp), with all others of the same number
+  uint64_t touching = 0;     // a hash of the contacts with bodies
+  bool touched = false;      // a contact pressed on it in the last step
+};
+
+// Where particles are predicted to be at the end of the step [m], and by how much they may miss it [m]:
+// around there contacts are looked for.
+struct PredictedRegion {
+  Field foreseen;
+  std::vector<double> slack;
+  double most_slack = 0;
+};
+
+// Work space of a step: nothing of it outlasts one. Positions and goal are sums with their tails, what
+// rounding takes off them: of a stiff segment, a rounding of a coordinate is more than the residual that is
+// left.
+struct TendonWorkspace : PredictedRegion {
+  double b = 0;                   // step weight of this step (stepping.h)
+  Multipliers start_multipliers;  // at the start of the substep
+  bool braked = false;            // step holds the velocities at the end (passivity.cpp)
+  Field next_tail, goal_tail;
+  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
+      cg_image, column, solved;
+  Band matrix;
+  BandFactor factor;
+  Planes inverse_blocks;
+  double residual_norm = 0;  // largest residual force [N]
+  int worst_particle = 0;
+};
+
+class Chain : public TendonState, public TendonWorkspace {
  public:
   // points (n); rest lengths are the distances between them.
   Chain(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
@@ -85,52 +132,10 @@ class Chain {
 
   double radius, friction;
   Material material;
-  Field x, v;                      // state
-  Field force;                     // constant external force [N]
-  std::vector<double> mass;        // of the particles, point masses included
-  std::vector<double> point_mass;  // what was put on them
-  std::vector<double> rest;        // of the segments
-  std::vector<double> scale;
   SpringSet structure, shear;
-  std::vector<Hold> holds;
-  std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
-  std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
-
-  // History of the integrator.
-  Field x_before, v_before;  // one step back (bdf2, starting guess)
-  Field acceleration;        // at x and v (methods of second order)
-  double dt_before = 0;      // 0: no history
-  bool smooth = true;        // nothing was made, lost, changed or struck since: two-step methods may go on
-  double quiet = 0;          // for how long it has been at rest, up to the last step [s]
-  int bed = -1;              // it sleeps (sleep.cpp), with all others of the same number
-  uint64_t touching = 0;     // a hash of the contacts with bodies
-  bool touched = false;      // a contact pressed on it in the last step
-  double b = 0;              // step weight of this step (stepping.h)
-
-  // How contacts are foreseen: where particles are thought to be at the end of the step [m], and by how
-  // much they may miss it [m].
-  Field foreseen;
-  std::vector<double> slack;
-  double most_slack = 0;
   int rest_set = 0;  // how often rest lengths were
-  // At the start of the step, or of the part of it that is being solved.
-  Multipliers start_multipliers;
-  bool braked = false;    // step holds the velocities at the end (passivity.cpp)
-
-  // Work space of a step. Positions and goal are sums with their tails, what rounding takes off them: of a
-  // stiff segment, a rounding of a coordinate is more than the residual that is left.
-  Field next_tail, goal_tail;
-  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
-      cg_image, column, solved;
-  Band matrix;
-  BandFactor factor;
-  Planes inverse_blocks;
-  double residual_norm = 0;  // largest residual force [N]
-  int worst_particle = 0;
 
  private:
-  template <class A>
-  friend void fields(A& a, Chain& chain);  // state.h
   void share_out();
   int n_;
 };

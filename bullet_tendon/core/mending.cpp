@@ -7,27 +7,39 @@
 #include <algorithm>
 
 #include "body_constants.h"
-#include "state.h"
+#include "world.h"
 
 namespace bt {
 
 namespace {
 
-bool same_build(const Chain& a, const Chain& b) {
+bool same_build(const TendonState& a, const TendonState& b) {
   if (a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
   for (size_t h = 0; h < a.holds.size(); ++h)
     if (a.holds[h].id != b.holds[h].id) return false;
   return true;
 }
 
+bool same_build(const Checkpoint& a, const Checkpoint& b) {
+  if (a.tendons.size() != b.tendons.size()) return false;
+  for (size_t c = 0; c < a.tendons.size(); ++c) {
+    if (a.tendons[c].there != b.tendons[c].there) return false;
+    if (a.tendons[c].there && !same_build(a.tendons[c].state, b.tendons[c].state)) return false;
+  }
+  return true;
+}
+
 // What the user chose since then stays.
-void choose_again(const Chain& user, Chain& c) {
+void choose_again(const TendonState& user, TendonState& c) {
   c.force = user.force;
   for (size_t h = 0; h < c.holds.size(); ++h) {
     const Hold& chosen = user.holds[h];
     Hold& hold = c.holds[h];
-    hold.goal = chosen.goal, hold.rigid = chosen.rigid, hold.viscosity = chosen.viscosity;
-    hold.clamped = chosen.clamped, hold.direction = chosen.direction;
+    hold.goal = chosen.goal;
+    hold.rigid = chosen.rigid;
+    hold.viscosity = chosen.viscosity;
+    hold.clamped = chosen.clamped;
+    hold.direction = chosen.direction;
     if (chosen.link < 0) hold.stiffness = chosen.stiffness;
   }
 }
@@ -40,44 +52,19 @@ void World::let_go(int mover) {
   interrupt();
 }
 
-// Into copies of earlier steps where there are some: nothing has to be allocated.
-void World::copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const {
-  copies.resize(chains.size());
-  for (size_t c = 0; c < chains.size(); ++c) {
-    if (chains[c] && copies[c])
-      *copies[c] = *chains[c];
-    else
-      copies[c] = chains[c] ? std::make_unique<Chain>(*chains[c]) : nullptr;
-  }
-}
-
 // Where tendons or holds were made or lost since, there is no way back.
 bool World::take_back() {
-  if (!way_back_ || kept_before_.empty()) return false;
-  std::vector<char> now;
-  Writer writer(now);
-  moving_fields(writer);
-  writer.finish();
-  std::vector<std::unique_ptr<Chain>> users;
-  copy_chains(users);
-  try {
-    for (bool apply : {false, true}) {
-      Reader reader(kept_before_.data(), kept_before_.size(), apply);
-      moving_fields(reader);
-    }
-  } catch (const StateMismatch&) {
-    return false;
-  }
+  if (!way_back_ || !previous_.valid) return false;
+  Checkpoint now;
+  capture(now);
+  if (!same_build(previous_, now)) return false;
+  apply(previous_);
   for (size_t c = 0; c < chains.size(); ++c) {
-    if (!chains[c] || same_build(*chains[c], *users[c])) continue;
-    Reader reader(now.data(), now.size(), true);
-    return moving_fields(reader), false;
+    if (!chains[c]) continue;
+    const TendonState& user = now.tendons[c].state;
+    choose_again(user, *chains[c]);
+    if (user.bed < 0) rouse(static_cast<int>(c));
   }
-  for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c]) {
-      choose_again(*users[c], *chains[c]);
-      if (users[c]->bed < 0) rouse(static_cast<int>(c));
-    }
   return true;
 }
 
@@ -147,11 +134,13 @@ bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
     links.swap(links_now), movers.swap(movers_now);
     told_contacts_.clear();
     for (const Mover& m : movers) told_contacts_.push_back(m.contacts);
-    for (size_t i = 0; i < std::min(links.size(), before_links_.size()); ++i) links[i] = before_links_[i];
+    const std::vector<Link>& sensed = previous_.sensed_links;
+    std::vector<Mover>& bodies = previous_.sensed_bodies;
+    for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
     for (int i : pulled) movers[i].observer.believe();
-    for (size_t i = 0; i < std::min(movers.size(), before_movers_.size()); ++i) {
-      std::swap(movers[i].observer, before_movers_[i].observer);
-      movers[i] = before_movers_[i];
+    for (size_t i = 0; i < std::min(movers.size(), bodies.size()); ++i) {
+      std::swap(movers[i].observer, bodies[i].observer);
+      movers[i] = bodies[i];
       foresee(static_cast<int>(i));  // by what has been learned since, of all of them
     }
     rows_.clear();

@@ -114,8 +114,7 @@ struct Mover {
   // Among it D E and D R D^T of all stops, found once in a step.
   dense::Scratch known_, half_, direction_, through_, within_, within_acting_, within_root_, missing_, given_,
       along_;
-  template <class A>
-  friend void fields(A& a, Mover& mover);  // state.h
+  friend struct StateFields;  // state_fields.h
 };
 
 }  // namespace bt

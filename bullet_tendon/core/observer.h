@@ -54,8 +54,7 @@ class Observer {
   bool was_cut() const { return !last_.cut.empty() && dense::dot(last_.cut, last_.cut) > 0; }
 
  private:
-  template <class A>
-  friend void fields(A& a, Observer& observer);  // state.h
+  friend struct StateFields;  // state_fields.h
   struct Sample {
     Numbers forces, acceleration;
     Numbers cut;  // by rate: its sign where pybullet cut it off, else 0

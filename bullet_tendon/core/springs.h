@@ -29,9 +29,8 @@
 
 namespace bt {
 
-struct SpringSet {
-  int reach = 1;  // joins particle k with k + reach
-  int count = 0;
+// What of springs is state, or changed by the user.
+struct SpringState {
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
   std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> carried;                   // T [N]
@@ -39,14 +38,20 @@ struct SpringSet {
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
   std::vector<double> start, before;             // lengths at the start of this step and of the last [m]
   std::vector<double> history;                   // len_h [m]
-  std::vector<double> length, force, slope;      // now: len [m], F [N], F' at the linearisation [N/m]
-  std::vector<double> true_elastic, linear;      // elastic part of F, and of its linearisation [N]
-  std::vector<double> elastic_slope;             // its elastic part of F' [N/m]
-  std::vector<double> damping_slope;             // and its damping part [N/m]
-  std::vector<double> stiffness_now;             // all of F' and |F|/l, at the present state [N/m]
-  Planes direction;                              // n
-  Planes block;                                  // B, symmetric, six planes
-  Planes vector;                                 // force vector on the first particle
+  std::vector<double> slope;                     // F' at the linearisation [N/m]
+};
+
+struct SpringSet : SpringState {
+  int reach = 1;  // joins particle k with k + reach
+  int count = 0;
+  std::vector<double> length, force;         // now: len [m], F [N]
+  std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
+  std::vector<double> elastic_slope;         // its elastic part of F' [N/m]
+  std::vector<double> damping_slope;         // and its damping part [N/m]
+  std::vector<double> stiffness_now;         // all of F' and |F|/l, at the present state [N/m]
+  Planes direction;                          // n
+  Planes block;                              // B, symmetric, six planes
+  Planes vector;                             // force vector on the first particle
 
   bool damped = false;  // some C is not 0
   // State that a whole-velocity damping was evaluated at, for its blocks.

@@ -71,10 +71,11 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
     l.touching = 0;
   }
   way_back_ = !whole && any_moved();
-  if (!begun_) before_links_.swap(kept_links_), before_movers_.swap(kept_movers_);
-  begun_ = true;
   for (Mover& m : movers) m.turns = false;
-  if (way_back_) before_links_ = links, before_movers_ = movers;
+  if (way_back_) {
+    start_.sensed_links = links;
+    start_.sensed_bodies = movers;
+  }
   rouse_disturbed(dt);
   join_step();
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);

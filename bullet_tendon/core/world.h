@@ -15,6 +15,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "checkpoint.h"
 #include "near.h"
 #include "pairs.h"
 #include "stepping.h"
@@ -107,12 +108,12 @@ class World {
   StepOutcome step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // Called after every substep, for tests.
   std::function<void()> after_substep;
-  // Keeps all that a step changes, before links are sensed, and puts it back.
-  void keep();
-  void roll_back();
+  // All that a step changes is copied, before links are sensed; and put back.
+  void checkpoint();
+  void restore_checkpoint();
 
-  // All state as bytes (state.h lists it), and back. restore throws std::runtime_error, and changes
-  // nothing, unless the bytes are whole and the world is made of the same parts.
+  // All state as bytes (state_fields.h lists it), and back. restore throws StateMismatch, and changes
+  // nothing, unless the bytes are a state of a world that is made of the same parts.
   std::vector<char> save();
   void restore(const char* from, size_t size);
 
@@ -124,10 +125,11 @@ class World {
   void rouse_all();
 
  private:
-  template <class A>
-  void moving_fields(A& a);  // state.h
-  template <class A>
-  void all_fields(A& a);
+  // checkpoint.cpp
+  void capture(Checkpoint& to) const;
+  void apply(const Checkpoint& from);
+  void require_state(const Checkpoint& c) const;
+  uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
   template <class Which>
@@ -156,7 +158,6 @@ class World {
   void finish_step_of_world();
   bool can_carry() const;
   void push_links(double share);
-  void copy_chains(std::vector<std::unique_ptr<Chain>>& copies) const;
   bool strayed();
   bool take_new_rows();
   // restarts.cpp
@@ -233,9 +234,6 @@ class World {
   bool unsettled_ = false;  // a group with contacts did not converge
   int settlings_ = 0;       // of this part, because other stops act than foreseen
   bool way_back_ = false;   // the last step can be taken back: bodies had a part in it
-  // As they were told before it.
-  std::vector<Link> before_links_;
-  std::vector<Mover> before_movers_;
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
@@ -258,14 +256,9 @@ class World {
   std::vector<int> group_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
-  // As it was before the step (keep), and before the last one.
-  std::vector<char> kept_moving_, kept_before_;
-  std::vector<Link> kept_links_;  // before_links_ and before_movers_, once begun_
-  std::vector<Mover> kept_movers_;
-  bool begun_ = false;
+  Checkpoint start_, previous_;                // of this step, and of the one before
   std::vector<dense::Numbers> told_contacts_;  // by mover, at rewind
-  std::vector<KeptEntry> kept_entries_;
-  std::vector<Row> kept_rows_;
+  std::vector<KeptEntry> changed_entries_;     // as they were when the step began
 };
 
 }  // namespace bt
