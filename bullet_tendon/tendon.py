@@ -175,8 +175,9 @@ class Tendon:
     def set_positions(self, positions, velocities=None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
 
-        Rest lengths stay; its contacts and the integrator's history are forgotten. Neighbours at one place are
-        spread by a millionth of their rest length, because springs need a direction.
+        Rest lengths stay. Its contacts and the integrator's history are forgotten, those of other tendons are
+        not. Neighbours at one place are spread by a millionth of their rest length, because springs need a
+        direction.
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
