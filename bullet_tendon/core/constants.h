@@ -23,6 +23,14 @@ constexpr double kContactRatio = 30.0;
 // 30 what rests over an edge begins to vibrate; at 100 it does not.
 constexpr double kTwoStepContactRatio = 300.0;
 
+// The same in units of the inertia of what hangs from the tendon, T/g over the step's weight squared, as far
+// as that is more [-]; and for two-step methods. By g = (N_0 - N)/k, N_0 the force of a step ago, the contact
+// works N g' = dt N'^2/k on what vibrates, on average over a cycle: it never dies away where that is more
+// than the method damps, for two-step methods at k < 4 m/dt^2, and weights creep over rough edges in steps of
+// a coarse tendon. Smaller: they do. Larger: active contacts are found in more iterations.
+constexpr double kHungRatio = 1.0;
+constexpr double kTwoStepHungRatio = 4.0;
+
 // Depth, in radii, from which a contact is stiffened within the step, by how much, and until when [-].
 // Stiffer: what the sliding of a segment over an edge presses in becomes a wild force.
 constexpr double kDepth = 5e-4;

@@ -12,24 +12,28 @@ namespace {
 
 // A particle: across the tendon its inertia and the tension on both sides; and (along) what its springs have
 // at least at the reference strain besides.
-HeldBack held_at(const Chain& c, int i, bool along) {
+HeldBack held_at(const Chain& c, int i, bool along, double gravity) {
   HeldBack held;
   held.inertia = held.stiffness = c.mass[i] / (c.b * c.b);
+  double tension = 0;
   for (int k : {i - 1, i}) {
     if (k < 0 || k >= c.n() - 1) continue;
+    tension = std::max(tension, c.structure.carried[k]);
     held.stiffness += std::max(0.0, c.structure.carried[k]) / c.rest[k];
     if (!along) continue;
     double force, slope;
     elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
     held.stiffness += std::max(c.structure.slope[k], c.material.stiffness * c.scale[k] * slope / c.rest[k]);
   }
+  if (gravity > 0) held.hung = tension / gravity / (c.b * c.b);
   return held;
 }
 
 // A point of a segment: its ends by their weights, so that nothing jumps where the point moves along.
-HeldBack held_at(const Chain& c, const Spot& s, bool along) {
-  const HeldBack one = held_at(c, s.first, along), other = held_at(c, s.first + 1, along);
-  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia};
+HeldBack held_at(const Chain& c, const Spot& s, bool along, double gravity) {
+  const HeldBack one = held_at(c, s.first, along, gravity), other = held_at(c, s.first + 1, along, gravity);
+  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia,
+          s.w0 * one.hung + s.w1 * other.hung};
 }
 
 // Two points that push each other apart: equal forces move both, by the sum of what they yield, so that the
@@ -38,7 +42,7 @@ HeldBack held_at(const Chain& c, const Spot& s, bool along) {
 double mean_of(double one, double other) { return one + other > 0 ? 2 * one * other / (one + other) : 0; }
 
 HeldBack mean_of(const HeldBack& a, const HeldBack& b) {
-  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia)};
+  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia), mean_of(a.hung, b.hung)};
 }
 
 // Whether a shape comes nearer to the inside of segment k than to its ends, which have rows of their own.
@@ -124,15 +128,16 @@ void World::soften(Row& row, const Link& link, Vec3 at) const {
 void World::finish_row(Row& row, int chain_slot, int particle) {
   const Chain& c = *slots_[chain_slot];
   row.radius = c.radius;
-  finish_row(row, held_at(c, particle, !can_carry()), c.radius, c.b < context_.dt);
+  finish_row(row, held_at(c, particle, !can_carry(), norm(context_.gravity)), c.radius, c.b < context_.dt);
 }
 
 void World::finish_pair(Row& row) {
   const Chain &a = *slots_[row.a.chain], &b = *slots_[row.b.chain];
   const bool along = !can_carry();
+  const double gravity = norm(context_.gravity);
   row.radius = a.radius + b.radius;
-  finish_row(row, mean_of(held_at(a, row.a, along), held_at(b, row.b, along)), std::min(a.radius, b.radius),
-             std::min(a.b, b.b) < context_.dt);
+  finish_row(row, mean_of(held_at(a, row.a, along, gravity), held_at(b, row.b, along, gravity)),
+             std::min(a.radius, b.radius), std::min(a.b, b.b) < context_.dt);
 }
 
 void World::finish_row(Row& row, const HeldBack& held, double radius, bool two_step) {
@@ -142,9 +147,9 @@ void World::finish_row(Row& row, const HeldBack& held, double radius, bool two_s
   else if (!carries)  // without multipliers, contacts have to be stiff by themselves
     row.stiffness = kSpringRatio * held.stiffness;
   else if (two_step)
-    row.stiffness = kTwoStepContactRatio * held.stiffness;
+    row.stiffness = std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
   else
-    row.stiffness = kContactRatio * held.stiffness;
+    row.stiffness = std::max(kContactRatio * held.stiffness, kHungRatio * held.hung);
   // A particle that lies loose is gripped before it gathers speed.
   row.grip = carries ? kGripRatio * held.stiffness + kLooseGripRatio * held.inertia
                      : kSpringGripRatio * held.stiffness;

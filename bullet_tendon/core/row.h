@@ -152,6 +152,7 @@ struct Row {
 struct HeldBack {
   double stiffness = 0;  // all that has a part in it, across the tendon [N/m]
   double inertia = 0;    // of the particles there, over the step's weight squared [N/m]
+  double hung = 0;       // of what hangs from the tendon there, likewise [N/m]
 };
 
 // What a contact remembers from one step to the next.

@@ -1,0 +1,74 @@
+"""Weights on a coarse tendon over a rough cylinder: what friction holds keeps still, by every method."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+DRUM, RADIUS, LENGTH, G = 0.03, 0.001, 0.3, 9.81
+LEG = 0.5 * (LENGTH - np.pi * (DRUM + RADIUS))  # m, on each side of the cylinder
+RAMP, HANG = 0.25, 0.5  # s, in which the weight grows, and in which it is watched after that
+
+
+def slide(make_world, client, integrator, friction, ratio, segments, dt, stiffness=3e4):
+    """Way of the heavier weight, downwards, in the first and second half of HANG [m]; nothing damps.
+
+    Weights of 1 kg hang on both ends first; a force on one of them, which then becomes a part of its weight,
+    grows in time.
+    """
+    world = make_world(dt, (0, 0, -G), integrator=integrator, sleep=False)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=DRUM, height=0.1, physicsClientId=client)
+    turn = p.getQuaternionFromEuler([np.pi / 2, 0, 0])
+    drum = p.createMultiBody(0, shape, baseOrientation=turn, physicsClientId=client)
+    world.add_obstacle(drum, friction=1.0)
+    angle, around = np.linspace(0, np.pi, 200), DRUM + RADIUS
+    arc = around * np.c_[np.cos(angle), 0 * angle, np.sin(angle)]
+    points = np.vstack([[around, 0, -LEG], arc, [-around, 0, -LEG]])
+    t = world.add_tendon(points, RADIUS, bt.Material(stiffness=stiffness, friction=friction), segments + 1)
+    t.set_point_mass(0, 1.0), t.set_point_mass(-1, 1.0)
+    world.step(round(0.1 / dt))
+    ramp = round(RAMP / dt)
+    for k in range(ramp):
+        t.set_force(-1, (0, 0, -G * (ratio - 1) * (k + 1) / ramp))
+        world.step()
+    t.set_force(-1, (0, 0, 0)), t.set_point_mass(-1, ratio)
+    z = [t.positions[-1, 2]]
+    for _ in range(2):
+        world.step(round(0.5 * HANG / dt))
+        z.append(t.positions[-1, 2])
+    return -np.diff(z)
+
+
+METHODS = ["implicit_euler", "bdf2"]
+
+
+@pytest.mark.parametrize("integrator", METHODS)
+@pytest.mark.parametrize(
+    ("friction", "ratio", "segments", "dt", "stiffness"),
+    [
+        (0.3, 2.3, 20, 1e-3, 3e4),
+        (0.3, 2.3, 20, 1e-3, 1e5),
+        (0.3, 2.3, 40, 1e-3, 3e4),
+        (0.3, 2.3, 20, 2e-3, 3e4),
+        (0.15, 1.45, 20, 1e-3, 3e4),
+        (0.5, 4.0, 20, 1e-3, 3e4),
+    ],
+)
+def test_weights_under_the_limit_of_friction_hang_still(
+    make_world, client, integrator, friction, ratio, segments, dt, stiffness
+):
+    assert ratio < 0.95 * np.exp(friction * np.pi)
+    ways = slide(make_world, client, integrator, friction, ratio, segments, dt, stiffness)
+    assert abs(ways[1]) < 1e-4 * HANG
+
+
+@pytest.mark.parametrize("integrator", METHODS)
+@pytest.mark.parametrize(("friction", "ratio", "segments"), [(0.3, 3.2, 20), (0.3, 3.0, 40), (0.15, 1.9, 20)])
+def test_weights_beyond_the_limit_of_friction_slide(
+    make_world, client, integrator, friction, ratio, segments
+):
+    limit = np.exp(friction * np.pi)
+    ways = slide(make_world, client, integrator, friction, ratio, segments, 1e-3)
+    exact = G * (ratio - limit) / (ratio + limit)
+    assert ways[1] > ways[0] > 0.5 * exact * (0.5 * HANG) ** 2 / 2
