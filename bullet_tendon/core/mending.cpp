@@ -54,11 +54,12 @@ void World::let_go(int mover) {
 
 // Where tendons or holds were made or lost since, there is no way back.
 bool World::take_back() {
-  if (!way_back_ || !previous_.valid) return false;
+  const Checkpoint& start = start_of_last_step();
+  if (!way_back_ || !start.valid) return false;
   Checkpoint now;
   capture(now);
-  if (!same_build(previous_, now)) return false;
-  apply(previous_);
+  if (!same_build(start, now)) return false;
+  apply(start);
   for (size_t c = 0; c < chains.size(); ++c) {
     if (!chains[c]) continue;
     const TendonState& user = now.tendons[c].state;
@@ -134,8 +135,8 @@ bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
     links.swap(links_now), movers.swap(movers_now);
     told_contacts_.clear();
     for (const Mover& m : movers) told_contacts_.push_back(m.contacts);
-    const std::vector<Link>& sensed = previous_.sensed_links;
-    std::vector<Mover>& bodies = previous_.sensed_bodies;
+    const std::vector<Link>& sensed = start_of_last_step().sensed_links;
+    std::vector<Mover>& bodies = start_of_last_step().sensed_bodies;
     for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
     for (int i : pulled) movers[i].observer.believe();
     for (size_t i = 0; i < std::min(movers.size(), bodies.size()); ++i) {

@@ -63,6 +63,8 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   context_.budget = &budget_;
   whole_dt_ = dt;
   whole_ = whole;
+  stepped_ = true;
+  size_links();
   substeps_.start(dt, !whole && can_carry());
   slots_.clear();
   for (Link& l : links) {

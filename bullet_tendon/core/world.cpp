@@ -183,6 +183,20 @@ bool World::any_moved() const {
   return std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
 }
 
+// A link, of a body that nothing moves, for all that refers to one: pybullet may not have told of it yet.
+void World::size_links() {
+  size_t count = links.size();
+  auto need = [&](int link) { count = std::max(count, static_cast<size_t>(link + 1)); };
+  for (const auto& c : chains)
+    for (size_t h = 0; c && h < c->holds.size(); ++h) need(c->holds[h].link);
+  for (size_t s = 0; s < shapes.size(); ++s)
+    if (shape_alive[s]) need(shapes[s].link);
+  for (size_t t = 0; t < tunnels.size(); ++t)
+    if (tunnel_alive[t]) need(tunnels[t].link);
+  links.resize(count);
+  movers.resize(std::max(movers.size(), count));
+}
+
 // A cache for every tendon and shape that are there.
 void World::size_caches() {
   caches_.resize(chains.size());

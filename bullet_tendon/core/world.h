@@ -129,6 +129,9 @@ class World {
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
+  // Of the last step that was begun.
+  Checkpoint& start_of_last_step() { return stepped_ ? start_ : previous_; }
+  void size_links();
   uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
@@ -256,7 +259,8 @@ class World {
   std::vector<int> group_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
-  Checkpoint start_, previous_;                // of this step, and of the one before
+  Checkpoint start_, previous_;  // of this step, and of the one before
+  bool stepped_ = false;         // a step was begun since the checkpoint
   std::vector<dense::Numbers> told_contacts_;  // by mover, at rewind
   std::vector<KeptEntry> changed_entries_;     // as they were when the step began
 };
