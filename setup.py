@@ -27,8 +27,9 @@ if "undefined" in sanitize:
 # The two -fno- flags only promise that nobody reads errno or floating-point traps.
 core = Pybind11Extension(
     "bullet_tendon._core",
-    sorted(glob("bullet_tendon/core/*.cpp")),
-    depends=sorted(glob("bullet_tendon/core/*.h")),
+    sorted(glob("bullet_tendon/core/**/*.cpp", recursive=True)),
+    depends=sorted(glob("bullet_tendon/core/**/*.h", recursive=True)),
+    include_dirs=["bullet_tendon/core"],
     cxx_std=17,
     extra_compile_args=["-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", *sanitizers],
     extra_link_args=sanitizers,

@@ -144,4 +144,7 @@ class Chain {
   int n_;
 };
 
+// Whether any particle ends up elsewhere than foreseen.
+bool strays(const Chain& c);
+
 }  // namespace bt

@@ -177,7 +177,7 @@ void World::moving_fields(A& a) {
     if (there) fields(a, *c);
   }
   a(links, movers, memory_, whole_dt_, way_back_, asleep_rows_, rest_gravity_);
-  if (a.applies()) finder_.clear();  // what it finds does not depend on what it has kept
+  if (a.applies()) broad_phase_.clear();  // what it finds does not depend on what it has kept
 }
 
 template <class A>

@@ -14,8 +14,8 @@
 #include <stdexcept>
 #include <vector>
 
+#include "collision/broad_phase.h"
 #include "near.h"
-#include "pairs.h"
 #include "stepping.h"
 
 namespace bt {
@@ -220,7 +220,7 @@ class World {
   std::vector<Chain*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
-  PairFinder finder_;
+  BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;
