@@ -14,8 +14,8 @@ namespace bt {
 Box swept_box(const Chain& c, int segment, Vec3 mean_motion, double skin);
 
 // The hierarchy is an implicit binary tree: node 1 is the root, nodes 2 i and 2 i + 1 are the children of
-// node i, and the last leaves() nodes, a power of two, are the segments. Those beyond the tendon's end are
-// empty boxes, which are near nothing.
+// node i, and the second half of all nodes, a power of two, are the segments. Those beyond the tendon's end
+// are empty boxes, which are near nothing.
 class TendonBvh {
  public:
   // Follows the tendon, always the same, to where it is and is foreseen to be. threshold: distance of the
