@@ -78,10 +78,12 @@ class StepReport:
     boxes, culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
     nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core);
     tunnels_considered: pairs of tendons and tunnels; tunnels_culled: those whose boxes are too far apart;
-    tendon_searches: pairs of tendons (each with itself too) of which it was searched anew which segments are
-    near; tendon_searches_skipped: those that cannot have come near since, or nearer than what was listed;
-    tendon_pairs by segments; rows: contacts in the solution; groups: systems solved apart; substeps:
-    parts that the step was taken in; tendons_asleep: left out of it because they rest.
+    tendon_searches: pairs of tendons (each with itself too) whose list of segments that are near each other
+    was collected anew; tendon_searches_skipped: those whose list served again, because its margin is not used
+    up, or that need none, because a tendon is straight; tendon_pairs_considered: pairs of segments of those
+    lists that were measured; tendon_pairs_near: those that could touch within the step;
+    rows: contacts in the solution; groups: systems solved apart; substeps: parts that the step was taken in;
+    tendons_asleep: left out of it because they rest.
     """
 
     iterations: int = 0

@@ -112,6 +112,18 @@ void Chain::foresee() {
   std::fill(slack.begin(), slack.end(), most_slack);
 }
 
+BT_VECTOR bool strays(const Chain& c) {
+  int count = 0;
+  const double *x = c.next[0], *y = c.next[1], *z = c.next[2], *slack = c.slack.data();
+  const double *fx = c.foreseen[0], *fy = c.foreseen[1], *fz = c.foreseen[2];
+#pragma GCC ivdep
+  for (int i = 0; i < c.n(); ++i) {
+    const double dx = x[i] - fx[i], dy = y[i] - fy[i], dz = z[i] - fz[i];
+    count += dx * dx + dy * dy + dz * dz > slack[i] * slack[i];
+  }
+  return count > 0;
+}
+
 // Directions that fill a sphere evenly, one by the golden angle from the last (Saff and Kuijlaars 1997).
 void Chain::spread_coincident() {
   const Field given = x;

@@ -140,4 +140,7 @@ class Chain : public TendonState, public TendonWorkspace {
   int n_;
 };
 
+// Whether any particle ends up elsewhere than foreseen.
+bool strays(const Chain& c);
+
 }  // namespace bt

@@ -46,7 +46,7 @@ void World::apply(const Checkpoint& from) {
   rest_gravity_ = from.rest_gravity;
   whole_dt_ = from.step_length;
   way_back_ = from.way_back;
-  finder_.clear();  // what it finds does not depend on what it has kept
+  broad_phase_.clear();  // what it finds does not depend on what it has kept
 }
 
 void World::checkpoint() {

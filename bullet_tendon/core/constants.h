@@ -206,8 +206,8 @@ constexpr double kOverlaid = 0.5;
 // The same under which neighbours of such pairs are laid through each other too [-]: no contact is so deep.
 constexpr double kStillOverlaid = 0.9;
 
-// Leaves of eight segments up to which a stretch is looked at for being straight [-].
-constexpr int kFarthestLeaf = 64;
+// Stretches of eight segments that are looked at for being straight together at most [-].
+constexpr int kFarthestStretch = 64;
 
 // Steps of the search for a segment's nearest point to an edge, an iteration [-]; it goes on from the last
 // one.

@@ -271,7 +271,7 @@ void World::tendon_rows() {
   const auto start = std::chrono::steady_clock::now();
   pairs_.clear();
   const Foresight foresight = substeps_.divisible() ? Foresight::swept : Foresight::near;
-  report_.pairs = finder_.find(slots_, options.contact_threshold, foresight, pairs_);
+  report_.pairs = broad_phase_.find(slots_, options.contact_threshold, foresight, pairs_);
   report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   room_ = std::min(room_, report_.pairs.room);
   for (const SegmentPair& p : pairs_) {

@@ -15,7 +15,7 @@
 #include <cmath>
 
 #include "constants.h"
-#include "pairs.h"
+#include "geometry/segment_distance.h"
 #include "row.h"
 
 namespace bt {

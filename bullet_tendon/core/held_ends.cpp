@@ -9,8 +9,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "collision/narrow_phase.h"
 #include "constants.h"
-#include "pairs.h"
 
 namespace bt {
 

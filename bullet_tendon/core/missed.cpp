@@ -2,7 +2,7 @@
 #include <algorithm>
 
 #include "constants.h"
-#include "pairs.h"
+#include "geometry/segment_distance.h"
 #include "stepping.h"
 
 namespace bt {

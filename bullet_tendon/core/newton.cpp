@@ -4,7 +4,6 @@
 
 #include "assembly.h"
 #include "constants.h"
-#include "pairs.h"
 #include "progress.h"
 #include "rounds.h"
 

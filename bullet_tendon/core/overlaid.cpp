@@ -7,7 +7,7 @@
 
 #include "chain.h"
 #include "constants.h"
-#include "pairs.h"
+#include "geometry/segment_distance.h"
 
 namespace bt {
 

@@ -1,30 +1,8 @@
-// What the searches for what tendons may touch are made with: of each other (search.h), and of the triangles
-// of surfaces (surface.h, near.h).
+// What the searches for what tendons touch of surfaces are made with (surface.h, near.h, primitive.h).
 #pragma once
 #include <cstddef>
 
 namespace bt {
-
-// Segments in a leaf of a tendon's tree [-].
-constexpr int kLeafSegments = 4;
-
-// Of tendons that are apart, the share of the room between them that a search makes sure of; the most room
-// that it looks for, the least that it takes for one, and what it lists the segments in where there is less,
-// in sums of radii [-]. More: searches take longer. Less: they are made more often.
-constexpr double kRoomKept = 0.7;
-constexpr double kMostRoom = 16.0;
-constexpr double kLeastRoom = 0.1;
-constexpr double kListedRoom = 0.35;
-// Looks that a search has to last for, or boxes are compared for the next ones, at most so many [-]. More:
-// what slows down is searched late. Fewer: what is fast is searched for nothing.
-constexpr int kLooksWorth = 8;
-constexpr int kLongestWait = 256;
-// Growth of a front from which on it is made anew [-]. More: it is divided where it need not be. Less: it is
-// made for nothing.
-constexpr double kMostGrown = 2.0;
-// What particles are off the motion of their tendon, in radii, from which on a search measures that anew [-].
-// Larger: searches leave less room. Smaller: the others' grows less.
-constexpr double kSettled = 0.05;
 
 // Steps for which a plane is reused at most by a feature that has moved along it by more than this share of
 // its distance [-]. More: what has come to rest leans on tilted planes for longer. Fewer: more queries.

@@ -13,14 +13,16 @@
 #include <iterator>
 #include <numeric>
 
+#include "collision/tendon_bvh.h"
 #include "constants.h"
-#include "search_constants.h"
-#include "swept_box.h"
 #include "world.h"
 
 namespace bt {
 
 namespace {
+
+// Segments of a tendon that sleeps in a box [-]. More: what passes by rouses it. Fewer: more boxes.
+constexpr int kBoxedSegments = 4;
 
 bool same(Vec3 a, Vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
@@ -156,8 +158,8 @@ bool World::is_met(const Chain& asleep) const {
   for (size_t a = 0; a < slots_.size(); ++a) {
     if (!slots_[a] || !overlap(reach_[a], all)) continue;
     const Chain& awake = *slots_[a];
-    for (int k = 0; k < segments; k += kLeafSegments) {
-      const Box leaf = box_of(asleep, k, std::min(k + kLeafSegments, segments) - 1, skin);
+    for (int k = 0; k < segments; k += kBoxedSegments) {
+      const Box leaf = box_of(asleep, k, std::min(k + kBoxedSegments, segments) - 1, skin);
       for (int m = 0; overlap(reach_[a], leaf) && m < awake.n() - 1; ++m)
         if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), leaf)) return true;
     }

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "box.h"
-#include "pairs.h"
+#include "geometry/segment_distance.h"
 #include "search_constants.h"
 
 namespace bt {

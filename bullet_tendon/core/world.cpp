@@ -11,7 +11,7 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
   const int slot = static_cast<int>(std::find(chains.begin(), chains.end(), nullptr) - chains.begin());
   if (slot == static_cast<int>(chains.size())) chains.emplace_back();
   chains[slot] = std::move(chain);
-  finder_.clear();
+  broad_phase_.clear();
   way_back_ = false;
   return slot;
 }
@@ -19,7 +19,7 @@ int World::add_chain(std::unique_ptr<Chain> chain) {
 void World::remove_chain(int slot) {
   rouse(slot);
   chains[slot].reset();
-  finder_.clear();
+  broad_phase_.clear();
   way_back_ = false;
   while (!chains.empty() && !chains.back()) chains.pop_back();
   rows_.clear();

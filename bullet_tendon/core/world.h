@@ -16,8 +16,8 @@
 #include <vector>
 
 #include "checkpoint.h"
+#include "collision/broad_phase.h"
 #include "near.h"
-#include "pairs.h"
 #include "stepping.h"
 #include "substepper.h"
 
@@ -241,7 +241,7 @@ class World {
   std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
   std::vector<Query> queries_;
   std::vector<double> distances_, points_, parameters_;  // the answers to them
-  PairFinder finder_;
+  BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by mover
   std::vector<Row> rows_, found_, before_;

@@ -1,0 +1,183 @@
+#include "collision/broad_phase.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "constants.h"
+#include "search_constants.h"
+
+namespace bt {
+
+namespace {
+
+// In blocks of 64 by 64 segments, and these in blocks of 8 by 8.
+uint64_t order_of(const Candidate& s) {
+  auto part = [](int segment, int shift, int bits) {
+    return static_cast<uint64_t>(segment >> shift & ((1 << bits) - 1));
+  };
+  const uint64_t outer = part(s.k, 6, 16) << 16 | part(s.m, 6, 16);
+  const uint64_t inner = part(s.k, 3, 3) << 3 | part(s.m, 3, 3);
+  return outer << 12 | inner << 6 | part(s.k, 0, 3) << 3 | part(s.m, 0, 3);
+}
+
+double sum_of_radii(const TendonBvh& a, const TendonBvh& b) { return a.tendon().radius + b.tendon().radius; }
+
+// Relative motion that is foreseen in the step, at most [m].
+double foreseen(const TendonBvh& a, const TendonBvh& b, double most) {
+  return std::min(most, relative_motion(a.ahead(), b.ahead()));
+}
+
+}  // namespace
+
+// Goes down both hierarchies where segments may be near each other.
+struct Collector {
+  TendonBvh &a, &b;
+  const double reach;  // of both [m]
+  const double most;   // relative motion within the step [m]
+  const double limit;  // of distances [m]
+  const bool once;     // the list is to serve for this step alone
+  CandidateList& list;
+  const bool self = &a == &b;
+  // Two tendons may move towards each other as wholes.
+  const double towards = self ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
+
+  using Node = TendonBvh::Node;
+
+  static Vec3 gap_between(const Box& p, const Box& q) {
+    return highest(highest(p.lo - q.hi, q.lo - p.hi), {});
+  }
+
+  // Where they are and will be, relative to the tendon's mean motion.
+  static Box swept(const Node& s, Vec3 mean) {
+    return {lowest(s.at.lo, s.at.lo + s.ahead.lo - mean), highest(s.at.hi, s.at.hi + s.ahead.hi - mean)};
+  }
+
+  // Of segments whose boxes have that distance, squared, and do not meet.
+  bool may_touch_now(const Node& p, const Node& q, double square) const {
+    const Vec3 moves = highest(p.ahead.hi - q.ahead.lo, q.ahead.hi - p.ahead.lo);
+    const double enough = (1 + kRoundedUp) * (reach + std::min(most, norm(moves)));
+    if (square > enough * enough) return false;
+    const Vec3 gap = gap_between(swept(p, a.mean_motion()), swept(q, b.mean_motion()));
+    return max_abs(gap) <= (1 + kRoundedUp) * (reach + towards);
+  }
+
+  void leave_out(double square) { list.left_out_ = std::min(list.left_out_, square); }
+
+  void within(int i) {
+    if (a.joins(a.first(i), a.last(i))) return;
+    within(2 * i);
+    within(2 * i + 1);
+    between(2 * i, 2 * i + 1);
+  }
+
+  // Of one tendon: i comes before j.
+  void between(int i, int j) {
+    if (self && a.joins(a.first(i), b.last(j))) return;
+    const Vec3 gap = gap_between(a[i].at, b[j].at);
+    const double square = dot(gap, gap);
+    const bool apart =
+        !(square <= limit * limit) || (once && square > 0 && !may_touch_now(a[i], b[j], square));
+    if (apart) return leave_out(square);
+    if (a.is_leaf(i) && b.is_leaf(j)) return measure(a.first(i), b.first(j));
+    if (a.width(i) >= b.width(j)) {
+      between(2 * i, j);
+      between(2 * i + 1, j);
+    } else {
+      between(i, 2 * j);
+      between(i, 2 * j + 1);
+    }
+  }
+
+  void measure(int k, int m) {
+    const Field &x = a.tendon().x, &y = b.tendon().x;
+    const double distance = segment_distance(x.at(k), x.at(k + 1), y.at(m), y.at(m + 1));
+    if (distance <= limit)
+      list.candidates_.push_back({k, m, distance});
+    else
+      leave_out(distance * distance);
+  }
+};
+
+double CandidateList::needed(const TendonBvh& a, const TendonBvh& b, double most) const {
+  const Vec3 by = (a.moved().by - a_moved_.by) - (b.moved().by - b_moved_.by);
+  const double off = (a.moved().off - a_moved_.off) + (b.moved().off - b_moved_.off);
+  return (1 + kRoundedUp) * (a.reach() + b.reach() + norm(by) + off + foreseen(a, b, most));
+}
+
+bool CandidateList::serves(const TendonBvh& a, const TendonBvh& b, double needed) const {
+  return needed < left_out_ && a_rest_ == a.rest_set() && b_rest_ == b.rest_set();
+}
+
+void CandidateList::collect(TendonBvh& a, TendonBvh& b, double most) {
+  a_moved_ = a.moved();
+  b_moved_ = b.moved();
+  a_rest_ = a.rest_set();
+  b_rest_ = b.rest_set();
+  candidates_.clear();
+  left_out_ = 1e300;
+  a.refit();
+  b.refit();
+  const double margin = kListMargin * sum_of_radii(a, b), reach = a.reach() + b.reach();
+  const double moves = foreseen(a, b, most);
+  const bool once = moves > 0.5 * margin;
+  const double limit = (1 + kRoundedUp) * (reach + (once ? moves : margin));
+  Collector collector{a, b, reach, most, limit, once, *this};
+  if (&a == &b)
+    collector.within(1);
+  else
+    collector.between(1, 1);
+  left_out_ = std::isfinite(limit) ? std::sqrt(left_out_) : 0;
+  std::sort(candidates_.begin(), candidates_.end(),
+            [](const Candidate& p, const Candidate& q) { return order_of(p) < order_of(q); });
+  nearest_ = 1e300;
+  for (const Candidate& s : candidates_) nearest_ = std::min(nearest_, s.distance);
+}
+
+void BroadPhase::clear() {
+  tendons_.clear();
+  lists_.clear();
+}
+
+PairCounts BroadPhase::find(const std::vector<Chain*>& chains, double threshold, Foresight foresight,
+                            std::vector<SegmentPair>& out) {
+  const int count = static_cast<int>(chains.size());
+  if (tendons_.size() != chains.size()) clear();
+  tendons_.resize(count);
+  lists_.resize(count * (count + 1) / 2);
+  for (int c = 0; c < count; ++c)
+    if (chains[c]) tendons_[c].follow(*chains[c], threshold);
+  PairCounts counts;
+  for (int i = 0; i < count; ++i)
+    for (int j = i; j < count; ++j)
+      if (chains[i] && chains[j]) find_between(i, j, foresight, counts, out);
+  return counts;
+}
+
+void BroadPhase::find_between(int i, int j, Foresight foresight, PairCounts& counts,
+                              std::vector<SegmentPair>& out) {
+  TendonBvh &a = tendons_[i], &b = tendons_[j];
+  CandidateList& list = lists_[i + j * (j + 1) / 2];
+  const double most = foresight == Foresight::near ? kFarthest * sum_of_radii(a, b) : 1e300;
+  double needed = list.needed(a, b, most);
+  bool serves = list.serves(a, b, needed);
+  const bool is_clear = serves && !list.any_within(needed);
+  if (is_clear || (i == j && is_straight(a.tendon()))) {
+    ++counts.skipped;
+    return;
+  }
+  if (serves) {
+    ++counts.skipped;
+  } else {
+    ++counts.searches;
+    list.collect(a, b, most);
+    needed = list.needed(a, b, most);
+  }
+  if (!list.any_within(needed)) return;
+  if (i == j) straight_.find(a);
+  NarrowPhase narrow{a, b, i, j, foresight, i == j ? &straight_ : nullptr, most, counts, out};
+  for (const Candidate& s : list.candidates())
+    if (!(s.distance > needed)) narrow.test(s.k, s.m);
+}
+
+}  // namespace bt

@@ -1,0 +1,87 @@
+#include "collision/tendon_bvh.h"
+
+#include <utility>
+
+#include "constants.h"
+
+namespace bt {
+
+namespace {
+
+// Rounding of a sum, as a share of it [-].
+constexpr double kSumRounding = 3e-16;
+
+// Empty where both are.
+Box around_both(const Box& p, const Box& q) { return {lowest(p.lo, q.lo), highest(p.hi, q.hi)}; }
+
+}  // namespace
+
+Box swept_box(const Chain& c, int segment, Vec3 mean_motion, double skin) {
+  Box box;
+  for (int i : {segment, segment + 1}) {
+    box.include(c.x.at(i));
+    box.include(c.foreseen.at(i) - mean_motion);
+  }
+  box.grow(skin + std::max(c.slack[segment], c.slack[segment + 1]));
+  return box;
+}
+
+void TendonBvh::begin(const Chain& c) {
+  last_ = c.x;
+  leaves_ = 1;
+  while (leaves_ < c.n() - 1) leaves_ *= 2;
+  nodes_.assign(2 * leaves_, Node{});
+}
+
+void TendonBvh::follow(const Chain& c, double threshold) {
+  chain_ = &c;
+  fitted_ = false;
+  averaged_ = false;
+  skin_ = c.radius + 0.5 * threshold;
+  if (nodes_.empty()) begin(c);
+  const MotionBound since = motion_between(last_, c.x);
+  moved_.by += since.by;
+  moved_.off += since.off + kSumRounding * max_abs(moved_.by);
+  ahead_ = motion_between(c.x, c.foreseen);
+  last_ = c.x;
+  if (std::exchange(rest_set_, c.rest_set) == c.rest_set) return;
+  joined_arc_ = kSelfContactArc * c.radius;
+  arc_.assign(c.n(), 0.0);
+  for (int k = 0; k + 1 < c.n(); ++k) arc_[k + 1] = arc_[k] + c.rest[k];
+}
+
+void TendonBvh::refit() {
+  if (std::exchange(fitted_, true)) return;
+  const Chain& c = *chain_;
+  for (int k = 0; k + 1 < c.n(); ++k) {
+    const Vec3 x = c.x.at(k), y = c.x.at(k + 1);
+    const Vec3 x_ahead = c.foreseen.at(k) - x, y_ahead = c.foreseen.at(k + 1) - y;
+    nodes_[leaves_ + k] = {{lowest(x, y), highest(x, y)},
+                           {lowest(x_ahead, y_ahead), highest(x_ahead, y_ahead)}};
+  }
+  for (int i = leaves_ - 1; i > 0; --i) {
+    const Node &p = nodes_[2 * i], &q = nodes_[2 * i + 1];
+    nodes_[i] = {around_both(p.at, q.at), around_both(p.ahead, q.ahead)};
+  }
+}
+
+Vec3 TendonBvh::mean_motion() {
+  if (std::exchange(averaged_, true)) return mean_motion_;
+  const Chain& c = *chain_;
+  mean_motion_ = {};
+  for (int i = 0; i < c.n(); ++i) mean_motion_ += (1.0 / c.n()) * (c.foreseen.at(i) - c.x.at(i));
+  return mean_motion_;
+}
+
+double TendonBvh::most_off_mean() {
+  const Chain& c = *chain_;
+  const Vec3 mean = mean_motion();
+  double square = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 off = c.foreseen.at(i) - mean - c.x.at(i);
+    square = std::max(square, dot(off, off));
+  }
+  return std::sqrt(square);
+}
+
+}  // namespace bt
