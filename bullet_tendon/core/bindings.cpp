@@ -195,10 +195,10 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
-  using release = py::call_guard<py::gil_scoped_release>;
   m.def("allocated_bytes", &allocated_bytes);
   m.attr("CUT_OFF_RATE") = kCutOff * kMostRate;
-  py::class_<World> world(m, "World");
+  py::class_<World> world_class(m, "World");
+  GuardedWorld world(world_class);
   py::class_<Report>(m, "Report")
       .def_readonly("iterations", &Report::iterations)
       .def_readonly("residual", &Report::residual)
@@ -224,8 +224,8 @@ PYBIND11_MODULE(_core, m) {
       callback();
     };
   });
-  world.def(py::init<>())
-      .def("set_options", &set_options)
+  world_class.def(py::init<>());
+  world.def("set_options", &set_options)
       .def("add_chain", &add_chain)
       .def("remove_chain", &World::remove_chain)
       .def("positions", [](World& w, int c) { return rows_of(w.chains[c]->x); })

@@ -3,6 +3,9 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <mutex>
+#include <utility>
+
 #include "world.h"
 
 namespace py = pybind11;
@@ -57,9 +60,71 @@ inline std::vector<Triangle> triangles_of(const Array& corners) {
   return out;
 }
 
+// One call at a time in a world: a reader in another thread waits until a step is over. The interpreter is
+// free while it waits.
+class WorldLock {
+ public:
+  explicit WorldLock(const World& w) : lock_(w.mutex, std::try_to_lock) {
+    if (lock_.owns_lock()) return;
+    py::gil_scoped_release release;
+    lock_.lock();
+  }
+
+ private:
+  std::unique_lock<std::recursive_mutex> lock_;
+};
+
+// The same function, with the world locked.
+template <class W, class R, class... A>
+auto guarded(R (*f)(W&, A...)) {
+  return [f](W& w, A... a) -> R {
+    WorldLock lock(w);
+    return f(w, std::forward<A>(a)...);
+  };
+}
+template <class R, class... A>
+auto guarded(R (World::*f)(A...)) {
+  return [f](World& w, A... a) -> R {
+    WorldLock lock(w);
+    return (w.*f)(std::forward<A>(a)...);
+  };
+}
+template <class R, class... A>
+auto guarded(R (World::*f)(A...) const) {
+  return [f](const World& w, A... a) -> R {
+    WorldLock lock(w);
+    return (w.*f)(std::forward<A>(a)...);
+  };
+}
+template <class F, class R, class W, class... A>
+auto guarded_lambda(F f, R (F::*)(W&, A...) const) {
+  return [f](W& w, A... a) -> R {
+    WorldLock lock(w);
+    return f(w, std::forward<A>(a)...);
+  };
+}
+template <class F>
+auto guarded(F f) -> decltype(guarded_lambda(f, &F::operator())) {
+  return guarded_lambda(f, &F::operator());
+}
+
+// The Python class of World: every method that is defined through it locks the world.
+class GuardedWorld {
+ public:
+  explicit GuardedWorld(py::class_<World>& of) : of_(of) {}
+  template <class F>
+  GuardedWorld& def(const char* name, F f) {
+    of_.def(name, guarded(f));
+    return *this;
+  }
+
+ private:
+  py::class_<World>& of_;
+};
+
 // What pybullet tells of links (link_bindings.cpp) and of bodies with joints (body_bindings.cpp).
-void bind_links(py::module_& m, py::class_<World>& world);
-void bind_bodies(py::module_& m, py::class_<World>& world);
+void bind_links(py::module_& m, GuardedWorld& world);
+void bind_bodies(py::module_& m, GuardedWorld& world);
 // Distances that have closed forms (primitive_bindings.cpp).
 void bind_primitives(py::module_& m);
 

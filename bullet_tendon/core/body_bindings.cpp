@@ -127,7 +127,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 
 }  // namespace
 
-void bind_bodies(py::module_& m, py::class_<World>& world) {
+void bind_bodies(py::module_& m, GuardedWorld& world) {
   world.def("tell_body", &tell_body).def("note_body", &note_body);
   m.def("dynamics", &dynamics);
 }

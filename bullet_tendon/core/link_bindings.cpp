@@ -149,7 +149,7 @@ void clear_link(World& w, int slot) {
 
 }  // namespace
 
-void bind_links(py::module_& m, py::class_<World>& world) {
+void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
       .def("tell_link", &tell_link)
       .def("note_link", &note_link)

@@ -176,9 +176,9 @@ void World::solve_again(Reason why) {
     return;
   }
   if (why == Reason::motion)
-    substeps_.cut(why, room_);
+    substeps_.cut(why, room_, budget_);
   else if (why == Reason::not_converged)
-    substeps_.cut(why, 0.5);
+    substeps_.cut(why, 0.5, budget_);
   else if (why == Reason::turn || why == Reason::growth)
     substeps_.divide(why, why == Reason::turn ? substeps_parts_ : 2);
   else

@@ -42,13 +42,13 @@ void Substepper::repeat(Reason why) {
   ++repeats_;
 }
 
-void Substepper::cut(Reason why, double share) {
+void Substepper::cut(Reason why, double share, const Budget& budget) {
   count(why);
   repeats_ = 0;
   do {
     size_ /= 2;
     share *= 2;
-  } while (share < 1 && size_ > 1);
+  } while (share < 1 && size_ > smallest(budget));
 }
 
 void Substepper::divide(Reason why, int parts) {

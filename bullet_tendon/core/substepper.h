@@ -74,14 +74,12 @@ class Substepper {
   bool divisible() const { return divisible_; }
   // Whether a substep without convergence is cut; else its iterations have to be safeguarded.
   bool may_halve() const { return divisible_ && size_ > kUnits / kMostSubsteps; }
-  bool may_cut(const Budget& budget) const {
-    return divisible_ && size_ > (budget.exhausted() ? kUnits / kMostOverBudget : 1);
-  }
+  bool may_cut(const Budget& budget) const { return divisible_ && size_ > smallest(budget); }
   bool may_repeat() const { return repeats_ < kMostRepeats; }
 
   // The substep is solved again, with the same length, or cut to that share of it, by halves; or in `parts`.
   void repeat(Reason why);
-  void cut(Reason why, double share);
+  void cut(Reason why, double share, const Budget& budget);
   void divide(Reason why, int parts);
   // The substep was taken. The next one is twice as long where that fits.
   void accept();
@@ -90,6 +88,7 @@ class Substepper {
   const ReasonCounts& reasons() const { return reasons_; }
 
  private:
+  static int smallest(const Budget& budget) { return budget.exhausted() ? kUnits / kMostOverBudget : 1; }
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
   bool divisible_ = true;

@@ -11,6 +11,7 @@
 #pragma once
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -67,6 +68,8 @@ struct StepOutcome {
 
 class World {
  public:
+  // Held by whoever calls a method while other threads may do so too.
+  mutable std::recursive_mutex mutex;
   Options options;
   // Slots keep their numbers; a removed one is empty, and the next addition takes it.
   std::vector<std::unique_ptr<Chain>> chains;

@@ -38,44 +38,6 @@ def test_tendons_4096_slots_apart_do_not_share_their_contacts_memory(make_world,
         np.testing.assert_array_equal(one, other)
 
 
-def test_features_65536_apart_do_not_share_their_contacts_memory(make_world, client):
-    """Of n particles, particle i is feature i, and segment k is feature n + k: here n + k = i + 65,536.
-
-    Particle i and the middle of segment k are pressed onto two edges of one box, by different forces;
-    between them the tendon is far above it.
-    """
-    n, segment, high = 33_000, 0.005, 0.05
-    i = 100
-    k = i + 65_536 - n
-    x = segment * np.arange(n)
-    points = np.c_[x, 0 * x, 0 * x + high]
-    down = segment * np.sqrt(0.5)
-    points[i - 1 : i + 2] = [[-down, 0, RADIUS - down], [0, 0, RADIUS], [down, 0, RADIUS + down]]
-    points[i - 1 : i + 2, 0] += x[i]
-    middle = np.array([x[k] + 0.5 * segment, 0, 0]) + RADIUS * np.sqrt(0.5) * np.array([1, 0, 1])
-    slope = down * np.array([1, 0, -1])
-    points[k - 1 : k + 3] = middle + np.outer([-1.5, -0.5, 0.5, 1.5], slope)
-    left, right = x[i] - 1e-4, x[k] + 0.5 * segment
-    world = make_world(sleep=False)
-    half = [0.5 * (right - left), 0.1, 0.01]
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    centre = [0.5 * (left + right), 0, -0.01]
-    world.add_obstacle(p.createMultiBody(0, shape, basePosition=centre, physicsClientId=client), friction=1.0)
-    t = world.add_tendon(points, RADIUS, MATERIAL)
-    for particle in (i - 1, i + 1, k - 1, k + 2):
-        t.grip(particle)
-    t.set_force(i, (0, 0, -5.0))
-    t.set_force(k, (-1.0, 0, -1.0))
-    t.set_force(k + 1, (-1.0, 0, -1.0))
-    world.step(15)
-    for _ in range(5):
-        world.step()
-        c = world.contacts
-        np.testing.assert_array_equal(c["segment"], [i, k])
-        np.testing.assert_allclose(c["normal_force"], [5.0, 2 * np.sqrt(2)], rtol=1e-3)
-        np.testing.assert_allclose(c["distance"], 0, atol=1e-3 * RADIUS)
-
-
 def creep_in_a_second(make_world, client, disturb):
     """How far a tendon at rest along a slope goes in a second [m] while disturb(far) is called each step.
 

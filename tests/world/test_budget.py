@@ -1,0 +1,111 @@
+"""The work of a step is bounded: by linear solutions, by wall time, and by Ctrl-C."""
+
+import math
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import bullet_tendon as bt
+
+
+def folding(make_world, **options):
+    """A tendon with bending stiffness, held in its middle, whose ends are pulled down: it folds."""
+    world = make_world(gravity=(0, 0, 0), **options)
+    material = bt.Material.preset("hamstring_graft")
+    stiff = bt.Material(
+        stiffness=material.stiffness,
+        exponent=material.exponent,
+        toe_strain=material.toe_strain,
+        tension_only=material.tension_only,
+        bending_stiffness=1e-5,
+        density=material.density,
+    )
+    t = world.add_tendon([[-0.08, 0, 0], [0.08, 0, 0]], 0.004, stiff, 60)
+    t.grip(30)
+    for end in (0, -1):
+        t.set_force(end, (0, 0, -1.0))
+    return world, t
+
+
+def test_linear_solutions_are_bounded(make_world):
+    """Of a whole step, with all its substeps: what is over it is one iteration a substep that is left."""
+    world, t = folding(make_world, max_linear_solves=40)
+    over = 0
+    for _ in range(12):
+        world.step()
+        assert np.isfinite(t.positions).all()
+        assert np.isfinite(t.velocities).all()
+        assert world.report.counts["linear_solves"] <= 40 + 2 * 64
+        assert world.report.over_budget == (world.report.counts["linear_solves"] >= 40)
+        assert world.report.converged or world.report.over_budget or world.report.residual > 0
+        over += world.report.over_budget
+    assert over > 0
+
+
+def test_a_step_within_its_bound_is_the_same(make_world):
+    """The bound changes nothing until it is reached."""
+    found = []
+    for most in (100_000, 1000):
+        world = make_world(gravity=(0, 0, -9.81), max_linear_solves=most)
+        t = world.add_tendon([[0, 0, 0], [0.1, 0, 0]], 1e-3, bt.Material(stiffness=1e4, damping=1.0), 20)
+        t.grip(0)
+        world.step(60)
+        assert not world.report.over_budget
+        assert world.report.counts["linear_solves"] >= 1
+        found.append(t.positions)
+    np.testing.assert_array_equal(*found)
+
+
+def test_wall_time_is_bounded(make_world):
+    """Of a budget that no step can keep, one iteration in each of 64 substeps at most is left (two solutions,
+    where the matrix is not definite)."""
+    world, t = folding(make_world, time_budget=1e-9)
+    for _ in range(8):
+        world.step()
+        assert world.report.over_budget
+        assert not world.report.converged
+        assert world.report.counts["linear_solves"] <= 2 * 64
+        assert np.isfinite(t.positions).all()
+
+
+def test_reasons_are_told(make_world):
+    """A step that does not converge is halved, and the report says how often."""
+    world, _ = folding(make_world, max_linear_solves=400)
+    counts = {}
+    for _ in range(12):
+        world.step()
+        for name, count in world.report.reasons.items():
+            counts[name] = counts.get(name, 0) + count
+        assert world.report.counts["substeps"] >= 1
+    assert counts["not_converged"] > 0
+
+
+@pytest.mark.parametrize("name", ["max_linear_solves", "time_budget"])
+@pytest.mark.parametrize("value", [0, -1, math.nan, "many"])
+def test_bounds_that_are_none_are_refused(name, value):
+    with pytest.raises((bt.InvalidValue, bt.InvalidType), match=name):
+        bt.SolverOptions(**{name: value})
+
+
+def test_ctrl_c_ends_a_long_step(make_world):
+    """The step is left within a second, and the tendons are as they were before it."""
+    world, t = folding(make_world, max_linear_solves=10**8, max_iterations=10**5)
+    begun = time.perf_counter()
+    timer = threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    before = t.positions, t.velocities
+    with pytest.raises(KeyboardInterrupt):
+        while time.perf_counter() < begun + 20:
+            before = t.positions, t.velocities
+            world.step()
+    timer.join()
+    assert time.perf_counter() - begun < 10
+    np.testing.assert_array_equal(t.positions, before[0])
+    np.testing.assert_array_equal(t.velocities, before[1])
+    world.options = bt.SolverOptions(max_linear_solves=50)
+    world.step()
+    assert np.isfinite(t.positions).all()

@@ -1,0 +1,79 @@
+"""States that somebody made up: refused, or taken without harm, and never a crash."""
+
+import contextlib
+
+import numpy as np
+import pybullet as p
+import pytest
+from state_scenes import build
+
+import bullet_tendon as bt
+from bullet_tendon import _core
+
+
+@pytest.fixture
+def world(client):
+    world, _ = build(client, bodies=True)
+    world.step(20)
+    return world
+
+
+def restored(world, data: bytes) -> bool:
+    """Whether the core takes it."""
+    try:
+        world._core.restore(data)
+    except RuntimeError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_changed_bytes(world, client, seed):
+    """Single bytes and words changed: what is refused changes nothing, what is taken can be stepped."""
+    random = np.random.default_rng(seed)
+    good = world._core.save()
+    refused = 0
+    for _ in range(100):
+        data = bytearray(good)
+        at = int(random.integers(len(data)))
+        width = int(random.choice([1, 4, 8]))
+        value = [0, 1, 2**31 - 1, 2**63 - 1, 2**64 - 1, int(random.integers(2**62))][random.integers(6)]
+        data[at : at + width] = value.to_bytes(8, "little")[:width]
+        if not restored(world, bytes(data)):
+            refused += 1
+            assert world._core.save() == good
+            continue
+        with contextlib.suppress(RuntimeError, ValueError, TypeError):
+            world._core.step(1 / 240, (0.0, 0.0, -9.81), False, None)
+        world._core.contacts()
+        assert restored(world, good)
+    assert refused > 0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
+def test_cut_off(world, share):
+    good = world._core.save()
+    assert not restored(world, good[: int(share * len(good))])
+    assert not restored(world, good + b"\0")
+    assert world._core.save() == good
+
+
+def test_of_another_world(world, client):
+    """The same bytes in a world of other parts."""
+    good = world._core.save()
+    other = _core.World()
+    with pytest.raises(RuntimeError, match="same parts"):
+        other.restore(good)
+    world.add_tendon([[5, 0, 0], [6, 0, 0]], 0.01, bt.Material(stiffness=1e4), 5)
+    with pytest.raises(RuntimeError, match="same parts"):
+        world._core.restore(good)
+
+
+def test_saved_is_restored_whole(world, client):
+    """Save, step, restore, save: the same bytes."""
+    good = world._core.save()
+    saved = p.saveState(client)
+    world.step(3)
+    p.restoreState(saved, physicsClientId=client)
+    world._core.restore(good)
+    assert world._core.save() == good
