@@ -182,7 +182,7 @@ class Stepper:
             return
         self._bodies.read()
         self._core.refresh_movers()
-        self._core.checkpoint()  # where the step to come fails, bodies stay as they are now, and tendons with them
+        self._core.checkpoint()  # where the step to come fails, all stays as it is now
         self._core.sense(dt, gravity, False)
 
     def _solve_again(self, released: list[int], pulled: list[int]) -> bool:
