@@ -1,4 +1,4 @@
-"""Compiled core (core/bindings.cpp): arrays in, arrays out. Python validates before it calls."""
+"""Compiled core (core/bindings): arrays in, arrays out. Python validates before it calls."""
 
 from collections.abc import Callable
 from types import ModuleType

@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "collision/narrow_phase.h"
-#include "collision/tendon_bvh.h"
 
 namespace bt {
 

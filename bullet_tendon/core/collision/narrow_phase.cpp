@@ -1,12 +1,24 @@
 #include "collision/narrow_phase.h"
 
+#include <algorithm>
 #include <cmath>
 
-#include "constants.h"
+#include "collision/proximity_cache.h"
 
 namespace bt {
 
 namespace {
+
+// Least cosine between a stretch of tendon's segments and its chord for it to count as straight [-].
+constexpr double kStraight = 0.75;
+
+// Stretches of eight segments that are looked at for being straight together at most [-].
+constexpr int kFarthestStretch = 64;
+
+// What the ends of two nearly parallel segments may be farther apart by than their nearest points to draw the
+// contact towards them, in sums of radii [-]. Larger: the nearer end goes deeper. Smaller: what lies side by
+// side is pushed at one end in one step and at the other in the next.
+constexpr double kPairEnds = 5e-3;
 
 BT_VECTOR bool runs_straight(const Field& at) {
   const int m = at.size() - 1;

@@ -2,10 +2,9 @@
 #pragma once
 #include <vector>
 
-#include "chain.h"
+#include "bodies/link.h"
 #include "collision/tendon_bvh.h"
 #include "geometry/segment_distance.h"
-#include "link.h"
 
 namespace bt {
 
@@ -18,7 +17,7 @@ struct SegmentPair {
 };
 
 // Distance that the centrelines of a pair are kept at [m]: the sum of their radii, or less near held
-// particles that are nearer than that (held_ends.cpp).
+// particles that are nearer than that (collision/broad_phase.cpp).
 double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b, const std::vector<Link>& links);
 
 // What a search for pairs did.

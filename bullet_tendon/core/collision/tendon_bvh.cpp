@@ -1,8 +1,10 @@
 #include "collision/tendon_bvh.h"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
-#include "constants.h"
+#include "tendon/initial_overlap.h"
 
 namespace bt {
 

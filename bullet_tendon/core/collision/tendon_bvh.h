@@ -1,11 +1,12 @@
 // A tendon as the search for tendons that could touch sees it: a bounding volume hierarchy of its segments,
 // how far it moves, and which of its segments are neighbours.
 #pragma once
+#include <algorithm>
 #include <vector>
 
-#include "box.h"
-#include "chain.h"
+#include "geometry/aabb.h"
 #include "geometry/motion_bound.h"
+#include "tendon/tendon.h"
 
 namespace bt {
 

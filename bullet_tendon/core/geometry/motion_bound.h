@@ -1,6 +1,6 @@
 // Bounds on how far points move.
 #pragma once
-#include "field.h"
+#include "math/soa_field.h"
 
 namespace bt {
 

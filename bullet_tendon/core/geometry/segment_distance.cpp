@@ -2,11 +2,16 @@
 
 #include <algorithm>
 
-#include "constants.h"
-
 namespace bt {
 
 namespace {
+
+// Times that two segments are advanced towards each other at most to see when they could touch [-]. Fewer:
+// steps are taken in parts because of what passes by.
+constexpr int kAdvances = 8;
+
+// One and the cosine of a turn, up to which it may as well be about any axis [-].
+constexpr double kHalfTurn = 1e-9;
 
 double clamp01(double t) { return std::min(std::max(t, 0.0), 1.0); }
 

@@ -1,8 +1,12 @@
-// Distance of two segments, now and while they move.
+// Nearest points of two segments.
 #pragma once
-#include "vec.h"
+#include "math/vec3.h"
 
 namespace bt {
+
+// Square of the sine between two segments over which their nearest points are followed [-]. Smaller: those of
+// nearly parallel ones run to and fro.
+constexpr double kCrossing = 3e-2;
 
 // Nearest parameters of segments p0-p1 and q0-q1: p0 + u (p1 - p0) and q0 + w (q1 - q0).
 void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w);

@@ -1,0 +1,158 @@
+// Arrays and tuples of Python, and what they are in the core.
+#pragma once
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <utility>
+#include <vector>
+
+#include "world/world.h"
+
+namespace py = pybind11;
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Ints = py::array_t<int, py::array::c_style | py::array::forcecast>;
+
+namespace bt {
+
+inline Vec3 vec(const Array& a) { return {a.data()[0], a.data()[1], a.data()[2]}; }
+inline Vec3 vec(const double* p) { return {p[0], p[1], p[2]}; }
+inline py::tuple tuple(Vec3 v) { return py::make_tuple(v.x, v.y, v.z); }
+
+inline Array rows_of(const std::vector<Vec3>& v) {
+  Array out({static_cast<py::ssize_t>(v.size()), static_cast<py::ssize_t>(3)});
+  double* p = out.mutable_data();
+  for (const Vec3& x : v) *p++ = x.x, *p++ = x.y, *p++ = x.z;
+  return out;
+}
+
+inline Array rows_of(const Field& f) {
+  std::vector<Vec3> v(f.size());
+  for (int i = 0; i < f.size(); ++i) v[i] = f.at(i);
+  return rows_of(v);
+}
+
+inline Array copy_of(const std::vector<double>& v) {
+  return Array(static_cast<py::ssize_t>(v.size()), v.data());
+}
+
+inline void fill(Field& f, const Array& a) {
+  for (int i = 0; i < f.size(); ++i) f.set(i, vec(a.data() + 3 * i));
+}
+
+inline std::vector<double> list_of(const Array& a) { return {a.data(), a.data() + a.size()}; }
+
+inline Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
+
+inline Field field_of(const Array& a) {
+  Field f(static_cast<int>(a.shape(0)));
+  fill(f, a);
+  return f;
+}
+
+// Articulated bodies (bindings/bodies.cpp).
+void bind_articulated(py::module_& m);
+
+// Corners (t, 3, 3).
+inline std::vector<Triangle> triangles_of(const Array& corners) {
+  std::vector<Triangle> out(corners.size() / 9);
+  const double* p = corners.data();
+  for (Triangle& t : out) t = {vec(p), vec(p + 3), vec(p + 6)}, p += 9;
+  return out;
+}
+
+// One call at a time in a world: a reader in another thread waits until a step is over. The interpreter is
+// free while it waits.
+class WorldLock {
+ public:
+  explicit WorldLock(const World& w) : lock_(w.mutex, std::try_to_lock) {
+    if (lock_.owns_lock()) return;
+    py::gil_scoped_release release;
+    lock_.lock();
+  }
+
+ private:
+  std::unique_lock<std::recursive_mutex> lock_;
+};
+
+// The same function, with the world locked.
+template <class W, class R, class... A>
+auto guarded(R (*f)(W&, A...)) {
+  return [f](W& w, A... a) -> R {
+    WorldLock lock(w);
+    return f(w, std::forward<A>(a)...);
+  };
+}
+template <class R, class... A>
+auto guarded(R (World::*f)(A...)) {
+  return [f](World& w, A... a) -> R {
+    WorldLock lock(w);
+    return (w.*f)(std::forward<A>(a)...);
+  };
+}
+template <class R, class... A>
+auto guarded(R (World::*f)(A...) const) {
+  return [f](const World& w, A... a) -> R {
+    WorldLock lock(w);
+    return (w.*f)(std::forward<A>(a)...);
+  };
+}
+template <class F, class R, class W, class... A>
+auto guarded_lambda(F f, R (F::*)(W&, A...) const) {
+  return [f](W& w, A... a) -> R {
+    WorldLock lock(w);
+    return f(w, std::forward<A>(a)...);
+  };
+}
+template <class F>
+auto guarded(F f) -> decltype(guarded_lambda(f, &F::operator())) {
+  return guarded_lambda(f, &F::operator());
+}
+
+// The Python class of World: every method that is defined through it locks the world.
+class GuardedWorld {
+ public:
+  explicit GuardedWorld(py::module_& m) : of_(m, "World") {}
+  GuardedWorld& def(py::detail::initimpl::constructor<> init) {
+    of_.def(init);
+    return *this;
+  }
+  template <class F>
+  GuardedWorld& def(const char* name, F f) {
+    of_.def(name, guarded(f));
+    return *this;
+  }
+
+ private:
+  py::class_<World> of_;
+};
+
+// What pybullet tells of links (bindings/bodies.cpp) and of bodies with joints (bindings/bodies.cpp).
+void bind_links(py::module_& m, GuardedWorld& world);
+void bind_bodies(py::module_& m, GuardedWorld& world);
+// Distances that have closed forms (bindings/collision.cpp).
+void bind_primitives(py::module_& m);
+
+// Module _core.testing: what only tests call.
+// Single terms of a step's potential (bindings/testing.cpp).
+void bind_terms(py::module_& testing);
+// The search for tendons that touch (bindings/testing.cpp).
+void bind_pairs(py::module_& testing);
+// The sparse and the banded solver by themselves (bindings/testing.cpp).
+void bind_sparse(py::module_& testing);
+
+// A tendon about which something is going to change.
+inline Chain& stirred(World& w, int chain) {
+  w.rouse(chain);
+  return *w.chains[chain];
+}
+
+void bind_report(py::module_& m);
+
+// World's methods, by room.
+void bind_world_tendon(GuardedWorld& world);
+void bind_world_bodies(GuardedWorld& world);
+void bind_world_collision(GuardedWorld& world);
+void bind_world_world(GuardedWorld& world);
+
+}  // namespace bt

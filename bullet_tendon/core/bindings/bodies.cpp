@@ -1,0 +1,387 @@
+// Python's access to links and bodies, as pybullet tells of them.
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "bindings/pybullet_reader.h"
+#include "bodies/articulated_body.h"
+
+namespace bt {
+
+namespace {
+
+// Cosine of force and torque under which a wrench is one force at some point: rounding [-].
+constexpr double kAcross = 1e-14;
+
+// A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
+void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
+  const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
+  m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
+  m.limits.clear();
+  m.falls.clear();
+  if (falls) m.falls.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
+  auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
+  const Rot3 axes = transposed(turn_of(turn));
+  const Sym3 turning = inverse(inertia.x) * outer(axes.r0) + inverse(inertia.y) * outer(axes.r1) +
+                       inverse(inertia.z) * outer(axes.r2);
+  const double a[3][3] = {{turning.xx, turning.xy, turning.xz},
+                          {turning.xy, turning.yy, turning.yz},
+                          {turning.xz, turning.yz, turning.zz}};
+  m.free.assign(36, 0.0);
+  for (int i = 0; i < 3; ++i) {
+    m.free[7 * i] = 1 / number(info, 0);
+    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = a[i][j];
+  }
+}
+
+std::vector<double> place_of(const py::tuple& where) {
+  PyObject *centre = item(where.ptr(), 0), *turn = item(where.ptr(), 1);
+  return {number(centre, 0), number(centre, 1), number(centre, 2), number(turn, 0),
+          number(turn, 1),   number(turn, 2),   number(turn, 3)};
+}
+
+// A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
+// alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
+// not finite; 2: contacts could tell more; 3: so they could, but those that were told last can be believed
+// once more, if what it rests on is still there; else 1.
+int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
+              bool alone, bool falls) {
+  make_link(w, slot);
+  Link& l = w.links[slot];
+  place(l, info.ptr(), where.ptr());
+  l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
+  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot) ? 1 : 0;
+  l.mover = slot;
+  l.jacobian.clear();
+  stand_alone(w.movers[slot], l, info.ptr(), item(where.ptr(), 1), falls);
+  if (!told_well(w, slot)) return 0;
+  if (falls && w.movers[slot].may_rest(w.gravity()))
+    return w.movers[slot].contacts_stand(place_of(where), w.movers[slot].rates) ? 3 : 2;
+  if (!w.movers[slot].contacts_kept) w.movers[slot].forget_contacts();
+  return 1;
+}
+
+// Its velocity and spin right after a step; whether it seems to have been let go.
+bool note_link(World& w, int slot, const py::tuple& motion) {
+  const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
+  return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
+}
+
+bool may_rest(const World& w, int slot) {
+  return slot < static_cast<int>(w.movers.size()) && w.movers[slot].n() > 0 &&
+         w.movers[slot].may_rest(w.gravity());
+}
+
+// Those that it has, or that are told next, are the ones of the step to come.
+void keep_contacts(World& w, int slot) { w.movers[slot].contacts_kept = true; }
+
+using Links = std::vector<std::pair<int, int>>;
+
+// By p.getContactPoints, those with the links `stays`, which do not move: the normal towards the body, what
+// it makes of its spin, and the distance. where: as of tell_link; bodies: how many there are.
+void tell_contacts(World& w, int slot, const py::tuple& points, const Links& stays, const py::tuple& where,
+                   int bodies) {
+  Mover& m = w.movers[slot];
+  const Vec3 centre = vector(item(where.ptr(), 0));
+  m.forget_contacts();
+  for (const py::handle& point : points) {
+    const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
+                                    static_cast<int>(number(point.ptr(), 4))};
+    if (std::find(stays.begin(), stays.end(), other) == stays.end()) continue;
+    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
+    const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
+    m.contacts.insert(m.contacts.end(), row, row + 7);
+  }
+  m.contacts_at = place_of(where);
+  m.rests_on.assign(1, bodies);
+  for (const auto& [body, link] : stays) m.rests_on.push_back(body), m.rests_on.push_back(link);
+}
+
+// Whether what was told of its contacts can be believed once more.
+bool contacts_stand(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
+  const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
+  return w.movers[slot].contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z});
+}
+
+// How many bodies there were when its contacts were told, and the links that it rested on.
+py::tuple rests_on(const World& w, int slot) {
+  const Mover& m = w.movers[slot];
+  py::list links;
+  for (size_t k = 1; k < m.rests_on.size(); k += 2)
+    links.append(py::make_tuple(static_cast<int>(m.rests_on[k]), static_cast<int>(m.rests_on[k + 1])));
+  return py::make_tuple(m.rests_on.empty() ? 0 : static_cast<int>(m.rests_on[0]), links);
+}
+
+void clear_link(World& w, int slot) {
+  make_link(w, slot);
+  w.links[slot] = Link{}, w.movers[slot] = Mover{};
+}
+
+}  // namespace
+
+void bind_links(py::module_& m, GuardedWorld& world) {
+  world.def("clear_link", &clear_link)
+      .def("tell_link", &tell_link)
+      .def("note_link", &note_link)
+      .def("may_rest", &may_rest)
+      .def("keep_contacts", &keep_contacts)
+      .def("tell_contacts", &tell_contacts)
+      .def("contacts_stand", &contacts_stand)
+      .def("rests_on", &rests_on);
+  m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
+    Link l;
+    place(l, info.ptr(), where.ptr());
+    const Vec3 o = l.pose.origin;
+    const Rot3& r = l.pose.rotation;
+    const std::vector<double> axes{r.r0.x, r.r0.y, r.r0.z, r.r1.x, r.r1.y, r.r1.z, r.r2.x, r.r2.y, r.r2.z};
+    return py::make_tuple(copy_of(std::vector<double>{o.x, o.y, o.z}), copy_of(axes).reshape({3, 3}));
+  });
+}
+
+namespace {
+
+// Bodies with joints, as pybullet tells of them.
+
+// What pybullet tells of a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
+// p.getBaseVelocity, p.getJointStatesMultiDof of the joints that move.
+struct Told {
+  py::list infos;
+  py::tuple base, motion, joints;
+};
+
+void take(PyObject* from, int count, std::vector<double>& numbers) {
+  for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
+}
+
+void place(Articulated& body, const Told& told, const std::vector<double>& places) {
+  if (static_cast<int>(told.infos.size()) != body.links()) throw py::value_error("infos");
+  std::vector<double> inertias, base;
+  inertias.reserve(kInertiaWidth * body.links());
+  for (const py::handle& info : told.infos) {
+    take(info.ptr(), 1, inertias);
+    for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), part == 4 ? 4 : 3, inertias);
+  }
+  for (int part = 0; part < 2; ++part) take(item(told.base.ptr(), part), 3 + part, base);
+  body.place(inertias.data(), base.data(), places.data());
+}
+
+// The rates of the degrees of freedom, and where the joints are.
+void read_joints(const Articulated& body, const py::tuple& motion, const py::tuple& joints,
+                 std::vector<double>& rates, std::vector<double>& places) {
+  rates.clear(), places.clear();
+  for (int part = 0; part < 2 && body.floats(); ++part) take(item(motion.ptr(), part), 3, rates);
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    PyObject* state = item(joints.ptr(), static_cast<int>(j));
+    PyObject *place = item(state, 0), *rate = item(state, 1);
+    take(place, static_cast<int>(PyTuple_Size(place)), places);
+    take(rate, static_cast<int>(PyTuple_Size(rate)), rates);
+  }
+  if (static_cast<int>(rates.size()) != body.dofs() || static_cast<int>(places.size()) != body.places())
+    throw py::value_error("joints");
+}
+
+void set_mover(Mover& m, Articulated& body, const Told& told) {
+  const std::size_t n = body.dofs();
+  std::vector<double> places, mass(n * n), weight(3 * n);
+  read_joints(body, told.motion, told.joints, m.rates, places);
+  place(body, told, places);
+  body.mass_matrix(mass.data()), body.weight(weight.data());
+  dense::set_identity(static_cast<int>(n), m.free);
+  answer(static_cast<int>(n), static_cast<int>(n), mass.data(), m.free.data());
+  m.falls.assign(3 * n, 0.0);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k < n; ++k)
+      for (std::size_t e = 0; e < 3; ++e) m.falls[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
+  body.stops(places.data(), m.limits);
+}
+
+// Velocity and spin of a link by the rates, and by the base's motion where that is moved by hand.
+void set_motion(Link& l, const Articulated& body, const Told& told, const std::vector<double>& rates) {
+  l.now_velocity = l.now_spin = {};
+  if (!body.floats()) {
+    const Vec3 spin = vector(item(told.motion.ptr(), 1));
+    l.now_velocity =
+        vector(item(told.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(told.base.ptr(), 0)));
+    l.now_spin = spin;
+  }
+  if (l.jacobian.empty()) return;
+  std::vector<double> twist;
+  dense::multiply(l.jacobian, rates, twist);
+  l.now_velocity += Vec3{twist[0], twist[1], twist[2]}, l.now_spin += Vec3{twist[3], twist[4], twist[5]};
+}
+
+// Links of one body, by their slots, in the first of which is the body's mover. false: some number is not
+// finite.
+bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
+               const py::list& infos, const py::tuple& base, const py::tuple& motion,
+               const py::tuple& joints) {
+  const Told told{infos, base, motion, joints};
+  for (int slot : slots) make_link(w, slot);
+  Mover& m = w.movers[slots[0]];
+  set_mover(m, body, told);
+  for (std::size_t i = 0; i < slots.size(); ++i) {
+    const int link = links[i];
+    Link& l = w.links[slots[i]];
+    l.centre = body.centre(link), l.pose = body.frame(link);
+    if (i > 0) stand_still(w, slots[i]);
+    l.mover = body.moves(link) ? slots[0] : -1;
+    l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
+    if (body.moves(link)) body.jacobian(link, l.jacobian.data());
+    set_motion(l, body, told, m.rates);
+  }
+  return std::all_of(slots.begin(), slots.end(), [&](int slot) { return told_well(w, slot); });
+}
+
+// Its rates right after a step; whether it seems to have been let go.
+bool note_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
+               const py::tuple& joints) {
+  std::vector<double> rates, places;
+  read_joints(body, motion, joints, rates, places);
+  return w.note(slot, rates);
+}
+
+// J (links, 6, dofs) and the mass matrix.
+py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& motion,
+                   const py::tuple& joints, const py::list& chosen) {
+  std::vector<double> rates, places;
+  read_joints(body, motion, joints, rates, places);
+  place(body, Told{infos, base, motion, joints}, places);
+  const py::ssize_t n = body.dofs(), count = chosen.size();
+  Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const int link = chosen[i].cast<int>();
+    if (link < 0 || link >= body.links()) throw py::index_error("links");
+    body.jacobian(link, jacobians.mutable_data() + 6 * n * i);
+  }
+  body.mass_matrix(mass.mutable_data());
+  return py::make_tuple(jacobians, mass);
+}
+
+}  // namespace
+
+void bind_bodies(py::module_& m, GuardedWorld& world) {
+  world.def("tell_body", &tell_body).def("note_body", &note_body);
+  m.def("dynamics", &dynamics);
+}
+
+namespace {
+
+// Articulated bodies: how they are built, and how a mass matrix answers.
+
+// By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
+// limits (2).
+Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers, bool floating) {
+  if (parents.size() != kinds.size() || numbers.size() != 12 * kinds.size()) throw py::value_error("joints");
+  std::vector<Joint> joints;
+  for (py::ssize_t j = 0; j < kinds.size(); ++j) {
+    if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
+    const auto kind = static_cast<JointKind>(kinds.data()[j]);
+    const double* p = numbers.data() + 12 * j;
+    joints.push_back(
+        {kind, parents.data()[j], vec(p), vec(p + 3), transposed(rotation_of(p + 6)), p[10], p[11]});
+  }
+  return {joints, floating};
+}
+
+Array answer_of(const Array& mass, const Array& forces) {
+  if (mass.ndim() != 2 || forces.ndim() != 2 || forces.shape(0) != mass.shape(0))
+    throw py::value_error("forces");
+  Array out({forces.shape(0), forces.shape(1)});
+  std::copy(forces.data(), forces.data() + forces.size(), out.mutable_data());
+  answer(static_cast<int>(forces.shape(0)), static_cast<int>(forces.shape(1)), mass.data(),
+         out.mutable_data());
+  return out;
+}
+
+}  // namespace
+
+void bind_articulated(py::module_& m) {
+  m.attr("HINGE") = static_cast<int>(JointKind::hinge);
+  m.attr("SLIDER") = static_cast<int>(JointKind::slider);
+  m.attr("BALL") = static_cast<int>(JointKind::ball);
+  m.attr("FIXED") = static_cast<int>(JointKind::fixed);
+  py::class_<Articulated>(m, "Articulated")
+      .def(py::init(&articulated))
+      .def_property_readonly("links", &Articulated::links)
+      .def_property_readonly("dofs", &Articulated::dofs)
+      .def("moves", &Articulated::moves);
+  m.def("answer", &answer_of);
+}
+
+namespace {
+
+Array wrenches(const World& w) {
+  Array out({static_cast<py::ssize_t>(w.links.size()), static_cast<py::ssize_t>(6)});
+  double* p = out.mutable_data();
+  for (const Link& l : w.links) {
+    *p++ = l.force.x, *p++ = l.force.y, *p++ = l.force.z;
+    *p++ = l.torque.x, *p++ = l.torque.y, *p++ = l.torque.z;
+  }
+  return out;
+}
+
+// Slot, force, its point and the torque about that of the links that answer to one; None for a torque where
+// the force is all, as of one attachment.
+py::list pushes(const World& w) {
+  py::list out;
+  for (std::size_t i = 0; i < w.links.size(); ++i) {
+    const Link& l = w.links[i];
+    const double force = norm(l.force), torque = norm(l.torque);
+    const Vec3 centre = l.turned.far ? l.start_centre : l.centre;
+    if (!l.yields() || !(force > 0 || torque > 0)) continue;
+    if (std::fabs(dot(l.force, l.torque)) <= kAcross * force * torque && force > 0) {
+      const Vec3 point = centre + (1 / (force * force)) * cross(l.force, l.torque);
+      out.append(py::make_tuple(i, tuple(l.force), tuple(point), py::none()));
+    } else {
+      out.append(py::make_tuple(i, tuple(l.force), tuple(centre), tuple(l.torque)));
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+void bind_world_bodies(GuardedWorld& world) {
+  world
+      .def("sense",
+           [](World& w, double dt, const py::tuple& gravity, bool held) {
+             w.sense(dt, vector(gravity.ptr()), held);
+             return w.any_held() || !w.released_movers().empty() || !w.pulled_movers().empty();
+           })
+      .def("released_movers", &World::released_movers)
+      .def("rewind",
+           [](World& w, double dt, const py::tuple& gravity, const std::vector<int>& pulled) {
+             return w.rewind(dt, vector(gravity.ptr()), pulled);
+           })
+      .def("pulled_movers", &World::pulled_movers)
+      .def("keep_told_contacts", &World::keep_told_contacts)
+      .def("any_held", &World::any_held)
+      .def("held_movers",
+           [](const World& w) {
+             std::vector<int> held;
+             for (size_t i = 0; i < w.movers.size(); ++i)
+               if (w.movers[i].observer.held() && !w.movers[i].observer.released())
+                 held.push_back(static_cast<int>(i));
+             return held;
+           })
+      .def("let_go", &World::let_go)
+      .def("stopped", [](const World& w, int link) { return w.movers[w.links[link].mover].stopped(); })
+      .def("missed", [](const World& w, int mover) { return copy_of(w.movers[mover].observer.missed()); })
+      .def("was_cut", [](const World& w, int mover) { return w.movers[mover].observer.was_cut(); })
+      .def("pushable",
+           [](const World& w) {
+             std::vector<int> free;
+             for (size_t i = 0; i < w.links.size(); ++i)
+               if (w.links[i].yields() && !w.movers[w.links[i].mover].observer.held())
+                 free.push_back(static_cast<int>(i));
+             return free;
+           })
+      .def("refresh_movers", &World::refresh_movers)
+      .def("wrenches", &wrenches)
+      .def("pushes", &pushes);
+}
+
+}  // namespace bt

@@ -1,0 +1,92 @@
+// Python's access to shapes, tunnels and distance queries.
+#include <pybind11/stl.h>
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "bindings/arrays.h"
+
+namespace bt {
+
+namespace {
+
+using Triple = std::array<double, 3>;
+
+Vec3 vec_of(const Triple& v) { return {v[0], v[1], v[2]}; }
+
+// kind and sizes as in shapes.primitive.
+Primitive primitive_of(const std::string& kind, const std::vector<double>& sizes) {
+  const double radius = sizes.at(0), half = 0.5 * sizes.back();
+  Primitive s;
+  s.kind = Primitive::Kind::box;
+  if (kind == "box")
+    s.half = {0.5 * sizes.at(0), 0.5 * sizes.at(1), 0.5 * sizes.at(2)};
+  else if (kind == "sphere")
+    s.growth = radius;
+  else if (kind == "capsule")
+    s.half = {0, 0, half}, s.growth = radius;
+  else
+    s.kind = Primitive::Kind::cylinder, s.radius = radius, s.half_length = half;
+  return s;
+}
+
+// Of the box around it.
+Triple corner_of(const Primitive& s) {
+  if (s.kind == Primitive::Kind::cylinder) return {s.radius, s.radius, s.half_length};
+  return {s.half.x + s.growth, s.half.y + s.growth, s.half.z + s.growth};
+}
+
+// Of the segment a + u d: signed distance, surface point and u.
+py::tuple measured_along(const Primitive& s, const Triple& a, const Triple& d) {
+  const PrimitiveNearest found = s.nearest(vec_of(a), vec_of(a) + vec_of(d));
+  return py::make_tuple(found.distance, tuple(found.point), found.u);
+}
+
+}  // namespace
+
+void bind_primitives(py::module_& m) {
+  py::class_<Primitive>(m, "Primitive")
+      .def(py::init(&primitive_of))
+      .def_property_readonly("corner", &corner_of)
+      .def("__call__", &measured_along);
+}
+
+namespace {
+
+int add_shape(World& w, int link, const Array& position, const Array& rot, const Array& lo, const Array& hi,
+              bool half_space, const Array& normal, double offset, double friction, const Array& triangles,
+              const std::optional<Primitive>& primitive) {
+  Shape s;
+  s.link = link, s.local = {rotation(rot.data()), vec(position)}, s.lo = vec(lo), s.hi = vec(hi);
+  s.half_space = half_space, s.plane_normal = vec(normal), s.plane_offset = offset, s.friction = friction;
+  if (triangles.size() > 0) s.surface = std::make_shared<Surface>(triangles_of(triangles));
+  if (primitive) s.primitive = *primitive;
+  return w.add_shape(s);
+}
+
+py::list contacts(const World& w) {
+  py::list out;
+  for (const ContactRecord& c : w.contacts())
+    out.append(py::make_tuple(c.chain, c.segment, c.other_chain, c.link, static_cast<int>(c.kind),
+                              tuple(c.position), tuple(c.normal), c.distance, c.normal_force,
+                              c.friction_force));
+  return out;
+}
+
+}  // namespace
+
+void bind_world_collision(GuardedWorld& world) {
+  world.def("add_shape", &add_shape)
+      .def("remove_shape", &World::remove_shape)
+      .def("add_tunnel",
+           [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
+              double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
+      .def("remove_tunnel", &World::remove_tunnel)
+      .def("forget_contacts", &World::forget_contacts)
+      .def("contacts", &contacts);
+}
+
+}  // namespace bt

@@ -1,0 +1,114 @@
+// Python's access to tendons and their anchors.
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <memory>
+#include <type_traits>
+#include <vector>
+
+#include "bindings/arrays.h"
+
+namespace bt {
+
+namespace {
+
+int add_chain(World& w, const Array& points, double radius, double friction, double stiffness,
+              double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
+              bool whole_velocity, double shear_stiffness, double bending_stiffness, double linear_density) {
+  Material m;
+  m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
+  m.stiffness = stiffness, m.damping = damping, m.shear_stiffness = shear_stiffness;
+  m.bending_stiffness = bending_stiffness;
+  m.linear_density = linear_density;
+  std::vector<Vec3> p(points.shape(0));
+  for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
+  return w.add_chain(std::make_unique<Chain>(p, radius, friction, m));
+}
+
+Hold& hold_of(World& w, int chain, int id) {
+  for (Hold& h : w.chains[chain]->holds)
+    if (h.id == id) return h;
+  throw py::key_error("no such hold");
+}
+
+void remove_hold(World& w, int chain, int id) {
+  auto& holds = stirred(w, chain).holds;
+  w.chains[chain]->smooth = false;
+  holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }),
+              holds.end());
+}
+
+void set_grip(World& w, int chain, int id, const Array& target, double stiffness, double viscosity) {
+  Hold& h = hold_of(w, chain, id);
+  const Vec3 goal = vec(target);
+  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity) w.rouse(chain);
+  h.goal = goal;
+  h.rigid = stiffness <= 0;
+  h.stiffness = identity(stiffness), h.viscosity = viscosity;
+}
+
+}  // namespace
+
+void bind_world_tendon(GuardedWorld& world) {
+  world.def("add_chain", &add_chain)
+      .def("remove_chain", &World::remove_chain)
+      .def("positions", [](World& w, int c) { return rows_of(w.chains[c]->x); })
+      .def("velocities", [](World& w, int c) { return rows_of(w.chains[c]->v); })
+      .def("set_state",
+           [](World& w, int c, const Array& x, const Array& v) {
+             Chain& chain = stirred(w, c);
+             fill(chain.x, x), fill(chain.v, v);
+             chain.spread_coincident();
+             chain.find_overlaid();
+             chain.reset_history();
+           })
+      .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
+      .def("guess_multipliers",
+           [](World& w, int c, const Array& g) { stirred(w, c).guess_multipliers(vec(g)); })
+      .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
+      .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
+      .def("set_rest", [](World& w, int c, const Array& rest) { stirred(w, c).set_rest(list_of(rest)); })
+      .def("set_point_mass",
+           [](World& w, int c, int i, double m) {
+             stirred(w, c).set_point_mass(i, m);
+             w.chains[c]->smooth = false;
+           })
+      .def("set_stiffness_scale",
+           [](World& w, int c, const Array& scale) { stirred(w, c).set_stiffness_scale(list_of(scale)); })
+      .def("tension",
+           [](World& w, int c) {
+             std::vector<double> t;
+             w.chains[c]->tension(t);
+             return copy_of(t);
+           })
+      .def("is_asleep", [](World& w, int c) { return w.chains[c]->bed >= 0; })
+      .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
+      .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
+      .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
+      .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })
+      .def("add_grip",
+           [](World& w, int c, int id, int particle) {
+             Hold h;
+             h.id = id, h.particle = particle;
+             stirred(w, c).holds.push_back(h);
+             w.chains[c]->smooth = false;
+           })
+      .def("set_grip", &set_grip)
+      .def("add_attachment",
+           [](World& w, int c, int id, int particle, int link, const Array& local) {
+             Hold h;
+             h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
+             stirred(w, c).holds.push_back(h);
+             w.chains[c]->smooth = false;
+           })
+      .def("set_clamp",
+           [](World& w, int c, int id, const Array& direction) {
+             Hold& h = hold_of(w, c, id);
+             w.rouse(c);
+             h.clamped = true, h.direction = vec(direction);
+           })
+      .def("remove_hold", &remove_hold)
+      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); });
+}
+
+}  // namespace bt

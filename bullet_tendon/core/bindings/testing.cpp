@@ -1,0 +1,331 @@
+// Module _core.testing: what only tests call.
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <tuple>
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "tendon/bending.h"
+
+namespace bt {
+
+struct Term {
+  double energy = 0;           // [J], elastic: damping has none of its own
+  Field gradient;              // what it adds to the residual [N]
+  std::vector<double> matrix;  // 3n x 3n, row-major, coordinates of a particle together [N/m]
+};
+
+namespace {
+
+py::tuple term_of(const Term& term) {
+  const py::ssize_t m = 3 * term.gradient.size();
+  Array matrix({m, m});
+  std::copy(term.matrix.begin(), term.matrix.end(), matrix.mutable_data());
+  return py::make_tuple(term.energy, rows_of(term.gradient), matrix);
+}
+
+std::vector<double> dense_of(const Band& a) {
+  const int m = 3 * a.n;
+  std::vector<double> full(static_cast<size_t>(m) * m, 0.0);
+  Field unit(a.n), image(a.n);
+  for (int j = 0; j < m; ++j) {
+    unit.zero();
+    unit[j % 3][j / 3] = 1;
+    a.multiply(unit, image);
+    for (int i = 0; i < m; ++i) full[static_cast<size_t>(i) * m + j] = image[i % 3][i / 3];
+  }
+  return full;
+}
+
+}  // namespace
+
+// Structure or shear springs at x, `before` one step of weight b [s] earlier, with the plain Newton
+// linearisation and nothing cut off.
+Term spring_term(const Chain& c, bool shear, const Field& x, const Field& before, double b) {
+  Term term;
+  SpringSet s = shear ? c.shear : c.structure;
+  measure(s, before);
+  s.start = s.history = s.length;
+  evaluate(s, c.material.law, x, Field(c.n()), before, b);
+  term.gradient.resize(c.n());
+  scatter_forces(s, term.gradient);
+  term.energy = stored_energy(s, c.material.law);
+  linearise(s, c.material.law, Linearisation::position, 0, b, false);
+  Band matrix;
+  matrix.resize(c.n(), c.matrix.half);
+  scatter_blocks(s, matrix);
+  term.matrix = dense_of(matrix);
+  return term;
+}
+
+namespace {
+
+py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
+  return term_of(spring_term(*w.chains[c], shear, field_of(x), field_of(before), b));
+}
+
+// A contact row at a position, as the position has it.
+py::tuple row_term(int kind, const Array& relative, const Array& normal, double offset, const Array& point,
+                   const Array& axis, double ring, double stiffness, double carried, double grip,
+                   double limit, const Array& stuck, bool definite) {
+  Row row;
+  row.kind = static_cast<ContactKind>(kind);
+  row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
+  row.ring = ring, row.stiffness = stiffness, row.carried = carried;
+  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.grip = grip, row.stuck = vec(stuck);
+  row.evaluate(vec(relative), true, definite);
+  Array block({3, 3});
+  const Block3 b = block_of(row.block);
+  std::copy(b.v, b.v + 9, block.mutable_data());
+  return py::make_tuple(row.gap, tuple(row.normal), tuple(row.total_force), block, row.sliding);
+}
+
+// All of a row's block on the particles that it touches with the weights P: P^T block P, and the levers.
+Array full_block(const Row& row, const double* P, int particles) {
+  const Block3 block = block_of(row.block);
+  Array full({3 * particles, 3 * particles});
+  for (int i = 0; i < particles; ++i)
+    for (int j = 0; j < particles; ++j) {
+      Block3 part = block;
+      for (double& v : part.v) v *= P[i] * P[j];
+      for (int k = 0; k < row.levers; ++k) {
+        const Vec3 p = row.lever_share[k] * row.lever[k][i], q = row.lever[k][j];
+        const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
+        for (int e = 0; e < 9; ++e) part.v[e] += rows[e / 3] * columns[e % 3];
+      }
+      for (int e = 0; e < 9; ++e) full.mutable_at(3 * i + e / 3, 3 * j + e % 3) = part.v[e];
+    }
+  return full;
+}
+
+// A segment against the edge of a mouth, its point followed: gap, forces on its ends, and all of its block.
+py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
+                    const Array& axis, double ring, double stiffness, double carried) {
+  Row row;
+  row.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
+  row.offset = offset, row.axis_point = vec(centre), row.axis = vec(axis), row.ring = ring;
+  row.stiffness = stiffness, row.carried = carried;
+  const Vec3 a = vec(start), b = vec(end);
+  for (int i = 0; i < 50; ++i) row.follow(a, b);
+  row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
+  row.add_lever(a, b, false);
+  const double P[2] = {row.a.w0, row.a.w1};
+  return py::make_tuple(row.gap, tuple(row.a.w0 * row.total_force), tuple(row.a.w1 * row.total_force),
+                        full_block(row, P, 2));
+}
+
+// Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
+py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
+  Row row;
+  row.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
+  row.offset = offset, row.stiffness = stiffness, row.carried = carried;
+  const Field f = field_of(ends);
+  const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
+  row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
+  row.follow_pair(x, 1e300);
+  const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
+  row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
+  row.add_pair_levers(x, false);
+  Field force(4);
+  for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.total_force);
+  return py::make_tuple(row.gap, rows_of(force), full_block(row, P, 4));
+}
+
+// Triangles (t, 3, 3) listed for a segment (2, 3), and what is nearest of them to that segment after it has
+// moved: how far the list is whole, how many it has, and distance, point and u.
+py::tuple listed_nearest(const Array& corners, const Array& segment, double reach, const Array& moved) {
+  const Surface surface(triangles_of(corners));
+  const Field from = field_of(segment), to = field_of(moved);
+  std::vector<Nearby> listed;
+  const double whole = surface.list(from.at(0), from.at(1), reach, listed);
+  const Nearest found = surface.nearest(listed, to.at(0), to.at(1));
+  return py::make_tuple(whole, listed.size(), found.distance, tuple(found.point), found.u);
+}
+
+// What is nearest of triangles (t, 3, 3) to segments (k, 6), no farther than `within` (k): rows of distance,
+// point and u.
+Array searched_nearest(const Array& corners, const Array& segments, const Array& within) {
+  const Surface surface(triangles_of(corners));
+  Array out({within.size(), static_cast<py::ssize_t>(5)});
+  double* to = out.mutable_data();
+  for (py::ssize_t k = 0; k < within.size(); ++k) {
+    const double* from = segments.data() + 6 * k;
+    const Nearest found = surface.search(vec(from), vec(from + 3), within.data()[k]);
+    for (const double value : {found.distance, found.point.x, found.point.y, found.point.z, found.u})
+      *to++ = value;
+  }
+  return out;
+}
+
+}  // namespace
+
+// Bending and clamps at x, nothing cut off.
+Term bending_term(const Chain& c, const Field& x) {
+  Term term;
+  Chain at(c);
+  at.residual.zero(), at.matrix.zero();
+  add_bending_forces(at, x);
+  add_bending_blocks(at, x, false);
+  term.energy = bending_energy(at, x);
+  term.gradient = at.residual;
+  term.matrix = dense_of(at.matrix);
+  return term;
+}
+
+void bind_terms(py::module_& testing) {
+  testing.def("row_term", &row_term);
+  testing.def("edge_term", &edge_term);
+  testing.def("pair_term", &pair_term);
+  testing.def("listed_nearest", &listed_nearest);
+  testing.def("searched_nearest", &searched_nearest);
+  testing.def("spring_term", &spring_term_of);
+  testing.def("bending_term", [](const World& w, int c, const Array& x) {
+    return term_of(bending_term(*w.chains[c], field_of(x)));
+  });
+}
+
+namespace {
+
+// The search for tendons that touch, by itself, for tests.
+
+struct Probe {
+  std::vector<Chain> chains;
+  BroadPhase search;
+
+  void add(const Array& points, double radius) {
+    std::vector<Vec3> p(points.shape(0));
+    for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
+    Material material;
+    material.law = {1, 1e300, false, 1, false};
+    material.stiffness = 1;
+    material.linear_density = 1;
+    chains.emplace_back(p, radius, 0.0, material);
+    search.clear();
+  }
+
+  // Tendons at x that are foreseen to be at `ahead`: rows of tendon, segment, tendon, segment, u, w and
+  // distance; and how many lists were collected and served again. swept: where tendons approach
+  // (narrow_phase.h).
+  py::tuple find(const std::vector<Array>& x, const std::vector<Array>& ahead, bool swept) {
+    std::vector<Chain*> slots;
+    for (size_t c = 0; c < chains.size(); ++c) {
+      fill(chains[c].x, x[c]);
+      fill(chains[c].next, ahead[c]);
+      chains[c].foresee();
+      slots.push_back(&chains[c]);
+    }
+    std::vector<SegmentPair> found;
+    const Foresight foresight = swept ? Foresight::swept : Foresight::near;
+    const PairCounts counts = search.find(slots, 0, foresight, found);
+    Array rows({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(7)});
+    double* to = rows.mutable_data();
+    for (const SegmentPair& s : found)
+      for (const double value :
+           {static_cast<double>(s.chain_a), static_cast<double>(s.segment_a), static_cast<double>(s.chain_b),
+            static_cast<double>(s.segment_b), s.u, s.w, s.distance})
+        *to++ = value;
+    return py::make_tuple(rows, counts.searches, counts.skipped);
+  }
+};
+
+}  // namespace
+
+void bind_pairs(py::module_& testing) {
+  py::class_<Probe>(testing, "BroadPhase")
+      .def(py::init<>())
+      .def("add", &Probe::add)
+      .def("find", &Probe::find)
+      .def("set_rest", [](Probe& p, int c, const Array& rest) { p.chains[c].set_rest(list_of(rest)); })
+      .def("forget", [](Probe& p) { p.search.clear(); });
+}
+
+namespace {
+
+// The sparse and the banded solver by themselves, for tests.
+
+SparseFactor::Edges edges_of(const Ints& pairs) {
+  SparseFactor::Edges edges;
+  for (py::ssize_t k = 0; k < pairs.shape(0); ++k) edges.push_back({pairs.at(k, 0), pairs.at(k, 1)});
+  return edges;
+}
+
+Block3 block_at(const Array& blocks, py::ssize_t k) {
+  Block3 b;
+  std::copy(blocks.data() + 9 * k, blocks.data() + 9 * (k + 1), b.v);
+  return b;
+}
+
+void fill_factor(SparseFactor& factor, const SparseFactor::Edges& edges, const Array& diagonal,
+                 const Array& beside) {
+  factor.start();
+  for (int i = 0; i < factor.blocks(); ++i) factor.add(i, i, block_at(diagonal, i));
+  for (size_t k = 0; k < edges.size(); ++k)
+    factor.add(edges[k].first, edges[k].second, block_at(beside, static_cast<py::ssize_t>(k)));
+}
+
+// One factor for several systems, one after the other: (edges (m, 2), diagonal (n, 3, 3), beside (m, 3, 3),
+// right (n, 3)) each. Solutions (n, 3), or None where a matrix is not definite, with the number of blocks
+// below the diagonal of the factor.
+py::list sparse_solutions(const py::list& systems) {
+  SparseFactor factor;
+  py::list out;
+  for (const py::handle& system : systems) {
+    auto [pairs, diagonal, beside, right] = system.cast<std::tuple<Ints, Array, Array, Array>>();
+    const SparseFactor::Edges edges = edges_of(pairs);
+    factor.analyse(static_cast<int>(diagonal.shape(0)), edges);
+    fill_factor(factor, edges, diagonal, beside);
+    std::vector<Vec3> b;
+    for (py::ssize_t i = 0; i < right.shape(0); ++i) b.push_back(vec(right.data() + 3 * i));
+    const bool definite = factor.factorise();
+    if (definite) factor.solve(b);
+    out.append(py::make_tuple(definite ? py::object(rows_of(b)) : py::none(), factor.below()));
+  }
+  return out;
+}
+
+// A band of blocks: its diagonal (n, 3, 3), and below it (reach, n, 3, 3), of which the last ones are not
+// there.
+Band band_of(const Array& diagonal, const Array& below) {
+  Band a;
+  a.resize(static_cast<int>(diagonal.shape(0)), static_cast<int>(below.shape(0)));
+  for (int i = 0; i < a.n; ++i) {
+    const double* d = diagonal.data() + 9 * i;
+    a.add(i, {d[0], d[1], d[2], d[4], d[5], d[8]});
+    for (int o = 0; o < a.half; ++o)
+      for (int e = 0; e < 9; ++e) a.below[o][e][i] = below.data()[9 * (o * a.n + i) + e];
+  }
+  return a;
+}
+
+// Eight right-hand sides (n, 3, 8), zero but for the blocks first to last: solutions there (last - first + 1,
+// 3, 8); that of the first of them, solved for by itself (n, 3); and what solves for that, there alone.
+py::tuple band_solutions(const Array& diagonal, const Array& below, const Array& right, int first, int last) {
+  const Band a = band_of(diagonal, below);
+  BandFactor factor;
+  factor.resize(a.n, a.half);
+  if (!factor.factorise(a)) throw py::value_error("not definite");
+  Columns b, x;
+  b.resize(a.n), x.resize(a.n);
+  std::copy(right.data(), right.data() + right.size(), b.number(0));
+  factor.solve(b, first, last, x);
+  Field one(a.n);
+  for (int i = 0; i < a.n; ++i) one.set(i, {b.at(i)[0][0], b.at(i)[1][0], b.at(i)[2][0]});
+  factor.solve(one, one);
+  std::vector<Vec3> alone;
+  for (int i = 0; i < a.n; ++i) alone.push_back(one.at(i));
+  factor.solve(one, one, first, last);
+  std::vector<Vec3> within;
+  for (int i = first; i <= last; ++i) within.push_back(one.at(i));
+  Array solved({py::ssize_t{last} - first + 1, py::ssize_t{3}, py::ssize_t{kLanes}});
+  std::copy(x.number(first), x.number(last + 1), solved.mutable_data());
+  return py::make_tuple(solved, rows_of(alone), rows_of(within));
+}
+
+}  // namespace
+
+void bind_sparse(py::module_& testing) {
+  testing.def("sparse_solutions", &sparse_solutions).def("band_solutions", &band_solutions);
+}
+
+}  // namespace bt

@@ -1,0 +1,133 @@
+// Python's access to steps, states and reports.
+#include <pybind11/stl.h>
+
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "bindings/pybullet_reader.h"
+
+namespace bt {
+
+namespace {
+
+// Distances that Python measures, by FCL: measure(shape, a, b) -> (distance, points, u), of queries by shape
+// number and ends (q, 3) [m] in the shape's frame. The interpreter is locked in it alone.
+class PythonOracle : public DistanceOracle {
+ public:
+  explicit PythonOracle(py::object measure) : measure_(std::move(measure)) {}
+  ~PythonOracle() override {
+    py::gil_scoped_acquire lock;
+    measure_ = {};
+  }
+
+  void measure(const std::vector<Query>& queries, std::vector<double>& distance, std::vector<double>& points,
+               std::vector<double>& u) override {
+    py::gil_scoped_acquire lock;
+    a_.clear();
+    b_.clear();
+    shape_.clear();
+    for (const Query& q : queries) {
+      a_.push_back(q.a);
+      b_.push_back(q.b);
+      shape_.push_back(q.shape);
+    }
+    const Ints shape(static_cast<py::ssize_t>(shape_.size()), shape_.data());
+    const py::tuple found = measure_(shape, rows_of(a_), rows_of(b_));
+    distance = list_of(found[0].cast<Array>());
+    points = list_of(found[1].cast<Array>());
+    u = list_of(found[2].cast<Array>());
+    const size_t n = queries.size();
+    if (distance.size() != n || points.size() != 3 * n || u.size() != n)
+      throw std::length_error("distances of another number of queries");
+  }
+
+  // Ctrl-C ends the step.
+  void poll() override {
+    py::gil_scoped_acquire lock;
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+  }
+
+ private:
+  py::object measure_;
+  std::vector<Vec3> a_, b_;
+  std::vector<int> shape_;
+};
+
+// One step: whether it was solved, and the seconds of wall time of distances and of the rest.
+py::tuple step(World& w, double dt, const py::tuple& gravity, bool whole, py::object measure) {
+  const Vec3 g = vector(gravity.ptr());
+  PythonOracle oracle(std::move(measure));
+  StepOutcome out;
+  {
+    py::gil_scoped_release release;
+    out = w.step(dt, g, whole, oracle);
+  }
+  return py::make_tuple(out.solved, out.near_seconds, out.solve_seconds);
+}
+
+py::dict counts(const Report& r) {
+  py::dict d;
+  d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
+  d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused;
+  d["pairs_searched"] = r.near.searched, d["pairs_queried"] = r.near.queried;
+  d["tunnels_considered"] = r.near.tunnels, d["tunnels_culled"] = r.near.tunnels_culled;
+  d["tendon_searches"] = r.pairs.searches, d["tendon_searches_skipped"] = r.pairs.skipped;
+  d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
+  d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
+  d["tendons_asleep"] = r.asleep;
+  d["linear_solves"] = r.linear_solves;
+  return d;
+}
+
+void set_options(World& w, int integrator, int iteration, int linear_solver, int bone_contact,
+                 double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
+                 double contact_threshold, double reuse_tolerance, bool sleep, long max_linear_solves,
+                 double time_budget) {
+  w.rouse_all();
+  w.options = {static_cast<Integrator>(integrator),
+               static_cast<Iteration>(iteration),
+               static_cast<LinearSolver>(linear_solver),
+               static_cast<BoneContact>(bone_contact),
+               tolerance,
+               max_iterations,
+               linear_tolerance,
+               contact_stiffness,
+               contact_threshold,
+               reuse_tolerance,
+               sleep,
+               max_linear_solves,
+               time_budget};
+}
+
+}  // namespace
+
+void bind_world_world(GuardedWorld& world) {
+  world.def("set_options", &set_options)
+      .def("step", &step)
+      .def("checkpoint", &World::checkpoint)
+      .def("restore_checkpoint", &World::restore_checkpoint)
+      .def("save",
+           [](World& w) {
+             std::vector<char> state = w.save();
+             return py::bytes(state.data(), state.size());
+           })
+      .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
+      .def("report", [](const World& w) { return w.report(); });
+}
+
+void bind_report(py::module_& m) {
+  py::class_<Report>(m, "Report")
+      .def_readonly("iterations", &Report::iterations)
+      .def_readonly("residual", &Report::residual)
+      .def_readonly("converged", &Report::converged)
+      .def_readonly("worst_chain", &Report::worst_chain)
+      .def_readonly("worst_particle", &Report::worst_particle)
+      .def_readonly("search_seconds", &Report::search_seconds)
+      .def_readonly("over_budget", &Report::over_budget)
+      .def_property_readonly(
+          "reasons", [](const Report& r) { return std::vector<int>(r.reasons.begin(), r.reasons.end()); })
+      .def("counts", &counts);
+}
+
+}  // namespace bt

@@ -1,0 +1,142 @@
+#include "bodies/articulated_body.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "math/small_matrix.h"
+
+namespace bt {
+
+namespace {
+
+// R diag(d) R^T
+Sym3 turned(const Rot3& r, Vec3 d) {
+  const Vec3 column[3] = {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
+  return d.x * outer(column[0]) + d.y * outer(column[1]) + d.z * outer(column[2]);
+}
+
+int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == JointKind::ball ? 3 : 1; }
+
+}  // namespace
+
+Articulated::Articulated(const std::vector<Joint>& joints, bool floating)
+    : joints_(joints), links_(joints.size() + 1), base_(floating ? 6 : 0) {
+  for (int k = 0; k < base_; ++k) {
+    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0, 0});
+    links_[0].moved_by.push_back(k);
+  }
+  for (int j = 0; j < static_cast<int>(joints.size()); ++j) {
+    const Joint& joint = joints[j];
+    Placed& link = links_[j + 1];
+    link.moved_by = links_[joint.parent].moved_by;
+    for (int k = 0; k < count_of(joint.kind); ++k) {
+      const Vec3 axis = joint.kind == JointKind::ball ? unit_axis(k) : joint.axis;
+      const bool slides = joint.kind == JointKind::slider;
+      link.moved_by.push_back(dofs());
+      twists_.push_back({j + 1, slides, axis, {}, {}, joint.lower, joint.upper, places_});
+    }
+    places_ += joint.kind == JointKind::ball ? 4 : count_of(joint.kind);
+  }
+}
+
+void Articulated::place_inertia(Placed& link, const double* numbers) {
+  link.mass = numbers[0];
+  link.inertia = turned(link.turn, {numbers[1], numbers[2], numbers[3]});
+}
+
+void Articulated::place(const double* inertias, const double* base, const double* places) {
+  auto local_centre = [&](int link) {
+    const double* p = inertias + kInertiaWidth * link + 4;
+    return Vec3{p[0], p[1], p[2]};
+  };
+  auto local_turn = [&](int link) { return rotation_of(inertias + kInertiaWidth * link + 7); };
+  base_at_ = {base[0], base[1], base[2]};
+  Placed& root = links_[0];
+  root.turn = rotation_of(base + 3), root.frame = root.turn * transposed(local_turn(0));
+  root.centre = {}, root.joint = -(root.frame * local_centre(0));
+  place_inertia(root, inertias);
+  for (int j = 0; j + 1 < links(); ++j) {
+    const Joint& joint = joints_[j];
+    const Placed& parent = links_[joint.parent];
+    Placed& link = links_[j + 1];
+    link.turn = parent.turn * joint.turn, link.joint = parent.centre + parent.turn * joint.pivot;
+    if (joint.kind == JointKind::hinge)
+      link.turn = link.turn * rotation_about(unit_or(joint.axis, {0, 0, 1}), *places++);
+    else if (joint.kind == JointKind::slider)
+      link.joint += *places++ * (link.turn * joint.axis);
+    else if (joint.kind == JointKind::ball)
+      link.turn = link.turn * rotation_of(places), places += 4;
+    link.frame = link.turn * transposed(local_turn(j + 1));
+    link.centre = link.joint + link.frame * local_centre(j + 1);
+    place_inertia(link, inertias + kInertiaWidth * (j + 1));
+  }
+  for (int k = 0; k < dofs(); ++k) {
+    Twist& t = twists_[k];
+    const Placed& link = links_[t.carried];
+    const Vec3 axis = k < base_ ? t.axis : link.turn * t.axis, through = k < base_ ? Vec3{} : link.joint;
+    t.spin = t.slides ? Vec3{} : axis;
+    t.velocity = t.slides ? axis : cross(through, axis);
+  }
+}
+
+void Articulated::jacobian(int link, double* out) const {
+  const int n = dofs();
+  std::fill(out, out + 6 * n, 0.0);
+  for (int k : links_[link].moved_by) {
+    const Vec3 w = twists_[k].spin, v = twists_[k].velocity + cross(w, links_[link].centre);
+    const double column[6] = {v.x, v.y, v.z, w.x, w.y, w.z};
+    for (int i = 0; i < 6; ++i) out[i * n + k] = column[i];
+  }
+}
+
+void Articulated::weight(double* out) const {
+  std::fill(out, out + 3 * dofs(), 0.0);
+  for (const Placed& link : links_)
+    for (int k : link.moved_by) {
+      const Vec3 v = link.mass * (twists_[k].velocity + cross(twists_[k].spin, link.centre));
+      out[3 * k] += v.x, out[3 * k + 1] += v.y, out[3 * k + 2] += v.z;
+    }
+}
+
+void Articulated::mass_matrix(double* out) const {
+  const int n = dofs();
+  std::fill(out, out + n * n, 0.0);
+  std::vector<Vec3> velocity(n);
+  for (const Placed& link : links_) {
+    for (std::size_t a = 0; a < link.moved_by.size(); ++a) {
+      const int i = link.moved_by[a];
+      velocity[i] = twists_[i].velocity + cross(twists_[i].spin, link.centre);
+      const Vec3 momentum = link.mass * velocity[i], turning = link.inertia * twists_[i].spin;
+      for (std::size_t b = 0; b <= a; ++b) {
+        const int j = link.moved_by[b];
+        out[i * n + j] += dot(momentum, velocity[j]) + dot(turning, twists_[j].spin);
+      }
+    }
+  }
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < i; ++j) out[j * n + i] = out[i * n + j];
+}
+
+void Articulated::stops(const double* places, std::vector<double>& out) const {
+  out.clear();
+  for (int k = base_; k < dofs(); ++k) {
+    const Twist& t = twists_[k];
+    if (t.lower > t.upper) continue;
+    const double place = places[t.place];
+    if (t.lower >= place) out.insert(out.end(), {double(k), 1, t.lower - place});
+    if (place >= t.upper) out.insert(out.end(), {double(k), -1, place - t.upper});
+  }
+}
+
+void answer(int n, int columns, const double* mass, double* b) {
+  const dense::Numbers matrix(mass, mass + static_cast<size_t>(n) * n);
+  dense::Numbers root, x(n);
+  dense::root(n, matrix, root);
+  for (int c = 0; c < columns; ++c) {
+    for (int i = 0; i < n; ++i) x[i] = b[i * columns + c];
+    dense::solve(root, x);
+    for (int i = 0; i < n; ++i) b[i * columns + c] = x[i];
+  }
+}
+
+}  // namespace bt

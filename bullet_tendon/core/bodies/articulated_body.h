@@ -1,0 +1,82 @@
+// Jacobians and mass matrix of a tree of rigid links on joints (Featherstone 2008, chapters 4 and 6).
+// Link 0 is the base; joint k carries link k + 1. Degrees of freedom: of a floating base the velocity of
+// its centre of mass and its spin, world axes; then the joints in order.
+#pragma once
+#include <vector>
+
+#include "math/rotation.h"
+#include "math/sym3.h"
+
+namespace bt {
+
+enum class JointKind { hinge, slider, ball, fixed };
+
+struct Joint {
+  JointKind kind;
+  int parent;  // link
+  Vec3 axis;   // in the inertial frame of the link that it carries; a ball's are that frame's own
+  Vec3 pivot;  // in the inertial frame of the parent
+  Rot3 turn;   // of the inertial frame of the link in that of the parent, where the joint is at zero
+  double lower = 1, upper = 0;  // limits of a hinge [rad] or slider [m]; none where lower > upper
+};
+
+// What is read of a link, one number after the other: mass 1, principal moments 3, its inertial frame in its
+// own frame, whose origin is the joint, 3 and 4 (quaternion x, y, z, w).
+constexpr int kInertiaWidth = 11;
+
+class Articulated {
+ public:
+  Articulated(const std::vector<Joint>& joints, bool floating);
+  int links() const { return static_cast<int>(links_.size()); }
+  int dofs() const { return static_cast<int>(twists_.size()); }
+  int places() const { return places_; }
+  bool floats() const { return base_ > 0; }
+  bool moves(int link) const { return !links_[link].moved_by.empty(); }
+  // inertias: kInertiaWidth of every link. base: its centre of mass 3 and inertial frame 4 in the world.
+  // places: of the joints that move, a ball's 4 (quaternion).
+  void place(const double* inertias, const double* base, const double* places);
+  // Where that takes a link: its centre of mass, and its own frame.
+  Vec3 centre(int link) const { return base_at_ + links_[link].centre; }
+  Pose frame(int link) const { return {links_[link].frame, base_at_ + links_[link].joint}; }
+  // out (6, dofs): velocity of the link's centre of mass, then its spin, world axes.
+  void jacobian(int link, double* out) const;
+  // out (dofs, 3): the sum of m J_v^T over the links, the generalized force of a unit of gravity.
+  void weight(double* out) const;
+  // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
+  void mass_matrix(double* out) const;
+  // out: coordinate, side and depth (bodies/body_response.h) of the limits that are reached, by the places of
+  // joints' degrees of freedom.
+  void stops(const double* places, std::vector<double>& out) const;
+
+ private:
+  struct Placed {
+    std::vector<int> moved_by;  // degrees of freedom that move it
+    Vec3 centre;                // from the base's centre of mass: rounding does not grow with its place
+    Rot3 turn;                  // of the inertial frame
+    Vec3 joint;                 // origin of the link's own frame, from the base's centre of mass
+    Rot3 frame;                 // of that frame
+    double mass = 0;
+    Sym3 inertia;  // world axes
+  };
+  // A unit rate's motion: spin, and velocity of the point that is at the base's centre of mass.
+  struct Twist {
+    int carried = 0;
+    bool slides = false;
+    Vec3 axis, velocity, spin;
+    double lower = 1, upper = 0;
+    int place = 0;  // among those of the joints
+  };
+  void place_inertia(Placed& link, const double* numbers);
+  std::vector<Joint> joints_;
+  std::vector<Placed> links_;
+  std::vector<Twist> twists_;
+  Vec3 base_at_;
+  int base_ = 0;    // its degrees of freedom
+  int places_ = 0;  // numbers that tell where the joints are
+};
+
+// b <- mass^-1 b, b (n, columns) and the mass matrix (n, n). Degrees of freedom whose pivot is lost in
+// rounding, without mass, do not answer.
+void answer(int n, int columns, const double* mass, double* b);
+
+}  // namespace bt

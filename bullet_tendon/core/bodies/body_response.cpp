@@ -1,0 +1,120 @@
+#include "bodies/body_response.h"
+
+#include <cmath>
+#include <cstddef>
+
+#include "math/sym3.h"
+
+namespace bt {
+
+namespace {
+
+// Square of the angle that a body turns by in a step [rad^2] from which it is solved for with arms as they
+// are at the end of the step. Larger: what is attached lags behind. Smaller: three more unknowns for what
+// hardly turns, and its swinging is damped.
+constexpr double kFarTurn = 0.01;
+// The same of the share of a turn that the arm of a pull would swing by in it, dt^2 |f| |r| / (moment of
+// inertia) [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: bodies that
+// hardly turn are pushed by other torques than arms at the start of the step have.
+constexpr double kFarSwing = 0.25;
+
+// A direction that a body can be moved in is a new one where this share of its square is left beside the
+// others [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
+constexpr double kSameDirection = 1e-20;
+
+}  // namespace
+
+Vec3 Mover::gyroscopic() const {
+  if (falls.empty() || n() != 6) return {};
+  auto at = [&](int i, int j) { return free[6 * (3 + i) + 3 + j]; };
+  const Sym3 turning{at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)};
+  if (!(turning.xx > 0 && turning.yy > 0 && turning.zz > 0)) return {};
+  const Vec3 spin{rates[3], rates[4], rates[5]};
+  return -(turning * cross(spin, inverse(turning) * spin));
+}
+
+// Acceleration without tendons and without what holds it.
+const Mover::Numbers& Mover::known(Vec3 gravity) {
+  known_.assign(n(), 0.0);
+  if (falls.empty()) return known_;
+  for (int i = 0; i < n(); ++i)
+    known_[i] = falls[3 * i] * gravity.x + falls[3 * i + 1] * gravity.y + falls[3 * i + 2] * gravity.z;
+  if (n() == 6) known_[3] += gyration.x, known_[4] += gyration.y, known_[5] += gyration.z;
+  return known_;
+}
+
+// The same, with what stops added in the step before, and the gyration of that.
+const Mover::Numbers& Mover::unforced(Vec3 gravity) {
+  known(gravity);
+  if (stopped_by_.size() == known_.size())
+    for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
+  return known_;
+}
+
+void Mover::sense(Vec3 gravity) {
+  doubt_stops();
+  // Of several tendons, or what they press at, it cannot be told what they would have done.
+  const bool told = !contacts.empty() && !slipped_;  // by contacts
+  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && (!unknown || turns), told);
+  contacts_kept = false;
+  gyration = gyroscopic();
+}
+
+void Mover::widen(Numbers direction) {
+  const size_t size = direction.size();
+  const double whole = dense::dot(direction, direction);
+  Numbers along, part;
+  for (int twice = 0; twice < 2 && !basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
+    dense::multiply(basis, direction, along);
+    dense::multiply_transposed(basis, along, part);
+    for (size_t i = 0; i < size; ++i) direction[i] -= part[i];
+  }
+  const double left = dense::dot(direction, direction);
+  if (!(left > kSameDirection * whole)) return;
+  for (double v : direction) basis.push_back(v / std::sqrt(left));
+  ++freedom;
+}
+
+bool Mover::note(const Numbers& after, Vec3 gravity) { return observer.note(after, unforced(gravity)); }
+
+void Mover::foresee(double dt, Vec3 gravity) {
+  change = known(gravity);
+  for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
+  root = observer.root();
+  find_stops(dt);
+  settle_stops(observer.forces(), dt);
+}
+
+bool Mover::turns_far(Vec3 spin, double dt) const {
+  Vec3 by;
+  double light = 0;
+  for (int k = 0; k < 6; ++k) {
+    const Vec3 e{root[18 + k], root[24 + k], root[30 + k]};
+    by += dot(e, torque) * e, light += dot(e, e);
+  }
+  const Vec3 turn = dt * (spin + dt * by);
+  return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarSwing;
+}
+
+void Mover::act(double dt) {
+  observer.act(forces, dt);
+  if (!is_stopped()) return stopped_by_.assign(n(), 0.0);
+  auto add_response = [&](const Numbers& of, double sign) {
+    dense::respond(of, forces, half_, known_);
+    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * known_[i];
+  };
+  add_response(root, 1);
+  add_response(observer.root(), -1);
+}
+
+void Mover::push(const Numbers& impulse) {
+  for (int i = 0; i < n(); ++i) pushed_[i] += impulse[i];
+  push_by(impulse);
+}
+
+void Mover::push_by(const Numbers& impulse) {
+  dense::respond(root, impulse, half_, known_);
+  for (int i = 0; i < n(); ++i) change[i] += known_[i];
+}
+
+}  // namespace bt

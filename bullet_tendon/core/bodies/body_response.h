@@ -1,0 +1,115 @@
+// What moves of a pybullet body: its coordinates, and how they answer to forces.
+//
+// The links of a body share them. With J the Jacobian of a link (velocity of its centre of mass, spin) and E
+// the root of the response (bodies/response_observer.h), a force f at the point p of a link, r from its
+// centre of mass, displaces every point of the body within a step by
+//
+//   B = s [I, -[r]] J E,     u = B y,     y = B^T f,     s^2 = (time since the step began) (length of the
+//   part),
+//
+// so that y, of energy |y|^2/2, are the body's unknowns in the solution (solver/body_schur.cpp), whatever
+// holds it. What touches the body gives y in the span of all B^T only: with an orthonormal basis Q of that, y
+// = Q z with fewer unknowns z, three for a single attachment (world/bodies.cpp).
+//
+// Joint limits and contacts with bodies that do not move are foreseen: where the rate along a direction d
+// would go on through one, pybullet gives it what takes back a share of the depth
+// (bodies/unilateral_stops.cpp).
+#pragma once
+#include <vector>
+
+#include "bodies/response_observer.h"
+#include "bodies/unilateral_stops.h"
+#include "math/vec3.h"
+
+namespace bt {
+
+struct Mover {
+  using Numbers = dense::Numbers;
+  Numbers rates;        // now: velocity of the centre of mass and spin, of the base, and of the joints
+  Numbers free;         // M^-1 (n n)
+  Numbers falls;        // acceleration by a unit of gravity (n 3); empty: not known
+  Vec3 gyration;        // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
+  Numbers limits;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  Numbers contacts;     // of a rigid body: direction (6) and distance, below 0 inside, of every contact
+  Numbers contacts_at;  // where it was then: its centre of mass (3) and how it was turned (4)
+  Numbers rests_on;     // how many bodies there were, and body and link of each that it touched
+  bool contacts_kept = false;  // those of a state that was saved: pybullet's own are not restored
+  Observer observer;
+  Numbers root;    // E, without what the stops take away in this step
+  Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
+  Numbers forces;  // generalized, of the tendons in this step
+  // Whether it turns far in this step, by the tendons' torque and pulls times arms [N m].
+  bool turns = false;
+  Vec3 torque;
+  double pull = 0;
+  // In a solution.
+  bool unknown = false;
+  int freedom = 0;            // how many unknowns it has
+  Numbers basis;              // Q^T (freedom n), where they are fewer than n
+  Numbers y, step, residual;  // z, its change, and the residual
+  int first = 0;              // of its unknowns among those of its group
+  double lever = 0;           // largest |B| of its touched points
+
+  // Coordinates that a limit stops in this step.
+  std::vector<int> stopped() const {
+    std::vector<int> coordinates;
+    for (const Stop& s : stops_)
+      if (s.acts && s.coordinate >= 0) coordinates.push_back(s.coordinate);
+    return coordinates;
+  }
+  bool may_stop() const { return !stops_.empty(); }
+  bool is_stopped() const;
+  // Whether contacts could tell something of what it is going to do.
+  bool may_rest(Vec3 gravity) const;
+  // Whether the contacts that were told last can be believed to be those of now, when it is at `place` with
+  // these rates: it has hardly moved since, and goes on to do what they make it do.
+  bool contacts_stand(const Numbers& place, const Numbers& rates_now) const;
+  void forget_contacts() { contacts.clear(), contacts_at.clear(), rests_on.clear(), pushes_.clear(); }
+  int n() const { return static_cast<int>(rates.size()); }
+  // One more direction (n) that it can be moved in, of which it gets the part that is new.
+  void widen(Numbers direction);
+  // What it did since the last step, and what it is going to do.
+  void sense(Vec3 gravity);
+  void foresee(double dt, Vec3 gravity);
+  // Its rates right after the step; whether it seems to have been let go (Observer::note).
+  bool note(const Numbers& after, Vec3 gravity);
+  // The tendons' forces of a step of dt.
+  void act(double dt);
+  // Whether it turns by far within dt, or its arms would under their pulls, with that spin foreseen.
+  bool turns_far(Vec3 spin, double dt) const;
+  // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
+  bool settle_stops(const Numbers& forces, double dt);
+  // An impulse, generalized, changes its motion.
+  void push(const Numbers& impulse);
+
+ private:
+  // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
+  Vec3 gyroscopic() const;
+  const Numbers& known(Vec3 gravity);
+  const Numbers& unforced(Vec3 gravity);
+  void doubt_stops();
+  void find_stops(double dt);
+  double rate_along(size_t stop, const Numbers& of) const;
+  void add_stop(double wanted, int coordinate);
+  void find_pushes(double dt);
+  void gather_acting();
+  bool choose_stops(const Numbers& forces, double dt);
+  void stop(double dt);
+  void take_away(double dt);
+  void push_by(const Numbers& impulse);
+  Numbers stopped_by_;  // acceleration that the stops made in the last step, beside the response
+  std::vector<Stop> stops_;
+  Numbers directions_;    // D (n in each row)
+  Numbers pushes_;        // lambda, of the stops that were looked at last
+  Numbers unstopped_;     // change without them and without the tendons
+  Numbers pushed_;        // impulses of the tendons in the parts that are done
+  Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
+  bool rested_ = false;   // on contacts, in the last step
+  bool slipped_ = false;  // through them
+  // Among it D E and D R D^T of all stops, found once in a step.
+  dense::Scratch known_, half_, direction_, through_, within_, within_acting_, within_root_, missing_, given_,
+      along_;
+  friend struct StateFields;  // world/state_fields.h
+};
+
+}  // namespace bt

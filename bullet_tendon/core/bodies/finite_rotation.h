@@ -1,0 +1,39 @@
+// How a body that turns far in a step is turned at its end.
+//
+// pybullet turns a body by the rotation vector psi = g(t) theta, theta = dt w, t = |theta|, w its spin at the
+// end of the step: g = 1, but beyond pi/4 g = 2 atan(c t)/t, c = 4/pi tan(pi/8) (btMultiBody). A point at the
+// arm r of its centre is taken to exp(psi) r, and a small change of theta moves it by d = (Q d theta) x r'
+// with
+//
+//   r' = exp(psi) r,      Q = T P,      P = g + (g'/t) theta theta^T,
+//   T = 1 + A [psi] + B [psi]^2,        A = (1 - cos p)/p^2,        B = (p - sin p)/p^3,        p = |psi|
+//
+// (T the left Jacobian of the rotation group). By virtual work a force f at the point is the torque Q^T (r' x
+// f) on theta. Its change with theta is what keeps light bodies from swinging up under a taut tendon: of the
+// order of dt^2 |f| |r| / (moment of inertia), which may be far above one.
+#pragma once
+#include "math/rotation.h"
+#include "math/sym3.h"
+
+namespace bt {
+
+struct Turned {
+  bool far = false;  // so far that arms are not what they were
+  // Rotation vectors: foreseen from the start of the step to that of the part, and in the part; of that as
+  // much as has gone; and theta, with what the tendons make of it.
+  Vec3 begun, more, straight, theta;
+  Rot3 rotation, rate;  // since the part began; Q
+  Rot3 pulls;           // sum of outer products r' f over the points that are touched
+
+  void turn_by(double share, Vec3 by);
+  void add_pull(Vec3 arm, Vec3 f);
+  // The change of the torque on theta with theta, the symmetric part of it, at the pulls that were added.
+  Sym3 stiffness() const;
+};
+
+// The rotation that pybullet makes of the vector theta.
+Rot3 rotation_of_step(Vec3 theta);
+// Without negative eigenvalues.
+Sym3 positive_part(const Sym3& s);
+
+}  // namespace bt

@@ -1,0 +1,117 @@
+#include "bodies/link.h"
+
+#include <algorithm>
+
+namespace bt {
+
+namespace {
+
+// A matrix (6 n) times the numbers x.
+Twist times(const dense::Numbers& a, const dense::Numbers& x) {
+  double sums[6];
+  dense::of_size(static_cast<int>(x.size()), [&](auto n) {
+    for (int r = 0; r < 6; ++r) {
+      sums[r] = 0;
+      for (int k = 0; k < n; ++k) sums[r] += a[r * n + k] * x[k];
+    }
+  });
+  return {{sums[0], sums[1], sums[2]}, {sums[3], sums[4], sums[5]}};
+}
+
+}  // namespace
+
+void Link::follow(const Mover& m) {
+  const dense::Numbers& d = m.change;
+  const Twist more = jacobian.empty() ? Twist{{d[0], d[1], d[2]}, {d[3], d[4], d[5]}} : times(jacobian, d);
+  velocity = now_velocity + more.linear, spin = now_spin + more.angular;
+}
+
+void Link::go_with(const Mover& m) {
+  follow(m);
+  if (jacobian.empty())
+    root = m.root;
+  else
+    dense::product(m.n(), jacobian, m.root, root);
+}
+
+void Link::advance_to(double time) {
+  const Vec3 arm = transposed_times(start_pose.rotation, start_pose.origin - start_centre);
+  const double angle = time * norm(spin);
+  pose.rotation = start_pose.rotation;
+  if (angle > 0 && jacobian.empty())
+    pose.rotation = rotation_of_step(time * spin) * pose.rotation;
+  else if (angle > 0)
+    pose.rotation = rotation_about(unit_or(spin, {0, 0, 1}), angle) * pose.rotation;
+  centre = start_centre + time * velocity;
+  pose.origin = centre + pose.rotation * arm;
+}
+
+// The angular rows of what unknowns make of it are those of its spin, times T.
+void Link::turn(const Mover& m, double share) {
+  turned.turn_by(share, given.angular);
+  const size_t n = m.freedom;
+  reached = root;
+  for (size_t k = 0; k < n; ++k) {
+    const Vec3 d = turned.rate * Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]};
+    reached[3 * n + k] = d.x, reached[4 * n + k] = d.y, reached[5 * n + k] = d.z;
+  }
+}
+
+Vec3 Link::displaced(Vec3 arm) const {
+  if (!turned.far) return given.at(arm);
+  return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
+}
+
+Vec3 Link::torque_of(Vec3 f, Vec3 arm) const {
+  const Vec3 by = cross(now(arm), f);
+  return turned.far ? transposed_times(turned.rate, by) : by;
+}
+
+Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
+
+Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
+
+void Link::reach(const Mover& m) {
+  if (m.freedom == m.n())
+    reached = root;
+  else
+    dense::product_transposed(m.n(), root, m.basis, reached);
+}
+
+dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
+  const size_t n = root.size() / 6;
+  const Vec3 spin = cross(arm, unit_axis(direction));
+  dense::Numbers row(n);
+  for (size_t k = 0; k < n; ++k)
+    row[k] = root[direction * n + k] + dot(spin, Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]});
+  return row;
+}
+
+void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
+  const size_t n = to.size();
+  const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
+  if (through.empty()) {  // its own six
+    for (size_t k = 0; k < std::min<size_t>(n, 6); ++k) to[k] += wrench[k];
+    return;
+  }
+  dense::add_rows(through, 6, wrench, to);
+}
+
+// B B^T / s^2, of B = s [I, -[r]] root.
+Sym3 Link::mobility(Vec3 p) const {
+  if (!yields()) return {};
+  const Vec3 r = p - centre;
+  const size_t n = root.size() / 6;
+  Sym3 sum;
+  for (size_t k = 0; k < n; ++k) {
+    auto at = [&](size_t row) { return root[row * n + k]; };
+    sum += outer(Vec3{at(0), at(1), at(2)} + cross(Vec3{at(3), at(4), at(5)}, r));
+  }
+  return sum;
+}
+
+void Link::note_motion() {
+  moved |= yields() || !same(pose, start_pose) || norm(now_velocity) > 0 || norm(now_spin) > 0;
+}
+
+}  // namespace bt

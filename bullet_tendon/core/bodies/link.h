@@ -1,0 +1,74 @@
+// A pybullet link as the core sees it: a placement that moves, as the body does that it is of, and the
+// wrench that the tendons put on it.
+#pragma once
+#include "bodies/body_response.h"
+#include "bodies/finite_rotation.h"
+
+namespace bt {
+
+// Velocity of the centre of mass and spin; or what they make of a step.
+struct Twist {
+  Vec3 linear, angular;
+  Vec3 at(Vec3 r) const { return linear + cross(angular, r); }
+};
+
+struct Link {
+  Pose pose;        // of the URDF link frame, at the start of the step, or of a part of it
+  Vec3 centre;      // centre of mass, world [m]
+  Pose start_pose;  // both as the step began
+  Vec3 start_centre;
+  Vec3 now_velocity, now_spin;       // as the step began
+  Vec3 velocity, spin;               // foreseen for its end, but for the tendons [m/s], [rad/s]
+  int mover = -1;                    // none: nothing that tendons do moves it
+  bool yielded = false;              // in the last step
+  bool moved = false;                // it has been elsewhere or has a velocity, since the last step began
+  dense::Numbers jacobian;           // (6 n); empty: the identity
+  dense::Numbers root;               // J E (6 n)
+  int touches = 0;                   // contacts and attachments that shared the response in the last step
+  int touching = 0;                  // the same, counted in this step
+  Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
+  Vec3 before_force, before_torque;  // the same, of the parts before
+  // In a solution in which its mover is unknown: J E Q, what the unknowns and their change make of its place,
+  // and the residual.
+  dense::Numbers reached;  // (6 freedom)
+  Twist given, stepped, load;
+  Turned turned;
+
+  bool yields() const { return mover >= 0; }
+  // Told anew, and the step's start still being the last one's.
+  void note_motion();
+  // How the mover's foreseen motion carries it.
+  void follow(const Mover& m);
+  // That, and the root of its response.
+  void go_with(const Mover& m);
+  // The root of the mover's unknowns.
+  void reach(const Mover& m);
+  // What the unknowns but for s make of the point at the arm, in one direction of space (n).
+  dense::Numbers motion_of(int direction, Vec3 arm) const;
+  // Goes on to `time` after the start of the step, with the velocity that it is thought to have.
+  void advance_to(double time);
+  // Displacement of the world point p within dt from where it is, were it not for the tendons.
+  Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
+  // Response of the point p to a force there: W = [I, -[r]] R [I, -[r]]^T [1/kg].
+  Sym3 mobility(Vec3 p) const;
+  void apply(Vec3 f, Vec3 p) {
+    force += f;
+    torque += cross(p - centre, f);
+  }
+  // Of an attached point, from the centre of mass, as the part begins.
+  Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
+  // An arm as it is at the end of the part where the link turns far.
+  Vec3 now(Vec3 arm) const { return turned.far ? turned.rotation * arm : arm; }
+  // Turned as far as `share` of the part takes it, and as the unknowns do.
+  void turn(const Mover& m, double share);
+  // What the unknowns make of the place at the arm; turning, of its straight way as well.
+  Vec3 displaced(Vec3 arm) const;
+  // Torque of a force at the arm, on the rotation of the step.
+  Vec3 torque_of(Vec3 f, Vec3 arm) const;
+  // The twist that unknowns (or their change) mean, over s, and the generalized force that a wrench means.
+  Twist twist_of(const dense::Numbers& y) const;
+  Twist spin_of(const dense::Numbers& y) const;  // the same as its own spin, where it turns far
+  void add_generalized(const dense::Numbers& through, const Twist& wrench, dense::Numbers& to) const;
+};
+
+}  // namespace bt

@@ -1,0 +1,193 @@
+#include "bodies/response_observer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace bt {
+
+namespace {
+
+// Share of a held link's free answer, along the wrench, by which it has to exceed what was foreseen for
+// it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
+constexpr double kReleased = 0.2;
+
+// Share of a wrench by which it has to change for something to be learned of its change, the same for the
+// link to be thought to yield more than before, share of the free answer to the change by which the link has
+// to miss what was foreseen, and least cosine between both for the one to explain the other [-].
+constexpr double kLeastNews = 1e-3;
+constexpr double kYieldNews = 0.1;
+constexpr double kLeastMiss = 0.1;
+constexpr double kLeastCosine = 0.1;
+
+}  // namespace
+
+using namespace dense;
+
+void Observer::start(int n) {
+  *this = Observer{};
+  n_ = n;
+  set_identity(n, share_);
+  set_identity(n, share_root_);
+  push_.assign(n, 0.0), forces_.assign(n, 0.0);
+}
+
+void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone, bool told) {
+  if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
+  released_ = false;
+  missed_.clear();
+  if (has_acted()) {
+    sample(noted_.empty() ? rates : noted_, gravity);
+    compare(now_);
+    now_.cut.assign(n_, 0.0);
+    if (!alone || !leave_out_cut(noted_.empty() ? rates : noted_)) {
+      released_ = held_ && was_released(now_);
+      if (samples_ > 0 && !was_cut() && !told) learn(now_);
+    }
+    std::swap(before_, last_), std::swap(last_, now_);
+    samples_ = std::min(2, samples_ + 1);
+    if (!told) find_push();
+  }
+  dense::root(n_, free, root_);
+  told ? set_free() : take_effective();
+  refresh(rates);
+}
+
+void Observer::take_effective() {
+  if (held_)
+    product(n_, root_, share_root_, effective_root_);
+  else
+    effective_root_ = root_;
+}
+
+void Observer::refresh(const Numbers& rates) {
+  rates_ = rates, known_ = true, acted_ = false;
+  noted_.clear();
+}
+
+bool Observer::note(const Numbers& rates, const Numbers& gravity) {
+  if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
+  noted_ = rates;
+  sample(rates, gravity);
+  compare(now_);
+  return was_released(now_);
+}
+
+void Observer::sample(const Numbers& rates, const Numbers& gravity) {
+  now_.forces = forces_, now_.acceleration.resize(n_);
+  for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
+}
+
+void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }
+
+void Observer::set_free() {
+  set_identity(n_, share_);
+  set_identity(n_, share_root_);
+  held_ = released_ = false;
+  take_effective();
+  push_.assign(n_, 0.0);
+}
+
+void Observer::let_go() {
+  set_free();
+  forces_.assign(n_, 0.0), samples_ = 0;
+}
+
+// a - R_eff w.
+void Observer::unexplained(const Sample& by, Numbers& rest) {
+  respond(effective_root_, by.forces, one_, other_);
+  rest.resize(n_);
+  for (int i = 0; i < n_; ++i) rest[i] = by.acceleration[i] - other_[i];
+}
+
+void Observer::compare(const Sample& now) {
+  unexplained(now, missed_);
+  for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
+}
+
+namespace {
+
+bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
+
+}  // namespace
+
+// A rate that pybullet has cut off would have gone farther: what is missing to what was foreseen is nothing,
+// and what is more is the least that it can have been. Whether there is one, that nothing can be learned of.
+// Of rigid bodies, but what spins so fast: there arms are not what they were.
+bool Observer::leave_out_cut(const Numbers& rates) {
+  bool any = false;
+  for (int i = 3; i < n_; ++i)
+    if (is_cut_off(rates[i])) return false;
+  for (int i = 0; i < 3; ++i) {
+    if (!is_cut_off(rates[i])) continue;
+    any = true;
+    now_.cut[i] = rates[i] > 0 ? 1 : -1;
+    if (missed_[i] * rates[i] >= 0) continue;
+    now_.acceleration[i] -= missed_[i];
+  }
+  return any;
+}
+
+// It went along the forces, by more of its free answer than it was thought to.
+bool Observer::was_released(const Sample& now) {
+  const double beyond = dot(now.forces, missed_);
+  multiply_transposed(root_, now.forces, one_);
+  return beyond > kReleased * dot(one_, one_);
+}
+
+void Observer::learn(const Sample& now) {
+  // s = L^T d(w), e = L^-1 d(a)
+  other_.resize(n_), e_.resize(n_);
+  for (int i = 0; i < n_; ++i)
+    other_[i] = now.forces[i] - last_.forces[i], e_[i] = now.acceleration[i] - last_.acceleration[i];
+  multiply_transposed(root_, now.forces, one_);
+  const double whole = dot(one_, one_);
+  multiply_transposed(root_, other_, s_);
+  const double news = dot(s_, s_);
+  if (news <= kLeastNews * kLeastNews * whole) return;
+  forward(root_, e_);
+  multiply(share_, s_, other_);
+  for (int i = 0; i < n_; ++i) e_[i] -= other_[i];
+  const double es = dot(e_, s_), ee = dot(e_, e_);
+  if (ee <= kLeastMiss * kLeastMiss * news) return;
+  // What the change of the forces does not explain, something else did.
+  if (es * es <= kLeastCosine * kLeastCosine * ee * news) return;
+  // What is moved by hand changes its motion whatever the forces do, by little from step to step.
+  if (es > 0 && news <= kYieldNews * kYieldNews * whole) return;
+  for (int i = 0; i < n_; ++i)
+    for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
+  limit_share();
+  double least = 1;
+  for (int i = 0; i < n_; ++i) least = std::min(least, share_[i * n_ + i]);
+  held_ = least < 1 - kLeastNews;
+  take_effective();
+}
+
+// Eigenvalues into [0, 1], and the root.
+void Observer::limit_share() {
+  turned_ = share_;
+  eigen(n_, turned_, vectors_);
+  share_root_.assign(share_.size(), 0.0);
+  for (int k = 0; k < n_; ++k) {
+    const double value = std::sqrt(std::min(1.0, std::max(0.0, turned_[k * n_ + k])));
+    for (int i = 0; i < n_; ++i) share_root_[i * n_ + k] = value * vectors_[i * n_ + k];
+  }
+  product_transposed(n_, share_root_, share_root_, share_);
+}
+
+void Observer::believe() { unexplained(last_, push_); }
+
+void Observer::find_push() {
+  if (samples_ < 2) return push_.assign(n_, 0.0);
+  unexplained(last_, s_);
+  unexplained(before_, e_);
+  for (int i = 0; i < n_; ++i) {
+    const double a = s_[i], b = e_[i];
+    const bool a_least = last_.cut[i] != 0, b_least = before_.cut[i] != 0,
+               smaller = std::fabs(a) < std::fabs(b);
+    const bool takes_a = a_least == b_least ? smaller != a_least : b_least;
+    push_[i] = a * b <= 0 ? 0 : takes_a ? a : b;
+  }
+}
+
+}  // namespace bt

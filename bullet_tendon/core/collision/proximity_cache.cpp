@@ -1,0 +1,287 @@
+#include "collision/proximity_cache.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace bt {
+
+namespace {
+
+// A tunnel's bore is taken to reach this many radii beyond its mouths when bone surface is looked
+// for [-]: a mouth drilled at up to 63 degrees from the surface's normal leaves no lid.
+constexpr double kBoreReach = 2.0;
+
+// Steps for which a plane is reused at most by a feature that has moved along it by more than this share of
+// its distance [-]. More: what has come to rest leans on tilted planes for longer. Fewer: more queries.
+constexpr int kOldest = 24;
+constexpr double kFresh = 1e-2;
+
+// Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
+// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
+// queries.
+constexpr double kListed = 0.05;
+
+}  // namespace
+
+Pose in_world(const Shape& shape, const Link& link) {
+  return {link.pose.rotation * shape.local.rotation, to_world(link.pose, shape.local.origin)};
+}
+
+double share_to_go(double clearance, double radius, double motion) {
+  if (motion <= kFarthestMove * radius || clearance - motion > radius) return 1;
+  return std::max(clearance - radius, kFarthestMove * radius) / motion;
+}
+
+double room_of(const NearCache& cache, double radius) {
+  double room = 1;
+  for (const Entry& e : cache.entries)
+    if (e.wanted) room = std::min(room, share_to_go(e.clearance, radius, e.motion));
+  return room;
+}
+
+double motion_of(const Chain& chain, int i, const Link& link, double dt) {
+  return norm(chain.foreseen.at(i) - chain.x.at(i) - link.drift(chain.x.at(i), dt));
+}
+
+double reach_of(const Chain& chain, int i, const Link& link, double dt, double threshold) {
+  return chain.radius + threshold + chain.slack[i] + motion_of(chain, i, link, dt);
+}
+
+namespace {
+
+bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
+  return lo.x > s.hi.x + reach || lo.y > s.hi.y + reach || lo.z > s.hi.z + reach || hi.x < s.lo.x - reach ||
+         hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
+}
+
+bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
+  for (const Bore& b : bores)
+    if (b.contains(p, kBoreReach * b.radius)) return true;
+  return false;
+}
+
+Plane plane_at(Vec3 on_feature, Vec3 point, double u, double sign, const Pose& pose,
+               const std::vector<Bore>& bores, Vec3 fallback) {
+  return {point, unit_or(sign * (on_feature - point), fallback), u,
+          in_any_bore(to_world(pose, point), bores)};
+}
+
+Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, const Pose& pose, const std::vector<Bore>& bores,
+               Vec3 fallback) {
+  return plane_at((1 - found.u) * a + found.u * b, found.point, found.u, 1, pose, bores, fallback);
+}
+
+// The same whether it was measured or known to be: what is too far away makes no row either way.
+bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.reach; }
+
+// Decides for one feature between skipping, reusing and querying.
+struct Considering {
+  const Shape& shape;
+  const Pose pose;
+  const NearContext& context;
+  std::vector<Query>& queries;
+  NearCounts& counts;
+
+  void operator()(Entry& e, const Query& query, double motion, double reach) {
+    ++counts.considered;
+    e.motion = motion, e.reach = reach;
+    if (e.known && !e.inside && context.reuse_tolerance > 0) {
+      const double moved = std::max(norm(query.a - e.a), norm(query.b - e.b));
+      if (e.distance - moved > reach) {
+        ++counts.skipped;
+        return;
+      }
+      if (shape.surface ? remeasured(e, query, moved) : still_true(e, query, moved)) {
+        ++counts.reused;
+        e.wanted = is_within_reach(e);
+        return;
+      }
+      if (shape.surface && searched(e, query, moved)) {
+        ++counts.searched;
+        e.wanted = is_within_reach(e);
+        return;
+      }
+    }
+    ++counts.queried;
+    if (!shape.primitive) return queries.push_back(query);
+    context.kept->push_back({query.chain, query.shape, query.feature, e});
+    const PrimitiveNearest found = shape.primitive.nearest(query.a, query.b);
+    answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
+  }
+
+ private:
+  bool remeasured(Entry& e, const Query& q, double moved) const {
+    auto missing = [&] { return moved > 0.5 * (e.listed - e.distance); };
+    if (missing()) return false;
+    if (e.nearby.empty()) e.listed = shape.surface->list(e.a, e.b, e.listed, e.nearby);
+    if (missing()) return false;
+    const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
+    e.now = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
+    e.clearance = found.distance;
+    return true;
+  }
+
+  // What was nearest is no farther away than from the feature as it is now. Where the feature's ends have
+  // moved by no more than its distance, or have not gone through the surface, it is on the side where it was.
+  bool searched(Entry& e, const Query& q, double moved) const {
+    const Surface& surface = *shape.surface;
+    if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
+    const double within = (1 + kRoundedUp) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
+    const Nearest found = surface.search(q.a, q.b, within);
+    if (found.distance == 0) return false;
+    e.nearby.clear();  // the list can be made again
+    context.kept->push_back({q.chain, q.shape, q.feature, e});
+    e.a = q.a, e.b = q.b, e.distance = found.distance, e.listed = (1 + 2 * kListed) * found.distance;
+    e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
+    e.now = e.asked, e.clearance = e.distance;
+    return true;
+  }
+
+  bool still_true(Entry& e, const Query& q, double moved) const {
+    const Vec3 n = e.asked.normal;
+    const double aside = std::max(norm(without(q.a - e.a, n)), norm(without(q.b - e.b, n)));
+    // What has moved is measured now and then all the same, so that what comes to rest rests on true planes.
+    if (aside > kFresh * e.distance) ++e.age;
+    if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance || e.age >= kOldest) return false;
+    e.now = e.asked, e.clearance = e.distance - moved;
+    return true;
+  }
+};
+
+}  // namespace
+
+void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
+         const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
+  const int n = chain.n();
+  // Put into the cache, which most shapes need nothing of, only where the shape is near.
+  thread_local std::vector<Vec3> local;
+  thread_local std::vector<double> motion;
+  local.resize(n), motion.resize(n);
+  const Pose pose = in_world(shape, link);
+  Vec3 lo{1e300, 1e300, 1e300}, hi = -lo;
+  double reach = 0;
+  for (int i = 0; i < n; ++i) {
+    local[i] = to_local(pose, chain.x.at(i));
+    lo = lowest(lo, local[i]), hi = highest(hi, local[i]);
+    motion[i] = motion_of(chain, i, link, context.dt);
+    reach = std::max(reach, motion[i] + chain.slack[i]);
+  }
+  const double skin = chain.radius + context.threshold;
+  reach += skin;
+  for (Entry& e : cache.entries) e.wanted = false;
+  if (outside(lo, hi, shape, reach)) {
+    counts.culled += 2 * n - 1;
+    return;
+  }
+  if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
+  cache.local = local, cache.motion = motion;
+  Considering consider{shape, pose, context, queries, counts};
+  auto drilled = [&](int i) { return in_any_bore(chain.x.at(i), *context.bores); };
+  double before = 0;  // reach of the particle before
+  bool bored_before = false;
+  for (int i = 0; i < n; ++i) {
+    const Vec3 here = cache.local[i];
+    const double now = skin + cache.motion[i] + chain.slack[i];
+    const bool bored = !context.bores->empty() && drilled(i);
+    if (outside(here, here, shape, now) || bored)
+      ++counts.culled;
+    else
+      consider(cache.entries[i], {chain_slot, shape_slot, i, here, here}, cache.motion[i], now);
+    if (i > 0) {
+      const Vec3 last = cache.local[i - 1];
+      const double most = std::max(now, before);
+      if (outside(lowest(last, here), highest(last, here), shape, most) || bored || bored_before)
+        ++counts.culled;
+      else
+        consider(cache.entries[n + i - 1], {chain_slot, shape_slot, n + i - 1, last, here},
+                 std::max(cache.motion[i - 1], cache.motion[i]), most);
+    }
+    before = now, bored_before = bored;
+  }
+}
+
+void answer(const Query& q, double distance, Vec3 point, double u, const Shape& shape, const Pose& pose,
+            const std::vector<Bore>& bores, Entry& e) {
+  const Vec3 nearest = (1 - u) * q.a + u * q.b;
+  const double length = norm(nearest - point);
+  // A distance below zero is believed where its point is that far away: the way out of a
+  // primitive. A mesh gives no such point: the last good plane stays.
+  bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
+  if (!believed) {
+    e.inside = true, e.clearance = 0;
+    e.now = e.asked, e.wanted = e.known && !e.asked.hole;
+    return;
+  }
+  e.known = true, e.inside = distance < 0, e.age = 0, e.a = q.a, e.b = q.b;
+  e.asked = plane_at(nearest, point, u, distance < 0 ? -1 : 1, pose, bores, e.asked.normal);
+  if (shape.surface && distance > 0) {
+    e.listed = shape.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
+    const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
+    distance = found.distance;
+    e.asked = plane_of(found, q.a, q.b, pose, bores, e.asked.normal);
+  }
+  e.distance = distance, e.clearance = std::max(0.0, distance);
+  e.now = e.asked, e.wanted = is_within_reach(e);
+}
+
+namespace {
+
+// Planes of a curved surface, tangential where a feature will be at the end of the step.
+//
+// A plane that touches where the feature is now leans back by (motion in the step) / R when the feature
+// gets where it goes: its normal force then brakes like friction with that coefficient. The curvature
+// along the tendon is read from the planes of the neighbouring features, so no further query is made.
+
+// Whether the planes at both places can be of one smooth stretch of surface.
+bool usable(const Entry& e, Vec3 from, double farthest) {
+  const double away = norm(e.now.point - from);
+  return e.wanted && away > 1e-3 * farthest && away <= farthest;
+}
+
+// Of two curvatures the one that is nearer to flat, and flat where they disagree: beside an edge,
+// the surface on this side of it is what counts.
+double flatter(double a, double b) { return a * b <= 0 ? 0 : std::fabs(a) < std::fabs(b) ? a : b; }
+
+}  // namespace
+
+void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Vec3& normal) {
+  const int n = static_cast<int>(cache.local.size());
+  const int first = feature < n ? 0 : n, last = feature < n ? n - 1 : 2 * n - 2;
+  const double spacing =
+      norm(cache.local[std::min(feature % n + 1, n - 1)] - cache.local[std::max(feature % n - 1, 0)]);
+  double curvature = 0, nearest = spacing;
+  Vec3 along;
+  bool found = false;
+  for (int other : {feature - 1, feature + 1}) {
+    if (other < first || other > last || !usable(cache.entries[other], point, spacing)) continue;
+    const Entry& e = cache.entries[other];
+    const Vec3 away = without(e.now.point - point, normal);
+    const double length = norm(away);
+    if (length <= 1e-3 * spacing) continue;
+    const Vec3 t = (1 / length) * away;
+    const double bent = dot(e.now.normal - normal, t) / length;
+    curvature = found ? flatter(curvature, bent) : bent;
+    if (!found) along = t;
+    nearest = std::min(nearest, length);
+    found = true;
+  }
+  const double aside = dot(ahead - point, along), height = dot(ahead - point, normal);
+  if (curvature == 0 || 1 + curvature * height <= 0.5) return;
+  const double most = std::fabs(curvature) * nearest;
+  const double angle = std::min(std::max(std::atan2(curvature * aside, 1 + curvature * height), -most), most);
+  const double s = std::sin(angle), c = std::cos(angle);
+  point += (s / curvature) * along + (-(1 - c) / curvature) * normal;
+  normal = c * normal + s * along;
+}
+
+Bore in_world(const Tunnel& t, const Link& link) {
+  Vec3 start = to_world(link.pose, t.start), along = to_world(link.pose, t.end) - start;
+  double length = norm(along);
+  Box box;
+  box.include(start), box.include(start + along);
+  box.grow(t.radius + t.chamfer);
+  return {start, (1 / length) * along, length, t.radius, t.chamfer, box};
+}
+
+}  // namespace bt

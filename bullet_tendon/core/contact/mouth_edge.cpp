@@ -1,0 +1,71 @@
+// A segment against the edge of a tunnel's mouth, a circle of radius R around c with the axis e.
+//
+//   D(x) = sqrt((R - rho)^2 + z^2)         distance of a point from the circle [m]
+//   H    = m m^T / D - kappa t t^T         its second derivative; t runs around the axis, m = t x n,
+//                                          kappa = (R - rho) / (D rho)
+//   g(a, b) = min_u D(a + u l) - r         gap of a segment, l = b - a
+//   g''     = P^T H P - v v^T / (l.H l)    P = (1 - u, u), v = P^T H l + (-n, n)
+//
+// The gap goes by the point that is nearest in every iteration: with a fixed one, a segment that slides or
+// turns would leave the edge or get into it, and what pushes there turns it on.
+#include <algorithm>
+#include <cmath>
+
+#include "contact/contact.h"
+#include "geometry/tunnel_bore.h"
+
+namespace bt {
+
+namespace {
+
+// Steps of the search for a segment's nearest point to an edge, an iteration [-]; it goes on from the last
+// one.
+constexpr int kFollowing = 4;
+
+}  // namespace
+
+void Row::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
+  Vec3 from = x - axis_point, radial = without(from, axis);
+  double rho = norm(radial), z = dot(from, axis), inward = ring - rho;
+  Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(axis);
+  double d = std::sqrt(inward * inward + z * z);
+  // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
+  double sign = through && inward < 0 ? -1 : 1;
+  gap = sign * d - offset;
+  if (d > 0) normal = (sign / d) * (z * axis - inward * out), across_edge = -sign / d;
+  if (d > 0 && rho > 0) curvature = sign * inward / (d * rho);
+  around = cross(axis, out);
+}
+
+void Row::follow(Vec3 start, Vec3 end) {
+  const Vec3 l = end - start;
+  const double l2 = dot(l, l);
+  if (l2 == 0) return;
+  double u = a.w1;
+  for (int i = 0; i < kFollowing; ++i) {
+    const Vec3 on_edge = nearest_on_circle(start + u * l, axis_point, axis, ring, any_perpendicular(axis));
+    u = std::min(std::max(dot(on_edge - start, l) / l2, 0.0), 1.0);
+  }
+  a.w0 = 1 - u, a.w1 = u;
+  slid = (u - stuck_at) * l;
+}
+
+void Row::add_lever(Vec3 start, Vec3 end, bool definite) {
+  levers = 0;
+  const double u = a.w1;
+  if (kind != ContactKind::mouth || !pressed || u <= 0 || u >= 1) return;
+  const Vec3 x = (1 - u) * start + u * end, l = end - start;
+  const double kept = gap;
+  double curvature = 0, across_edge = 0;
+  Vec3 around;
+  mouth_gap(x, curvature, around, across_edge);
+  gap = kept;
+  const Vec3 m = cross(around, normal);
+  const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
+  const double bent = dot(l, Hl);
+  if (bent == 0 || (definite && bent < 0)) return;
+  levers = 1, lever_share[0] = multiplier / bent;
+  lever[0][0] = (1 - u) * Hl - normal, lever[0][1] = u * Hl + normal;
+}
+
+}  // namespace bt

@@ -1,0 +1,70 @@
+// A segment against a segment of a tendon, both free to slide and turn.
+//
+//   D      = |d|, d = a(u) - b(w)          distance of the nearest points, n = d / D
+//   H      = (I - n n^T) / D               second derivative of |d|
+//   g      = min_u,w D - (r_a + r_b)       gap
+//   g''    = P^T H P - V S^-1 V^T          P = (1 - u, u, -(1 - w), -w)
+//   V      = (P^T H l_a + (-n, n, 0, 0), -P^T H l_b + (0, 0, n, -n)),  l the segments
+//   S      = (l_a.H l_a, -l_a.H l_b; ., l_b.H l_b)
+//
+// As at an edge (contact/mouth_edge.cpp), points that stay where the step began would be turned about or left
+// by what slides. A point at its segment's end stays there, and has no part in V. Nearly parallel segments
+// have no point that is nearest: theirs stay. So do those that would jump, and the iterations between two
+// solutions with them: what is touched besides gets a row of its own (solver/missed_contacts.cpp).
+#include <algorithm>
+#include <cmath>
+
+#include "contact/contact.h"
+#include "geometry/segment_distance.h"
+
+namespace bt {
+
+void Row::follow_pair(const Vec3 (&x)[4], double most) {
+  const Vec3 along = x[1] - x[0], other = x[3] - x[2];
+  const double square = dot(along, along) * dot(other, other), turned = dot(along, other);
+  follows = !stays && square > 0 && square - turned * turned > kCrossing * square;
+  if (!follows) return;
+  double u, w;
+  nearest_parameters(x[0], x[1], x[2], x[3], u, w);
+  const Vec3 apart = x[0] + u * along - (x[2] + w * other);
+  const double distance = norm(apart), height = dot(apart, side);
+  // Centrelines that have all but met, or passed: the plane of the step's start knows the side.
+  follows = distance > kNearlyMet * offset && height > 0;
+  if (!follows) {
+    normal = side;
+    return;
+  }
+  auto force_at = [&](double d) { return std::max(0.0, carried - stiffness * (d - offset - allowed)); };
+  const double here = dot(normal, a.w0 * x[0] + a.w1 * x[1] - b.w0 * x[2] - b.w1 * x[3]);
+  stays = std::fabs(force_at(distance) - force_at(here)) > most, follows = !stays;
+  if (stays) return;
+  a.w0 = 1 - u, a.w1 = u, b.w0 = 1 - w, b.w1 = w;
+  slid = (u - stuck_at) * along - (w - stuck_at_other) * other;
+  normal = (1 / distance) * apart;
+}
+
+void Row::add_pair_levers(const Vec3 (&x)[4], bool definite) {
+  levers = 0;
+  if (definite || !follows || !pressed || multiplier <= 0) return;
+  const double D = gap + allowed + offset;
+  block += (-multiplier / D) * across(normal);
+  const Vec3 along = x[1] - x[0], other = x[3] - x[2];
+  const bool inside_a = a.w0 > 0 && a.w1 > 0, inside_b = b.w0 > 0 && b.w1 > 0;
+  const double P[4] = {a.w0, a.w1, -b.w0, -b.w1};
+  const Vec3 Ha = (1 / D) * without(along, normal), Hb = (1 / D) * without(other, normal);
+  Vec3 va[4], vb[4];
+  for (int i = 0; i < 4; ++i) va[i] = P[i] * Ha, vb[i] = -P[i] * Hb;
+  va[0] += -1.0 * normal, va[1] += normal, vb[2] += normal, vb[3] += -1.0 * normal;
+  const double aa = dot(along, Ha), ab = -dot(along, Hb), bb = dot(other, Hb);
+  auto take = [&](const Vec3(&v)[4], double share) {
+    for (int i = 0; i < 4; ++i) lever[levers][i] = v[i];
+    lever_share[levers++] = multiplier * share;
+  };
+  if (inside_a) take(va, 1 / aa);
+  if (!inside_b) return;
+  const double mixed = inside_a ? ab / aa : 0, rest = bb - mixed * ab;  // S by its Cholesky factors
+  for (int i = 0; i < 4; ++i) vb[i] += -mixed * va[i];
+  if (rest > 0) take(vb, 1 / rest);
+}
+
+}  // namespace bt

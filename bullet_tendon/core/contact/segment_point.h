@@ -1,0 +1,24 @@
+// A point of a tendon.
+#pragma once
+#include "math/soa_field.h"
+
+namespace bt {
+
+// A point on segment `first` of a tendon: w0 x_first + w1 x_first+1.
+struct Spot {
+  int chain = -1;
+  int first = 0;
+  double w0 = 1, w1 = 0;
+  Vec3 of(const Field& f) const {
+    return w1 == 0   ? w0 * f.at(first)
+           : w0 == 0 ? w1 * f.at(first + 1)
+                     : w0 * f.at(first) + w1 * f.at(first + 1);
+  }
+};
+
+// Takes a pull at a spot off what its two particles have.
+inline void pull_back(Field& f, const Spot& s, Vec3 pull) {
+  f.add(s.first, -s.w0 * pull), f.add(s.first + 1, -s.w1 * pull);
+}
+
+}  // namespace bt

@@ -1,0 +1,168 @@
+#include "geometry/primitive_distance.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace bt {
+
+namespace {
+
+// Of closed forms (geometry/primitive_distance.h): cosine between a segment and the way to it up to which it
+// is parallel to the surface; rounding of a place, and what a distance has to exceed to be one, as shares of
+// coordinates [-]. Larger: what is slanted, or a little way off, is taken for flat, or touching. Smaller:
+// rounding decides.
+constexpr double kParallel = 1e-14;
+constexpr double kLineRounding = 2e-16;
+constexpr double kOnSurface = 1e-15;
+// Steps and widths at which searches along a segment end [-]. Fewer, or wider: nearest points are off. More,
+// or narrower: rounding is searched for.
+constexpr int kRootSteps = 60;
+constexpr double kRootWidth = 1e-15, kDeepestWidth = 1e-9;
+constexpr double kGolden = 0.6180339887498949;
+
+double beyond(double x, double half) { return x > half ? x - half : x < -half ? x + half : 0; }
+double sum_of(Vec3 v) { return std::fabs(v.x) + std::fabs(v.y) + std::fabs(v.z); }
+
+}  // namespace
+
+Vec3 Primitive::gap(Vec3 x) const {
+  if (kind == Kind::box) return {beyond(x.x, half.x), beyond(x.y, half.y), beyond(x.z, half.z)};
+  const double rho = std::sqrt(x.x * x.x + x.y * x.y), share = rho > radius ? 1 - radius / rho : 0;
+  return {x.x * share, x.y * share, beyond(x.z, half_length)};
+}
+
+double Primitive::inside(Vec3 x, Vec3& normal) const {
+  const double z = half_length - std::fabs(x.z);
+  if (kind == Kind::cylinder) {
+    const double rho = std::sqrt(x.x * x.x + x.y * x.y);
+    if (z < radius - rho) return normal = {0, 0, std::copysign(1.0, x.z)}, -z;
+    normal = rho > 0 ? Vec3{x.x / rho, x.y / rho, 0} : Vec3{1, 0, 0};
+    return rho - radius;
+  }
+  const Vec3 depth{half.x - std::fabs(x.x), half.y - std::fabs(x.y), half.z - std::fabs(x.z)};
+  const double least = std::min({depth.x, depth.y, depth.z});
+  if (least == depth.x)
+    normal = {std::copysign(1.0, x.x), 0, 0};
+  else if (least == depth.y)
+    normal = {0, std::copysign(1.0, x.y), 0};
+  else
+    normal = {0, 0, std::copysign(1.0, x.z)};
+  return -least;
+}
+
+// On the segment a + u d.
+struct AlongPrimitive {
+  const Primitive& primitive;
+  const Vec3 a, d;
+  const double reach = sum_of(d), rounding = kLineRounding * (sum_of(a) + reach);
+  std::array<double, 6> breaks{};
+  int count = 0;
+
+  Vec3 at(double u) const { return a + u * d; }
+
+  // Half the slope of the squared distance, which never falls along a segment.
+  double slope(double u) const {
+    const Vec3 gap = primitive.gap(at(u));
+    const double value = dot(gap, d);
+    return std::fabs(value) <= reach * (kParallel * sum_of(gap) + rounding) ? 0 : value;
+  }
+
+  void add_break(double u) {
+    if (u > 0 && u < 1) breaks[count++] = u;
+  }
+  void add_walls(double x, double way, double half) {
+    if (way != 0) add_break((half - x) / way), add_break((-half - x) / way);
+  }
+  // Where the nearest point passes from one part of the surface to another.
+  void find_breaks() {
+    if (primitive.kind == Primitive::Kind::box) {
+      add_walls(a.x, d.x, primitive.half.x), add_walls(a.y, d.y, primitive.half.y),
+          add_walls(a.z, d.z, primitive.half.z);
+    } else {
+      add_walls(a.z, d.z, primitive.half_length);
+      const double square = d.x * d.x + d.y * d.y;
+      if (square > 0) {
+        const double nearest = -(a.x * d.x + a.y * d.y) / square;  // to the axis: the root, beside the mantle
+        const double x = a.x + nearest * d.x, y = a.y + nearest * d.y;
+        const double chord = (primitive.radius * primitive.radius - x * x - y * y) / square;
+        const double half = std::sqrt(std::max(chord, 0.0));
+        add_break(nearest - half), add_break(nearest), add_break(nearest + half);
+      }
+    }
+    std::sort(breaks.begin(), breaks.begin() + count);
+  }
+
+  double nearest() {
+    const double low = slope(0), high = slope(1);
+    // Flat at both ends: parallel to the surface, so the middle speaks for it.
+    if (low == 0 && high == 0 && reach > 0) return 0.5;
+    if (low >= 0) return 0;
+    if (high <= 0) return 1;
+    find_breaks();
+    return root(low, high);
+  }
+
+  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1. Breaks first, because between them a
+  // box's is linear and a cylinder's smooth; then regula falsi with the Illinois rule, which ends at once
+  // where it is linear.
+  double root(double low, double high) {
+    double left = 0, right = 1, u = 0;
+    int kept = 0;
+    for (int step = 0; step < kRootSteps && right - left >= kRootWidth; ++step) {
+      u = step < count ? breaks[step] : (left * high - right * low) / (high - low);
+      const double value = slope(u);
+      if (value == 0) break;
+      if (value < 0) {
+        high = kept < 0 ? 0.5 * high : high, kept = -1;
+        left = u, low = value;
+      } else {
+        low = kept > 0 ? 0.5 * low : low, kept = 1;
+        right = u, high = value;
+        count = std::min(count, step);  // the others are beyond
+      }
+      if (step < count) kept = 0;
+    }
+    return u;
+  }
+
+  double signed_distance(double u) const {
+    Vec3 normal;
+    const double size = norm(primitive.gap(at(u)));
+    return size > 0 ? size : primitive.inside(at(u), normal);
+  }
+
+  // Golden section on the core's signed distance, which is convex along a line.
+  double deepest() const {
+    double left = 0, right = 1, u = 1 - kGolden, v = kGolden;
+    double at_u = signed_distance(u), at_v = signed_distance(v);
+    while (right - left > kDeepestWidth) {
+      if (at_u <= at_v) {
+        right = v, v = u, at_v = at_u;
+        at_u = signed_distance(u = right - kGolden * (right - left));
+      } else {
+        left = u, u = v, at_u = at_v;
+        at_v = signed_distance(v = left + kGolden * (right - left));
+      }
+    }
+    double best = 0;
+    for (const double w : {1.0, 0.5 * (left + right)})
+      if (signed_distance(w) < signed_distance(best)) best = w;
+    return best;
+  }
+};
+
+PrimitiveNearest Primitive::nearest(Vec3 a, Vec3 b) const {
+  AlongPrimitive along{*this, a, b - a};
+  double u = along.nearest();
+  Vec3 normal = gap(along.at(u));
+  double size = norm(normal);
+  if (size > kOnSurface * (sum_of(a) + along.reach))
+    normal = (1 / size) * normal;
+  else  // it touches, as far as rounding can tell, or runs through
+    u = along.deepest(), size = inside(along.at(u), normal);
+  const double distance = size - growth;
+  return {distance, along.at(u) - distance * normal, u};
+}
+
+}  // namespace bt

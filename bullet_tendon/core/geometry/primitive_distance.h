@@ -1,0 +1,34 @@
+// Exact distances from a segment to a box, sphere, capsule or cylinder, in the shape's frame.
+//
+// Every one is a convex core grown by a radius: a box (capsule: no extent but along z; sphere: none at all),
+// or a cylinder along z that is not grown, as its edges are sharp.
+#pragma once
+#include "math/vec3.h"
+
+namespace bt {
+
+struct PrimitiveNearest {
+  double distance = 0;  // below 0: of the way out [m]
+  Vec3 point;           // on the surface
+  double u = 0;         // nearest point of the segment: a + u (b - a); where it runs through, the deepest
+};
+
+struct Primitive {
+  enum class Kind : int { none = 0, box, cylinder };
+  Kind kind = Kind::none;
+  Vec3 half;                           // of the box [m]
+  double growth = 0;                   // [m]
+  double radius = 0, half_length = 0;  // of the cylinder [m]
+
+  explicit operator bool() const { return kind != Kind::none; }
+  PrimitiveNearest nearest(Vec3 a, Vec3 b) const;
+
+ private:
+  friend struct AlongPrimitive;
+  // From the core's nearest point; zero inside.
+  Vec3 gap(Vec3 x) const;
+  // Of a point in the core: how far its surface is, as a number <= 0, and the normal there.
+  double inside(Vec3 x, Vec3& normal) const;
+};
+
+}  // namespace bt

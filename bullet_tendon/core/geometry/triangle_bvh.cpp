@@ -1,0 +1,269 @@
+#include "geometry/triangle_bvh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "geometry/segment_distance.h"
+
+namespace bt {
+
+namespace {
+
+// Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
+// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
+// queries.
+constexpr size_t kMostNearby = 64;
+// Distance, as a share of a surface's size, up to which rounding may hide that it is touched [-]: FCL is
+// asked.
+constexpr double kTouches = 1e-9;
+
+// Triangles in a leaf of a surface's tree [-].
+constexpr int kLeafTriangles = 4;
+
+double along(Vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
+
+Vec3 middle(const Triangle& t) { return (1.0 / 3) * (t.a + t.b + t.c); }
+
+Box box_of(const Triangle& t) {
+  Box box;
+  box.include(t.a), box.include(t.b), box.include(t.c);
+  return box;
+}
+
+Box box_of(Vec3 a, Vec3 b) {
+  Box box;
+  box.include(a), box.include(b);
+  return box;
+}
+
+double gap(double lo, double hi, double other_lo, double other_hi) {
+  return std::max({0.0, other_lo - hi, lo - other_hi});
+}
+
+double square_between(const Box& p, const Box& q) {
+  const Vec3 apart{gap(p.lo.x, p.hi.x, q.lo.x, q.hi.x), gap(p.lo.y, p.hi.y, q.lo.y, q.hi.y),
+                   gap(p.lo.z, p.hi.z, q.lo.z, q.hi.z)};
+  return dot(apart, apart);
+}
+
+// Whether p lies over the inside of the triangle, and the foot of its perpendicular there: its barycentric
+// coordinates in the triangle's plane, from the squares and products of two edges.
+bool above(const Triangle& t, Vec3 p, Vec3& foot) {
+  const Vec3 e = t.b - t.a, f = t.c - t.a, r = p - t.a;
+  const double ee = dot(e, e), ef = dot(e, f), ff = dot(f, f), er = dot(e, r), fr = dot(f, r);
+  const double det = ee * ff - ef * ef, s = ff * er - ef * fr, w = ee * fr - ef * er;
+  if (det <= 0 || s < 0 || w < 0 || s + w > det) return false;
+  foot = t.a + (s / det) * e + (w / det) * f;
+  return true;
+}
+
+// Whether a segment goes through the triangle, or touches it: its ends are on both sides, and so is it of no
+// edge (the volumes of its tetrahedra with the edges have one sign).
+bool is_pierced(const Triangle& t, Vec3 a, Vec3 b) {
+  const Vec3 n = cross(t.b - t.a, t.c - t.a), d = b - a;
+  const double over = dot(n, a - t.a), under = dot(n, b - t.a);
+  if (over * under > 0 || (over == 0 && under == 0)) return false;
+  const Vec3 p = t.a - a, q = t.b - a, r = t.c - a;
+  const double u = dot(d, cross(p, q)), v = dot(d, cross(q, r)), w = dot(d, cross(r, p));
+  return (u >= 0 && v >= 0 && w >= 0) || (u <= 0 && v <= 0 && w <= 0);
+}
+
+// Squared distances, while they are only compared.
+void take_nearer(Nearest& best, Vec3 on_segment, double u, Vec3 point) {
+  const Vec3 apart = on_segment - point;
+  const double square = dot(apart, apart);
+  if (square < best.distance) best = {square, u, point};
+}
+
+bool nearer(const Nearby& a, const Nearby& b) { return a.distance < b.distance; }
+
+Nearest rooted(Nearest n) { return {std::sqrt(n.distance), n.u, n.point}; }
+
+Nearest nearest_to_point(const Triangle& t, Vec3 p) {
+  Vec3 foot;
+  Nearest best{1e300, 0, {}};
+  if (above(t, p, foot)) return take_nearer(best, p, 0, foot), rooted(best);
+  const Vec3 corner[4] = {t.a, t.b, t.c, t.a};
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 e = corner[k + 1] - corner[k];
+    const double ee = dot(e, e), w = ee > 0 ? dot(p - corner[k], e) / ee : 0;
+    take_nearer(best, p, 0, corner[k] + std::min(1.0, std::max(0.0, w)) * e);
+  }
+  return rooted(best);
+}
+
+}  // namespace
+
+Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
+  if (a.x == b.x && a.y == b.y && a.z == b.z) return nearest_to_point(t, a);
+  Nearest best{1e300, 0, {}};
+  Vec3 foot;
+  if (above(t, a, foot)) take_nearer(best, a, 0, foot);
+  if (above(t, b, foot)) take_nearer(best, b, 1, foot);
+  const Vec3 corner[4] = {t.a, t.b, t.c, t.a};
+  for (int k = 0; k < 3; ++k) {
+    double u, w;
+    nearest_parameters(a, b, corner[k], corner[k + 1], u, w);
+    take_nearer(best, (1 - u) * a + u * b, u, (1 - w) * corner[k] + w * corner[k + 1]);
+  }
+  return rooted(best);
+}
+
+Surface::Surface(std::vector<Triangle> triangles) : triangles_(std::move(triangles)) {
+  nodes_.reserve(triangles_.size());
+  if (!triangles_.empty()) build(0, static_cast<int>(triangles_.size()));
+  if (!nodes_.empty()) size_ = norm(nodes_[0].box.hi - nodes_[0].box.lo);
+  const auto* bytes = reinterpret_cast<const unsigned char*>(triangles_.data());
+  for (size_t k = 0; k < triangles_.size() * sizeof(Triangle); ++k)
+    mark_ = (mark_ ^ bytes[k]) * 1099511628211ull;
+}
+
+// Halves by number, across the longest side.
+int Surface::build(int first, int count) {
+  const int at = static_cast<int>(nodes_.size());
+  Node node{{}, first, count, -1};
+  for (int k = first; k < first + count; ++k) node.box.include(box_of(triangles_[k]));
+  nodes_.push_back(node);
+  if (count <= kLeafTriangles) return at;
+  const Vec3 size = node.box.hi - node.box.lo;
+  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+  const auto begin = triangles_.begin() + first;
+  std::nth_element(begin, begin + count / 2, begin + count, [&](const Triangle& s, const Triangle& t) {
+    return along(middle(s), axis) < along(middle(t), axis);
+  });
+  build(first, count / 2);
+  const int second = build(first + count / 2, count - count / 2);
+  nodes_[at].second = second;
+  return at;
+}
+
+namespace {
+
+bool nothing(const Box&) { return false; }
+
+}  // namespace
+
+// Leaves within reach, which may shrink meanwhile: of each node's children the nearer one first.
+template <class Skip, class Visit>
+void Surface::visit(const Box& around, const double& reach, Skip skip, Visit leaf) const {
+  struct Open {
+    int node;
+    double square;
+  };
+  // One child waits at each depth, and halving by number leaves fewer than 32 of those.
+  Open open[64];
+  int count = 0;
+  if (!nodes_.empty()) open[count++] = {0, square_between(nodes_[0].box, around)};
+  while (count > 0) {
+    const Open at = open[--count];
+    if (at.square > reach * reach) continue;
+    const Node& node = nodes_[at.node];
+    if (skip(node.box)) continue;
+    if (node.second < 0) {
+      leaf(node);
+      continue;
+    }
+    Open first{at.node + 1, square_between(nodes_[at.node + 1].box, around)};
+    Open second{node.second, square_between(nodes_[node.second].box, around)};
+    if (first.square < second.square) std::swap(first, second);
+    if (first.square <= reach * reach) open[count++] = first;
+    if (second.square <= reach * reach) open[count++] = second;
+  }
+}
+
+double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) const {
+  out.clear();
+  visit(box_of(a, b), reach, nothing, [&](const Node& leaf) { list_leaf(leaf, a, b, reach, out); });
+  std::sort(out.begin(), out.end(), [](const Nearby& p, const Nearby& q) { return p.triangle < q.triangle; });
+  return reach;
+}
+
+namespace {
+
+// The nearest found so far, and the direction from it to the segment. Both are convex, so what lies lower
+// along that than the segment, by more than the distance, is no nearer.
+struct NearestSoFar {
+  const Vec3 a, b;
+  const Box around;
+  double reach;
+  Nearest best{1e300, 0, {}};
+  Vec3 up;
+  double floor = -1e300;  // height of what can be nearer
+
+  bool is_below(const Box& box) const {
+    const Vec3 top{up.x > 0 ? box.hi.x : box.lo.x, up.y > 0 ? box.hi.y : box.lo.y,
+                   up.z > 0 ? box.hi.z : box.lo.z};
+    return dot(up, top) <= floor;
+  }
+  bool is_below(const Triangle& t) const {
+    return dot(up, t.a) <= floor && dot(up, t.b) <= floor && dot(up, t.c) <= floor;
+  }
+  void take(const Triangle& t) {
+    Nearest here = nearest_of(t, a, b);
+    if (is_pierced(t, a, b)) here.distance = 0;
+    if (!(here.distance < best.distance)) return;
+    best = here, reach = std::min(reach, best.distance);
+    up = unit_or((1 - best.u) * a + best.u * b - best.point, {});
+    floor = std::min(dot(up, a), dot(up, b)) - best.distance;
+  }
+};
+
+}  // namespace
+
+Nearest Surface::search(Vec3 a, Vec3 b, double within) const {
+  NearestSoFar found{a, b, box_of(a, b), within};
+  auto below = [&](const Box& box) { return found.is_below(box); };
+  visit(found.around, found.reach, below, [&](const Node& leaf) {
+    for (int k = leaf.first; k < leaf.first + leaf.count; ++k)
+      if (!found.is_below(triangles_[k])) found.take(triangles_[k]);
+  });
+  if (found.best.distance <= kTouches * size_) found.best.distance = 0;
+  return found.best;
+}
+
+bool Surface::is_between(Vec3 from, Vec3 to) const {
+  bool found = false;
+  const double reach = 0;
+  visit(box_of(from, to), reach, nothing, [&](const Node& leaf) {
+    for (int k = leaf.first; k < leaf.first + leaf.count && !found; ++k)
+      found = is_pierced(triangles_[k], from, to);
+  });
+  return found;
+}
+
+// Of more than are kept, the nearest; `reach` then ends where the farthest of them is.
+void Surface::list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const {
+  const Box around = box_of(a, b);
+  for (int k = leaf.first; k < leaf.first + leaf.count; ++k) {
+    if (square_between(box_of(triangles_[k]), around) > reach * reach) continue;
+    const Nearest found = nearest_of(triangles_[k], a, b);
+    if (found.distance > reach) continue;
+    if (out.size() == kMostNearby) std::pop_heap(out.begin(), out.end(), nearer), out.pop_back();
+    const Vec3 n = unit_or((1 - found.u) * a + found.u * b - found.point, {});
+    out.push_back({k, found.distance, n, dot(n, found.point)});
+    std::push_heap(out.begin(), out.end(), nearer);
+    if (out.size() == kMostNearby) reach = out.front().distance;
+  }
+}
+
+Nearest Surface::nearest(const std::vector<Nearby>& listed, Vec3 a, Vec3 b) const {
+  auto bound = [&](const Nearby& near) { return std::min(dot(near.n, a), dot(near.n, b)) - near.c; };
+  size_t likely = 0;
+  double least = 1e300;
+  for (size_t k = 0; k < listed.size(); ++k) {
+    const double here = bound(listed[k]);
+    if (here < least) least = here, likely = k;
+  }
+  Nearest best{1e300, 0, {}};
+  if (!listed.empty()) best = nearest_of(triangles_[listed[likely].triangle], a, b);
+  for (size_t k = 0; k < listed.size(); ++k) {
+    if (k == likely || bound(listed[k]) >= best.distance) continue;
+    const Nearest here = nearest_of(triangles_[listed[k].triangle], a, b);
+    if (here.distance < best.distance) best = here;
+  }
+  return best;
+}
+
+}  // namespace bt

@@ -1,0 +1,149 @@
+#include "integrator/scheme.h"
+
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <utility>
+
+namespace bt {
+
+namespace {
+
+// What a touched tendon's velocities are off by from where their last change led, squared, as a share of
+// their own squares, above which its next step is taken by implicit Euler [-]. Larger: heaps go on vibrating
+// by methods of second order. Smaller: what swings beside a contact in more than about 12 steps loses their
+// order.
+constexpr double kRough = 0.01;
+// Speed, in radii a second, up to which what touches something takes all its steps by implicit Euler [1/s].
+// Larger: what is drawn slowly loses its order. Smaller: BDF2 keeps heaps from falling asleep.
+constexpr double kCreep = 1e-3;
+
+}  // namespace
+
+BT_VECTOR void begin_step(Chain& c, const StepContext& context) {
+  const double dt = context.dt;
+  // What touches something has velocities that jump: they are not to be extrapolated.
+  const bool history = c.dt_before > 0 && c.smooth && !c.touched;
+  const Integrator method = context.options.integrator;
+  const bool second_order = is_second_order(method) && !(context.part && c.touched);
+  const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
+  const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
+  const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
+  c.b = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
+  const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
+  // Where the method's own velocity would take it; of the second order, where the motion does.
+  const double ahead = history ? (two ? 0.5 : 1.0) * dt * std::min(1.0, dt / c.dt_before) : 0;
+  for (int k = 0; k < 3; ++k) {
+    const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
+    double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
+    double *goal_tail = c.goal_tail[k], *next_tail = c.next_tail[k];
+    const double* mass = c.mass.data();
+    const double b = c.b;
+    const int n = c.n();
+#pragma GCC ivdep
+    for (int i = 0; i < n; ++i) {
+      xh[i] = x[i] + last * (xb[i] - x[i]), vh[i] = v[i] + last * (vb[i] - v[i]);
+      double goal = xh[i], tail = 0;
+      add_exactly(goal, tail, b * vh[i] + b * b * (g[k] + f[i] / mass[i]));
+      y[i] = goal, goal_tail[i] = tail;
+      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]), next_tail[i] = 0;
+    }
+  }
+  for (SpringSet* s : {&c.structure, &c.shear}) {
+    if (s->count == 0 || c.material.damping == 0) continue;
+    if (two) measure(*s, c.x_before), s->before = s->length;
+    measure(*s, c.x);
+    for (int k = 0; k < s->count; ++k) {
+      s->start[k] = s->length[k];
+      s->history[k] = now * s->start[k] + (two ? last * s->before[k] : 0);
+    }
+  }
+  for (const Hold& h : c.holds)
+    if (h.rigid) c.next.set(h.particle, h.aim);
+}
+
+namespace {
+
+BT_VECTOR void read_acceleration(Chain& c) {
+  for (int k = 0; k < 3; ++k) {
+    double* a = c.acceleration[k];
+    const double *v = c.v[k], *vh = c.anchor_v[k];
+#pragma GCC ivdep
+    for (int i = 0; i < c.n(); ++i) a[i] = (v[i] - vh[i]) / c.b;
+  }
+}
+
+}  // namespace
+
+BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
+  // Explicit Euler and the energy projection leave their velocities in `step`.
+  const bool made_known = c.braked || context.options.integrator == Integrator::explicit_euler;
+  for (int k = 0; k < 3; ++k) {
+    double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
+    const double *next = c.next[k], *tail = c.next_tail[k], *xh = c.anchor_x[k], *made = c.step[k];
+#pragma GCC ivdep
+    for (int i = 0; i < c.n(); ++i) {
+      xb[i] = x[i], vb[i] = v[i];
+      v[i] = made_known ? made[i] : (next[i] - xh[i] + tail[i]) / c.b;
+      x[i] = next[i];
+    }
+  }
+  for (Hold& h : c.holds) h.target_before = h.aim;
+  if (is_second_order(context.options.integrator)) {
+    c.smooth &= !c.touched || goes_smoothly(c, context.dt);
+    read_acceleration(c);
+  }
+  c.dt_before = context.dt;
+  c.braked = false;
+}
+
+// Where methods of second order begin anew, by a step of implicit Euler, beside contacts.
+//
+// BDF2 carries velocities of before an impact on: what comes at V and is stopped at a wall, h before which
+// the step began, leaves it with
+//
+//   v_1 = V/2 - 3 h/(2 dt),     v_2 = (4 v_1 + V)/3,     ...     v_1 + (3/2) (v_2 - v_1),
+//
+// up to 5/4 V. A heap, where something is stopped all the time, never comes to rest by that. So BDF2 does not
+// go on where what touches something changes its velocities otherwise than their last change foretold. It
+// comes back one step after motion is smooth again, so that the order of smooth motion beside contacts stays.
+
+bool goes_smoothly(const Chain& c, double dt) {
+  const double creep = kCreep * c.radius;
+  double jump = 0, all = 0, least = 0;
+  for (int k = 0; k < 3; ++k) {
+    const double *v = c.v[k], *before = c.v_before[k], *a = c.acceleration[k];
+    for (int i = 0; i < c.n(); ++i) {
+      const double off = v[i] - before[i] - dt * a[i];
+      jump += c.mass[i] * off * off, all += c.mass[i] * (v[i] * v[i] + before[i] * before[i]);
+    }
+  }
+  for (double m : c.mass) least += 2 * m * creep * creep;
+  return jump <= kRough * all && all > least;
+}
+
+namespace {
+
+// Linear solutions between two polls [-]. More: Ctrl-C waits longer. Fewer: the interpreter is locked for
+// nothing.
+constexpr long kBetweenPolls = 64;
+
+}  // namespace
+
+void Budget::start(long most, double seconds, std::function<void()> poll) {
+  most_ = most;
+  spent_ = 0;
+  exhausted_ = false;
+  timed_ = seconds > 0;
+  if (timed_)
+    end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  poll_ = std::move(poll);
+}
+
+void Budget::spend() {
+  ++spent_;
+  exhausted_ |= spent_ >= most_ || (timed_ && Clock::now() >= end_);
+  if (poll_ && spent_ % kBetweenPolls == 0) poll_();
+}
+
+}  // namespace bt

@@ -1,0 +1,99 @@
+// A symmetric positive definite block-banded matrix of 3x3 blocks, its LDL^T factors and products.
+//
+// Contract: `half` is 1 or 2 (blocks beside the diagonal), n >= 2 blocks. Fill diagonal and below,
+// factorise, solve any number of right-hand sides. Nothing is allocated after resize.
+//
+// The elimination works from both ends at once towards the middle, in the two lanes of one vector
+// register: block s in lane 0 and block n-1-s in lane 1 do the same arithmetic. What is left in
+// the middle (1 to 3 blocks) is solved densely. With A(i+1,i) = E1, A(i+2,i) = E2 one pivot does
+//
+//   D = L diag L^T,  Z1 = D^-1 E1^T,  Z2 = D^-1 E2^T
+//   A(i+1,i+1) -= E1 Z1,   A(i+2,i+1) -= E2 Z1,   A(i+2,i+2) -= E2 Z2.
+#pragma once
+#include <vector>
+
+#include "linear/block_columns.h"
+#include "math/soa_field.h"
+#include "math/sym3.h"
+
+namespace bt {
+
+typedef double Lanes __attribute__((vector_size(16)));  // lane 0: from the top, lane 1: from the bottom
+
+struct Band {
+  int n = 0, half = 1;
+  Planes diagonal;  // six planes, symmetric blocks A(i,i)
+  Planes below[2];  // nine planes, row-major blocks A(i+1,i) and A(i+2,i), at column i
+
+  void resize(int blocks, int half_bandwidth);
+  void zero();
+  Sym3 block(int i) const;
+  void add(int i, const Sym3& b);
+  // A(i+offset, i) += w B, offset 1 or 2.
+  void add_below(int i, int offset, double w, const Sym3& b);
+  // A(i+1, i) += w p q^T.
+  void add_below(int i, double w, Vec3 p, Vec3 q);
+  // y = A x.
+  void multiply(const Field& x, Field& y) const;
+  // Rows and columns of block i projected by P = I - N (N = I: the block is held; N = n n^T: held
+  // along n), the diagonal block completed by N, so that the matrix stays definite
+  // (Baraff and Witkin 1998, the filter).
+  void hold(int i, const Sym3& N);
+};
+
+class BandFactor {
+ public:
+  void resize(int blocks, int half_bandwidth);
+  // false where a pivot is not positive: the matrix was not definite.
+  bool factorise(const Band& a);
+  // x = A^-1 b; x and b may be the same.
+  void solve(const Field& b, Field& x) const { solve(b, x, 0, n_ - 1); }
+  // The same of blocks first to last alone, of others something else.
+  void solve(const Field& b, Field& x, int first, int last) const;
+  // The same of eight right-hand sides, zero but for blocks first to last, which x gets its own for.
+  void solve(const Columns& b, int first, int last, Columns& x) const;
+
+ private:
+  template <int H>
+  bool factorise_ends(const Band& a);
+  template <int H>
+  void solve_ends(const Field& b, Field& x, int to) const;
+  // Of eight columns (linear/block_band_ldlt.cpp).
+  template <int H>
+  void columns_ends(int first, int last, Columns& x) const;
+  template <int H, int Lane, class At>
+  void columns_inwards(int from, At at, Eight* next, Eight* after) const;
+  template <int H, int Lane, class At>
+  void columns_outwards(int to, At at) const;
+  bool factorise_middle(const Band& a);
+  // Of as many right-hand sides side by side: the middle's blocks in y, each number with its Width of them.
+  template <int Width>
+  void solve_middle(double* y) const;
+
+  struct Pivot {
+    Lanes ldl[6];   // l21 l31 l32, 1/d1 1/d2 1/d3
+    Lanes z[2][9];  // Z1, Z2, row-major
+  };
+  int n_ = 0, half_ = 1, steps_ = 0, middle_ = 0;
+  std::vector<Pivot> pivots_;
+  Lanes left_[3][9];  // what the ends leave in the middle: on the first, the second block and between
+  double dense_[81];  // the middle, unit lower triangle and inverse diagonal
+};
+
+template <int Width>
+BT_WITHIN inline void BandFactor::solve_middle(double* y) const {
+  const int m = 3 * middle_;
+  auto take = [&](int i, int j, double share) BT_WITHIN {
+    double *to = y + Width * i, *from = y + Width * j;
+#pragma GCC ivdep
+    for (int k = 0; k < Width; ++k) to[k] -= share * from[k];
+  };
+  for (int i = 0; i < m; ++i)
+    for (int j = 0; j < i; ++j) take(i, j, dense_[9 * i + j]);
+  for (int i = 0; i < m; ++i)
+    for (int k = 0; k < Width; ++k) y[Width * i + k] *= dense_[9 * i + i];
+  for (int i = m - 1; i >= 0; --i)
+    for (int j = i + 1; j < m; ++j) take(i, j, dense_[9 * j + i]);
+}
+
+}  // namespace bt

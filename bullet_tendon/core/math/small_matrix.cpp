@@ -1,0 +1,196 @@
+#include "math/small_matrix.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace bt {
+
+namespace {
+
+// Share of a degree of freedom's own mass (or response) under which what the others leave of it is rounding
+// [-]. Larger: light bodies that carry heavy links do not answer.
+constexpr double kMassless = 1e-13;
+
+// Sweeps of Jacobi's method at most [-]; it converges quadratically, in four to six. Share of the largest
+// entry under which one beside the diagonal is rounding [-].
+constexpr int kSweeps = 12;
+constexpr double kOffDiagonal = 1e-18;
+
+}  // namespace
+
+namespace dense {
+
+namespace {
+
+// y += sum of the rows of A (rows n), each by its number of x.
+template <class Size>
+inline void add_rows(Size n, int rows, const double* a, const double* x, double* __restrict y) {
+  for (int i = 0; i < rows; ++i)
+    for (int j = 0; j < n; ++j) y[j] += a[i * n + j] * x[i];
+}
+
+}  // namespace
+
+void set_identity(int n, Numbers& a) {
+  a.assign(static_cast<size_t>(n) * n, 0.0);
+  for (int i = 0; i < n; ++i) a[i * n + i] = 1;
+}
+
+void multiply(const Numbers& a, const Numbers& x, Numbers& y) {
+  of_size(static_cast<int>(x.size()), [&](auto n) {
+    const int rows = n ? static_cast<int>(a.size()) / n : 0;
+    y.resize(rows);
+    const double *from = a.data(), *of = x.data();
+    double* __restrict to = y.data();
+    for (int i = 0; i < rows; ++i) {
+      double sum = 0;
+      for (int j = 0; j < n; ++j) sum += from[i * n + j] * of[j];
+      to[i] = sum;
+    }
+  });
+}
+
+void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y) {
+  const int rows = static_cast<int>(x.size());
+  of_size(rows ? static_cast<int>(a.size()) / rows : 0, [&](auto n) {
+    y.assign(n, 0.0);
+    add_rows(n, rows, a.data(), x.data(), y.data());
+  });
+}
+
+void add_rows(const Numbers& a, int rows, const double* x, Numbers& y) {
+  of_size(static_cast<int>(y.size()), [&](auto n) { add_rows(n, rows, a.data(), x, y.data()); });
+}
+
+void subtract_product(int size, const Numbers& a, const Numbers& b, Numbers& c) {
+  const int rows = static_cast<int>(c.size()) / size, inner = static_cast<int>(b.size()) / size;
+  of_size(size, [&](auto n) {
+    double* __restrict to = c.data();
+    for (int i = 0; i < rows; ++i)
+      for (int k = 0; k < inner; ++k)
+        for (int j = 0; j < n; ++j) to[i * n + j] -= a[i * inner + k] * b[k * n + j];
+  });
+}
+
+void product_transposed(int size, const Numbers& a, const Numbers& b, Numbers& c) {
+  of_size(size, [&](auto n) {
+    const int rows = static_cast<int>(a.size()) / n, columns = static_cast<int>(b.size()) / n;
+    c.resize(static_cast<size_t>(rows) * columns);
+    double* __restrict to = c.data();
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < columns; ++j) {
+        double sum = 0;
+        for (int k = 0; k < n; ++k) sum += a[i * n + k] * b[j * n + k];
+        to[i * columns + j] = sum;
+      }
+  });
+}
+
+void product(int size, const Numbers& a, const Numbers& b, Numbers& c) {
+  const int rows = static_cast<int>(a.size()) / size;
+  c.assign(a.size(), 0.0);
+  of_size(size, [&](auto n) {
+    for (int i = 0; i < rows; ++i) add_rows(n, n, b.data(), a.data() + i * n, c.data() + i * n);
+  });
+}
+
+void root(int size, const Numbers& a, Numbers& l) {
+  l.assign(a.size(), 0.0);
+  of_size(size, [&](auto n) {
+    const double* from = a.data();
+    double* __restrict to = l.data();
+    for (int j = 0; j < n; ++j) {
+      double pivot = from[j * n + j];
+      for (int k = 0; k < j; ++k) pivot -= to[j * n + k] * to[j * n + k];
+      if (!(pivot > kMassless * from[j * n + j])) continue;
+      const double d = to[j * n + j] = std::sqrt(pivot);
+      for (int i = j + 1; i < n; ++i) {
+        double sum = from[i * n + j];
+        for (int k = 0; k < j; ++k) sum -= to[i * n + k] * to[j * n + k];
+        to[i * n + j] = sum / d;
+      }
+    }
+  });
+}
+
+void forward(const Numbers& l, Numbers& x) {
+  const int n = static_cast<int>(x.size());
+  for (int i = 0; i < n; ++i) {
+    for (int k = 0; k < i; ++k) x[i] -= l[i * n + k] * x[k];
+    x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
+  }
+}
+
+void forward_rows(const Numbers& l, int size, Numbers& b) {
+  const int m = size ? static_cast<int>(b.size()) / size : 0;
+  of_size(size, [&](auto n) {
+    for (int i = 0; i < m; ++i) {
+      const double pivot = l[i * m + i], scale = pivot > 0 ? 1 / pivot : 0;
+      double* __restrict row = b.data() + i * n;
+      for (int k = 0; k < i; ++k)
+        for (int j = 0; j < n; ++j) row[j] -= l[i * m + k] * b[k * n + j];
+      for (int j = 0; j < n; ++j) row[j] *= scale;
+    }
+  });
+}
+
+void solve(const Numbers& l, Numbers& x) {
+  const int n = static_cast<int>(x.size());
+  forward(l, x);
+  for (int i = n - 1; i >= 0; --i) {
+    for (int k = i + 1; k < n; ++k) x[i] -= l[k * n + i] * x[k];
+    x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
+  }
+}
+
+void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a) {
+  multiply_transposed(e, w, half);
+  multiply(e, half, a);
+}
+
+namespace {
+
+// One rotation that makes a[p][q] zero.
+void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
+  const double off = a[p * n + q];
+  const double theta = (a[q * n + q] - a[p * n + p]) / (2 * off);
+  const double t = (theta < 0 ? -1 : 1) / (std::fabs(theta) + std::sqrt(theta * theta + 1));
+  const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+  for (int k = 0; k < n; ++k) {
+    const double x = a[k * n + p], y = a[k * n + q];
+    a[k * n + p] = c * x - s * y, a[k * n + q] = s * x + c * y;
+  }
+  for (int k = 0; k < n; ++k) {
+    const double x = a[p * n + k], y = a[q * n + k];
+    a[p * n + k] = c * x - s * y, a[q * n + k] = s * x + c * y;
+    const double v = u[k * n + p], w = u[k * n + q];
+    u[k * n + p] = c * v - s * w, u[k * n + q] = s * v + c * w;
+  }
+}
+
+}  // namespace
+
+void eigen(int n, Numbers& a, Numbers& u) {
+  set_identity(n, u);
+  double largest = 0;
+  for (double v : a) largest = std::max(largest, std::fabs(v));
+  bool turned = true;
+  for (int sweep = 0; sweep < kSweeps && turned; ++sweep) {
+    turned = false;
+    for (int p = 0; p < n; ++p)
+      for (int q = p + 1; q < n; ++q)
+        if (std::fabs(a[p * n + q]) > kOffDiagonal * largest) rotate(n, a, u, p, q), turned = true;
+  }
+}
+
+double dot(const Numbers& a, const Numbers& b) {
+  double sum = 0;
+  of_size(static_cast<int>(a.size()), [&](auto n) {
+    for (int i = 0; i < n; ++i) sum += a[i] * b[i];
+  });
+  return sum;
+}
+
+}  // namespace dense
+
+}  // namespace bt

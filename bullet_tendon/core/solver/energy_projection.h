@@ -1,0 +1,10 @@
+// Energy that a solution made out of nothing is taken from its velocities.
+#pragma once
+#include "solver/island.h"
+
+namespace bt {
+
+// Takes energy that a solution made out of nothing from its velocities.
+void keep_passive(Group& group);
+
+}  // namespace bt

@@ -1,0 +1,265 @@
+// The converged implicit step: Newton's method with carried multipliers, and its safeguard
+// (solver/globalisation.cpp).
+#include "solver/newton.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "solver/assembly.h"
+#include "solver/body_schur.h"
+#include "solver/energy_projection.h"
+#include "solver/friction_limits.h"
+#include "solver/globalisation.h"
+#include "solver/island_step.h"
+#include "solver/linear_solve.h"
+#include "solver/missed_contacts.h"
+#include "tendon/segment_rotation.h"
+
+namespace bt {
+
+namespace {
+
+// Residual over the forces at hand under which the curvature of a mouth's edge, which may make the matrix
+// indefinite, is believed [-]. Larger: wild normal forces throw iterations off. Smaller: what slides over an
+// edge takes more of them.
+constexpr double kNear = 0.2;
+// The same from which it is not believed any more.
+constexpr double kLost = 0.5;
+
+// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
+// of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
+// Larger: more iterations until they do. Smaller: more pairs do, and get rows at their other points besides.
+constexpr double kMostJump = 0.02;
+constexpr double kLessJump = 0.25;
+
+// Loosest relative accuracy of conjugate gradients within Newton's method [-].
+constexpr double kLoosest = 1e-2;
+
+// Coordinates of iterates, in those that the step begins with or aims at, beyond which they have run away
+// [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so far in a
+// long step.
+constexpr double kFarOff = 1e3;
+
+// Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
+constexpr double kRounding = 8.0;
+
+constexpr double kNone = std::numeric_limits<double>::infinity();
+
+enum class Next { step, iterate, stop };
+
+// One solution on its way.
+struct Solution {
+  Group& group;
+  const StepContext& context;
+  bool safeguarded;      // may be
+  bool safe = false;     // is safeguarded
+  bool far = true;       // from the solution
+  bool turns = false;    // was far from it at some time, so that segments turn
+  bool changed = false;  // what constrains particles directly
+  bool circles = false;
+  int iteration = 0, lost = 0;
+  Rounds rounds;
+  Progress progress{0};
+  // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
+  double last_residual = kNone;
+
+  const Options& options() const { return context.options; }
+  void start_anew() { progress = Progress(group.rows.size()), last_residual = kNone; }
+};
+
+bool touches(const Group& group) { return !group.acting.empty(); }
+
+bool any_strays(const Group& group) {
+  return std::any_of(group.chains.begin(), group.chains.end(), [](const Chain* c) { return strays(*c); });
+}
+
+// Iterates so far off that rounding would excuse any residual.
+bool ran_away(const Group& group) {
+  for (const Chain* c : group.chains)
+    for (int k = 0; k < 3; ++k) {
+      const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->goal[k], c->n()));
+      const double length = c->rest_length();
+      if (!(largest_of(c->next[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
+    }
+  return false;
+}
+
+// Within a few roundings, what does not shrink any more is rounding.
+bool is_rounding(Group& group, const Assembly& a, double last_residual, bool tails) {
+  const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
+  return in_roundings(group, a, tails) <= most && !ran_away(group);
+}
+
+Solution begin(Group& group, const StepContext& context, bool safeguarded) {
+  group.most_jump = kNone, group.stayed = group.strays = false;
+  for (Row* row : group.rows) {
+    row->held = false, row->changes = 0;
+    row->stays &= context.goes_on;
+  }
+  start_bodies(group);
+  group.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
+  Solution s{group, context, safeguarded};
+  s.far = !context.goes_on;
+  s.start_anew();
+  return s;
+}
+
+bool update_directs(Group& group) {
+  bool changed = false;
+  for (Row* row : group.rows)
+    if (row->direct) changed |= update_direct(group, *row);
+  return changed;
+}
+
+// How far from the solution, after a residual.
+void note_distance(Solution& s, const Assembly& a) {
+  const bool was_far = s.far;
+  s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
+  s.turns |= s.far;  // a guess that was near is corrected along lines
+  s.lost += s.far && !was_far;
+  s.group.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
+}
+
+// The residual, and whether it is small enough.
+Assembly judge(Solution& s) {
+  Group& group = s.group;
+  Assembly a = residual_of(group, s.safe, s.safe || s.far);
+  s.changed = update_directs(group);
+  measure_residual(group, a);
+  group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
+  // What rests is where its rounded positions leave it.
+  const bool tails = s.iteration > 0 || s.context.goes_on;
+  const bool enough =
+      a.residual <= s.options().tolerance * a.scale || is_rounding(group, a, s.last_residual, tails);
+  group.converged = !s.changed && enough;
+  s.last_residual = a.residual;
+  note_distance(s, a);
+  s.rounds.note_start(group.residual);
+  return a;
+}
+
+// Where the solution, or a round of it, is at its end.
+Next end_round(Solution& s, const Assembly& a) {
+  Group& group = s.group;
+  const bool settled = s.safe || s.far || s.changed || s.rounds.over();
+  if (!group.converged && (settled || !s.rounds.near_end(s.iteration, group.residual))) return Next::step;
+  if (s.rounds.over()) return Next::stop;
+  if (s.rounds.next(group, s.iteration, s.options().tolerance * a.scale)) {
+    s.start_anew();
+    return Next::iterate;
+  }
+  if (group.converged) return Next::stop;
+  group.strays = s.context.may_look && touches(group) && any_strays(group);
+  s.rounds.settle();
+  return group.strays ? Next::stop : Next::step;
+}
+
+// The guess was useless, or iterations get nowhere: with the safeguard from now on.
+Next guard(Solution& s, bool anew) {
+  if (s.safe || !s.safeguarded) return Next::stop;
+  s.safe = true;
+  if (anew) restart_from_now(s.group);
+  return Next::iterate;
+}
+
+Next watch(Solution& s, const Assembly& a) {
+  Group& group = s.group;
+  if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
+  if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
+  const bool finite = std::isfinite(a.residual);
+  if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
+  if (group.stayed && add_missed(group)) {
+    group.stayed = false, s.start_anew();
+    return Next::iterate;
+  }
+  s.circles = !s.safe && s.progress.circles(a.residual);
+  return Next::step;
+}
+
+// Of limits, that is worth a solution [N].
+double least_change(const Solution& s, const Assembly& a) {
+  return kLimitAccuracy * s.options().tolerance * a.scale;
+}
+
+// The next step of the particles and bodies, in chain.step.
+Next find_step(Solution& s, const Assembly& a) {
+  Group& group = s.group;
+  const Linearisation how = s.safe ? Linearisation::position : Linearisation::multiplier;
+  // As exact as this iteration can make use of.
+  group.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
+  assemble(group, how, s.safe, s.safe || s.far);
+  if (solve_linear(group, s.context, s.safe)) {
+    if (!s.safe && !s.far) solve_limits(group, s.context, least_change(s, a));
+    return Next::step;
+  }
+  // Indefinite: once more, with compression cut off.
+  residual_of(group, s.safe, true);
+  assemble(group, how, true, true);
+  return solve_linear(group, s.context, true) ? Next::step : guard(s, true);
+}
+
+// Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
+// odds, not yet.
+void settle_limits(Solution& s) {
+  for (Row* row : s.group.acting)
+    if (row->agrees(row->multiplier)) row->settle_friction();
+}
+
+void take_step(Solution& s) {
+  Group& group = s.group;
+  if (s.circles) halve_step(group), s.last_residual = kNone;
+  if (s.safe) return line_search(group);
+  carry_springs(group);
+  foresee_contacts(group);
+  settle_limits(s);
+  advance(group, 1);
+  // Contacts are stiff across the tendon: there it matters more where particles are than how long segments
+  // are.
+  if (!s.turns || touches(group)) return;
+  for (Chain* c : group.chains) keep_lengths(*c);
+}
+
+void end(Solution& s) {
+  Group& group = s.group;
+  for (Row* row : group.rows)
+    if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
+  find_worst(group);
+  group.iterations += s.iteration;
+}
+
+}  // namespace
+
+void newton(Group& group, const StepContext& context, bool safeguarded) {
+  Solution s = begin(group, context, safeguarded);
+  for (;; ++s.iteration) {
+    const Assembly a = judge(s);
+    Next next = end_round(s, a);
+    if (next == Next::step) next = watch(s, a);
+    if (next == Next::step) next = find_step(s, a);
+    if (next == Next::stop) break;
+    if (next == Next::step) take_step(s);
+  }
+  if (context.budget->exhausted() && !std::isfinite(group.residual)) {
+    restart_from_now(group);
+    judge(s);
+  }
+  end(s);
+}
+
+namespace {
+
+bool by_euler(const Group& group, const StepContext& context) {
+  return std::all_of(group.chains.begin(), group.chains.end(),
+                     [&](const Chain* c) { return c->b == context.dt; });
+}
+
+}  // namespace
+
+void converged_step(Group& group, const StepContext& context) {
+  newton(group, context, !context.may_halve);
+  if (!group.strays && (group.converged || !context.may_halve) && by_euler(group, context))
+    keep_passive(group);
+}
+
+}  // namespace bt

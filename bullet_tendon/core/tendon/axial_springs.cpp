@@ -1,0 +1,387 @@
+#include "tendon/axial_springs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+#include <vector>
+
+namespace bt {
+
+namespace {
+
+// Share of the inertia m/b^2 that a compressed spring may take off a particle [-]. Each particle has
+// up to four springs, and a difference of displacements squared is at most twice the sum of their
+// squares: below 1/8 the matrix stays definite whatever the compression.
+constexpr double kInertiaShare = 0.12;
+
+// Stands for an inertia that outweighs every compression [1/s^2].
+constexpr double kNoCut = 1e300;
+
+}  // namespace
+
+void SpringSet::resize(int reach_, int particles) {
+  reach = reach_;
+  count = particles > reach ? particles - reach : 0;
+  for (auto* v :
+       {&rest, &inverse_rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history,
+        &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
+    v->assign(count, 0.0);
+  direction.resize(3, count);
+  block.resize(6, count);
+  vector.resize(3, count);
+}
+
+namespace {
+
+// The differences of neighbours are exact, and so is what tails add to them but for its own rounding.
+template <bool Tail>
+BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& tail) {
+  const int m = s.count, reach = s.reach;
+  double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2], *len = s.length.data();
+  const double *px = x[0], *py = x[1], *pz = x[2], *rest = s.rest.data();
+  const double *tx = tail[0], *ty = tail[1], *tz = tail[2];
+#pragma GCC ivdep
+  for (int k = 0; k < m; ++k) {
+    double dx = px[k + reach] - px[k], dy = py[k + reach] - py[k], dz = pz[k + reach] - pz[k];
+    if (Tail) dx += tx[k + reach] - tx[k], dy += ty[k + reach] - ty[k], dz += tz[k + reach] - tz[k];
+    double length = std::sqrt(dx * dx + dy * dy + dz * dz);
+    bool degenerate = length < kDegenerateLength * rest[k];
+    double inv = degenerate ? 0.0 : 1 / length;
+    len[k] = length;
+    nx[k] = dx * inv, ny[k] = dy * inv, nz[k] = degenerate ? 1.0 : dz * inv;
+  }
+}
+
+}  // namespace
+
+BT_VECTOR void measure(SpringSet& s, const Field& x) { measure_at<false>(s, x, x); }
+
+BT_VECTOR void measure(SpringSet& s, const Field& x, const Field& tail) { measure_at<true>(s, x, tail); }
+
+namespace {
+
+template <int P>
+BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
+  const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
+  const double* inverse = s.inverse_rest.data();
+  double *force = s.force.data(), *truth = s.true_elastic.data(), *slope = s.elastic_slope.data();
+#pragma GCC ivdep
+  for (int k = 0; k < s.count; ++k) {
+    double f, df, inv = inverse[k];
+    elastic<P>(law, (len[k] - rest[k]) * inv, f, df);
+    force[k] = truth[k] = stiffness[k] * f;
+    slope[k] = stiffness[k] * df * inv;
+  }
+}
+
+// The elastic law linearised where the multipliers are (tendon/axial_springs.h).
+template <int P>
+BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
+  const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
+  const double *inverse = s.inverse_rest.data(), *elastic_part = s.elastic.data(),
+               *truth = s.true_elastic.data();
+  double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
+  const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
+#pragma GCC ivdep
+  for (int k = 0; k < s.count; ++k) {
+    const double inv = inverse[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
+    const double tight = mixed && multiplier > floor_force ? multiplier : floor_force;
+    const double at = strain_of<P>(law, tight / stiffness[k]);
+    double value, df;
+    elastic<P>(law, at, value, df);
+    const double slope = stiffness[k] * df * inv, now = elastic_slope[k];
+    const double raised = strain >= least && slope > now ? slope : now;
+    const bool there = mixed & (multiplier > floor_force) & (strain > 0);
+    const double line = stiffness[k] * (value + df * (strain - at));
+    linear[k] = there ? line : truth[k];
+    elastic_slope[k] = there ? slope : raised;
+  }
+}
+
+// One of the templates above for the law's exponent.
+template <class Call>
+BT_WITHIN inline void by_exponent(const Law& law, Call call) {
+  switch (power_class(law.exponent)) {
+    case 2:
+      return call(std::integral_constant<int, 2>{});
+    case 3:
+      return call(std::integral_constant<int, 3>{});
+    case 4:
+      return call(std::integral_constant<int, 4>{});
+    case 6:
+      return call(std::integral_constant<int, 6>{});
+    default:
+      return call(std::integral_constant<int, 0>{});
+  }
+}
+
+// Share of the damping that acts on spring k: all of it, but for tension-only springs, whose damping
+// fades in over the toe (or the reference strain) by the strain at the start of the step. A damping
+// that switched on at strain 0 would be a jump in the force.
+double damping_share_of(const SpringSet& s, const Law& law, int k, double length_before) {
+  if (!law.tension_only) return 1;
+  double full = std::min(law.toe_strain, kReferenceStrain), strain = length_before / s.rest[k] - 1;
+  return strain <= 0 ? 0 : std::min(1.0, strain / full);
+}
+
+// Axial damping at the rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). What is
+// tension-only never pushes, damping included.
+template <class Rate>
+void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share,
+                       Rate rate_of) {
+  for (int k = 0; k < s.count; ++k) {
+    const double c = s.damping[k] * damping_share_of(s, law, k, before[k]);
+    double f, df;
+    damping(law, rate_of(k), f, df);
+    s.force[k] += share * c * f;
+    s.damping_slope[k] = c * df / (b * s.rest[k]);
+    if (law.tension_only && s.force[k] < 0) s.force[k] = 0, s.damping_slope[k] = 0, s.elastic_slope[k] = 0;
+  }
+}
+
+BT_VECTOR void vectors(SpringSet& s) {
+  for (int c = 0; c < 3; ++c) {
+    const double *n = s.direction[c], *force = s.force.data();
+    double* f = s.vector[c];
+#pragma GCC ivdep
+    for (int k = 0; k < s.count; ++k) f[k] = force[k] * n[k];
+  }
+}
+
+// inertia: 1/b^2; 0 where compressed springs' transverse part is to be left out altogether.
+BT_VECTOR void blocks(SpringSet& s, double inertia) {
+  const int m = s.count;
+  const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
+  const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.carried.data();
+  const double *elastic_slope = s.elastic_slope.data(), *damping_slope = s.damping_slope.data();
+  double *xx = s.block[0], *xy = s.block[1], *xz = s.block[2];
+  double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5], *slope = s.slope.data();
+  const double *lighter = s.lighter.data(), allowed = -kInertiaShare * inertia;
+#pragma GCC ivdep
+  for (int k = 0; k < m; ++k) {
+    double least = kDegenerateLength * rest[k];
+    double g = carried[k] / (len[k] > least ? len[k] : least), lowest = allowed * lighter[k];
+    g = g > lowest ? g : lowest;
+    double f = elastic_slope[k] + damping_slope[k];
+    double a = f - g, ax = a * nx[k], ay = a * ny[k], az = a * nz[k];
+    slope[k] = f;
+    xx[k] = ax * nx[k] + g, xy[k] = ax * ny[k], xz[k] = ax * nz[k];
+    yy[k] = ay * ny[k] + g, yz[k] = ay * nz[k], zz[k] = az * nz[k] + g;
+  }
+}
+
+// C |w|^(q-1) w with w = (v_j - v_i)/l (equation 4 as printed): force vector and, if asked, block.
+template <class Velocity>
+void add_whole_damping(SpringSet& s, const Law& law, double b, double share, bool block, Velocity velocity) {
+  for (int k = 0; k < s.count; ++k) {
+    const double c = s.damping[k] * damping_share_of(s, law, k, s.length[k]);
+    Vec3 w = (1 / s.rest[k]) * (velocity(k + s.reach) - velocity(k));
+    double speed = norm(w), f, df;
+    damping(law, speed, f, df);
+    Vec3 along = unit_or(w, Vec3{0, 0, 1}), force = (share * c * f) * along;
+    if (!block) {
+      s.vector[0][k] += force.x, s.vector[1][k] += force.y, s.vector[2][k] += force.z;
+      continue;
+    }
+    double cross_slope = speed > 0 ? f / speed : df;
+    Sym3 d = (c / (b * s.rest[k])) * (cross_slope * across(along) + df * outer(along));
+    const double add[6] = {d.xx, d.xy, d.xz, d.yy, d.yz, d.zz};
+    for (int c = 0; c < 6; ++c) s.block[c][k] += add[c];
+  }
+}
+
+void take_true_multipliers(SpringSet& s) {
+  for (int k = 0; k < s.count; ++k) s.carried[k] = s.force[k], s.elastic[k] = s.true_elastic[k];
+}
+
+}  // namespace
+
+BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh,
+                          double b) {
+  measure_at<true>(s, x, tail);
+  by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
+  if (s.damped && !law.whole_velocity)
+    add_axial_damping(s, law, s.start.data(), b, 1,
+                      [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
+  vectors(s);
+  if (s.damped && law.whole_velocity) {
+    s.whole_position = &x, s.whole_anchor = &xh;
+    add_whole_damping(s, law, b, 1, false, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
+  }
+  return largest_of(s.force.data(), s.count);
+}
+
+BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
+                         bool definite) {
+  if (how == Linearisation::position) take_true_multipliers(s);
+  if (!is_linear(law)) {
+    const bool mixed = how == Linearisation::multiplier;
+    by_exponent(law, [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
+  }
+  blocks(s, definite ? 1 / (b * b) : kNoCut);
+  if (s.damped && law.whole_velocity) {
+    const Field &x = *s.whole_position, &xh = *s.whole_anchor;
+    add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
+  }
+}
+
+void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
+                 double damping_share) {
+  measure(s, x);
+  by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
+  auto rate = [&](int k) {
+    Vec3 n{s.direction[0][k], s.direction[1][k], s.direction[2][k]};
+    return dot(n, v.at(k + s.reach) - v.at(k)) / s.rest[k];
+  };
+  auto velocity = [&](int i) { return v.at(i); };
+  const bool whole = s.damped && law.whole_velocity;
+  if (s.damped && !whole) add_axial_damping(s, law, s.length.data(), dt, damping_share, rate);
+  take_true_multipliers(s);
+  vectors(s);
+  blocks(s, 0);
+  if (whole) add_whole_damping(s, law, dt, damping_share, false, velocity);
+  if (whole) add_whole_damping(s, law, dt, damping_share, true, velocity);
+}
+
+BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
+  const int m = s.count, reach = s.reach;
+  const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
+  const double *ux = dx[0], *uy = dx[1], *uz = dx[2], *force = s.force.data(), *slope = s.slope.data();
+  const double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
+  const double* truth = s.true_elastic.data();
+  double *carried = s.carried.data(), *elastic = s.elastic.data();
+  const bool same = is_linear(law);
+#pragma GCC ivdep
+  for (int k = 0; k < m; ++k) {
+    double elongation =
+        nx[k] * (ux[k + reach] - ux[k]) + ny[k] * (uy[k + reach] - uy[k]) + nz[k] * (uz[k + reach] - uz[k]);
+    double t = force[k] + slope[k] * elongation + (same ? 0 : linear[k] - truth[k]);
+    carried[k] = t;
+    elastic[k] = (same ? truth[k] : linear[k]) + elastic_slope[k] * elongation;
+  }
+}
+
+BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
+  const double *inverse = s.inverse_rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
+  const double *damping_slope = s.damping_slope.data(), *force = s.force.data();
+  double* now = s.stiffness_now.data();
+  const bool whole = law.whole_velocity;
+#pragma GCC ivdep
+  for (int k = 0; k < s.count; ++k) {
+    const double inv = inverse[k], braking = whole ? damping[k] / b * inv * inv : damping_slope[k];
+    now[k] = slope[k] + braking + std::fabs(force[k]) * inv;
+  }
+  return largest_of(now, s.count);
+}
+
+double stored_energy(const SpringSet& s, const Law& law) {
+  double sum = 0;
+  for (int k = 0; k < s.count; ++k)
+    sum += s.stiffness[k] * s.rest[k] * elastic_energy(law, s.length[k] / s.rest[k] - 1);
+  return sum;
+}
+
+namespace {
+
+// From springs to particles: residuals and matrices.
+
+// r -= f(k) at the first particle of every spring, r += f(k) at the second.
+template <class Force>
+BT_WITHIN inline void scatter(double* r, int m, int reach, Force f) {
+  const int lo = std::min(m, reach);
+  for (int i = 0; i < lo; ++i) r[i] -= f(i);
+#pragma GCC ivdep
+  for (int i = lo; i < m; ++i) r[i] = (r[i] - f(i)) + f(i - reach);
+  for (int i = std::max(m, reach); i < m + reach; ++i) r[i] += f(i - reach);
+}
+
+// own w + the blocks b of structure springs.
+BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, int n) {
+  d[0] = own * w[0] + b[0], d[n - 1] = own * w[n - 1] + b[n - 2];
+#pragma GCC ivdep
+  for (int i = 1; i < n - 1; ++i) d[i] = own * w[i] + b[i] + b[i - 1];
+}
+
+// And those of shear springs, s. All at once: what was stored a moment ago and is read again, shifted by a
+// few, has the processor wait.
+BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, const double* s,
+                                     int n) {
+  auto at = [&](int i) {
+    double sum = own * w[i];
+    for (int k : {i, i - 1})
+      if (k >= 0 && k < n - 1) sum += b[k];
+    for (int k : {i, i - 2})
+      if (k >= 0 && k < n - 2) sum += s[k];
+    return sum;
+  };
+  for (int i = 0; i < std::min(2, n); ++i) d[i] = at(i);
+#pragma GCC ivdep
+  for (int i = 2; i < n - 2; ++i) d[i] = own * w[i] + b[i] + b[i - 1] + s[i] + s[i - 2];
+  for (int i = std::max(2, n - 2); i < n; ++i) d[i] = at(i);
+}
+
+BT_WITHIN inline void start_below(const SpringSet& s, Planes& below) {
+  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+  for (int c = 0; c < 9; ++c) {
+    const double* b = s.block[kFull[c]];
+    double* e = below[c];
+#pragma GCC ivdep
+    for (int k = 0; k < s.count; ++k) e[k] = -b[k];
+  }
+}
+
+}  // namespace
+
+BT_VECTOR void scatter_forces(const SpringSet& s, Field& residual) {
+  for (int c = 0; c < 3; ++c) {
+    const double* f = s.vector[c];
+    scatter(residual[c], s.count, s.reach, [=](int k) BT_WITHIN { return f[k]; });
+  }
+}
+
+BT_VECTOR void start_matrix(const SpringSet& s, const SpringSet& shear, const std::vector<double>& mass,
+                            double inverse, Band& matrix) {
+  for (int c = 0; c < 6; ++c) {
+    const double own = c == 0 || c == 3 || c == 5 ? inverse : 0;
+    if (shear.count > 0)
+      start_diagonal(matrix.diagonal[c], mass.data(), own, s.block[c], shear.block[c], matrix.n);
+    else
+      start_diagonal(matrix.diagonal[c], mass.data(), own, s.block[c], matrix.n);
+  }
+  start_below(s, matrix.below[0]);
+  if (shear.count > 0)
+    start_below(shear, matrix.below[1]);
+  else if (matrix.half == 2)
+    matrix.below[1].zero();
+}
+
+BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
+  const int m = s.count, reach = s.reach;
+  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+  for (int c = 0; c < 6; ++c) {
+    const double* b = s.block[c];
+    double* d = matrix.diagonal[c];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) d[k] += b[k];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) d[k + reach] += b[k];
+  }
+  Planes& off = matrix.below[reach - 1];
+  for (int c = 0; c < 9; ++c) {
+    const double* b = s.block[kFull[c]];
+    double* e = off[c];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) e[k] = (reach == 1 ? e[k] : 0.0) - b[k];
+  }
+}
+
+BT_VECTOR void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand) {
+  if (is_linear(law)) return;
+  for (int c = 0; c < 3; ++c) {
+    const double *n = s.direction[c], *linear = s.linear.data(), *truth = s.true_elastic.data();
+    scatter(right_hand[c], s.count, s.reach, [=](int k) BT_WITHIN { return (linear[k] - truth[k]) * n[k]; });
+  }
+}
+
+}  // namespace bt

@@ -1,0 +1,16 @@
+// What a tendon is made of.
+#pragma once
+#include "tendon/axial_law.h"
+
+namespace bt {
+
+struct Material {
+  Law law;
+  double stiffness = 0;          // K of the cross-section [N]
+  double damping = 0;            // C of the cross-section [N s^q]
+  double shear_stiffness = 0;    // K of each shear spring [N], part of `stiffness`
+  double bending_stiffness = 0;  // EI [N m^2]
+  double linear_density = 0;     // [kg/m]
+};
+
+}  // namespace bt

@@ -1,0 +1,211 @@
+#include "tendon/tendon.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include "tendon/bending.h"
+
+namespace bt {
+
+namespace {
+
+// Particles that are put closer together than that are spread by this share of the rest length [-].
+constexpr double kSpread = 1e-6;
+
+// Shear springs with a smaller share of the stiffness are left out [-].
+constexpr double kLeastShear = 1e-12;
+
+}  // namespace
+
+Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
+    : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
+  for (Field* f : {&x,
+                   &v,
+                   &force,
+                   &x_before,
+                   &v_before,
+                   &next,
+                   &step,
+                   &residual,
+                   &anchor_x,
+                   &anchor_v,
+                   &goal,
+                   &next_tail,
+                   &goal_tail,
+                   &cg_remainder,
+                   &cg_preconditioned,
+                   &cg_direction,
+                   &cg_image,
+                   &column,
+                   &solved,
+                   &foreseen,
+                   &acceleration})
+    f->resize(n_);
+  for (int i = 0; i < n_; ++i) x.set(i, points[i]);
+  // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
+  if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
+  mass.assign(n_, 0.0);
+  point_mass.assign(n_, 0.0);
+  scale.assign(n_ - 1, 1.0);
+  tunnel_of.assign(n_, -1);
+  slack.assign(n_, 0.0);
+  structure.resize(1, n_);
+  bool sheared = material.shear_stiffness > 0 && n_ > 2;
+  shear.resize(2, sheared ? n_ : 0);
+  const int half = sheared || (material.bending_stiffness > 0 && n_ > 2) ? 2 : 1;
+  matrix.resize(n_, half);
+  factor.resize(n_, half);
+  inverse_blocks.resize(6, n_);
+  std::vector<double> lengths(n_ - 1);
+  for (int k = 0; k + 1 < n_; ++k) lengths[k] = norm(points[k + 1] - points[k]);
+  set_rest(lengths);
+  find_overlaid();
+  reset_history();
+}
+
+double Chain::shortest_rest() const { return *std::min_element(rest.begin(), rest.end()); }
+
+double Chain::rest_length() const { return std::accumulate(rest.begin(), rest.end(), 0.0); }
+
+void Chain::set_rest(const std::vector<double>& lengths) {
+  ++rest_set;
+  rest = lengths;
+  mass = point_mass;
+  for (int k = 0; k + 1 < n_; ++k) {
+    double half = 0.5 * material.linear_density * rest[k];
+    mass[k] += half, mass[k + 1] += half;
+  }
+  share_out();
+}
+
+void Chain::set_point_mass(int particle, double kilograms) {
+  point_mass[particle] = kilograms;
+  set_rest(std::vector<double>(rest));
+}
+
+void Chain::set_stiffness_scale(const std::vector<double>& s) {
+  scale = s;
+  share_out();
+}
+
+// A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
+// where they exist; the structure spring gets what the shear springs leave of the stiffness, so
+// that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
+void Chain::share_out() {
+  auto shear_at = [&](int k) {
+    return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness * std::min(scale[k], scale[k + 1]);
+  };
+  double share = material.damping / material.stiffness;
+  for (int k = 0; k + 1 < n_; ++k) {
+    structure.rest[k] = rest[k];
+    structure.stiffness[k] = material.stiffness * scale[k] - shear_at(k - 1) - shear_at(k);
+    structure.damping[k] = share * structure.stiffness[k];
+  }
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) s->lighter[k] = std::min(mass[k], mass[k + s->reach]);
+  structure.damped = shear.damped = material.damping > 0;
+  for (int k = 0; k < shear.count; ++k) {
+    shear.rest[k] = rest[k] + rest[k + 1];
+    shear.stiffness[k] = shear_at(k);
+    shear.damping[k] = share * shear.stiffness[k];
+  }
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) s->inverse_rest[k] = 1 / s->rest[k];
+}
+
+void Chain::stop() {
+  v.zero(), v_before.zero();
+  dt_before = 0;
+}
+
+void Chain::keep_multipliers(Multipliers& to) const {
+  to.carried[0] = structure.carried, to.elastic[0] = structure.elastic;
+  to.carried[1] = shear.carried, to.elastic[1] = shear.elastic;
+}
+
+void Chain::restore_multipliers(const Multipliers& from) {
+  structure.carried = from.carried[0], structure.elastic = from.elastic[0];
+  shear.carried = from.carried[1], shear.elastic = from.elastic[1];
+}
+
+void Chain::move(int i, Vec3 by) {
+  add_exactly(next[0][i], next_tail[0][i], by.x);
+  add_exactly(next[1][i], next_tail[1][i], by.y);
+  add_exactly(next[2][i], next_tail[2][i], by.z);
+}
+
+void Chain::foresee() {
+  foreseen = next;
+  most_slack = kSlack * radius;
+  std::fill(slack.begin(), slack.end(), most_slack);
+}
+
+BT_VECTOR bool strays(const Chain& c) {
+  int count = 0;
+  const double *x = c.next[0], *y = c.next[1], *z = c.next[2], *slack = c.slack.data();
+  const double *fx = c.foreseen[0], *fy = c.foreseen[1], *fz = c.foreseen[2];
+#pragma GCC ivdep
+  for (int i = 0; i < c.n(); ++i) {
+    const double dx = x[i] - fx[i], dy = y[i] - fy[i], dz = z[i] - fz[i];
+    count += dx * dx + dy * dy + dz * dz > slack[i] * slack[i];
+  }
+  return count > 0;
+}
+
+// Directions that fill a sphere evenly, one by the golden angle from the last (Saff and Kuijlaars 1997).
+void Chain::spread_coincident() {
+  const Field given = x;
+  for (int i = 1; i < n_; ++i) {
+    if (norm(given.at(i) - given.at(i - 1)) >= kDegenerateLength * rest[i - 1]) continue;
+    const double height = 1 - (2 * i + 1.0) / (2 * n_ + 1), angle = 2.399963229728653 * i;
+    const double around = std::sqrt(1 - height * height);
+    x.add(i, kSpread * rest[i - 1] * Vec3{around * std::cos(angle), around * std::sin(angle), height});
+  }
+}
+
+void Chain::reset_history() {
+  dt_before = 0;
+  for (SpringSet* s : {&structure, &shear}) {
+    if (s->count == 0) continue;
+    evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
+    s->start = s->before = s->history = s->length;
+  }
+}
+
+void Chain::guess_multipliers(Vec3 gravity) {
+  double load = 0;
+  for (int i = 0; i < n_; ++i) load += norm(mass[i] * gravity + force.at(i));
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) {
+      const double guess = 0.5 * load * s->stiffness[k] / (material.stiffness * scale[std::min(k, n_ - 2)]);
+      s->carried[k] = std::max(s->carried[k], guess);
+      s->elastic[k] = std::max(s->elastic[k], guess);
+    }
+}
+
+// Of copies: the multipliers and slopes of the last step are part of the state.
+void Chain::tension(std::vector<double>& out) const {
+  out.assign(n_ - 1, 0.0);
+  for (SpringSet s : {structure, shear}) {
+    if (s.count == 0) continue;
+    evaluate_at(s, material.law, x, v, 1.0, 1.0);
+    for (int k = 0; k < s.count; ++k)
+      for (int j = k; j < k + s.reach; ++j) out[j] += s.force[k];
+  }
+}
+
+double Chain::energy() const {
+  double sum = 0;
+  for (SpringSet s : {structure, shear}) {
+    if (s.count == 0) continue;
+    measure(s, x);
+    sum += stored_energy(s, material.law);
+  }
+  sum += bending_energy(*this, x);
+  for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));
+  return sum;
+}
+
+}  // namespace bt

@@ -1,0 +1,114 @@
+// One tendon in the core: particles, springs, holds and history.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "tendon/anchor.h"
+#include "tendon/axial_springs.h"
+#include "tendon/material.h"
+
+namespace bt {
+
+// Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
+// What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:
+// more looks.
+constexpr double kSlack = 0.05;
+
+// What of a tendon is state, or changed by the user, beside its springs.
+struct TendonState {
+  Field x, v;
+  Field force;                     // constant external force [N]
+  std::vector<double> mass;        // of the particles, point masses included
+  std::vector<double> point_mass;  // what was put on them
+  std::vector<double> rest;        // of the segments
+  std::vector<double> scale;
+  std::vector<Hold> holds;
+  std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
+  std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
+  // History of the integrator.
+  Field x_before, v_before;  // one step back (bdf2, starting guess)
+  Field acceleration;        // at x and v (methods of second order)
+  double dt_before = 0;      // 0: no history
+  bool smooth = true;        // nothing was made, lost, changed or struck since: two-step methods may go on
+  double quiet = 0;          // for how long it has been at rest, up to the last step [s]
+  int bed = -1;              // it sleeps (world/sleeping.cpp), with all others of the same number
+  uint64_t touching = 0;     // a hash of the contacts with bodies
+  bool touched = false;      // a contact pressed on it in the last step
+};
+
+// Where particles are predicted to be at the end of the step [m], and by how much they may miss it [m]:
+// around there contacts are looked for.
+struct PredictedRegion {
+  Field foreseen;
+  std::vector<double> slack;
+  double most_slack = 0;
+};
+
+// Work space of a step: nothing of it outlasts one. Positions and goal are sums with their tails, what
+// rounding takes off them: of a stiff segment, a rounding of a coordinate is more than the residual that is
+// left.
+struct TendonWorkspace : PredictedRegion {
+  double b = 0;                   // step weight of this step (integrator/scheme.h)
+  Multipliers start_multipliers;  // at the start of the substep
+  bool braked = false;            // step holds the velocities at the end (solver/energy_projection.cpp)
+  Field next_tail, goal_tail;
+  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
+      cg_image, column, solved;
+  Band matrix;
+  BandFactor factor;
+  Planes inverse_blocks;
+  double residual_norm = 0;  // largest residual force [N]
+  int worst_particle = 0;
+};
+
+class Chain : public TendonState, public TendonWorkspace {
+ public:
+  // points (n); rest lengths are the distances between them.
+  Chain(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
+
+  int n() const { return n_; }
+  double shortest_rest() const;  // of its segments [m]
+  double rest_length() const;    // of all of it [m]
+  // Rest lengths of the segments [m]; masses and spring constants follow.
+  void set_rest(const std::vector<double>& rest);
+  // A weight on a particle beside the tendon's own mass [kg]; 0: none.
+  void set_point_mass(int particle, double kilograms);
+  // Shares of the cross-section's stiffness by segment, 1 where uniform.
+  void set_stiffness_scale(const std::vector<double>& scale);
+  // Adds to next, exactly.
+  void move(int particle, Vec3 by);
+  // At rest where it is, its multipliers kept.
+  void stop();
+  void keep_multipliers(Multipliers& to) const;
+  void restore_multipliers(const Multipliers& from);
+  // Where contacts are to be looked for: around the end of the step as it is thought to be now.
+  void foresee();
+  // Particles at the place of their neighbour get a direction from it.
+  void spread_coincident();
+  // Pairs of own segments laid through each other, which do not touch until they have parted.
+  void find_overlaid();
+  bool is_overlaid(int k, int m) const;
+  void let_overlaid_part();
+  // Lengths and multipliers at x, after positions were set from outside.
+  void reset_history();
+  // Raises the multipliers of loose springs to what half of all loads would pull, as a first guess at
+  // the forces of an equilibrium that is far away: a tendon taken to be tight falls into shape.
+  void guess_multipliers(Vec3 gravity);
+  // Force carried by every cross-section: the sum over the springs that cross segment k [N].
+  void tension(std::vector<double>& out) const;
+  double energy() const;  // elastic and kinetic [J]
+
+  double radius, friction;
+  Material material;
+  SpringSet structure, shear;
+  int rest_set = 0;  // how often rest lengths were
+
+ private:
+  void share_out();
+  int n_;
+};
+
+// Whether any particle ends up elsewhere than foreseen.
+bool strays(const Chain& c);
+
+}  // namespace bt

@@ -1,0 +1,289 @@
+// Taking a checkpoint and going back to it, and a checkpoint as bytes.
+#include "world/checkpoint.h"
+
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "world/archive.h"
+#include "world/state_fields.h"
+#include "world/world.h"
+
+namespace bt {
+
+void World::capture(Checkpoint& to) const {
+  to.valid = true;
+  to.tendons.resize(chains.size());
+  for (size_t c = 0; c < chains.size(); ++c) {
+    TendonCheckpoint& t = to.tendons[c];
+    t.there = chains[c] != nullptr;
+    if (!t.there) continue;
+    t.state = *chains[c];
+    t.structure = chains[c]->structure;
+    t.shear = chains[c]->shear;
+  }
+  to.links = links;
+  to.bodies = movers;
+  to.memory = memory_;
+  to.contacts = rows_;
+  to.sleeping_contacts = asleep_rows_;
+  to.rest_gravity = rest_gravity_;
+  to.step_length = whole_dt_;
+  to.way_back = way_back_;
+}
+
+void World::apply(const Checkpoint& from) {
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (!chains[c]) continue;
+    const TendonCheckpoint& t = from.tendons[c];
+    static_cast<TendonState&>(*chains[c]) = t.state;
+    static_cast<SpringState&>(chains[c]->structure) = t.structure;
+    static_cast<SpringState&>(chains[c]->shear) = t.shear;
+  }
+  links = from.links;
+  movers = from.bodies;
+  memory_ = from.memory;
+  rows_ = from.contacts;
+  asleep_rows_ = from.sleeping_contacts;
+  rest_gravity_ = from.rest_gravity;
+  whole_dt_ = from.step_length;
+  way_back_ = from.way_back;
+  broad_phase_.clear();  // what it finds does not depend on what it has kept
+}
+
+void World::checkpoint() {
+  std::swap(previous_, start_);
+  stepped_ = false;
+  changed_entries_.clear();
+  capture(start_);
+}
+
+void World::restore_checkpoint() {
+  if (!start_.valid) return;
+  apply(start_);
+  // An entry may have been answered twice in one step: the first of its copies is the old one.
+  for (size_t k = changed_entries_.size(); k-- > 0;) {
+    const KeptEntry& e = changed_entries_[k];
+    caches_[e.chain][e.shape].entries[e.feature] = e.entry;
+  }
+  changed_entries_.clear();
+  std::swap(previous_, start_);
+}
+
+namespace {
+
+// FNV-1a over what a state can only be restored with.
+class Mark {
+ public:
+  template <class... T>
+  void add(const T&... values) {
+    (one(values), ...);
+  }
+  uint64_t value() const { return hash_; }
+
+ private:
+  template <class T>
+  void one(const T& value) {
+    static_assert(kPlain<T>);
+    unsigned char bytes[sizeof(T)];
+    std::memcpy(bytes, &value, sizeof(T));
+    for (unsigned char b : bytes) hash_ = (hash_ ^ b) * 1099511628211ull;
+  }
+  uint64_t hash_ = 14695981039346656037ull;
+};
+
+void require(bool holds, const char* what) {
+  if (!holds) throw StateMismatch(what);
+}
+
+constexpr const char* kSizes = "with as many numbers as the world's parts have";
+constexpr const char* kIndices = "with indices of the world's parts";
+constexpr int kMostLinks = 1 << 20;
+
+bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
+
+void require_springs(const SpringState& s, size_t count) {
+  for (const auto* list : {&s.rest, &s.inverse_rest, &s.stiffness, &s.damping, &s.carried, &s.elastic,
+                           &s.lighter, &s.start, &s.before, &s.history, &s.slope})
+    require(list->size() == count, kSizes);
+}
+
+void require_tendon(const TendonCheckpoint& t, const Chain& c, const std::vector<char>& tunnels) {
+  const TendonState& s = t.state;
+  const size_t n = c.n();
+  for (const Field* f : {&s.x, &s.v, &s.force, &s.x_before, &s.v_before, &s.acceleration})
+    require(static_cast<size_t>(f->size()) == n, kSizes);
+  require(s.mass.size() == n && s.point_mass.size() == n && s.tunnel_of.size() == n, kSizes);
+  require(s.rest.size() == n - 1 && s.scale.size() == n - 1, kSizes);
+  for (double length : s.rest) require(length > 0, "with rest lengths above 0");
+  for (double mass : s.mass) require(mass > 0, "with masses above 0");
+  require_springs(t.structure, c.structure.count);
+  require_springs(t.shear, c.shear.count);
+  for (int in : s.tunnel_of) require(in == -1 || (within(in, tunnels.size()) && tunnels[in]), kIndices);
+  for (const Hold& h : s.holds) {
+    require(within(h.particle, n), kIndices);
+    // Links are made when they are first read: a state of before that refers to them all the same.
+    require(h.link >= -1 && h.link < kMostLinks, kIndices);
+  }
+  for (uint64_t pair : s.overlaid) {
+    const uint64_t k = pair >> 32, m = pair & 0xffffffffu;
+    require(k < m && m < n - 1, kIndices);
+  }
+  require(std::is_sorted(s.overlaid.begin(), s.overlaid.end()), "in order");
+}
+
+// Numbers of a body with n coordinates come by coordinate, by pair of them, or by coordinate and axis.
+bool fits(const dense::Numbers& list, size_t n) {
+  const size_t size = list.size();
+  return size == 0 || size == n || size == n * n || size == 3 * n;
+}
+
+struct SizesOfBody {
+  size_t n;
+  bool fit = true;
+  template <class T>
+  void operator()(const char* name, T& value) {
+    if constexpr (std::is_same_v<T, dense::Numbers>) {
+      const std::string field = name;
+      const size_t size = value.size();
+      if (field == "limits")
+        fit &= size % 3 == 0;
+      else if (field == "contacts")
+        fit &= size % 7 == 0;
+      else if (field == "contacts_at")
+        fit &= size == 0 || size == 7;
+      else if (field == "rests_on")
+        fit &= size == 0 || size % 2 == 1;
+      else if (field == "directions")
+        fit &= n == 0 ? size == 0 : size % n == 0;
+      else if (field != "pushes" && field != "doubted")
+        fit &= fits(value, n);
+    } else if constexpr (std::is_same_v<T, std::vector<Stop>>) {
+      for (const Stop& stop : value) fit &= stop.coordinate == -1 || within(stop.coordinate, n);
+    }
+  }
+};
+
+void require_body(const Mover& body) {
+  SizesOfBody sizes{body.rates.size()};
+  visit(sizes, const_cast<Mover&>(body));
+  for (size_t k = 0; k + 2 < body.limits.size(); k += 3)
+    sizes.fit &= body.limits[k] >= 0 && body.limits[k] < body.rates.size();
+  require(sizes.fit, kSizes);
+}
+
+void require_link(const Link& l, const std::vector<Mover>& bodies) {
+  require(l.mover == -1 || within(l.mover, bodies.size()), kIndices);
+  const size_t n = l.mover < 0 ? 0 : bodies[l.mover].rates.size();
+  for (const auto* list : {&l.jacobian, &l.root})
+    require(list->empty() || l.mover < 0 || list->size() == 6 * n, kSizes);
+}
+
+}  // namespace
+
+// Whether all sizes and indices are those of this world. Throws StateMismatch.
+void World::require_state(const Checkpoint& c) const {
+  require(c.tendons.size() == chains.size(), kSizes);
+  for (size_t t = 0; t < chains.size(); ++t) {
+    require(c.tendons[t].there == (chains[t] != nullptr), "of a world that is made of the same parts");
+    if (chains[t]) require_tendon(c.tendons[t], *chains[t], tunnel_alive);
+  }
+  for (const Mover& body : c.bodies) require_body(body);
+  for (const Mover& body : c.sensed_bodies) require_body(body);
+  require(c.bodies.size() == c.links.size() || c.bodies.empty(), kSizes);
+  require(c.sensed_bodies.size() == c.sensed_links.size() || c.sensed_bodies.empty(), kSizes);
+  for (const Link& l : c.links) require_link(l, c.bodies);
+  for (const Link& l : c.sensed_links) require_link(l, c.sensed_bodies);
+  auto segment = [&](int tendon, int first) {
+    return within(tendon, chains.size()) && chains[tendon] && within(first, chains[tendon]->n() - 1);
+  };
+  auto require_contact = [&](const Row& r) {
+    require(segment(r.a.chain, r.a.first) && (r.b.chain == -1 || segment(r.b.chain, r.b.first)), kIndices);
+    require(r.link == -1 || within(r.link, c.links.size()), kIndices);
+    require(within(static_cast<int>(r.kind), 4), kIndices);
+  };
+  for (const Row& r : c.contacts) require_contact(r);
+  for (const Row& r : c.sleeping_contacts) require_contact(r);
+  for (const ContactMemory& m : c.memory)
+    require(within(m.key.tendon, chains.size()) && chains[m.key.tendon], kIndices);
+  auto in_order = [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; };
+  require(std::is_sorted(c.memory.begin(), c.memory.end(), in_order), "in order");
+}
+
+uint64_t World::structure_mark() const {
+  Mark mark;
+  mark.add(chains.size(), shapes.size(), tunnels.size());
+  for (const auto& c : chains) {
+    mark.add(c != nullptr);
+    if (!c) continue;
+    const Material& m = c->material;
+    mark.add(c->n(), c->radius, c->friction, m.stiffness, m.damping, m.shear_stiffness, m.bending_stiffness,
+             m.linear_density, m.law.exponent, m.law.toe_strain, m.law.tension_only, m.law.damping_exponent,
+             m.law.whole_velocity);
+  }
+  for (size_t s = 0; s < shapes.size(); ++s) {
+    const Shape& shape = shapes[s];
+    const Primitive& form = shape.primitive;
+    mark.add(shape_alive[s], shape.link, shape.local, shape.lo, shape.hi, shape.half_space,
+             shape.plane_normal, shape.plane_offset, shape.friction, form.kind, form.half, form.growth,
+             form.radius, form.half_length, shape.surface ? shape.surface->mark() : uint64_t{0});
+  }
+  for (size_t t = 0; t < tunnels.size(); ++t) {
+    const Tunnel& tunnel = tunnels[t];
+    mark.add(tunnel_alive[t], tunnel.link, tunnel.start, tunnel.end, tunnel.radius, tunnel.chamfer,
+             tunnel.friction);
+  }
+  return mark.value();
+}
+
+std::vector<char> World::save() {
+  size_caches();
+  empty_caches();
+  std::vector<char> out;
+  StateWriter write(out);
+  uint64_t mark = structure_mark();
+  write("structure", mark);
+  Checkpoint now, none;
+  capture(now);
+  write("now", now);
+  write("start", way_back_ ? start_ : none);
+  for (auto& of_chain : caches_)
+    for (NearCache& cache : of_chain) write("planes", cache.entries);
+  return out;
+}
+
+void World::restore(const char* from, size_t size) {
+  size_caches();
+  StateReader read(from, size);
+  uint64_t mark = 0;
+  read("structure", mark);
+  require(mark == structure_mark(), "of a world that is made of the same parts");
+  Checkpoint now, start;
+  read("now", now);
+  read("start", start);
+  require(now.valid, "of a world");
+  std::vector<std::vector<Entry>> planes;
+  for (size_t c = 0; c < caches_.size(); ++c)
+    for (size_t s = 0; s < caches_[c].size(); ++s) {
+      planes.emplace_back();
+      read("planes", planes.back());
+      const bool used = chains[c] && shape_alive[s] && !shapes[s].half_space;
+      require(planes.back().empty() || (used && planes.back().size() == 2 * size_t(chains[c]->n()) - 1),
+              kSizes);
+    }
+  read.finish();
+  require_state(now);
+  if (start.valid) require_state(start);
+  apply(now);
+  start_ = std::move(start);
+  previous_ = {};
+  changed_entries_.clear();
+  size_t k = 0;
+  for (auto& of_chain : caches_)
+    for (NearCache& cache : of_chain) cache.entries = std::move(planes[k++]);
+}
+
+}  // namespace bt

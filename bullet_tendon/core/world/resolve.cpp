@@ -1,0 +1,165 @@
+// A step that pulled at bodies as held which had been let go in it, or in which something pulled at a body
+// that nobody told of, is taken back, to be solved again.
+//
+// pybullet tells a force of the user's, or a blow, by what it has done. By then the body has gone F dt^2/m,
+// and with it the end of a tendon that had no part in that; what brings it back within a step gives it a
+// velocity of that over dt. So the step is solved again with the acceleration that was seen.
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "world/world.h"
+
+namespace bt {
+
+namespace {
+
+// Stretch of a tendon by what pulled its body away unforeseen, in lengths of the tendon, from which the step
+// is mended [-], and share of that motion by which it may differ from what the velocity makes of a step, as
+// where pybullet takes substeps. Larger: a sudden pull is answered to a step late. Smaller: blows that do not
+// matter are solved for twice.
+constexpr double kSuddenPull = 1e-4;
+constexpr double kSubsteps = 0.6;
+// Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
+// Larger: what is thrown about is thrown back.
+constexpr double kFarthestTurn = 0.2;
+
+bool same_build(const TendonState& a, const TendonState& b) {
+  if (a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
+  for (size_t h = 0; h < a.holds.size(); ++h)
+    if (a.holds[h].id != b.holds[h].id) return false;
+  return true;
+}
+
+bool same_build(const Checkpoint& a, const Checkpoint& b) {
+  if (a.tendons.size() != b.tendons.size()) return false;
+  for (size_t c = 0; c < a.tendons.size(); ++c) {
+    if (a.tendons[c].there != b.tendons[c].there) return false;
+    if (a.tendons[c].there && !same_build(a.tendons[c].state, b.tendons[c].state)) return false;
+  }
+  return true;
+}
+
+// What the user chose since then stays.
+void choose_again(const TendonState& user, TendonState& c) {
+  c.force = user.force;
+  for (size_t h = 0; h < c.holds.size(); ++h) {
+    const Hold& chosen = user.holds[h];
+    Hold& hold = c.holds[h];
+    hold.goal = chosen.goal;
+    hold.rigid = chosen.rigid;
+    hold.viscosity = chosen.viscosity;
+    hold.clamped = chosen.clamped;
+    hold.direction = chosen.direction;
+    if (chosen.link < 0) hold.stiffness = chosen.stiffness;
+  }
+}
+
+}  // namespace
+
+void World::let_go(int mover) {
+  movers[mover].observer.let_go();
+  foresee(mover);
+  interrupt();
+}
+
+// Where tendons or holds were made or lost since, there is no way back.
+bool World::take_back() {
+  const Checkpoint& start = start_of_last_step();
+  if (!way_back_ || !start.valid) return false;
+  Checkpoint now;
+  capture(now);
+  if (!same_build(start, now)) return false;
+  apply(start);
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (!chains[c]) continue;
+    const TendonState& user = now.tendons[c].state;
+    choose_again(user, *chains[c]);
+    if (user.bed < 0) rouse(static_cast<int>(c));
+  }
+  return true;
+}
+
+std::vector<int> World::released_movers() const {
+  std::vector<int> released;
+  for (size_t i = 0; i < movers.size(); ++i)
+    if (movers[i].observer.released()) released.push_back(static_cast<int>(i));
+  return released;
+}
+
+// By how much an attachment's point has gone on from its particle in a way that stretches the tendon, over
+// the tendon's length; -1 where the body turned too far for that to be taken back, or where pybullet cut its
+// speed off and not just along the tendon. By the body's velocity: what was moved by hand has no such
+// velocity, and one that was set has not moved.
+double World::pulled_away(const Chain& c, const Hold& h) const {
+  const Link& link = links[h.link];
+  const Mover& mover = movers[link.mover];
+  const dense::Numbers& missed = mover.observer.missed();
+  const double square = whole_dt_ * whole_dt_;
+  const Vec3 at = to_world(link.pose, h.local), here = c.x.at(h.particle), gone = at - here;
+  const Vec3 linear{missed[0], missed[1], missed[2]}, angular{missed[3], missed[4], missed[5]};
+  const Vec3 by_velocity = square * (linear + cross(angular, at - link.centre));
+  if (norm(gone - by_velocity) > kSubsteps * norm(gone)) return 0;
+  double stretch = 0, length = 0, across = 0;
+  for (double l : c.rest) length += l;
+  for (int i : {h.particle - 1, h.particle + 1}) {
+    if (i < 0 || i >= c.n()) continue;
+    const Vec3 along = unit_or(here - c.x.at(i), {});
+    stretch = std::max(stretch, dot(gone, along)), across = std::max(across, norm(without(gone, along)));
+  }
+  const bool cut_off = !mover.observer.was_cut() && largest_of(mover.rates.data(), mover.n()) >= kMostRate;
+  if (square * norm(angular) > kFarthestTurn || (cut_off && across > kFarthestTurn * length)) return -1;
+  return stretch / length;
+}
+
+std::vector<int> World::pulled_movers() const {
+  std::vector<int> all;
+  if (!way_back_) return all;
+  std::vector<double> most(movers.size());
+  for (const auto& c : chains)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      const Hold& h = c->holds[i];
+      if (h.link < 0 || !links[h.link].yields() || !links[h.link].jacobian.empty()) continue;
+      const Observer& seen = movers[links[h.link].mover].observer;
+      if (seen.missed().empty() || seen.held()) continue;
+      double& of_body = most[links[h.link].mover];
+      const double away = pulled_away(*c, h);
+      of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);
+    }
+  for (size_t m = 0; m < movers.size(); ++m)
+    if (most[m] > kSuddenPull) all.push_back(static_cast<int>(m));
+  return all;
+}
+
+void World::keep_told_contacts() {
+  for (size_t i = 0; i < movers.size(); ++i)
+    if (i < told_contacts_.size()) movers[i].contacts = told_contacts_[i], movers[i].contacts_kept = true;
+}
+
+bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
+  const std::vector<int> released = released_movers();
+  std::vector<Link> links_now = links;
+  std::vector<Mover> movers_now = movers;
+  const bool back = !(released.empty() && pulled.empty()) && take_back();
+  if (back) {
+    context_.dt = dt, context_.gravity = gravity;
+    links.swap(links_now), movers.swap(movers_now);
+    told_contacts_.clear();
+    for (const Mover& m : movers) told_contacts_.push_back(m.contacts);
+    const std::vector<Link>& sensed = start_of_last_step().sensed_links;
+    std::vector<Mover>& sensed_bodies = start_of_last_step().sensed_bodies;
+    for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
+    for (int i : pulled) movers[i].observer.believe();
+    for (size_t i = 0; i < std::min(movers.size(), sensed_bodies.size()); ++i) {
+      std::swap(movers[i].observer, sensed_bodies[i].observer);
+      movers[i] = sensed_bodies[i];
+      foresee(static_cast<int>(i));  // by what has been learned since, of all of them
+    }
+    rows_.clear();
+  }
+  for (int i : released) let_go(i);
+  way_back_ = false;
+  return back;
+}
+
+}  // namespace bt

@@ -1,0 +1,247 @@
+// Tendons at rest are left out of steps for as long as what they could feel stays as it is.
+//
+// A group falls asleep where all its tendons have been at rest for a while, so that a swing's turning points
+// do not count; where something of the world holds or carries it; and where no body that yields is touched by
+// it, whose rest pybullet decides about. Its tendons keep their state, but for their velocities, which are
+// zero from then on, and the forces on what holds them; its rows are kept to be read out.
+//
+// It is roused, all of it, by what is changed about one of its tendons, options or gravity, by a link that
+// moves and has a shape, a tunnel or an attachment within reach, and by another tendon within reach. What is
+// added to the world or taken away rouses all.
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <numeric>
+#include <type_traits>
+
+#include "world/world.h"
+
+namespace bt {
+
+namespace {
+
+// Speed up to which a tendon is at rest, in radii a second [1/s], for how long until it sleeps [s], and in
+// how many steps at least (world/sleeping.cpp). Faster, or sooner: what creeps, or turns back, is stopped.
+// Slower, or later: heaps, which settle ever more slowly, are solved for longer.
+constexpr double kRestSpeed = 1e-5;
+constexpr double kRestTime = 0.5;
+// Share of its largest force, or of its weight, that a tendon's dampers carry at most when it is at rest [-].
+constexpr double kRestDamped = 1e-4;
+constexpr int kRestSteps = 30;
+
+// Segments of a tendon that sleeps in a box [-]. More: what passes by rouses it. Fewer: more boxes.
+constexpr int kBoxedSegments = 4;
+
+// Whether the last step, of dt, took no particle farther than kRestSpeed allows.
+bool rests(const Chain& c, double dt) {
+  const double slow = kRestSpeed * c.radius, near = dt * slow;
+  for (int k = 0; k < 3; ++k) {
+    const double *x = c.x[k], *before = c.x_before[k], *v = c.v[k];
+    for (int i = 0; i < c.n(); ++i)
+      if (!(std::fabs(x[i] - before[i]) <= near && std::fabs(v[i]) <= slow)) return false;
+  }
+  return true;
+}
+
+// What is far from its rest creeps there where dampers carry its load.
+bool unloads_dampers(const Chain& c, double gravity) {
+  if (!c.structure.damped && !c.shear.damped) return true;
+  if (c.material.law.whole_velocity) return false;
+  const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);
+  for (const SpringSet* s : {&c.structure, &c.shear}) {
+    const double most = kRestDamped * std::max(weight, largest_of(s->force.data(), s->count));
+    for (int k = 0; s->damped && k < s->count; ++k)
+      if (!(std::fabs(s->force[k] - s->true_elastic[k]) <= most)) return false;
+  }
+  return true;
+}
+
+// Around segments first to last, where they are.
+Box box_of(const Chain& c, int first, int last, double margin) {
+  Box box;
+  for (int i = first; i <= last + 1; ++i) box.include(c.x.at(i));
+  box.grow(margin);
+  return box;
+}
+
+// Around all that a tendon could touch within the step.
+BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
+  Box box;
+  double square = 0;
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i), moved = c.foreseen.at(i) - x;
+    box.include(x);
+    square = std::max(square, dot(moved, moved));
+  }
+  box.grow(c.radius + 0.5 * threshold + c.most_slack + std::sqrt(square));
+  return box;
+}
+
+// Whether the box of a part of a link is within reach of a tendon, anywhere in the link's step.
+bool is_near(const Chain& c, const Pose& pose, const Link& link, double dt, Vec3 lo, Vec3 hi, double reach) {
+  Box box, around;
+  double moves = 0;
+  around.include(lo), around.include(hi);
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i);
+    box.include(to_local(pose, x)), moves = std::max(moves, norm(link.drift(x, dt)));
+  }
+  return overlap(box, around, reach + moves);
+}
+
+// As if it had been there before: two-step methods go on from that.
+void lie_still(Chain& c) {
+  c.x_before = c.x;
+  c.v.zero(), c.v_before.zero(), c.acceleration.zero();
+}
+
+double skin_of(const Chain& c, double threshold) { return (1 + kSlack) * c.radius + threshold; }
+
+}  // namespace
+
+void World::rouse(int chain) {
+  const int bed = chains[chain]->bed;
+  chains[chain]->quiet = 0;
+  if (bed < 0) return;
+  for (auto& c : chains)
+    if (c && c->bed == bed) c->bed = -1, c->quiet = 0;
+  auto woken = [&](const Row& row) { return chains[row.a.chain]->bed < 0; };
+  asleep_rows_.erase(std::remove_if(asleep_rows_.begin(), asleep_rows_.end(), woken), asleep_rows_.end());
+}
+
+void World::rouse_all() {
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c]) rouse(static_cast<int>(c));
+}
+
+bool World::any_asleep() const {
+  return std::any_of(chains.begin(), chains.end(), [](const auto& c) { return c && c->bed >= 0; });
+}
+
+bool World::feels(const Chain& c, int slot, double dt) const {
+  const Link& link = links[slot];
+  const double skin = skin_of(c, options.contact_threshold);
+  for (const Hold& h : c.holds)
+    if (h.link == slot) return true;
+  for (size_t s = 0; s < shapes.size(); ++s) {
+    if (!shape_alive[s] || shapes[s].link != slot) continue;
+    if (shapes[s].half_space) return true;
+    if (is_near(c, in_world(shapes[s], link), link, dt, shapes[s].lo, shapes[s].hi, skin)) return true;
+  }
+  for (size_t t = 0; t < tunnels.size(); ++t) {
+    if (!tunnel_alive[t] || tunnels[t].link != slot) continue;
+    const double wide = tunnels[t].radius + tunnels[t].chamfer + skin;
+    if (is_near(c, link.pose, link, dt, tunnels[t].start, tunnels[t].end, wide)) return true;
+  }
+  return false;
+}
+
+// By what has changed since the last step.
+void World::rouse_disturbed(double dt) {
+  if (any_asleep()) {
+    if (whole_ || !options.sleep || !same(context_.gravity, rest_gravity_)) rouse_all();
+    for (size_t l = 0; l < links.size(); ++l)
+      for (size_t c = 0; links[l].moved && c < chains.size(); ++c)
+        if (chains[c] && chains[c]->bed >= 0 && feels(*chains[c], static_cast<int>(l), dt))
+          rouse(static_cast<int>(c));
+  }
+  for (Link& l : links) l.moved = false;
+}
+
+bool World::is_met(const Chain& asleep) const {
+  const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
+  const int segments = asleep.n() - 1;
+  const Box all = box_of(asleep, 0, segments - 1, skin);
+  for (size_t a = 0; a < slots_.size(); ++a) {
+    if (!slots_[a] || !overlap(reach_[a], all)) continue;
+    const Chain& awake = *slots_[a];
+    for (int k = 0; k < segments; k += kBoxedSegments) {
+      const Box leaf = box_of(asleep, k, std::min(k + kBoxedSegments, segments) - 1, skin);
+      for (int m = 0; overlap(reach_[a], leaf) && m < awake.n() - 1; ++m)
+        if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), leaf)) return true;
+    }
+  }
+  return false;
+}
+
+// true: tendons that step have come within reach of some that sleep, which step from now on too.
+bool World::rouse_met() {
+  if (!any_asleep()) return false;
+  bool any = false;
+  reach_.assign(slots_.size(), Box{});
+  for (size_t a = 0; a < slots_.size(); ++a)
+    if (slots_[a]) reach_[a] = box_of_reach(*slots_[a], options.contact_threshold);
+  for (size_t c = 0; c < chains.size(); ++c)
+    if (chains[c] && chains[c]->bed >= 0 && is_met(*chains[c])) rouse(static_cast<int>(c)), any = true;
+  if (any) join_step();
+  return any;
+}
+
+// Tendons that are awake and not in the step yet; their forces were the same all the time.
+void World::join_step() {
+  slots_.resize(chains.size());
+  for (size_t c = 0; c < chains.size(); ++c) {
+    if (slots_[c] || !chains[c] || chains[c]->bed >= 0) continue;
+    slots_[c] = chains[c].get();
+    slots_[c]->keep_multipliers(slots_[c]->start_multipliers);
+    for (Hold& h : slots_[c]->holds) {
+      h.last_mean = h.mean_force;
+      h.sum_force = substeps_.share_before() * h.step_force;
+      if (h.link >= 0) ++links[h.link].touching;
+    }
+  }
+}
+
+// For how long each has been at rest [s]. false: none long enough.
+bool World::count_rest(double dt) {
+  const bool solved = substeps_.taken() == 1 && report_.converged;
+  bool any = false;
+  for (Chain* c : slots_) {
+    if (!c) continue;
+    const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(context_.gravity));
+    c->quiet = still ? c->quiet + std::min(dt, kRestTime / kRestSteps) : 0;
+    any |= c->quiet >= kRestTime;
+  }
+  return any;
+}
+
+// Groups of which some tendon is held or carried, and none pulls at what yields.
+void World::find_restful() {
+  restful_.assign(slots_.size(), 0), restless_.assign(slots_.size(), 0);
+  auto by = [&](int root, int link) { (link >= 0 && links[link].yields() ? restless_ : restful_)[root] = 1; };
+  for (const Row& row : rows_)
+    if (row.link >= 0) by(group_root(row.a.chain), row.link);
+  for (size_t c = 0; c < slots_.size(); ++c) {
+    if (!slots_[c]) continue;
+    const int root = group_root(static_cast<int>(c));
+    for (const Hold& h : slots_[c]->holds) by(root, h.link);
+    if (slots_[c]->quiet < kRestTime) restless_[root] = 1;
+  }
+}
+
+void World::fall_asleep() {
+  if (!options.sleep || !substeps_.divisible() || !count_rest(whole_dt_)) return;
+  find_restful();
+  for (size_t c = 0; c < slots_.size(); ++c) {
+    const int root = slots_[c] ? group_root(static_cast<int>(c)) : 0;
+    if (slots_[c] && restful_[root] && !restless_[root]) lie_still(*slots_[c]), slots_[c]->bed = root;
+  }
+  auto sleeps = [&](const Row& row) { return chains[row.a.chain]->bed >= 0; };
+  std::copy_if(rows_.begin(), rows_.end(), std::back_inserter(asleep_rows_), sleeps);
+  rows_.erase(std::remove_if(rows_.begin(), rows_.end(), sleeps), rows_.end());
+  rest_gravity_ = context_.gravity;
+}
+
+// What sleeps goes on pushing and pulling at what holds it.
+void World::push_asleep() {
+  if (!any_asleep()) return;
+  for (const Row& row : asleep_rows_)
+    if (row.link >= 0) links[row.link].apply(-row.mean_force, row.a.of(chains[row.a.chain]->x));
+  for (const auto& c : chains)
+    for (size_t i = 0; c && c->bed >= 0 && i < c->holds.size(); ++i) {
+      const Hold& h = c->holds[i];
+      if (h.link >= 0) links[h.link].apply(h.step_force, to_world(links[h.link].pose, h.local));
+    }
+}
+
+}  // namespace bt

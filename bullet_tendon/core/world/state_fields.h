@@ -1,0 +1,254 @@
+// The one list of what a state consists of, by name: visit(archive, struct) for every struct that is saved.
+//
+// The order of the fields does not matter to anything but the bytes. A name stands in the bytes before its
+// field, so that bytes of another layout are refused, and tell where they differ.
+#pragma once
+#include "collision/proximity_cache.h"
+#include "world/checkpoint.h"
+
+namespace bt {
+
+template <class A>
+void visit(A& a, Hold& h) {
+  a("id", h.id);
+  a("particle", h.particle);
+  a("link", h.link);
+  a("local", h.local);
+  a("rigid", h.rigid);
+  a("moves", h.moves);
+  a("clamped", h.clamped);
+  a("direction", h.direction);
+  a("stiffness", h.stiffness);
+  a("goal", h.goal);
+  a("aim", h.aim);
+  a("target_before", h.target_before);
+  a("viscosity", h.viscosity);
+  a("force", h.force);
+  a("mean_force", h.mean_force);
+  a("last_mean", h.last_mean);
+  a("sum_force", h.sum_force);
+  a("step_force", h.step_force);
+}
+
+template <class A>
+void visit(A& a, TendonState& s) {
+  a("x", s.x);
+  a("v", s.v);
+  a("force", s.force);
+  a("mass", s.mass);
+  a("point_mass", s.point_mass);
+  a("rest", s.rest);
+  a("scale", s.scale);
+  a("anchors", s.holds);
+  a("overlaid", s.overlaid);
+  a("tunnel_of", s.tunnel_of);
+  a("x_before", s.x_before);
+  a("v_before", s.v_before);
+  a("acceleration", s.acceleration);
+  a("dt_before", s.dt_before);
+  a("smooth", s.smooth);
+  a("quiet", s.quiet);
+  a("bed", s.bed);
+  a("touching", s.touching);
+  a("touched", s.touched);
+}
+
+template <class A>
+void visit(A& a, SpringState& s) {
+  a("rest", s.rest);
+  a("inverse_rest", s.inverse_rest);
+  a("stiffness", s.stiffness);
+  a("damping", s.damping);
+  a("carried", s.carried);
+  a("elastic", s.elastic);
+  a("lighter", s.lighter);
+  a("start", s.start);
+  a("before", s.before);
+  a("history", s.history);
+  // What contacts take their stiffness from.
+  a("slope", s.slope);
+}
+
+template <class A>
+void visit(A& a, TendonCheckpoint& t) {
+  a("there", t.there);
+  a("state", t.state);
+  a("structure", t.structure);
+  a("shear", t.shear);
+}
+
+template <class A>
+void visit(A& a, Stop& s) {
+  a("wanted", s.wanted);
+  a("missing", s.missing);
+  a("held_back", s.held_back);
+  a("coordinate", s.coordinate);
+  a("acts", s.acts);
+}
+
+struct StateFields {
+  template <class A>
+  static void of(A& a, Observer::Sample& s) {
+    a("forces", s.forces);
+    a("acceleration", s.acceleration);
+    a("cut", s.cut);
+  }
+  template <class A>
+  static void of(A& a, Observer& o) {
+    a("n", o.n_);
+    a("root", o.root_);
+    a("effective_root", o.effective_root_);
+    a("share", o.share_);
+    a("share_root", o.share_root_);
+    a("rates", o.rates_);
+    a("forces", o.forces_);
+    a("push", o.push_);
+    of(a, o.last_);
+    of(a, o.before_);
+    a("dt", o.dt_);
+    a("samples", o.samples_);
+    a("known", o.known_);
+    a("acted", o.acted_);
+    a("held", o.held_);
+    a("released", o.released_);
+    a("noted", o.noted_);
+  }
+  template <class A>
+  static void of(A& a, Mover& m) {
+    a("rates", m.rates);
+    a("free", m.free);
+    a("falls", m.falls);
+    a("gyration", m.gyration);
+    a("limits", m.limits);
+    a("contacts", m.contacts);
+    a("contacts_at", m.contacts_at);
+    a("rests_on", m.rests_on);
+    a("contacts_kept", m.contacts_kept);
+    of(a, m.observer);
+    a("root", m.root);
+    a("change", m.change);
+    a("turns", m.turns);
+    a("unknown", m.unknown);
+    a("stopped_by", m.stopped_by_);
+    a("stops", m.stops_);
+    a("directions", m.directions_);
+    a("pushes", m.pushes_);
+    a("unstopped", m.unstopped_);
+    a("pushed", m.pushed_);
+    a("doubted", m.doubted_);
+    a("rested", m.rested_);
+    a("slipped", m.slipped_);
+  }
+};
+
+template <class A>
+void visit(A& a, Mover& m) {
+  StateFields::of(a, m);
+}
+
+template <class A>
+void visit(A& a, Link& l) {
+  a("pose", l.pose);
+  a("centre", l.centre);
+  a("start_pose", l.start_pose);
+  a("start_centre", l.start_centre);
+  a("now_velocity", l.now_velocity);
+  a("now_spin", l.now_spin);
+  a("velocity", l.velocity);
+  a("spin", l.spin);
+  a("mover", l.mover);
+  a("yielded", l.yielded);
+  a("moved", l.moved);
+  a("jacobian", l.jacobian);
+  a("root", l.root);
+  a("touches", l.touches);
+  a("touching", l.touching);
+  a("force", l.force);
+  a("torque", l.torque);
+}
+
+template <class A>
+void visit(A& a, ContactKey& k) {
+  a("extra", k.extra);
+  a("kind", k.kind);
+  a("tendon", k.tendon);
+  a("feature", k.feature);
+  a("other", k.other);
+  a("other_feature", k.other_feature);
+}
+
+template <class A>
+void visit(A& a, ContactMemory& m) {
+  a("key", m.key);
+  a("carried", m.carried);
+  a("confirmed", m.confirmed);
+  a("sliding", m.sliding);
+  a("mean_force", m.mean_force);
+  a("b", m.b);
+  a("stuck", m.stuck);
+}
+
+template <class A>
+void visit(A& a, Spot& s) {
+  a("chain", s.chain);
+  a("first", s.first);
+  a("w0", s.w0);
+  a("w1", s.w1);
+}
+
+// Contacts of the last step are read out after it, and those at rest go on pushing at links.
+template <class A>
+void visit(A& a, Row& r) {
+  a("key", r.key);
+  a("kind", r.kind);
+  a("a", r.a);
+  a("b", r.b);
+  a("link", r.link);
+  a("normal", r.normal);
+  a("allowed", r.allowed);
+  a("beyond", r.beyond);
+  a("gap", r.gap);
+  a("normal_force", r.normal_force);
+  a("tangent_force", r.tangent_force);
+  a("mean_force", r.mean_force);
+}
+
+template <class A>
+void visit(A& a, Plane& p) {
+  a("point", p.point);
+  a("normal", p.normal);
+  a("u", p.u);
+  a("hole", p.hole);
+}
+
+// The list of triangles is made again from where it was made.
+template <class A>
+void visit(A& a, Entry& e) {
+  a("known", e.known);
+  a("inside", e.inside);
+  a("distance", e.distance);
+  a("clearance", e.clearance);
+  a("age", e.age);
+  a("asked", e.asked);
+  a("first", e.a);
+  a("second", e.b);
+  a("listed", e.listed);
+}
+
+template <class A>
+void visit(A& a, Checkpoint& c) {
+  a("valid", c.valid);
+  a("tendons", c.tendons);
+  a("links", c.links);
+  a("bodies", c.bodies);
+  a("memory", c.memory);
+  a("contacts", c.contacts);
+  a("sleeping_contacts", c.sleeping_contacts);
+  a("rest_gravity", c.rest_gravity);
+  a("step_length", c.step_length);
+  a("way_back", c.way_back);
+  a("sensed_links", c.sensed_links);
+  a("sensed_bodies", c.sensed_bodies);
+}
+
+}  // namespace bt

@@ -1,0 +1,351 @@
+// One step of a world, by its stages, in substeps where it would outrun its contacts or does not converge.
+//
+// Contacts are planes at the nearest points at the start of a substep, looked for as far around as particles
+// are predicted to move. The solution tells whether that was right (Reason, world/substepper.h).
+//
+// A substep is a step of its own, with contacts of its own. Links go as they were going, and as earlier
+// substeps have pushed them, from the start of the step on: pybullet moves them by the step's length times
+// the velocity that all of it gives them. Their wrenches are the means over the substeps, so that impulses
+// stay exact. A depth at the start of a substep is pushed out by the share that the substep has of what is
+// left of the step: depth over the length of a short substep would be a wild velocity.
+//
+// A substep that is solved again needs nothing put back but what a solution carries from iteration to
+// iteration: the state changes where a substep is taken, and nowhere else.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <optional>
+
+#include "tendon/segment_rotation.h"
+#include "world/world.h"
+
+namespace bt {
+
+namespace {
+
+// Sine of the angle that a segment is predicted to turn by in a step above which BDF2 takes it in substeps
+// [-]. Larger: the crack of a whip is lost. Smaller: fast spinning costs more.
+constexpr double kTurn = 0.6;
+
+// A step looks again for contacts at most this often. Fewer: contacts that appear one after another
+// are met a step late.
+constexpr int kLooks = 6;
+
+// Where a grip leads its particle by the end of a substep: straight to its goal.
+void aim_grips(Chain& c, double share) {
+  for (Hold& h : c.holds)
+    if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
+}
+
+}  // namespace
+
+StepOutcome World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
+  using Clock = std::chrono::steady_clock;
+  budget_.start(options.max_linear_solves, options.time_budget, [&oracle] { oracle.poll(); });
+  StepOutcome out;
+  begin_step_of_world(dt, gravity, whole);
+  predict();
+  while (!substeps_.done()) {
+    const auto start = Clock::now();
+    update_proximity(oracle);
+    const auto measured = Clock::now();
+    const std::optional<Reason> again = solve_substep();
+    if (failed_) {
+      report_.take(attempt_);
+      report_.reasons = substeps_.reasons();
+      return out;
+    }
+    if (again)
+      solve_again(*again);
+    else
+      take_substep();
+    out.near_seconds += std::chrono::duration<double>(measured - start).count();
+    out.solve_seconds += std::chrono::duration<double>(Clock::now() - measured).count();
+  }
+  finish_step_of_world();
+  out.solved = true;
+  return out;
+}
+
+void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
+  context_.gravity = gravity;
+  context_.options = options;
+  context_.budget = &budget_;
+  whole_dt_ = dt;
+  whole_ = whole;
+  stepped_ = true;
+  size_links();
+  substeps_.start(dt, !whole && can_carry());
+  slots_.clear();
+  for (Link& l : links) {
+    l.force = l.torque = Vec3{};
+    l.touches = l.touching;
+    l.touching = 0;
+  }
+  way_back_ = !whole && any_moved();
+  for (Mover& m : movers) m.turns = false;
+  if (way_back_) {
+    start_.sensed_links = links;
+    start_.sensed_bodies = movers;
+  }
+  rouse_disturbed(dt);
+  join_step();
+  for (Link& l : links) l.touches = std::max(l.touches, l.touching);
+  report_ = Report{};
+  settlings_ = 0;
+}
+
+// History, inertial targets and starting guess of every tendon, and where contacts are looked for.
+void World::predict() {
+  context_.dt = substeps_.h();
+  context_.whole = whole_;
+  context_.part = !substeps_.is_whole();
+  context_.may_halve = substeps_.may_halve();
+  looks_ = 0;
+  looking_ = false;
+  find_turning();
+  context_.reach = std::sqrt(substeps_.end() * context_.dt);
+  for (Link& l : links) {
+    l.turned.begun = (substeps_.end() - context_.dt) * l.spin;
+    l.turned.more = context_.dt * l.spin;
+  }
+  for (Chain* c : slots_) {
+    if (!c) continue;
+    aim_attachments(*c);
+    aim_grips(*c, substeps_.share_left());
+    begin_step(*c, context_);
+    c->foresee();
+  }
+  find_bores();
+}
+
+// One try at the substep. Returns why it has to be solved again, if it has.
+std::optional<Reason> World::solve_substep() {
+  failed_ = false;
+  if (const auto why = outlast_history()) return why;
+  if (looking_) rows_.swap(before_);
+  collect_rows();
+  if (rouse_met()) return Reason::woken;
+  if (room_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
+  const bool left = looking_ && stray_;
+  if (!looking_ || take_new_rows() || left) {
+    if (substeps_.may_repeat() && share_weights()) return Reason::step_weights;
+    if (const auto why = solve_islands()) return why;
+    if (failed_) return {};
+  }
+  if (!substeps_.may_repeat() || budget_.exhausted()) return {};
+  if (settle_stops()) return Reason::joint_stops;
+  if (find_turning()) return Reason::body_rotation;
+  return {};
+}
+
+// A step of second order is begun with as many substeps as its segments are predicted to turn by: fewer
+// beside contacts, where each takes more iterations; and with two where the last step was so short that BDF2
+// would begin anew.
+std::optional<Reason> World::outlast_history() {
+  if (!is_second_order(options.integrator) || !substeps_.divisible() || !substeps_.is_whole() || looking_)
+    return {};
+  bool turns = false, touched = false, grows = false;
+  for (const Chain* c : slots_) {
+    if (!c) continue;
+    turns |= greatest_turn(*c) > kTurn;
+    touched |= c->touched;
+    const double growth = c->dt_before > 0 ? context_.dt / c->dt_before : 1;
+    grows |= growth > kMostGrowth && growth <= 2 * kMostGrowth;
+  }
+  if (!turns) return grows ? std::optional(Reason::growth) : std::nullopt;
+  substeps_parts_ = touched ? 2 : 3;
+  return Reason::turn;
+}
+
+std::optional<Reason> World::solve_islands() {
+  const bool other_unknowns = find_unknowns();
+  for (Chain* c : slots_) {
+    if (!c || !other_unknowns) continue;
+    aim_attachments(*c);
+    c->restore_multipliers(c->start_multipliers);
+    begin_step(*c, context_);
+  }
+  make_groups();
+  context_.goes_on = looking_ && !other_unknowns;
+  const bool may_look = substeps_.divisible() && looks_ < kLooks && !budget_.exhausted();
+  context_.may_look = may_look;
+  const bool finite = solve_groups();
+  if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.exhausted()) return Reason::not_converged;
+  failed_ = !finite;
+  if (failed_ || budget_.exhausted()) return {};
+  if (may_look && (strayed() || stray_)) return Reason::left_prediction;
+  return {};
+}
+
+void World::solve_again(Reason why) {
+  if (why == Reason::left_prediction) {
+    substeps_.repeat(why);
+    ++looks_;
+    looking_ = true;
+    return;
+  }
+  if (why == Reason::motion)
+    substeps_.cut(why, room_, budget_);
+  else if (why == Reason::not_converged)
+    substeps_.cut(why, 0.5, budget_);
+  else if (why == Reason::turn || why == Reason::growth)
+    substeps_.divide(why, why == Reason::turn ? substeps_parts_ : 2);
+  else
+    substeps_.repeat(why);
+  for (Chain* c : slots_)
+    if (c) c->restore_multipliers(c->start_multipliers);
+  predict();
+}
+
+// Particles that end elsewhere than predicted are predicted where they end.
+bool World::strayed() {
+  bool any = false;
+  for (Chain* c : slots_) {
+    if (!c || !strays(*c)) continue;
+    for (int i = 0; i < c->n(); ++i) {
+      const double off = norm(c->next.at(i) - c->foreseen.at(i));
+      if (!(off > c->slack[i])) continue;
+      any = true;
+      c->slack[i] = kSlack * c->radius + 0.5 * off;
+      c->most_slack = std::max(c->most_slack, c->slack[i]);
+      c->foreseen.set(i, c->next.at(i));
+    }
+  }
+  return any;
+}
+
+// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new that
+// touches.
+bool World::take_new_rows() {
+  keys_.clear();
+  for (const Row& row : before_) keys_.push_back(row.key);
+  std::sort(keys_.begin(), keys_.end());
+  const size_t known = before_.size();
+  bool touches = false;
+  for (const Row& row : rows_)
+    if (!std::binary_search(keys_.begin(), keys_.end(), row.key)) {
+      before_.push_back(row);
+      touches |= !row.passes;
+    }
+  if (!touches) before_.resize(known);
+  rows_.swap(before_);
+  return touches;
+}
+
+// What the substep that was solved does to the links, after those before it.
+void World::push_links(double share) {
+  for (Link& l : links) {
+    l.touching = 0;
+    l.before_force = l.force;
+    l.before_torque = l.torque;
+  }
+  auto push = [&](Link& link, Vec3 force, Vec3 torque) {
+    ++link.touching;
+    link.force += share * force;
+    link.torque += share * torque;
+  };
+  for (const Row& row : rows_) {
+    if (row.link < 0) continue;
+    Link& link = links[row.link];
+    // On the centreline's point, not on the surface: particles do not spin.
+    const Vec3 point = row.a.of(slots_[row.a.chain]->next), force = -row.mean_force;
+    push(link, force, link.turned.far ? link.torque_of(force, row.arm) : cross(point - link.centre, force));
+  }
+  for (const Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      const Hold& h = c->holds[i];
+      if (h.link < 0) continue;
+      Link& link = links[h.link];
+      push(link, h.mean_force, link.turned.far ? h.mean_torque : cross(link.arm_of(h.local), h.mean_force));
+    }
+}
+
+// The substep that was solved becomes the state, and the links feel it.
+void World::take_substep() {
+  report_.take(attempt_);
+  const double share = substeps_.share();
+  push_links(share);
+  for (Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) {
+      Hold& h = c->holds[i];
+      h.last_mean = h.mean_force;
+      h.sum_force += share * h.mean_force;
+    }
+  remember();
+  for (Chain* c : slots_)
+    if (c) {
+      finish_step(*c, context_);
+      c->let_overlaid_part();
+    }
+  share_weights();
+  if (after_substep) after_substep();
+  if (substeps_.is_last()) return substeps_.accept();
+  push_bodies();
+  for (Link& l : links) l.advance_to(substeps_.end());
+  substeps_.accept();
+  for (Chain* c : slots_)
+    if (c) c->keep_multipliers(c->start_multipliers);
+  settlings_ = 0;
+  predict();
+}
+
+void World::finish_step_of_world() {
+  report_.substeps = substeps_.taken();
+  report_.reasons = substeps_.reasons();
+  report_.linear_solves = budget_.spent();
+  report_.over_budget = budget_.exhausted();
+  sum_forces(1, false);
+  for (Mover& m : movers)
+    if (m.n() > 0) m.act(whole_dt_);
+  for (Chain* c : slots_)
+    for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
+  push_asleep();
+  report_.asleep = std::count_if(chains.begin(), chains.end(), [](auto& c) { return c && c->bed >= 0; });
+  fall_asleep();
+}
+
+bool World::share_weights() {
+  bool changed = false;
+  for (bool any = is_second_order(options.integrator); any; changed |= any) {
+    any = false;
+    for (const Row& row : rows_) {
+      if (row.b.chain < 0 || row.passes) continue;
+      Chain &a = *slots_[row.a.chain], &b = *slots_[row.b.chain];
+      if (a.smooth != b.smooth || (a.smooth && a.b != b.b)) a.smooth = b.smooth = false, any = true;
+    }
+  }
+  return changed;
+}
+
+// An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as
+// the link does: with W its mobility, a force F moves it by s^2 W F (bodies/body_response.h). Where the
+// body's unknowns are solved for, the particle goes with them; an attachment that has a free rigid body for
+// itself is a spring. What a particle is away from its point, as pybullet moved the body otherwise, is made
+// up for evenly.
+void World::aim_attachments(Chain& c) {
+  for (Hold& h : c.holds) {
+    if (h.link < 0) continue;
+    const Link& link = links[h.link];
+    const Vec3 p = to_world(link.pose, h.local);
+    h.aim = p + link.drift(p, context_.dt);
+    h.moves = link.yields() && movers[link.mover].unknown;
+    // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
+    h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
+    h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
+    if (h.rigid) continue;
+    h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
+    invert_definite(h.stiffness);
+  }
+}
+
+void World::interrupt() {
+  for (auto& c : chains)
+    if (c) c->smooth = false;
+}
+
+bool World::any_moved() const {
+  return std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
+}
+
+}  // namespace bt
