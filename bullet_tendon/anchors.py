@@ -48,12 +48,12 @@ class _Anchor:
         """
         if self.released:
             return np.zeros(3)
-        return np.array(self._tendon._core.hold_force(self._tendon._slot, self._number))
+        return np.array(self._tendon._core.anchor_force(self._tendon._slot, self._number))
 
     def release(self) -> None:
         """Let go. Doing so twice does nothing."""
         if not self.released:
-            self._tendon._core.remove_hold(self._tendon._slot, self._number)
+            self._tendon._core.remove_anchor(self._tendon._slot, self._number)
             self._tendon._anchors.pop(self.particle, None)
         self._released = True
 

@@ -152,7 +152,7 @@ class Bodies:
 
     def sample(self) -> bool:
         """Motion of what is held, right after pybullet's step; whether any of it seems to be released."""
-        held = self._core.held_movers()
+        held = self._core.held_bodies()
         released = [body.sample(self._core) for body in self._generalized() if body.slot in held]
         return any(released)
 
@@ -209,7 +209,7 @@ class Bodies:
 
     def unheld(self) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""
-        held = self._core.held_movers()
+        held = self._core.held_bodies()
         return held and [b.slot for b in self._generalized() if b.slot in held and not b.can_be_held()]
 
     def was_free(self, slot: int) -> bool:

@@ -236,7 +236,7 @@ class States:
         tendons = self._tendons()
         try:
             for index, _, _, number, *_ in data["hold_places"].tolist():
-                self._core.hold_force(tendons[index]._slot, number)
+                self._core.anchor_force(tendons[index]._slot, number)
         except KeyError:
             return False
         return True

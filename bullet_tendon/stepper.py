@@ -67,7 +67,7 @@ class Stepper:
         """What the last step did and what it skipped; made when it is asked for."""
         if not self._is_read:
             found = self._core.report()
-            worst = self._tendons.get(found.worst_chain)
+            worst = self._tendons.get(found.worst_tendon)
             name = "" if worst is None else worst.name
             self._report, self._is_read = StepReport.read(found, name, self._seconds), True
         return self._report
@@ -147,7 +147,7 @@ class Stepper:
 
     def _failure(self) -> StepFailed:
         report = self._core.report()
-        worst = self._tendons.get(report.worst_chain)
+        worst = self._tendons.get(report.worst_tendon)
         name = "?" if worst is None else worst.name
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
 
@@ -170,8 +170,8 @@ class Stepper:
         come.
         """
         last_dt = self.last_step[0]
-        released = self._core.released_movers()
-        pulled = [slot for slot in self._core.pulled_movers() if self._bodies.was_free(slot)]
+        released = self._core.released_bodies()
+        pulled = [slot for slot in self._core.pulled_bodies() if self._bodies.was_free(slot)]
         if not released and not pulled:
             return
         cut = [slot for slot in pulled if self._core.was_cut(slot)]
@@ -181,7 +181,7 @@ class Stepper:
         if not self._solve_again(released, pulled) and not cut:
             return
         self._bodies.read()
-        self._core.refresh_movers()
+        self._core.refresh_bodies()
         self._core.checkpoint()  # where the step to come fails, all stays as it is now
         self._core.sense(dt, gravity, False)
 

@@ -111,7 +111,7 @@ class TendonWorld:
         name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
-        slot = self._core.add_chain(line, radius, *material.core_arguments(area))
+        slot = self._core.add_tendon(line, radius, *material.core_arguments(area))
         tendon = Tendon(self._core, self._bodies, self._numbers, slot, name, radius, material)
         self._tendons[slot] = tendon
         return tendon
@@ -122,7 +122,7 @@ class TendonWorld:
         _ = self._stepper.report  # which may name it
         del self._tendons[slot]
         tendon.removed = True
-        self._core.remove_chain(slot)
+        self._core.remove_tendon(slot)
 
     def add_obstacle(
         self,

@@ -176,7 +176,7 @@ def contact(random, kind, ring=0.005, offset=0.001):
     stiffness, carried = 1e4, 3.0
 
     def row(at, definite=False):
-        return _core.testing.row_term(
+        return _core.testing.contact_term(
             kind, at, normal, offset, place, axis, ring, stiffness, carried, 0.0, 0.0, np.zeros(3), definite
         )
 
@@ -280,7 +280,7 @@ def test_friction(slides, seed):
     normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, 1e4, 3.0)
 
     def row(at, grip=grip, limit=limit):
-        return _core.testing.row_term(BONE, at, normal, *normal_only, grip, limit, stuck, True)
+        return _core.testing.contact_term(BONE, at, normal, *normal_only, grip, limit, stuck, True)
 
     def pull(at):
         return np.subtract(row(at)[2], row(at, 0.0, 0.0)[2])

@@ -142,9 +142,9 @@ void bind_pairs(py::module_& testing);
 void bind_sparse(py::module_& testing);
 
 // A tendon about which something is going to change.
-inline Chain& stirred(World& w, int chain) {
-  w.rouse(chain);
-  return *w.chains[chain];
+inline Tendon& stirred(World& w, int tendon) {
+  w.wake_tendon(tendon);
+  return *w.tendons[tendon];
 }
 
 void bind_report(py::module_& m);

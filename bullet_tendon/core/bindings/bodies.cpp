@@ -17,12 +17,12 @@ namespace {
 constexpr double kAcross = 1e-14;
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
-void stand_alone(Mover& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
+void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
   const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.limits.clear();
-  m.falls.clear();
-  if (falls) m.falls.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
+  m.gravity_response.clear();
+  if (falls) m.gravity_response.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
   const Rot3 axes = transposed(turn_of(turn));
   const Sym3 turning = inverse(inertia.x) * outer(axes.r0) + inverse(inertia.y) * outer(axes.r1) +
@@ -54,13 +54,13 @@ int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   place(l, info.ptr(), where.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
   if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot) ? 1 : 0;
-  l.mover = slot;
+  l.body = slot;
   l.jacobian.clear();
-  stand_alone(w.movers[slot], l, info.ptr(), item(where.ptr(), 1), falls);
+  stand_alone(w.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!told_well(w, slot)) return 0;
-  if (falls && w.movers[slot].may_rest(w.gravity()))
-    return w.movers[slot].contacts_stand(place_of(where), w.movers[slot].rates) ? 3 : 2;
-  if (!w.movers[slot].contacts_kept) w.movers[slot].forget_contacts();
+  if (falls && w.bodies[slot].may_rest(w.gravity()))
+    return w.bodies[slot].contacts_stand(place_of(where), w.bodies[slot].rates) ? 3 : 2;
+  if (!w.bodies[slot].contacts_kept) w.bodies[slot].forget_contacts();
   return 1;
 }
 
@@ -71,12 +71,12 @@ bool note_link(World& w, int slot, const py::tuple& motion) {
 }
 
 bool may_rest(const World& w, int slot) {
-  return slot < static_cast<int>(w.movers.size()) && w.movers[slot].n() > 0 &&
-         w.movers[slot].may_rest(w.gravity());
+  return slot < static_cast<int>(w.bodies.size()) && w.bodies[slot].n() > 0 &&
+         w.bodies[slot].may_rest(w.gravity());
 }
 
 // Those that it has, or that are told next, are the ones of the step to come.
-void keep_contacts(World& w, int slot) { w.movers[slot].contacts_kept = true; }
+void keep_contacts(World& w, int slot) { w.bodies[slot].contacts_kept = true; }
 
 using Links = std::vector<std::pair<int, int>>;
 
@@ -84,7 +84,7 @@ using Links = std::vector<std::pair<int, int>>;
 // it makes of its spin, and the distance. where: as of tell_link; bodies: how many there are.
 void tell_contacts(World& w, int slot, const py::tuple& points, const Links& stays, const py::tuple& where,
                    int bodies) {
-  Mover& m = w.movers[slot];
+  GeneralizedBody& m = w.bodies[slot];
   const Vec3 centre = vector(item(where.ptr(), 0));
   m.forget_contacts();
   for (const py::handle& point : points) {
@@ -103,12 +103,12 @@ void tell_contacts(World& w, int slot, const py::tuple& points, const Links& sta
 // Whether what was told of its contacts can be believed once more.
 bool contacts_stand(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.movers[slot].contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z});
+  return w.bodies[slot].contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
 // How many bodies there were when its contacts were told, and the links that it rested on.
 py::tuple rests_on(const World& w, int slot) {
-  const Mover& m = w.movers[slot];
+  const GeneralizedBody& m = w.bodies[slot];
   py::list links;
   for (size_t k = 1; k < m.rests_on.size(); k += 2)
     links.append(py::make_tuple(static_cast<int>(m.rests_on[k]), static_cast<int>(m.rests_on[k + 1])));
@@ -117,7 +117,7 @@ py::tuple rests_on(const World& w, int slot) {
 
 void clear_link(World& w, int slot) {
   make_link(w, slot);
-  w.links[slot] = Link{}, w.movers[slot] = Mover{};
+  w.links[slot] = Link{}, w.bodies[slot] = GeneralizedBody{};
 }
 
 }  // namespace
@@ -183,7 +183,7 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-void set_mover(Mover& m, Articulated& body, const Told& told) {
+void set_mover(GeneralizedBody& m, Articulated& body, const Told& told) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   read_joints(body, told.motion, told.joints, m.rates, places);
@@ -191,10 +191,11 @@ void set_mover(Mover& m, Articulated& body, const Told& told) {
   body.mass_matrix(mass.data()), body.weight(weight.data());
   dense::set_identity(static_cast<int>(n), m.free);
   answer(static_cast<int>(n), static_cast<int>(n), mass.data(), m.free.data());
-  m.falls.assign(3 * n, 0.0);
+  m.gravity_response.assign(3 * n, 0.0);
   for (std::size_t i = 0; i < n; ++i)
     for (std::size_t k = 0; k < n; ++k)
-      for (std::size_t e = 0; e < 3; ++e) m.falls[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
+      for (std::size_t e = 0; e < 3; ++e)
+        m.gravity_response[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
   body.stops(places.data(), m.limits);
 }
 
@@ -213,21 +214,21 @@ void set_motion(Link& l, const Articulated& body, const Told& told, const std::v
   l.now_velocity += Vec3{twist[0], twist[1], twist[2]}, l.now_spin += Vec3{twist[3], twist[4], twist[5]};
 }
 
-// Links of one body, by their slots, in the first of which is the body's mover. false: some number is not
+// Links of one body, by their slots, in the first of which is the body's body. false: some number is not
 // finite.
 bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
                const py::list& infos, const py::tuple& base, const py::tuple& motion,
                const py::tuple& joints) {
   const Told told{infos, base, motion, joints};
   for (int slot : slots) make_link(w, slot);
-  Mover& m = w.movers[slots[0]];
+  GeneralizedBody& m = w.bodies[slots[0]];
   set_mover(m, body, told);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.links[slots[i]];
     l.centre = body.centre(link), l.pose = body.frame(link);
     if (i > 0) stand_still(w, slots[i]);
-    l.mover = body.moves(link) ? slots[0] : -1;
+    l.body = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
     set_motion(l, body, told, m.rates);
@@ -349,37 +350,37 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("sense",
            [](World& w, double dt, const py::tuple& gravity, bool held) {
              w.sense(dt, vector(gravity.ptr()), held);
-             return w.any_held() || !w.released_movers().empty() || !w.pulled_movers().empty();
+             return w.any_held() || !w.released_bodies().empty() || !w.pulled_bodies().empty();
            })
-      .def("released_movers", &World::released_movers)
+      .def("released_bodies", &World::released_bodies)
       .def("rewind",
            [](World& w, double dt, const py::tuple& gravity, const std::vector<int>& pulled) {
              return w.rewind(dt, vector(gravity.ptr()), pulled);
            })
-      .def("pulled_movers", &World::pulled_movers)
+      .def("pulled_bodies", &World::pulled_bodies)
       .def("keep_told_contacts", &World::keep_told_contacts)
       .def("any_held", &World::any_held)
-      .def("held_movers",
+      .def("held_bodies",
            [](const World& w) {
              std::vector<int> held;
-             for (size_t i = 0; i < w.movers.size(); ++i)
-               if (w.movers[i].observer.held() && !w.movers[i].observer.released())
+             for (size_t i = 0; i < w.bodies.size(); ++i)
+               if (w.bodies[i].observer.held() && !w.bodies[i].observer.released())
                  held.push_back(static_cast<int>(i));
              return held;
            })
       .def("let_go", &World::let_go)
-      .def("stopped", [](const World& w, int link) { return w.movers[w.links[link].mover].stopped(); })
-      .def("missed", [](const World& w, int mover) { return copy_of(w.movers[mover].observer.missed()); })
-      .def("was_cut", [](const World& w, int mover) { return w.movers[mover].observer.was_cut(); })
+      .def("stopped", [](const World& w, int link) { return w.bodies[w.links[link].body].stopped(); })
+      .def("missed", [](const World& w, int body) { return copy_of(w.bodies[body].observer.missed()); })
+      .def("was_cut", [](const World& w, int body) { return w.bodies[body].observer.was_cut(); })
       .def("pushable",
            [](const World& w) {
              std::vector<int> free;
              for (size_t i = 0; i < w.links.size(); ++i)
-               if (w.links[i].yields() && !w.movers[w.links[i].mover].observer.held())
+               if (w.links[i].yields() && !w.bodies[w.links[i].body].observer.held())
                  free.push_back(static_cast<int>(i));
              return free;
            })
-      .def("refresh_movers", &World::refresh_movers)
+      .def("refresh_bodies", &World::refresh_bodies)
       .def("wrenches", &wrenches)
       .def("pushes", &pushes);
 }

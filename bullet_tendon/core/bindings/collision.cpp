@@ -70,7 +70,7 @@ int add_shape(World& w, int link, const Array& position, const Array& rot, const
 py::list contacts(const World& w) {
   py::list out;
   for (const ContactRecord& c : w.contacts())
-    out.append(py::make_tuple(c.chain, c.segment, c.other_chain, c.link, static_cast<int>(c.kind),
+    out.append(py::make_tuple(c.tendon, c.segment, c.other_tendon, c.link, static_cast<int>(c.kind),
                               tuple(c.position), tuple(c.normal), c.distance, c.normal_force,
                               c.friction_force));
   return out;

@@ -18,13 +18,13 @@ void place(Link& l, PyObject* info, PyObject* where) {
 
 void make_link(World& w, int slot) {
   if (slot < static_cast<int>(w.links.size())) return;
-  w.links.resize(slot + 1), w.movers.resize(slot + 1);
+  w.links.resize(slot + 1), w.bodies.resize(slot + 1);
 }
 
 void stand_still(World& w, int slot) {
-  w.links[slot].mover = -1;
+  w.links[slot].body = -1;
   w.links[slot].jacobian.clear();
-  if (w.movers[slot].n() > 0) w.movers[slot] = Mover{};
+  if (w.bodies[slot].n() > 0) w.bodies[slot] = GeneralizedBody{};
 }
 
 bool told_well(const World& w, int slot) {
@@ -32,7 +32,7 @@ bool told_well(const World& w, int slot) {
   const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
                    l.pose.rotation.r1 + l.pose.rotation.r2;
   bool well = max_abs(0 * sum) == 0;
-  for (const dense::Numbers* numbers : {&w.movers[slot].rates, &w.movers[slot].free})
+  for (const dense::Numbers* numbers : {&w.bodies[slot].rates, &w.bodies[slot].free})
     for (double v : *numbers) well &= std::fabs(v) <= std::numeric_limits<double>::max();
   return well;
 }

@@ -12,9 +12,9 @@ namespace bt {
 
 namespace {
 
-int add_chain(World& w, const Array& points, double radius, double friction, double stiffness,
-              double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
-              bool whole_velocity, double shear_stiffness, double bending_stiffness, double linear_density) {
+int add_tendon(World& w, const Array& points, double radius, double friction, double stiffness,
+               double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
+               bool whole_velocity, double shear_stiffness, double bending_stiffness, double linear_density) {
   Material m;
   m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
   m.stiffness = stiffness, m.damping = damping, m.shear_stiffness = shear_stiffness;
@@ -22,26 +22,27 @@ int add_chain(World& w, const Array& points, double radius, double friction, dou
   m.linear_density = linear_density;
   std::vector<Vec3> p(points.shape(0));
   for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
-  return w.add_chain(std::make_unique<Chain>(p, radius, friction, m));
+  return w.add_tendon(std::make_unique<Tendon>(p, radius, friction, m));
 }
 
-Hold& hold_of(World& w, int chain, int id) {
-  for (Hold& h : w.chains[chain]->holds)
+Anchor& anchor_of(World& w, int tendon, int id) {
+  for (Anchor& h : w.tendons[tendon]->anchors)
     if (h.id == id) return h;
   throw py::key_error("no such hold");
 }
 
-void remove_hold(World& w, int chain, int id) {
-  auto& holds = stirred(w, chain).holds;
-  w.chains[chain]->smooth = false;
-  holds.erase(std::remove_if(holds.begin(), holds.end(), [&](const Hold& h) { return h.id == id; }),
-              holds.end());
+void remove_anchor(World& w, int tendon, int id) {
+  auto& anchors = stirred(w, tendon).anchors;
+  w.tendons[tendon]->smooth = false;
+  anchors.erase(std::remove_if(anchors.begin(), anchors.end(), [&](const Anchor& h) { return h.id == id; }),
+                anchors.end());
 }
 
-void set_grip(World& w, int chain, int id, const Array& target, double stiffness, double viscosity) {
-  Hold& h = hold_of(w, chain, id);
+void set_grip(World& w, int tendon, int id, const Array& target, double stiffness, double viscosity) {
+  Anchor& h = anchor_of(w, tendon, id);
   const Vec3 goal = vec(target);
-  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity) w.rouse(chain);
+  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity)
+    w.wake_tendon(tendon);
   h.goal = goal;
   h.rigid = stiffness <= 0;
   h.stiffness = identity(stiffness), h.viscosity = viscosity;
@@ -50,65 +51,65 @@ void set_grip(World& w, int chain, int id, const Array& target, double stiffness
 }  // namespace
 
 void bind_world_tendon(GuardedWorld& world) {
-  world.def("add_chain", &add_chain)
-      .def("remove_chain", &World::remove_chain)
-      .def("positions", [](World& w, int c) { return rows_of(w.chains[c]->x); })
-      .def("velocities", [](World& w, int c) { return rows_of(w.chains[c]->v); })
+  world.def("add_tendon", &add_tendon)
+      .def("remove_tendon", &World::remove_tendon)
+      .def("positions", [](World& w, int c) { return rows_of(w.tendons[c]->x); })
+      .def("velocities", [](World& w, int c) { return rows_of(w.tendons[c]->v); })
       .def("set_state",
            [](World& w, int c, const Array& x, const Array& v) {
-             Chain& chain = stirred(w, c);
-             fill(chain.x, x), fill(chain.v, v);
-             chain.spread_coincident();
-             chain.find_overlaid();
-             chain.reset_history();
+             Tendon& tendon = stirred(w, c);
+             fill(tendon.x, x), fill(tendon.v, v);
+             tendon.spread_coincident();
+             tendon.find_overlaid();
+             tendon.reset_history();
            })
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
       .def("guess_multipliers",
            [](World& w, int c, const Array& g) { stirred(w, c).guess_multipliers(vec(g)); })
-      .def("masses", [](World& w, int c) { return copy_of(w.chains[c]->mass); })
-      .def("rest", [](World& w, int c) { return copy_of(w.chains[c]->rest); })
+      .def("masses", [](World& w, int c) { return copy_of(w.tendons[c]->mass); })
+      .def("rest", [](World& w, int c) { return copy_of(w.tendons[c]->rest); })
       .def("set_rest", [](World& w, int c, const Array& rest) { stirred(w, c).set_rest(list_of(rest)); })
       .def("set_point_mass",
            [](World& w, int c, int i, double m) {
              stirred(w, c).set_point_mass(i, m);
-             w.chains[c]->smooth = false;
+             w.tendons[c]->smooth = false;
            })
       .def("set_stiffness_scale",
            [](World& w, int c, const Array& scale) { stirred(w, c).set_stiffness_scale(list_of(scale)); })
       .def("tension",
            [](World& w, int c) {
              std::vector<double> t;
-             w.chains[c]->tension(t);
+             w.tendons[c]->tension(t);
              return copy_of(t);
            })
-      .def("is_asleep", [](World& w, int c) { return w.chains[c]->bed >= 0; })
-      .def("energy", [](World& w, int c) { return w.chains[c]->energy(); })
-      .def("tunnel_of", [](World& w, int c) { return w.chains[c]->tunnel_of; })
+      .def("is_asleep", [](World& w, int c) { return w.tendons[c]->bed >= 0; })
+      .def("energy", [](World& w, int c) { return w.tendons[c]->energy(); })
+      .def("tunnel_of", [](World& w, int c) { return w.tendons[c]->tunnel_of; })
       .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
-      .def("force", [](World& w, int c, int i) { return tuple(w.chains[c]->force.at(i)); })
+      .def("force", [](World& w, int c, int i) { return tuple(w.tendons[c]->force.at(i)); })
       .def("add_grip",
            [](World& w, int c, int id, int particle) {
-             Hold h;
+             Anchor h;
              h.id = id, h.particle = particle;
-             stirred(w, c).holds.push_back(h);
-             w.chains[c]->smooth = false;
+             stirred(w, c).anchors.push_back(h);
+             w.tendons[c]->smooth = false;
            })
       .def("set_grip", &set_grip)
       .def("add_attachment",
            [](World& w, int c, int id, int particle, int link, const Array& local) {
-             Hold h;
+             Anchor h;
              h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
-             stirred(w, c).holds.push_back(h);
-             w.chains[c]->smooth = false;
+             stirred(w, c).anchors.push_back(h);
+             w.tendons[c]->smooth = false;
            })
       .def("set_clamp",
            [](World& w, int c, int id, const Array& direction) {
-             Hold& h = hold_of(w, c, id);
-             w.rouse(c);
+             Anchor& h = anchor_of(w, c, id);
+             w.wake_tendon(c);
              h.clamped = true, h.direction = vec(direction);
            })
-      .def("remove_hold", &remove_hold)
-      .def("hold_force", [](World& w, int c, int id) { return tuple(hold_of(w, c, id).step_force); });
+      .def("remove_anchor", &remove_anchor)
+      .def("anchor_force", [](World& w, int c, int id) { return tuple(anchor_of(w, c, id).step_force); });
 }
 
 }  // namespace bt

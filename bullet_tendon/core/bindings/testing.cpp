@@ -42,7 +42,7 @@ std::vector<double> dense_of(const Band& a) {
 
 // Structure or shear springs at x, `before` one step of weight b [s] earlier, with the plain Newton
 // linearisation and nothing cut off.
-Term spring_term(const Chain& c, bool shear, const Field& x, const Field& before, double b) {
+Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& before, double b) {
   Term term;
   SpringSet s = shear ? c.shear : c.structure;
   measure(s, before);
@@ -62,18 +62,19 @@ Term spring_term(const Chain& c, bool shear, const Field& x, const Field& before
 namespace {
 
 py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
-  return term_of(spring_term(*w.chains[c], shear, field_of(x), field_of(before), b));
+  return term_of(spring_term(*w.tendons[c], shear, field_of(x), field_of(before), b));
 }
 
 // A contact row at a position, as the position has it.
-py::tuple row_term(int kind, const Array& relative, const Array& normal, double offset, const Array& point,
-                   const Array& axis, double ring, double stiffness, double carried, double grip,
-                   double limit, const Array& stuck, bool definite) {
-  Row row;
+py::tuple contact_term(int kind, const Array& relative, const Array& normal, double offset,
+                       const Array& point, const Array& axis, double ring, double stiffness, double carried,
+                       double grip, double limit, const Array& stuck, bool definite) {
+  Contact row;
   row.kind = static_cast<ContactKind>(kind);
   row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
-  row.ring = ring, row.stiffness = stiffness, row.carried = carried;
-  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.grip = grip, row.stuck = vec(stuck);
+  row.feature_radius = ring, row.stiffness = stiffness, row.lambda = carried;
+  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.tangent_stiffness = grip,
+  row.tangent_anchor = vec(stuck);
   row.evaluate(vec(relative), true, definite);
   Array block({3, 3});
   const Block3 b = block_of(row.block);
@@ -82,15 +83,15 @@ py::tuple row_term(int kind, const Array& relative, const Array& normal, double 
 }
 
 // All of a row's block on the particles that it touches with the weights P: P^T block P, and the levers.
-Array full_block(const Row& row, const double* P, int particles) {
+Array full_block(const Contact& row, const double* P, int particles) {
   const Block3 block = block_of(row.block);
   Array full({3 * particles, 3 * particles});
   for (int i = 0; i < particles; ++i)
     for (int j = 0; j < particles; ++j) {
       Block3 part = block;
       for (double& v : part.v) v *= P[i] * P[j];
-      for (int k = 0; k < row.levers; ++k) {
-        const Vec3 p = row.lever_share[k] * row.lever[k][i], q = row.lever[k][j];
+      for (int k = 0; k < row.sliding_terms; ++k) {
+        const Vec3 p = row.sliding_share[k] * row.sliding_term[k][i], q = row.sliding_term[k][j];
         const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
         for (int e = 0; e < 9; ++e) part.v[e] += rows[e / 3] * columns[e % 3];
       }
@@ -102,14 +103,14 @@ Array full_block(const Row& row, const double* P, int particles) {
 // A segment against the edge of a mouth, its point followed: gap, forces on its ends, and all of its block.
 py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
                     const Array& axis, double ring, double stiffness, double carried) {
-  Row row;
+  Contact row;
   row.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
-  row.offset = offset, row.axis_point = vec(centre), row.axis = vec(axis), row.ring = ring;
-  row.stiffness = stiffness, row.carried = carried;
+  row.offset = offset, row.axis_point = vec(centre), row.axis = vec(axis), row.feature_radius = ring;
+  row.stiffness = stiffness, row.lambda = carried;
   const Vec3 a = vec(start), b = vec(end);
   for (int i = 0; i < 50; ++i) row.follow(a, b);
   row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
-  row.add_lever(a, b, false);
+  row.add_sliding_term(a, b, false);
   const double P[2] = {row.a.w0, row.a.w1};
   return py::make_tuple(row.gap, tuple(row.a.w0 * row.total_force), tuple(row.a.w1 * row.total_force),
                         full_block(row, P, 2));
@@ -117,16 +118,16 @@ py::tuple edge_term(const Array& start, const Array& end, double offset, const A
 
 // Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
 py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
-  Row row;
+  Contact row;
   row.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
-  row.offset = offset, row.stiffness = stiffness, row.carried = carried;
+  row.offset = offset, row.stiffness = stiffness, row.lambda = carried;
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
   row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
   row.follow_pair(x, 1e300);
   const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
   row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
-  row.add_pair_levers(x, false);
+  row.add_pair_sliding_terms(x, false);
   Field force(4);
   for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.total_force);
   return py::make_tuple(row.gap, rows_of(force), full_block(row, P, 4));
@@ -161,9 +162,9 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
 }  // namespace
 
 // Bending and clamps at x, nothing cut off.
-Term bending_term(const Chain& c, const Field& x) {
+Term bending_term(const Tendon& c, const Field& x) {
   Term term;
-  Chain at(c);
+  Tendon at(c);
   at.residual.zero(), at.matrix.zero();
   add_bending_forces(at, x);
   add_bending_blocks(at, x, false);
@@ -174,14 +175,14 @@ Term bending_term(const Chain& c, const Field& x) {
 }
 
 void bind_terms(py::module_& testing) {
-  testing.def("row_term", &row_term);
+  testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);
   testing.def("pair_term", &pair_term);
   testing.def("listed_nearest", &listed_nearest);
   testing.def("searched_nearest", &searched_nearest);
   testing.def("spring_term", &spring_term_of);
   testing.def("bending_term", [](const World& w, int c, const Array& x) {
-    return term_of(bending_term(*w.chains[c], field_of(x)));
+    return term_of(bending_term(*w.tendons[c], field_of(x)));
   });
 }
 
@@ -190,7 +191,7 @@ namespace {
 // The search for tendons that touch, by itself, for tests.
 
 struct Probe {
-  std::vector<Chain> chains;
+  std::vector<Tendon> tendons;
   BroadPhase search;
 
   void add(const Array& points, double radius) {
@@ -200,7 +201,7 @@ struct Probe {
     material.law = {1, 1e300, false, 1, false};
     material.stiffness = 1;
     material.linear_density = 1;
-    chains.emplace_back(p, radius, 0.0, material);
+    tendons.emplace_back(p, radius, 0.0, material);
     search.clear();
   }
 
@@ -208,12 +209,12 @@ struct Probe {
   // distance; and how many lists were collected and served again. swept: where tendons approach
   // (narrow_phase.h).
   py::tuple find(const std::vector<Array>& x, const std::vector<Array>& ahead, bool swept) {
-    std::vector<Chain*> slots;
-    for (size_t c = 0; c < chains.size(); ++c) {
-      fill(chains[c].x, x[c]);
-      fill(chains[c].next, ahead[c]);
-      chains[c].foresee();
-      slots.push_back(&chains[c]);
+    std::vector<Tendon*> slots;
+    for (size_t c = 0; c < tendons.size(); ++c) {
+      fill(tendons[c].x, x[c]);
+      fill(tendons[c].x_new, ahead[c]);
+      tendons[c].predict();
+      slots.push_back(&tendons[c]);
     }
     std::vector<SegmentPair> found;
     const Foresight foresight = swept ? Foresight::swept : Foresight::near;
@@ -222,8 +223,8 @@ struct Probe {
     double* to = rows.mutable_data();
     for (const SegmentPair& s : found)
       for (const double value :
-           {static_cast<double>(s.chain_a), static_cast<double>(s.segment_a), static_cast<double>(s.chain_b),
-            static_cast<double>(s.segment_b), s.u, s.w, s.distance})
+           {static_cast<double>(s.tendon_a), static_cast<double>(s.segment_a),
+            static_cast<double>(s.tendon_b), static_cast<double>(s.segment_b), s.u, s.w, s.distance})
         *to++ = value;
     return py::make_tuple(rows, counts.searches, counts.skipped);
   }
@@ -236,7 +237,7 @@ void bind_pairs(py::module_& testing) {
       .def(py::init<>())
       .def("add", &Probe::add)
       .def("find", &Probe::find)
-      .def("set_rest", [](Probe& p, int c, const Array& rest) { p.chains[c].set_rest(list_of(rest)); })
+      .def("set_rest", [](Probe& p, int c, const Array& rest) { p.tendons[c].set_rest(list_of(rest)); })
       .def("forget", [](Probe& p) { p.search.clear(); });
 }
 

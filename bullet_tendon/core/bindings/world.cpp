@@ -74,7 +74,7 @@ py::dict counts(const Report& r) {
   d["tunnels_considered"] = r.near.tunnels, d["tunnels_culled"] = r.near.tunnels_culled;
   d["tendon_searches"] = r.pairs.searches, d["tendon_searches_skipped"] = r.pairs.skipped;
   d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
-  d["rows"] = r.rows, d["groups"] = r.groups, d["substeps"] = r.substeps;
+  d["rows"] = r.contacts, d["groups"] = r.islands, d["substeps"] = r.substeps;
   d["tendons_asleep"] = r.asleep;
   d["linear_solves"] = r.linear_solves;
   return d;
@@ -84,7 +84,7 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                  double tolerance, int max_iterations, double linear_tolerance, double contact_stiffness,
                  double contact_threshold, double reuse_tolerance, bool sleep, long max_linear_solves,
                  double time_budget) {
-  w.rouse_all();
+  w.wake_all();
   w.options = {static_cast<Integrator>(integrator),
                static_cast<Iteration>(iteration),
                static_cast<LinearSolver>(linear_solver),
@@ -121,7 +121,7 @@ void bind_report(py::module_& m) {
       .def_readonly("iterations", &Report::iterations)
       .def_readonly("residual", &Report::residual)
       .def_readonly("converged", &Report::converged)
-      .def_readonly("worst_chain", &Report::worst_chain)
+      .def_readonly("worst_tendon", &Report::worst_tendon)
       .def_readonly("worst_particle", &Report::worst_particle)
       .def_readonly("search_seconds", &Report::search_seconds)
       .def_readonly("over_budget", &Report::over_budget)

@@ -24,8 +24,8 @@ constexpr double kSameDirection = 1e-20;
 
 }  // namespace
 
-Vec3 Mover::gyroscopic() const {
-  if (falls.empty() || n() != 6) return {};
+Vec3 GeneralizedBody::gyroscopic() const {
+  if (gravity_response.empty() || n() != 6) return {};
   auto at = [&](int i, int j) { return free[6 * (3 + i) + 3 + j]; };
   const Sym3 turning{at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)};
   if (!(turning.xx > 0 && turning.yy > 0 && turning.zz > 0)) return {};
@@ -34,33 +34,37 @@ Vec3 Mover::gyroscopic() const {
 }
 
 // Acceleration without tendons and without what holds it.
-const Mover::Numbers& Mover::known(Vec3 gravity) {
+const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   known_.assign(n(), 0.0);
-  if (falls.empty()) return known_;
+  if (gravity_response.empty()) return known_;
   for (int i = 0; i < n(); ++i)
-    known_[i] = falls[3 * i] * gravity.x + falls[3 * i + 1] * gravity.y + falls[3 * i + 2] * gravity.z;
-  if (n() == 6) known_[3] += gyration.x, known_[4] += gyration.y, known_[5] += gyration.z;
+    known_[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
+                gravity_response[3 * i + 2] * gravity.z;
+  if (n() == 6)
+    known_[3] += gyroscopic_acceleration.x, known_[4] += gyroscopic_acceleration.y,
+        known_[5] += gyroscopic_acceleration.z;
   return known_;
 }
 
-// The same, with what stops added in the step before, and the gyration of that.
-const Mover::Numbers& Mover::unforced(Vec3 gravity) {
+// The same, with what stops added in the step before, and the gyroscopic_acceleration of that.
+const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
   known(gravity);
   if (stopped_by_.size() == known_.size())
     for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
   return known_;
 }
 
-void Mover::sense(Vec3 gravity) {
+void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
   // Of several tendons, or what they press at, it cannot be told what they would have done.
   const bool told = !contacts.empty() && !slipped_;  // by contacts
-  observer.see(rates, free, unforced(gravity), !falls.empty() && n() == 6 && (!unknown || turns), told);
+  observer.see(rates, free, unforced(gravity), !gravity_response.empty() && n() == 6 && (!unknown || turns),
+               told);
   contacts_kept = false;
-  gyration = gyroscopic();
+  gyroscopic_acceleration = gyroscopic();
 }
 
-void Mover::widen(Numbers direction) {
+void GeneralizedBody::widen(Numbers direction) {
   const size_t size = direction.size();
   const double whole = dense::dot(direction, direction);
   Numbers along, part;
@@ -75,9 +79,11 @@ void Mover::widen(Numbers direction) {
   ++freedom;
 }
 
-bool Mover::note(const Numbers& after, Vec3 gravity) { return observer.note(after, unforced(gravity)); }
+bool GeneralizedBody::note(const Numbers& after, Vec3 gravity) {
+  return observer.note(after, unforced(gravity));
+}
 
-void Mover::foresee(double dt, Vec3 gravity) {
+void GeneralizedBody::predict(double dt, Vec3 gravity) {
   change = known(gravity);
   for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
   root = observer.root();
@@ -85,7 +91,7 @@ void Mover::foresee(double dt, Vec3 gravity) {
   settle_stops(observer.forces(), dt);
 }
 
-bool Mover::turns_far(Vec3 spin, double dt) const {
+bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
   Vec3 by;
   double light = 0;
   for (int k = 0; k < 6; ++k) {
@@ -96,7 +102,7 @@ bool Mover::turns_far(Vec3 spin, double dt) const {
   return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarSwing;
 }
 
-void Mover::act(double dt) {
+void GeneralizedBody::act(double dt) {
   observer.act(forces, dt);
   if (!is_stopped()) return stopped_by_.assign(n(), 0.0);
   auto add_response = [&](const Numbers& of, double sign) {
@@ -107,12 +113,12 @@ void Mover::act(double dt) {
   add_response(observer.root(), -1);
 }
 
-void Mover::push(const Numbers& impulse) {
+void GeneralizedBody::push(const Numbers& impulse) {
   for (int i = 0; i < n(); ++i) pushed_[i] += impulse[i];
   push_by(impulse);
 }
 
-void Mover::push_by(const Numbers& impulse) {
+void GeneralizedBody::push_by(const Numbers& impulse) {
   dense::respond(root, impulse, half_, known_);
   for (int i = 0; i < n(); ++i) change[i] += known_[i];
 }

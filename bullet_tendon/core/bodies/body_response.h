@@ -23,12 +23,12 @@
 
 namespace bt {
 
-struct Mover {
+struct GeneralizedBody {
   using Numbers = dense::Numbers;
-  Numbers rates;        // now: velocity of the centre of mass and spin, of the base, and of the joints
-  Numbers free;         // M^-1 (n n)
-  Numbers falls;        // acceleration by a unit of gravity (n 3); empty: not known
-  Vec3 gyration;        // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
+  Numbers rates;             // now: velocity of the centre of mass and spin, of the base, and of the joints
+  Numbers free;              // M^-1 (n n)
+  Numbers gravity_response;  // acceleration by a unit of gravity (n 3); empty: not known
+  Vec3 gyroscopic_acceleration;  // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
   Numbers limits;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
   Numbers contacts;     // of a rigid body: direction (6) and distance, below 0 inside, of every contact
   Numbers contacts_at;  // where it was then: its centre of mass (3) and how it was turned (4)
@@ -44,11 +44,11 @@ struct Mover {
   double pull = 0;
   // In a solution.
   bool unknown = false;
-  int freedom = 0;            // how many unknowns it has
-  Numbers basis;              // Q^T (freedom n), where they are fewer than n
-  Numbers y, step, residual;  // z, its change, and the residual
-  int first = 0;              // of its unknowns among those of its group
-  double lever = 0;           // largest |B| of its touched points
+  int freedom = 0;          // how many unknowns it has
+  Numbers basis;            // Q^T (freedom n), where they are fewer than n
+  Numbers y, dy, residual;  // z, its change, and the residual
+  int first = 0;            // of its unknowns among those of its group
+  double lever = 0;         // largest |B| of its touched points
 
   // Coordinates that a limit stops in this step.
   std::vector<int> stopped() const {
@@ -70,7 +70,7 @@ struct Mover {
   void widen(Numbers direction);
   // What it did since the last step, and what it is going to do.
   void sense(Vec3 gravity);
-  void foresee(double dt, Vec3 gravity);
+  void predict(double dt, Vec3 gravity);
   // Its rates right after the step; whether it seems to have been let go (Observer::note).
   bool note(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.

@@ -77,18 +77,18 @@ Rot3 slowing_rate_of(Vec3 theta) {
 
 Rot3 rotation_of_step(Vec3 theta) { return rotation_by(slowed(theta)); }
 
-void Turned::turn_by(double share, Vec3 by) {
+void FiniteRotation::turn_by(double share, Vec3 by) {
   straight = share * more;
   theta = begun + straight + by;
   rotation = rotation_of_step(theta) * rotation_of_step(-begun);
   rate = rate_of(slowed(theta)) * slowing_rate_of(theta);
 }
 
-void Turned::add_pull(Vec3 arm, Vec3 f) {
+void FiniteRotation::add_pull(Vec3 arm, Vec3 f) {
   pulls.r0 += arm.x * f, pulls.r1 += arm.y * f, pulls.r2 += arm.z * f;
 }
 
-Sym3 Turned::stiffness() const {
+Sym3 FiniteRotation::stiffness() const {
   const Rot3& p = pulls;
   const double out = p.r0.x + p.r1.y + p.r2.z;
   const Vec3 torque{p.r1.z - p.r2.y, p.r2.x - p.r0.z, p.r0.y - p.r1.x};

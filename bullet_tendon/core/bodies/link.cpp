@@ -20,13 +20,13 @@ Twist times(const dense::Numbers& a, const dense::Numbers& x) {
 
 }  // namespace
 
-void Link::follow(const Mover& m) {
+void Link::follow(const GeneralizedBody& m) {
   const dense::Numbers& d = m.change;
   const Twist more = jacobian.empty() ? Twist{{d[0], d[1], d[2]}, {d[3], d[4], d[5]}} : times(jacobian, d);
   velocity = now_velocity + more.linear, spin = now_spin + more.angular;
 }
 
-void Link::go_with(const Mover& m) {
+void Link::go_with(const GeneralizedBody& m) {
   follow(m);
   if (jacobian.empty())
     root = m.root;
@@ -47,7 +47,7 @@ void Link::advance_to(double time) {
 }
 
 // The angular rows of what unknowns make of it are those of its spin, times T.
-void Link::turn(const Mover& m, double share) {
+void Link::turn(const GeneralizedBody& m, double share) {
   turned.turn_by(share, given.angular);
   const size_t n = m.freedom;
   reached = root;
@@ -71,7 +71,7 @@ Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); 
 
 Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
 
-void Link::reach(const Mover& m) {
+void Link::reach(const GeneralizedBody& m) {
   if (m.freedom == m.n())
     reached = root;
   else

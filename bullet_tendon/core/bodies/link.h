@@ -19,7 +19,7 @@ struct Link {
   Vec3 start_centre;
   Vec3 now_velocity, now_spin;       // as the step began
   Vec3 velocity, spin;               // foreseen for its end, but for the tendons [m/s], [rad/s]
-  int mover = -1;                    // none: nothing that tendons do moves it
+  int body = -1;                     // none: nothing that tendons do moves it
   bool yielded = false;              // in the last step
   bool moved = false;                // it has been elsewhere or has a velocity, since the last step began
   dense::Numbers jacobian;           // (6 n); empty: the identity
@@ -28,21 +28,21 @@ struct Link {
   int touching = 0;                  // the same, counted in this step
   Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
   Vec3 before_force, before_torque;  // the same, of the parts before
-  // In a solution in which its mover is unknown: J E Q, what the unknowns and their change make of its place,
+  // In a solution in which its body is unknown: J E Q, what the unknowns and their change make of its place,
   // and the residual.
   dense::Numbers reached;  // (6 freedom)
   Twist given, stepped, load;
-  Turned turned;
+  FiniteRotation turned;
 
-  bool yields() const { return mover >= 0; }
+  bool yields() const { return body >= 0; }
   // Told anew, and the step's start still being the last one's.
   void note_motion();
-  // How the mover's foreseen motion carries it.
-  void follow(const Mover& m);
+  // How the body's foreseen motion carries it.
+  void follow(const GeneralizedBody& m);
   // That, and the root of its response.
-  void go_with(const Mover& m);
-  // The root of the mover's unknowns.
-  void reach(const Mover& m);
+  void go_with(const GeneralizedBody& m);
+  // The root of the body's unknowns.
+  void reach(const GeneralizedBody& m);
   // What the unknowns but for s make of the point at the arm, in one direction of space (n).
   dense::Numbers motion_of(int direction, Vec3 arm) const;
   // Goes on to `time` after the start of the step, with the velocity that it is thought to have.
@@ -59,8 +59,8 @@ struct Link {
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
   // An arm as it is at the end of the part where the link turns far.
   Vec3 now(Vec3 arm) const { return turned.far ? turned.rotation * arm : arm; }
-  // Turned as far as `share` of the part takes it, and as the unknowns do.
-  void turn(const Mover& m, double share);
+  // FiniteRotation as far as `share` of the part takes it, and as the unknowns do.
+  void turn(const GeneralizedBody& m, double share);
   // What the unknowns make of the place at the arm; turning, of its straight way as well.
   Vec3 displaced(Vec3 arm) const;
   // Torque of a force at the arm, on the rotation of the step.

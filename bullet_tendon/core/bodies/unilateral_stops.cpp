@@ -68,7 +68,7 @@ double rate_at_contact(double distance, double dt) {
 
 // Limits that were changed (changeDynamics) are told as they were loaded, and contacts for longer than they
 // hold: what goes on through one has none.
-void Mover::doubt_stops() {
+void GeneralizedBody::doubt_stops() {
   doubted_.resize(n());
   if (contacts.empty()) slipped_ = false;
   rested_ = false;
@@ -83,18 +83,18 @@ void Mover::doubt_stops() {
   }
 }
 
-bool Mover::is_stopped() const {
+bool GeneralizedBody::is_stopped() const {
   return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts; });
 }
 
-bool Mover::may_rest(Vec3 gravity) const {
+bool GeneralizedBody::may_rest(Vec3 gravity) const {
   if (contacts_kept) return false;
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
 }
 
-bool Mover::contacts_stand(const Numbers& place, const Numbers& rates_now) const {
+bool GeneralizedBody::contacts_stand(const Numbers& place, const Numbers& rates_now) const {
   if (contacts.empty() || contacts_at.size() != place.size()) return false;
   for (size_t i = 0; i < place.size(); ++i)
     if (!(std::fabs(place[i] - contacts_at[i]) <= kContactsStand)) return false;
@@ -109,7 +109,7 @@ bool Mover::contacts_stand(const Numbers& place, const Numbers& rates_now) const
   return any;
 }
 
-double Mover::rate_along(size_t stop, const Numbers& of) const {
+double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
   const double* direction = &directions_[stop * of.size()];
   double sum = 0;
   for (size_t i = 0; i < of.size(); ++i) sum += direction[i] * of[i];
@@ -117,7 +117,7 @@ double Mover::rate_along(size_t stop, const Numbers& of) const {
 }
 
 // Along direction_.
-void Mover::add_stop(double wanted, int coordinate) {
+void GeneralizedBody::add_stop(double wanted, int coordinate) {
   dense::multiply_transposed(root, direction_, half_);
   dense::multiply(free, direction_, known_);
   if (!(dense::dot(half_, half_) > kRank * dense::dot(direction_, known_))) return;
@@ -127,7 +127,7 @@ void Mover::add_stop(double wanted, int coordinate) {
   through_.insert(through_.end(), half_.begin(), half_.end());
 }
 
-void Mover::find_stops(double dt) {
+void GeneralizedBody::find_stops(double dt) {
   stops_.clear(), directions_.clear(), through_.clear(), within_.clear();
   unstopped_ = change;
   pushed_.assign(n(), 0.0);
@@ -148,7 +148,7 @@ void Mover::find_stops(double dt) {
 }
 
 // Pushes that answer to what is missing, by projected Gauss and Seidel from those of the last time.
-void Mover::find_pushes(double dt) {
+void GeneralizedBody::find_pushes(double dt) {
   const size_t m = stops_.size();
   if (pushes_.size() != m) pushes_.assign(m, 0.0);
   bool settled = false;  // but for a share of the rates at hand
@@ -166,7 +166,7 @@ void Mover::find_pushes(double dt) {
 }
 
 // By lambda of the complementarity problem above; whether they are other ones.
-bool Mover::choose_stops(const Numbers& forces, double dt) {
+bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   bool other = false;
   if (within_.empty()) dense::product_transposed(n(), through_, through_, within_);
@@ -183,14 +183,14 @@ bool Mover::choose_stops(const Numbers& forces, double dt) {
   return other;
 }
 
-bool Mover::settle_stops(const Numbers& forces, double dt) {
+bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
   if (stops_.empty() || static_cast<int>(forces.size()) != n()) return false;
   if (!choose_stops(forces, dt)) return false;
   stop(dt);
   return true;
 }
 
-void Mover::stop(double dt) {
+void GeneralizedBody::stop(double dt) {
   change = unstopped_, root = observer.root();
   missing_.clear();
   for (const Stop& s : stops_)
@@ -201,7 +201,7 @@ void Mover::stop(double dt) {
 }
 
 // S E, in half_, and S R S^T, of those that act.
-void Mover::gather_acting() {
+void GeneralizedBody::gather_acting() {
   half_.clear(), within_acting_.clear();
   const size_t m = stops_.size();
   for (size_t a = 0; a < m; ++a) {
@@ -215,7 +215,7 @@ void Mover::gather_acting() {
 // What acts keeps the rates, and takes its directions from the response: with S E = L W, L L^T = S R S^T,
 //
 //   change += E W^T L^-1 missing,     E -= E W^T W.
-void Mover::take_away(double dt) {
+void GeneralizedBody::take_away(double dt) {
   const size_t m = missing_.size(), width = n();
   const double rate = 1 / dt;
   gather_acting();

@@ -150,18 +150,18 @@ void BroadPhase::clear() {
   lists_.clear();
 }
 
-PairCounts BroadPhase::find(const std::vector<Chain*>& chains, double threshold, Foresight foresight,
+PairCounts BroadPhase::find(const std::vector<Tendon*>& tendons, double threshold, Foresight foresight,
                             std::vector<SegmentPair>& out) {
-  const int count = static_cast<int>(chains.size());
-  if (tendons_.size() != chains.size()) clear();
+  const int count = static_cast<int>(tendons.size());
+  if (tendons_.size() != tendons.size()) clear();
   tendons_.resize(count);
   lists_.resize(count * (count + 1) / 2);
   for (int c = 0; c < count; ++c)
-    if (chains[c]) tendons_[c].follow(*chains[c], threshold);
+    if (tendons[c]) tendons_[c].follow(*tendons[c], threshold);
   PairCounts counts;
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
-      if (chains[i] && chains[j]) find_between(i, j, foresight, counts, out);
+      if (tendons[i] && tendons[j]) find_between(i, j, foresight, counts, out);
   return counts;
 }
 
@@ -202,25 +202,25 @@ namespace {
 //
 //   min(r_a + r_b, d + kParting (s + t)).
 
-bool stays(const Hold& h, const std::vector<Link>& links) {
+bool stays(const Anchor& h, const std::vector<Link>& links) {
   return h.link < 0 ? h.rigid : !links[h.link].yields();
 }
 
 // Rest length between two particles, in order; and from one to the point u of segment k.
-double arc_between(const Chain& c, int first, int last) {
+double arc_between(const Tendon& c, int first, int last) {
   return std::accumulate(c.rest.begin() + first, c.rest.begin() + last, 0.0);
 }
-double arc_to(const Chain& c, int particle, int k, double u) {
+double arc_to(const Tendon& c, int particle, int k, double u) {
   return particle <= k ? arc_between(c, particle, k) + u * c.rest[k]
                        : (1 - u) * c.rest[k] + arc_between(c, k + 1, particle);
 }
 
 }  // namespace
 
-double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b, const std::vector<Link>& links) {
+double kept_apart(const SegmentPair& p, const Tendon& a, const Tendon& b, const std::vector<Link>& links) {
   double apart = a.radius + b.radius;
-  for (const Hold& h : a.holds)
-    for (const Hold& g : b.holds) {
+  for (const Anchor& h : a.anchors)
+    for (const Anchor& g : b.anchors) {
       const bool together = h.link >= 0 && h.link == g.link;
       if (!together && !(stays(h, links) && stays(g, links))) continue;
       const double d = norm(h.aim - g.aim);

@@ -51,9 +51,9 @@ class BroadPhase {
  public:
   // Forgets all lists: tendons were added, removed or changed.
   void clear();
-  // Appends the pairs that could touch, by tendons, and of two tendons in blocks of segments. chains: null
+  // Appends the pairs that could touch, by tendons, and of two tendons in blocks of segments. tendons: null
   // for those that are left out. threshold: distance of the surfaces at which contacts begin [m].
-  PairCounts find(const std::vector<Chain*>& chains, double threshold, Foresight foresight,
+  PairCounts find(const std::vector<Tendon*>& tendons, double threshold, Foresight foresight,
                   std::vector<SegmentPair>& out);
 
  private:

@@ -37,14 +37,14 @@ BT_VECTOR bool runs_straight(const Field& at) {
 
 }  // namespace
 
-bool is_straight(const Chain& c) { return runs_straight(c.x) && runs_straight(c.foreseen); }
+bool is_straight(const Tendon& c) { return runs_straight(c.x) && runs_straight(c.predicted); }
 
 // With every segment of stretch j within the angle t of its heading, and cos(t) >= kStraight = cos(f), all
 // are within f of another heading if that is within f - t of the stretch's:
 //
 //   cos(f - t) = cos f cos t + sin f sin t.
 void StraightStretches::find(TendonBvh& tendon) {
-  const Chain& c = tendon.tendon();
+  const Tendon& c = tendon.tendon();
   const int m = c.n() - 1, count = (m + kSegments - 1) / kSegments;
   heading_.resize(count);
   agrees_.resize(count);
@@ -74,18 +74,18 @@ void StraightStretches::find(TendonBvh& tendon) {
 
 // How much two segments move relative to each other in the step, as foreseen [m].
 double NarrowPhase::motion(int k, int m) const {
-  const Chain &p = a.tendon(), &q = b.tendon();
+  const Tendon &p = a.tendon(), &q = b.tendon();
   double farthest = 0;
   for (int i : {k, k + 1})
     for (int j : {m, m + 1})
-      farthest = std::max(farthest, norm(p.foreseen.at(i) - p.x.at(i) - q.foreseen.at(j) + q.x.at(j)));
+      farthest = std::max(farthest, norm(p.predicted.at(i) - p.x.at(i) - q.predicted.at(j) + q.x.at(j)));
   return farthest;
 }
 
 // What a straight stretch of one tendon joins turns with it.
 Sweep NarrowPhase::sweep(int k, int m) const {
-  const Chain &p = a.tendon(), &q = b.tendon();
-  const Field &y = p.foreseen, &z = q.foreseen;
+  const Tendon &p = a.tendon(), &q = b.tendon();
+  const Field &y = p.predicted, &z = q.predicted;
   Sweep s({p.x.at(k), p.x.at(k + 1), q.x.at(m), q.x.at(m + 1)}, {y.at(k), y.at(k + 1), z.at(m), z.at(m + 1)});
   if (!straight) return s;
   const Vec3 before = s.from[2] - s.from[1], after = z.at(m) - y.at(k + 1);
@@ -95,7 +95,7 @@ Sweep NarrowPhase::sweep(int k, int m) const {
 }
 
 void NarrowPhase::test(int k, int m) {
-  const Chain &p = a.tendon(), &q = b.tendon();
+  const Tendon &p = a.tendon(), &q = b.tendon();
   // Two tendons may move towards each other as wholes.
   const double towards = straight ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
   if (!overlap(swept_box(p, k, a.mean_motion(), a.skin()), swept_box(q, m, b.mean_motion(), b.skin()),

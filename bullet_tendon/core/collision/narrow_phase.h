@@ -9,7 +9,7 @@
 namespace bt {
 
 struct SegmentPair {
-  int chain_a, segment_a, chain_b, segment_b;
+  int tendon_a, segment_a, tendon_b, segment_b;
   double u, w;  // nearest points: x_a + u (x_a+1 - x_a), x_b + w (x_b+1 - x_b)
   Vec3 apart;   // from b to a [m], turned as they are foreseen to turn together within the step
   double distance;
@@ -18,7 +18,7 @@ struct SegmentPair {
 
 // Distance that the centrelines of a pair are kept at [m]: the sum of their radii, or less near held
 // particles that are nearer than that (collision/broad_phase.cpp).
-double kept_apart(const SegmentPair& p, const Chain& a, const Chain& b, const std::vector<Link>& links);
+double kept_apart(const SegmentPair& p, const Tendon& a, const Tendon& b, const std::vector<Link>& links);
 
 // What a search for pairs did.
 struct PairCounts {
@@ -35,7 +35,7 @@ enum class Foresight { near, swept };
 
 // Whether a tendon as a whole runs so straight, now and, as foreseen, at the end of the step, that it cannot
 // touch itself.
-bool is_straight(const Chain& c);
+bool is_straight(const Tendon& c);
 
 // Up to where a tendon runs so straight that it cannot touch itself: points an arc a apart are at least
 // kStraight a apart, and kStraight kSelfContactArc exceeds two.

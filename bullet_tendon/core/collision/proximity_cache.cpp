@@ -28,24 +28,24 @@ Pose in_world(const Shape& shape, const Link& link) {
   return {link.pose.rotation * shape.local.rotation, to_world(link.pose, shape.local.origin)};
 }
 
-double share_to_go(double clearance, double radius, double motion) {
+double safe_fraction(double clearance, double radius, double motion) {
   if (motion <= kFarthestMove * radius || clearance - motion > radius) return 1;
   return std::max(clearance - radius, kFarthestMove * radius) / motion;
 }
 
-double room_of(const NearCache& cache, double radius) {
+double motion_limit_of(const NearCache& cache, double radius) {
   double room = 1;
   for (const Entry& e : cache.entries)
-    if (e.wanted) room = std::min(room, share_to_go(e.clearance, radius, e.motion));
+    if (e.wanted) room = std::min(room, safe_fraction(e.clearance, radius, e.motion));
   return room;
 }
 
-double motion_of(const Chain& chain, int i, const Link& link, double dt) {
-  return norm(chain.foreseen.at(i) - chain.x.at(i) - link.drift(chain.x.at(i), dt));
+double motion_of(const Tendon& tendon, int i, const Link& link, double dt) {
+  return norm(tendon.predicted.at(i) - tendon.x.at(i) - link.drift(tendon.x.at(i), dt));
 }
 
-double reach_of(const Chain& chain, int i, const Link& link, double dt, double threshold) {
-  return chain.radius + threshold + chain.slack[i] + motion_of(chain, i, link, dt);
+double reach_of(const Tendon& tendon, int i, const Link& link, double dt, double threshold) {
+  return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link, dt);
 }
 
 namespace {
@@ -105,7 +105,7 @@ struct Considering {
     }
     ++counts.queried;
     if (!shape.primitive) return queries.push_back(query);
-    context.kept->push_back({query.chain, query.shape, query.feature, e});
+    context.kept->push_back({query.tendon, query.shape, query.feature, e});
     const PrimitiveNearest found = shape.primitive.nearest(query.a, query.b);
     answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
   }
@@ -131,7 +131,7 @@ struct Considering {
     const Nearest found = surface.search(q.a, q.b, within);
     if (found.distance == 0) return false;
     e.nearby.clear();  // the list can be made again
-    context.kept->push_back({q.chain, q.shape, q.feature, e});
+    context.kept->push_back({q.tendon, q.shape, q.feature, e});
     e.a = q.a, e.b = q.b, e.distance = found.distance, e.listed = (1 + 2 * kListed) * found.distance;
     e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
     e.now = e.asked, e.clearance = e.distance;
@@ -151,9 +151,9 @@ struct Considering {
 
 }  // namespace
 
-void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
+void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
-  const int n = chain.n();
+  const int n = tendon.n();
   // Put into the cache, which most shapes need nothing of, only where the shape is near.
   thread_local std::vector<Vec3> local;
   thread_local std::vector<double> motion;
@@ -162,12 +162,12 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
   Vec3 lo{1e300, 1e300, 1e300}, hi = -lo;
   double reach = 0;
   for (int i = 0; i < n; ++i) {
-    local[i] = to_local(pose, chain.x.at(i));
+    local[i] = to_local(pose, tendon.x.at(i));
     lo = lowest(lo, local[i]), hi = highest(hi, local[i]);
-    motion[i] = motion_of(chain, i, link, context.dt);
-    reach = std::max(reach, motion[i] + chain.slack[i]);
+    motion[i] = motion_of(tendon, i, link, context.dt);
+    reach = std::max(reach, motion[i] + tendon.slack[i]);
   }
-  const double skin = chain.radius + context.threshold;
+  const double skin = tendon.radius + context.threshold;
   reach += skin;
   for (Entry& e : cache.entries) e.wanted = false;
   if (outside(lo, hi, shape, reach)) {
@@ -177,24 +177,24 @@ void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot,
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
   cache.local = local, cache.motion = motion;
   Considering consider{shape, pose, context, queries, counts};
-  auto drilled = [&](int i) { return in_any_bore(chain.x.at(i), *context.bores); };
+  auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
   double before = 0;  // reach of the particle before
   bool bored_before = false;
   for (int i = 0; i < n; ++i) {
     const Vec3 here = cache.local[i];
-    const double now = skin + cache.motion[i] + chain.slack[i];
+    const double now = skin + cache.motion[i] + tendon.slack[i];
     const bool bored = !context.bores->empty() && drilled(i);
     if (outside(here, here, shape, now) || bored)
       ++counts.culled;
     else
-      consider(cache.entries[i], {chain_slot, shape_slot, i, here, here}, cache.motion[i], now);
+      consider(cache.entries[i], {tendon_slot, shape_slot, i, here, here}, cache.motion[i], now);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
       if (outside(lowest(last, here), highest(last, here), shape, most) || bored || bored_before)
         ++counts.culled;
       else
-        consider(cache.entries[n + i - 1], {chain_slot, shape_slot, n + i - 1, last, here},
+        consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here},
                  std::max(cache.motion[i - 1], cache.motion[i]), most);
     }
     before = now, bored_before = bored;

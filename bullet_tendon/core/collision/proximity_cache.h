@@ -55,8 +55,8 @@ struct Entry {
 };
 
 struct Query {
-  int chain, shape, feature;  // feature: particle i, or n + k for segment k
-  Vec3 a, b;                  // shape frame
+  int tendon, shape, feature;  // feature: particle i, or n + k for segment k
+  Vec3 a, b;                   // shape frame
 };
 
 struct NearCounts {
@@ -67,7 +67,7 @@ struct NearCounts {
 
 // An entry as it was, of the tendon, shape and feature.
 struct KeptEntry {
-  int chain, shape, feature;
+  int tendon, shape, feature;
   Entry entry;
 };
 
@@ -83,8 +83,8 @@ struct NearContext {
   std::vector<KeptEntry>* kept = nullptr;    // what is changed by a search
 };
 
-// Appends the queries needed for one chain and one shape, and marks the entries that are to make rows.
-void ask(const Chain& chain, int chain_slot, const Shape& shape, int shape_slot, const Link& link,
+// Appends the queries needed for one tendon and one shape, and marks the entries that are to make rows.
+void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts);
 
 // Takes the answer to a query: distance, nearest surface point (shape frame) and parameter. Where there is a
@@ -94,17 +94,17 @@ void answer(const Query& query, double distance, Vec3 point, double u, const Sha
 
 // Share of a step that something can go which is `clearance` away from a centreline of this radius, and
 // moves by `motion` relative to it [-]: until it could touch, or by kFarthestMove.
-double share_to_go(double clearance, double radius, double motion);
+double safe_fraction(double clearance, double radius, double motion);
 // The smallest of those shares, of all features that are near the shape.
-double room_of(const NearCache& cache, double radius);
+double motion_limit_of(const NearCache& cache, double radius);
 
 // Moves a plane along the surface (shape frame), as curved as the planes of the neighbouring features say, to
 // where the feature will be.
 void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Vec3& normal);
 
 // Motion of a particle within the step relative to a link, as foreseen [m].
-double motion_of(const Chain& chain, int particle, const Link& link, double dt);
+double motion_of(const Tendon& tendon, int particle, const Link& link, double dt);
 // How far a feature's end can come towards a body within the step [m].
-double reach_of(const Chain& chain, int particle, const Link& link, double dt, double threshold);
+double reach_of(const Tendon& tendon, int particle, const Link& link, double dt, double threshold);
 
 }  // namespace bt

@@ -18,25 +18,25 @@ Box around_both(const Box& p, const Box& q) { return {lowest(p.lo, q.lo), highes
 
 }  // namespace
 
-Box swept_box(const Chain& c, int segment, Vec3 mean_motion, double skin) {
+Box swept_box(const Tendon& c, int segment, Vec3 mean_motion, double skin) {
   Box box;
   for (int i : {segment, segment + 1}) {
     box.include(c.x.at(i));
-    box.include(c.foreseen.at(i) - mean_motion);
+    box.include(c.predicted.at(i) - mean_motion);
   }
   box.grow(skin + std::max(c.slack[segment], c.slack[segment + 1]));
   return box;
 }
 
-void TendonBvh::begin(const Chain& c) {
+void TendonBvh::begin(const Tendon& c) {
   last_ = c.x;
   leaves_ = 1;
   while (leaves_ < c.n() - 1) leaves_ *= 2;
   nodes_.assign(2 * leaves_, Node{});
 }
 
-void TendonBvh::follow(const Chain& c, double threshold) {
-  chain_ = &c;
+void TendonBvh::follow(const Tendon& c, double threshold) {
+  tendon_ = &c;
   fitted_ = false;
   averaged_ = false;
   skin_ = c.radius + 0.5 * threshold;
@@ -44,7 +44,7 @@ void TendonBvh::follow(const Chain& c, double threshold) {
   const MotionBound since = motion_between(last_, c.x);
   moved_.by += since.by;
   moved_.off += since.off + kSumRounding * max_abs(moved_.by);
-  ahead_ = motion_between(c.x, c.foreseen);
+  ahead_ = motion_between(c.x, c.predicted);
   last_ = c.x;
   if (std::exchange(rest_set_, c.rest_set) == c.rest_set) return;
   joined_arc_ = kSelfContactArc * c.radius;
@@ -54,10 +54,10 @@ void TendonBvh::follow(const Chain& c, double threshold) {
 
 void TendonBvh::refit() {
   if (std::exchange(fitted_, true)) return;
-  const Chain& c = *chain_;
+  const Tendon& c = *tendon_;
   for (int k = 0; k + 1 < c.n(); ++k) {
     const Vec3 x = c.x.at(k), y = c.x.at(k + 1);
-    const Vec3 x_ahead = c.foreseen.at(k) - x, y_ahead = c.foreseen.at(k + 1) - y;
+    const Vec3 x_ahead = c.predicted.at(k) - x, y_ahead = c.predicted.at(k + 1) - y;
     nodes_[leaves_ + k] = {{lowest(x, y), highest(x, y)},
                            {lowest(x_ahead, y_ahead), highest(x_ahead, y_ahead)}};
   }
@@ -69,18 +69,18 @@ void TendonBvh::refit() {
 
 Vec3 TendonBvh::mean_motion() {
   if (std::exchange(averaged_, true)) return mean_motion_;
-  const Chain& c = *chain_;
+  const Tendon& c = *tendon_;
   mean_motion_ = {};
-  for (int i = 0; i < c.n(); ++i) mean_motion_ += (1.0 / c.n()) * (c.foreseen.at(i) - c.x.at(i));
+  for (int i = 0; i < c.n(); ++i) mean_motion_ += (1.0 / c.n()) * (c.predicted.at(i) - c.x.at(i));
   return mean_motion_;
 }
 
 double TendonBvh::most_off_mean() {
-  const Chain& c = *chain_;
+  const Tendon& c = *tendon_;
   const Vec3 mean = mean_motion();
   double square = 0;
   for (int i = 0; i < c.n(); ++i) {
-    const Vec3 off = c.foreseen.at(i) - mean - c.x.at(i);
+    const Vec3 off = c.predicted.at(i) - mean - c.x.at(i);
     square = std::max(square, dot(off, off));
   }
   return std::sqrt(square);

@@ -12,7 +12,7 @@ namespace bt {
 
 // The box around where a segment is and, as foreseen, will be at the end of the step, relative to its
 // tendon's mean motion, grown by skin and slack.
-Box swept_box(const Chain& c, int segment, Vec3 mean_motion, double skin);
+Box swept_box(const Tendon& c, int segment, Vec3 mean_motion, double skin);
 
 // The hierarchy is an implicit binary tree: node 1 is the root, nodes 2 i and 2 i + 1 are the children of
 // node i, and the second half of all nodes, a power of two, are the segments. Those beyond the tendon's end
@@ -21,15 +21,15 @@ class TendonBvh {
  public:
   // Follows the tendon, always the same, to where it is and is foreseen to be. threshold: distance of the
   // surfaces at which contacts begin [m].
-  void follow(const Chain& c, double threshold);
-  const Chain& tendon() const { return *chain_; }
+  void follow(const Tendon& c, double threshold);
+  const Tendon& tendon() const { return *tendon_; }
 
   // Motion since the first call of follow(): the sum over all calls; and within this step, as foreseen.
   const MotionBound& moved() const { return moved_; }
   const MotionBound& ahead() const { return ahead_; }
   // How far its centreline acts; and that, where it may end off what is foreseen [m].
   double skin() const { return skin_; }
-  double reach() const { return skin_ + chain_->most_slack; }
+  double reach() const { return skin_ + tendon_->most_slack; }
 
   // Where segments are, and what they are foreseen to move by within the step.
   struct Node {
@@ -40,7 +40,7 @@ class TendonBvh {
   const Node& operator[](int node) const { return nodes_[node]; }
   bool is_leaf(int node) const { return node >= leaves_; }
   int first(int node) const { return node * width(node) - leaves_; }
-  int last(int node) const { return std::min(first(node) + width(node), chain_->n() - 1) - 1; }
+  int last(int node) const { return std::min(first(node) + width(node), tendon_->n() - 1) - 1; }
   // Segments below a node, those beyond the end included.
   int width(int node) const { return leaves_ >> (31 - __builtin_clz(static_cast<unsigned>(node))); }
 
@@ -55,8 +55,8 @@ class TendonBvh {
   double most_off_mean();
 
  private:
-  void begin(const Chain& c);
-  const Chain* chain_ = nullptr;
+  void begin(const Tendon& c);
+  const Tendon* tendon_ = nullptr;
   Field last_;
   MotionBound moved_, ahead_;
   double skin_ = 0;

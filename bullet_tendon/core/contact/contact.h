@@ -1,9 +1,9 @@
-// A contact row: one temporary constraint spring between a point of a tendon and a body, a tunnel
+// A contact contact: one temporary constraint spring between a point of a tendon and a body, a tunnel
 // or a point of a tendon (paper, section 4.1), with its friction.
 //
-//   g = n.(x_a - x_b) - c                  gap of a plane row [m]
-//   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore row: n points to the axis
-//   g = |x_a - nearest on circle| - r      gap of a mouth row
+//   g = n.(x_a - x_b) - c                  gap of a plane contact [m]
+//   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore contact: n points to the axis
+//   g = |x_a - nearest on circle| - r      gap of a mouth contact
 //   N = max(0, N_0 - k g)                  normal force [N], N_0 the multiplier carried over steps
 //   z = xi + across(n)(x_a - x_b - ref)    displacement from where it stuck [m]
 //   F_t = -k_t z, at most mu N along z       Coulomb's return map [N]
@@ -35,7 +35,7 @@ enum class ContactKind : int { bone = 0, bore = 1, mouth = 2, tendon = 3 };
 
 // Which contact it is, the same in every step for as long as it lasts.
 struct ContactKey {
-  int extra = 0;  // 1: a row that was added in the same step to the one with the rest of the key
+  int extra = 0;  // 1: a contact that was added in the same step to the one with the rest of the key
                   // (solver/missed_contacts.cpp)
   ContactKind kind = ContactKind::bone;
   int tendon = 0, feature = 0;  // of a bone: particle i, or n + k for segment k; else particle or segment
@@ -50,42 +50,42 @@ inline bool operator<(const ContactKey& a, const ContactKey& b) {
 
 inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < b) && !(b < a); }
 
-struct Row {
+struct Contact {
   ContactKey key;
   ContactKind kind = ContactKind::bone;
-  Spot a, b;  // b.chain = -1: against a link
+  SegmentPoint a, b;  // b.tendon = -1: against a link
   int link = -1;
-  bool moves = false;         // the link goes with its body's unknowns,
-  Vec3 arm;                   // by its point at this from the centre of mass [m]
-  Vec3 normal;                // n, of a plane row; of a bore row as last evaluated
-  double offset = 0;          // c; of a mouth row, the distance kept from the circle
-  double allowed = 0;         // gap, negative, that may be left at the end of a part of a step [m]
-  double beyond = 0;          // by how much the gap stands off the surfaces (threshold) [m]
-  Vec3 axis_point, axis;      // of a bore; of a mouth, the circle's centre and axis
-  double ring = 0;            // of a bore, R - r; of a mouth, the circle's radius [m]
-  bool through = false;       // a mouth row of a segment that passes through the mouth
-  double radius = 0;          // of the tendon, or both [m]
-  double stiffness = 0;       // k [N/m]
-  double softest = 0;         // k to begin with; 0: it is the user's, and does not grow where depth remains
-  double grip = 0;            // k_t, of sticking [N/m]
-  double carried = 0;         // N_0 [N]
-  double before = 0;          // N of the step before [N]
-  double multiplier = 0;      // N as foreseen, in the curvature [N]
-  double friction = 0;        // mu
-  Vec3 stuck, reference;      // xi, ref
-  double stuck_at = 0;        // the point of the segment that ref is of, where that moves
-  double stuck_at_other = 0;  // the same of b
-  Vec3 side;                  // of a pair: n as the step began
-  bool follows = false;       // a pair whose points are the nearest ones
-  bool stays = false;         // but would have jumped, as between both ends of a segment that touch alike
-  double limit = 0;           // mu N that friction is limited to [N]
-  bool direct = false;        // constrained on the particle (Baraff and Witkin) instead of by a spring
-  bool held = false;          // a direct row that holds now
-  bool joins = false;         // two tendons, in the pattern of their matrix
-  bool passes = false;        // what it is for does not touch as foreseen
-  bool pressed = false;       // touches, in the linearisation
-  bool sliding = false;       // else it sticks, in the linearisation
-  int changes = 0;            // how often a direct row let go in this step
+  bool moves = false;          // the link goes with its body's unknowns,
+  Vec3 arm;                    // by its point at this from the centre of mass [m]
+  Vec3 normal;                 // n, of a plane contact; of a bore contact as last evaluated
+  double offset = 0;           // c; of a mouth contact, the distance kept from the circle
+  double depth_allowance = 0;  // gap, negative, that may be left at the end of a part of a step [m]
+  double margin = 0;           // by how much the gap stands off the surfaces (threshold) [m]
+  Vec3 axis_point, axis;       // of a bore; of a mouth, the circle's centre and axis
+  double feature_radius = 0;   // of a bore, R - r; of a mouth, the circle's radius [m]
+  bool threads_mouth = false;  // a mouth contact of a segment that passes through the mouth
+  double radius = 0;           // of the tendon, or both [m]
+  double stiffness = 0;        // k [N/m]
+  double softest = 0;          // k to begin with; 0: it is the user's, and does not grow where depth remains
+  double tangent_stiffness = 0;         // k_t, of sticking [N/m]
+  double lambda = 0;                    // N_0 [N]
+  double lambda_previous = 0;           // N of the step before [N]
+  double lambda_predicted = 0;          // N as foreseen, in the curvature [N]
+  double friction = 0;                  // mu
+  Vec3 tangent_anchor, relative_start;  // xi, ref
+  double anchored_at = 0;               // the point of the segment that ref is of, where that moves
+  double anchored_at_other = 0;         // the same of b
+  Vec3 side;                            // of a pair: n as the step began
+  bool follows = false;                 // a pair whose points are the nearest ones
+  bool stays = false;    // but would have jumped, as between both ends of a segment that touch alike
+  double limit = 0;      // mu N that friction is limited to [N]
+  bool direct = false;   // constrained on the particle (Baraff and Witkin) instead of by a spring
+  bool held = false;     // a direct contact that holds now
+  bool joins = false;    // two tendons, in the pattern of their matrix
+  bool passes = false;   // what it is for does not touch as foreseen
+  bool pressed = false;  // touches, in the linearisation
+  bool sliding = false;  // else it sticks, in the linearisation
+  int changes = 0;       // how often a direct contact let go in this step
 
   // As last evaluated.
   double gap = 0, normal_force = 0;
@@ -94,12 +94,12 @@ struct Row {
   Vec3 linear_force;                // of the linearisation; total_force where that is at the present state
   Vec3 last_mean;                   // mean_force of the step before
   Vec3 mean_force;                  // total_force, averaged over the parts of a split step
-  Vec3 slid;                        // from that point to the one that touches now
+  Vec3 point_shift;                 // from that point to the one that touches now
   Sym3 block;                       // derivative
-  // Besides, of rows whose points move along their segments: share l l^T on the ends of a, and of b.
-  int levers = 0;
-  Vec3 lever[2][4];
-  double lever_share[2] = {};
+  // Besides, of contacts whose points move along their segments: share l l^T on the ends of a, and of b.
+  int sliding_terms = 0;
+  Vec3 sliding_term[2][4];
+  double sliding_share[2] = {};
 
   // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew, so that
   // each solution has a potential without steps.
@@ -108,11 +108,11 @@ struct Row {
   // block's curvature, are as foreseen, or (at_position) as the position has them. definite: the block
   // without what would make it indefinite, like the edge of a mouth that pushes what slides over it.
   void evaluate(Vec3 relative, bool at_position, bool definite = true);
-  // Of a mouth row: the point of the segment that is nearest to the edge, from the last one.
+  // Of a mouth contact: the point of the segment that is nearest to the edge, from the last one.
   void follow(Vec3 start, Vec3 end);
   // What that point's motion along the segment adds to the block (see contact/mouth_edge.cpp), after
   // evaluate.
-  void add_lever(Vec3 start, Vec3 end, bool definite);
+  void add_sliding_term(Vec3 start, Vec3 end, bool definite);
   // k too small: the multiplier takes over the force that there is, and k grows. false: depth is small.
   bool stiffen();
   void take_over(double force);
@@ -120,18 +120,18 @@ struct Row {
   // the way that it has slid.
   void limit_friction(double most);
   // The normal force that the linearisation foresees there; below 0 where it lets go.
-  double force_after(Vec3 moved) const { return carried - stiffness * (gap + dot(normal, moved)); }
+  double force_after(Vec3 moved) const { return lambda - stiffness * (gap + dot(normal, moved)); }
   // The normal force, and whether the contact slides, in the next iteration, from the relative
   // displacement that this one found. Both are multipliers like those of springs: judged by present
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
-  void foresee(Vec3 moved);
+  void predict(Vec3 moved);
   // Whether a force that is foreseen is nearly the present one.
   bool agrees(double foreseen) const { return std::fabs(foreseen - normal_force) <= kAgreed * normal_force; }
   // The same of a pair of segments, x their ends (see contact/segment_pair.cpp). most: by which its force may
   // change [N].
   void follow_pair(const Vec3 (&x)[4], double most);
-  void add_pair_levers(const Vec3 (&x)[4], bool definite);
+  void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see contact/mouth_edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   // Friction's limit as the normal force that is foreseen asks for.

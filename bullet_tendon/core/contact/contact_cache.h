@@ -7,12 +7,12 @@ namespace bt {
 // What a contact remembers from one step to the next.
 struct ContactMemory {
   ContactKey key;
-  double carried = 0;    // N [N]
-  double confirmed = 0;  // the least of the last two [N]
+  double lambda = 0;            // N [N]
+  double lambda_confirmed = 0;  // the least of the last two [N]
   bool sliding = false;
   Vec3 mean_force;
-  double b = 0;  // step weight of the tendon [s]
-  Vec3 stuck;    // in the link's frame, or the world's for two tendons
+  double h_eff = 0;     // step weight of the tendon [s]
+  Vec3 tangent_anchor;  // in the link's frame, or the world's for two tendons
 };
 
 }  // namespace bt

@@ -24,34 +24,35 @@ constexpr int kFollowing = 4;
 
 }  // namespace
 
-void Row::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
+void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
   Vec3 from = x - axis_point, radial = without(from, axis);
-  double rho = norm(radial), z = dot(from, axis), inward = ring - rho;
+  double rho = norm(radial), z = dot(from, axis), inward = feature_radius - rho;
   Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(axis);
   double d = std::sqrt(inward * inward + z * z);
   // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
-  double sign = through && inward < 0 ? -1 : 1;
+  double sign = threads_mouth && inward < 0 ? -1 : 1;
   gap = sign * d - offset;
   if (d > 0) normal = (sign / d) * (z * axis - inward * out), across_edge = -sign / d;
   if (d > 0 && rho > 0) curvature = sign * inward / (d * rho);
   around = cross(axis, out);
 }
 
-void Row::follow(Vec3 start, Vec3 end) {
+void Contact::follow(Vec3 start, Vec3 end) {
   const Vec3 l = end - start;
   const double l2 = dot(l, l);
   if (l2 == 0) return;
   double u = a.w1;
   for (int i = 0; i < kFollowing; ++i) {
-    const Vec3 on_edge = nearest_on_circle(start + u * l, axis_point, axis, ring, any_perpendicular(axis));
+    const Vec3 on_edge =
+        nearest_on_circle(start + u * l, axis_point, axis, feature_radius, any_perpendicular(axis));
     u = std::min(std::max(dot(on_edge - start, l) / l2, 0.0), 1.0);
   }
   a.w0 = 1 - u, a.w1 = u;
-  slid = (u - stuck_at) * l;
+  point_shift = (u - anchored_at) * l;
 }
 
-void Row::add_lever(Vec3 start, Vec3 end, bool definite) {
-  levers = 0;
+void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
+  sliding_terms = 0;
   const double u = a.w1;
   if (kind != ContactKind::mouth || !pressed || u <= 0 || u >= 1) return;
   const Vec3 x = (1 - u) * start + u * end, l = end - start;
@@ -64,8 +65,8 @@ void Row::add_lever(Vec3 start, Vec3 end, bool definite) {
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
   const double bent = dot(l, Hl);
   if (bent == 0 || (definite && bent < 0)) return;
-  levers = 1, lever_share[0] = multiplier / bent;
-  lever[0][0] = (1 - u) * Hl - normal, lever[0][1] = u * Hl + normal;
+  sliding_terms = 1, sliding_share[0] = lambda_predicted / bent;
+  sliding_term[0][0] = (1 - u) * Hl - normal, sliding_term[0][1] = u * Hl + normal;
 }
 
 }  // namespace bt

@@ -10,7 +10,7 @@
 // As at an edge (contact/mouth_edge.cpp), points that stay where the step began would be turned about or left
 // by what slides. A point at its segment's end stays there, and has no part in V. Nearly parallel segments
 // have no point that is nearest: theirs stay. So do those that would jump, and the iterations between two
-// solutions with them: what is touched besides gets a row of its own (solver/missed_contacts.cpp).
+// solutions with them: what is touched besides gets a contact of its own (solver/missed_contacts.cpp).
 #include <algorithm>
 #include <cmath>
 
@@ -19,7 +19,7 @@
 
 namespace bt {
 
-void Row::follow_pair(const Vec3 (&x)[4], double most) {
+void Contact::follow_pair(const Vec3 (&x)[4], double most) {
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   const double square = dot(along, along) * dot(other, other), turned = dot(along, other);
   follows = !stays && square > 0 && square - turned * turned > kCrossing * square;
@@ -34,20 +34,22 @@ void Row::follow_pair(const Vec3 (&x)[4], double most) {
     normal = side;
     return;
   }
-  auto force_at = [&](double d) { return std::max(0.0, carried - stiffness * (d - offset - allowed)); };
+  auto force_at = [&](double d) {
+    return std::max(0.0, lambda - stiffness * (d - offset - depth_allowance));
+  };
   const double here = dot(normal, a.w0 * x[0] + a.w1 * x[1] - b.w0 * x[2] - b.w1 * x[3]);
   stays = std::fabs(force_at(distance) - force_at(here)) > most, follows = !stays;
   if (stays) return;
   a.w0 = 1 - u, a.w1 = u, b.w0 = 1 - w, b.w1 = w;
-  slid = (u - stuck_at) * along - (w - stuck_at_other) * other;
+  point_shift = (u - anchored_at) * along - (w - anchored_at_other) * other;
   normal = (1 / distance) * apart;
 }
 
-void Row::add_pair_levers(const Vec3 (&x)[4], bool definite) {
-  levers = 0;
-  if (definite || !follows || !pressed || multiplier <= 0) return;
-  const double D = gap + allowed + offset;
-  block += (-multiplier / D) * across(normal);
+void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
+  sliding_terms = 0;
+  if (definite || !follows || !pressed || lambda_predicted <= 0) return;
+  const double D = gap + depth_allowance + offset;
+  block += (-lambda_predicted / D) * across(normal);
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   const bool inside_a = a.w0 > 0 && a.w1 > 0, inside_b = b.w0 > 0 && b.w1 > 0;
   const double P[4] = {a.w0, a.w1, -b.w0, -b.w1};
@@ -57,8 +59,8 @@ void Row::add_pair_levers(const Vec3 (&x)[4], bool definite) {
   va[0] += -1.0 * normal, va[1] += normal, vb[2] += normal, vb[3] += -1.0 * normal;
   const double aa = dot(along, Ha), ab = -dot(along, Hb), bb = dot(other, Hb);
   auto take = [&](const Vec3(&v)[4], double share) {
-    for (int i = 0; i < 4; ++i) lever[levers][i] = v[i];
-    lever_share[levers++] = multiplier * share;
+    for (int i = 0; i < 4; ++i) sliding_term[sliding_terms][i] = v[i];
+    sliding_share[sliding_terms++] = lambda_predicted * share;
   };
   if (inside_a) take(va, 1 / aa);
   if (!inside_b) return;

@@ -5,8 +5,8 @@
 namespace bt {
 
 // A point on segment `first` of a tendon: w0 x_first + w1 x_first+1.
-struct Spot {
-  int chain = -1;
+struct SegmentPoint {
+  int tendon = -1;
   int first = 0;
   double w0 = 1, w1 = 0;
   Vec3 of(const Field& f) const {
@@ -17,7 +17,7 @@ struct Spot {
 };
 
 // Takes a pull at a spot off what its two particles have.
-inline void pull_back(Field& f, const Spot& s, Vec3 pull) {
+inline void pull_back(Field& f, const SegmentPoint& s, Vec3 pull) {
   f.add(s.first, -s.w0 * pull), f.add(s.first + 1, -s.w1 * pull);
 }
 

@@ -20,7 +20,7 @@ constexpr double kCreep = 1e-3;
 
 }  // namespace
 
-BT_VECTOR void begin_step(Chain& c, const StepContext& context) {
+BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   const double dt = context.dt;
   // What touches something has velocities that jump: they are not to be extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
@@ -29,24 +29,24 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context) {
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
   const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
-  c.b = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
+  c.h_eff = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
   // Where the method's own velocity would take it; of the second order, where the motion does.
   const double ahead = history ? (two ? 0.5 : 1.0) * dt * std::min(1.0, dt / c.dt_before) : 0;
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
-    double *xh = c.anchor_x[k], *vh = c.anchor_v[k], *y = c.goal[k], *next = c.next[k];
-    double *goal_tail = c.goal_tail[k], *next_tail = c.next_tail[k];
+    double *xh = c.x_history[k], *vh = c.v_history[k], *y = c.inertial_target[k], *next = c.x_new[k];
+    double *inertial_target_tail = c.inertial_target_tail[k], *x_new_tail = c.x_new_tail[k];
     const double* mass = c.mass.data();
-    const double b = c.b;
+    const double b = c.h_eff;
     const int n = c.n();
 #pragma GCC ivdep
     for (int i = 0; i < n; ++i) {
       xh[i] = x[i] + last * (xb[i] - x[i]), vh[i] = v[i] + last * (vb[i] - v[i]);
       double goal = xh[i], tail = 0;
       add_exactly(goal, tail, b * vh[i] + b * b * (g[k] + f[i] / mass[i]));
-      y[i] = goal, goal_tail[i] = tail;
-      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]), next_tail[i] = 0;
+      y[i] = goal, inertial_target_tail[i] = tail;
+      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]), x_new_tail[i] = 0;
     }
   }
   for (SpringSet* s : {&c.structure, &c.shear}) {
@@ -58,37 +58,37 @@ BT_VECTOR void begin_step(Chain& c, const StepContext& context) {
       s->history[k] = now * s->start[k] + (two ? last * s->before[k] : 0);
     }
   }
-  for (const Hold& h : c.holds)
-    if (h.rigid) c.next.set(h.particle, h.aim);
+  for (const Anchor& h : c.anchors)
+    if (h.rigid) c.x_new.set(h.particle, h.aim);
 }
 
 namespace {
 
-BT_VECTOR void read_acceleration(Chain& c) {
+BT_VECTOR void read_acceleration(Tendon& c) {
   for (int k = 0; k < 3; ++k) {
     double* a = c.acceleration[k];
-    const double *v = c.v[k], *vh = c.anchor_v[k];
+    const double *v = c.v[k], *vh = c.v_history[k];
 #pragma GCC ivdep
-    for (int i = 0; i < c.n(); ++i) a[i] = (v[i] - vh[i]) / c.b;
+    for (int i = 0; i < c.n(); ++i) a[i] = (v[i] - vh[i]) / c.h_eff;
   }
 }
 
 }  // namespace
 
-BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
+BT_VECTOR void finish_step(Tendon& c, const StepContext& context) {
   // Explicit Euler and the energy projection leave their velocities in `step`.
   const bool made_known = c.braked || context.options.integrator == Integrator::explicit_euler;
   for (int k = 0; k < 3; ++k) {
     double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
-    const double *next = c.next[k], *tail = c.next_tail[k], *xh = c.anchor_x[k], *made = c.step[k];
+    const double *next = c.x_new[k], *tail = c.x_new_tail[k], *xh = c.x_history[k], *made = c.dx[k];
 #pragma GCC ivdep
     for (int i = 0; i < c.n(); ++i) {
       xb[i] = x[i], vb[i] = v[i];
-      v[i] = made_known ? made[i] : (next[i] - xh[i] + tail[i]) / c.b;
+      v[i] = made_known ? made[i] : (next[i] - xh[i] + tail[i]) / c.h_eff;
       x[i] = next[i];
     }
   }
-  for (Hold& h : c.holds) h.target_before = h.aim;
+  for (Anchor& h : c.anchors) h.target_before = h.aim;
   if (is_second_order(context.options.integrator)) {
     c.smooth &= !c.touched || goes_smoothly(c, context.dt);
     read_acceleration(c);
@@ -108,7 +108,7 @@ BT_VECTOR void finish_step(Chain& c, const StepContext& context) {
 // go on where what touches something changes its velocities otherwise than their last change foretold. It
 // comes back one step after motion is smooth again, so that the order of smooth motion beside contacts stays.
 
-bool goes_smoothly(const Chain& c, double dt) {
+bool goes_smoothly(const Tendon& c, double dt) {
   const double creep = kCreep * c.radius;
   double jump = 0, all = 0, least = 0;
   for (int k = 0; k < 3; ++k) {

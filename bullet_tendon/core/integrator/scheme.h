@@ -31,19 +31,19 @@ struct StepContext {
   Budget* budget = nullptr;
   bool whole = false;     // the step's length means nothing: it is a way to rest
   bool part = false;      // of a step: what touches something takes it by implicit Euler
-  bool goes_on = false;   // from the last solution, with more rows
+  bool warm = false;      // from the last solution, with more rows
   bool may_look = false;  // for rows where particles stray: solutions are left for that before they are exact
   Vec3 gravity;
   Options options;
 };
 
-// History, goal y, starting guess and held particles of a chain.
-void begin_step(Chain& c, const StepContext& context);
+// History, goal y, starting guess and held particles of a tendon.
+void begin_step(Tendon& c, const StepContext& context);
 
 // Whether two-step methods may go on with what touches something, after its step of dt; acceleration is that
 // of the step before (integrator/scheme.cpp).
-bool goes_smoothly(const Chain& c, double dt);
-// Takes chain.next as the new state.
-void finish_step(Chain& c, const StepContext& context);
+bool goes_smoothly(const Tendon& c, double dt);
+// Takes tendon.x_new as the new state.
+void finish_step(Tendon& c, const StepContext& context);
 
 }  // namespace bt

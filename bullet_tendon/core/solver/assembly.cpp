@@ -1,4 +1,4 @@
-// Residual and matrix of Newton's method at chain.next, by terms.
+// Residual and matrix of Newton's method at tendon.x_new, by terms.
 #include "solver/assembly.h"
 
 #include <algorithm>
@@ -17,116 +17,117 @@ namespace {
 constexpr double kFloorShare = 1e-2;
 
 // Least weight of a free particle for a contact on a segment whose other end is held rigidly [-].
-constexpr double kLeastLever = 0.25;
+constexpr double kLeastEndWeight = 0.25;
 
 // A directly constrained particle that let go this often in a step stays free for its rest [-].
 constexpr int kMostChanges = 4;
 
-// Residual of one chain at chain.next: inertia, springs and soft holds. Returns the largest force.
-double chain_residual(Chain& c) {
-  const double inverse = 1 / (c.b * c.b);
+// Residual of one tendon at tendon.x_new: inertia, springs and soft holds. Returns the largest force.
+double tendon_residual(Tendon& c) {
+  const double inverse = 1 / (c.h_eff * c.h_eff);
   const double* mass = c.mass.data();
   for (int k = 0; k < 3; ++k) {
-    const double *x = c.next[k], *y = c.goal[k], *tx = c.next_tail[k], *ty = c.goal_tail[k];
+    const double *x = c.x_new[k], *y = c.inertial_target[k], *tx = c.x_new_tail[k],
+                 *ty = c.inertial_target_tail[k];
     double* r = c.residual[k];
     for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i] + (tx[i] - ty[i]));
   }
   double largest = c.residual.largest();
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
-    largest = std::max(largest, evaluate(*s, c.material.law, c.next, c.next_tail, c.anchor_x, c.b));
+    largest = std::max(largest, evaluate(*s, c.material.law, c.x_new, c.x_new_tail, c.x_history, c.h_eff));
     scatter_forces(*s, c.residual);
   }
-  add_bending_forces(c, c.next);
-  add_soft_holds(c, c.next, false);
-  for (const Hold& h : c.holds) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
+  add_bending_forces(c, c.x_new);
+  add_soft_anchors(c, c.x_new, false);
+  for (const Anchor& h : c.anchors) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
   return largest;
 }
 
 }  // namespace
 
-// A row that constrains its particle directly: it starts to hold when the particle is inside, and
+// A contact that constrains its particle directly: it starts to hold when the particle is inside, and
 // lets go when it would have to pull (r is the force that the body supplies).
-bool update_direct(Group& group, Row& row) {
-  Chain& c = group.at(row.a);
-  int i = row.a.w0 != 0 ? row.a.first : row.a.first + 1;
-  if (row.held) {
-    row.normal_force = std::max(0.0, dot(c.residual.at(i), row.normal));
-    if (row.normal_force == 0) row.held = false, ++row.changes;
-    return !row.held;
+bool update_direct(Island& island, Contact& contact) {
+  Tendon& c = island.at(contact.a);
+  int i = contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
+  if (contact.held) {
+    contact.normal_force = std::max(0.0, dot(c.residual.at(i), contact.normal));
+    if (contact.normal_force == 0) contact.held = false, ++contact.changes;
+    return !contact.held;
   }
-  row.normal_force = 0;
-  if (row.gap >= 0 || row.changes >= kMostChanges) return false;
-  row.held = true;
-  c.next.add(i, (-row.gap) * row.normal);
+  contact.normal_force = 0;
+  if (contact.gap >= 0 || contact.changes >= kMostChanges) return false;
+  contact.held = true;
+  c.x_new.add(i, (-contact.gap) * contact.normal);
   return true;
 }
 
-// A row at chain.next, where its points follow what they touch.
-void evaluate(Group& group, Row& row, bool at_position, bool definite) {
-  if (group.follows && (row.kind == ContactKind::mouth || !definite)) follow(group, row);
-  row.evaluate(relative_position(group, row, &Chain::next), at_position, definite);
+// A contact at tendon.x_new, where its points follow what they touch.
+void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
+  if (island.follows && (contact.kind == ContactKind::mouth || !definite)) follow(island, contact);
+  contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
 }
 
-// True residual of the group at chain.next; what holds supply is still in it.
-Assembly residual_of(Group& group, bool at_position, bool definite) {
+// True residual of the island at tendon.x_new; what holds supply is still in it.
+Assembly residual_of(Island& island, bool at_position, bool definite) {
   Assembly a;
-  clear_loads(group), clear_pulls(group);
-  for (Chain* c : group.chains) a.scale = std::max(a.scale, chain_residual(*c));
-  for (Row* row : group.rows) {
-    evaluate(group, *row, at_position, definite);
-    if (!row->acts()) continue;
-    a.scale = std::max(a.scale, max_abs(row->total_force));
-    add_row_force(group, *row);
+  clear_loads(island), clear_pulls(island);
+  for (Tendon* c : island.tendons) a.scale = std::max(a.scale, tendon_residual(*c));
+  for (Contact* contact : island.contacts) {
+    evaluate(island, *contact, at_position, definite);
+    if (!contact->acts()) continue;
+    a.scale = std::max(a.scale, max_abs(contact->total_force));
+    add_contact_force(island, *contact);
   }
-  for (Chain* c : group.chains) read_holds(*c);
-  load_carried(group, &Chain::residual);
-  start_body_residual(group, 1);
+  for (Tendon* c : island.tendons) read_anchor_forces(*c);
+  load_carried(island, &Tendon::residual);
+  start_body_residual(island, 1);
   return a;
 }
 
-void find_acting(Group& group) {
-  group.acting.clear();
-  for (Row* row : group.rows)
-    if (row->acts()) group.acting.push_back(row);
+void find_acting(Island& island) {
+  island.acting.clear();
+  for (Contact* contact : island.contacts)
+    if (contact->acts()) island.acting.push_back(contact);
 }
 
-void foresee_contacts(Group& group) {
-  for (Row* row : group.rows) row->foresee(relative_position(group, *row, &Chain::step));
+void predict_contacts(Island& island) {
+  for (Contact* contact : island.contacts) contact->predict(relative_position(island, *contact, &Tendon::dx));
 }
 
-void carry_springs(Group& group) {
-  for (Chain* c : group.chains)
+void carry_springs(Island& island) {
+  for (Tendon* c : island.tendons)
     for (SpringSet* s : {&c->structure, &c->shear})
-      if (s->count) carry(*s, c->material.law, c->step);
+      if (s->count) carry(*s, c->material.law, c->dx);
 }
 
 // The matrix, and the residual of the linearisation in place of the true one.
-// definite_rows: the rows' blocks alone.
-void assemble(Group& group, Linearisation how, bool definite, bool definite_rows) {
-  clear_loads(group);
-  for (Chain* c : group.chains) {
-    const double inverse = 1 / (c->b * c->b), floor_force = kFloorShare * c->residual_norm;
+// definite_rows: the contacts' blocks alone.
+void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts) {
+  clear_loads(island);
+  for (Tendon* c : island.tendons) {
+    const double inverse = 1 / (c->h_eff * c->h_eff), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      linearise(*s, c->material.law, how, floor_force, c->b, definite);
+      linearise(*s, c->material.law, how, floor_force, c->h_eff, definite);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);
-    add_bending_blocks(*c, c->next, definite);
-    add_soft_holds(*c, c->next, true);
+    add_bending_blocks(*c, c->x_new, definite);
+    add_soft_anchors(*c, c->x_new, true);
   }
-  find_acting(group);
-  for (Row* row : group.acting) {
-    if (group.follows) add_lever_blocks(group, *row, definite_rows);
-    add_row_block(group, *row);
-    add_row_linearisation(group, *row);
+  find_acting(island);
+  for (Contact* contact : island.acting) {
+    if (island.follows) add_sliding_blocks(island, *contact, definite_contacts);
+    add_contact_block(island, *contact);
+    add_contact_linearisation(island, *contact);
   }
-  load_carried(group, &Chain::residual);
-  add_body_residual(group);
-  make_border(group, definite);
-  project_holds(group, &Chain::residual);
-  hold_in_matrix(group);
+  load_carried(island, &Tendon::residual);
+  add_body_residual(island);
+  make_border(island, definite);
+  project_anchors(island, &Tendon::residual);
+  fix_in_matrix(island);
 }
 
 namespace {
@@ -136,77 +137,79 @@ double worse(double a, double b) { return b > a || b != b ? b : a; }
 
 // Largest stiffness of springs at the present state [N/m]. Not the matrix's: that of a wild iteration would
 // call any residual rounding.
-double stiffness_at_hand(Chain& c) {
+double stiffness_at_hand(Tendon& c) {
   double most = 0;
   for (SpringSet* s : {&c.structure, &c.shear})
-    if (s->count) most = std::max(most, largest_stiffness(*s, c.material.law, c.b));
+    if (s->count) most = std::max(most, largest_stiffness(*s, c.material.law, c.h_eff));
   return 2 * most;
 }
 
 // The same of what is evaluated at positions without their tails.
-double stiffness_beside(const Chain& c) {
+double stiffness_beside(const Tendon& c) {
   double most = 0;
-  for (const Hold& h : c.holds)
-    if (!h.rigid) most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.b});
+  for (const Anchor& h : c.anchors)
+    if (!h.rigid)
+      most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.h_eff});
   if (c.material.bending_stiffness == 0) return 2 * most;
   const double rest = c.shortest_rest();
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
 }
 
 // Force that one rounding makes: of a coordinate, or where positions have tails, of a segment's length [N].
-double force_of_rounding(Chain& c, double contact, bool tails) {
-  const double coordinate = c.next.largest();
+double force_of_rounding(Tendon& c, double contact_stiffness, bool tails) {
+  const double coordinate = c.x_new.largest();
   const double length = tails ? largest_of(c.structure.length.data(), c.structure.count) : coordinate;
   const double springs = stiffness_at_hand(c) * std::min(length, coordinate);
-  return std::numeric_limits<double>::epsilon() * (springs + (stiffness_beside(c) + contact) * coordinate);
+  return std::numeric_limits<double>::epsilon() *
+         (springs + (stiffness_beside(c) + contact_stiffness) * coordinate);
 }
 
 }  // namespace
 
 // Residual norms, once what holds supply has been taken out.
-void measure_residual(Group& group, Assembly& a) {
-  project_holds(group, &Chain::residual);
-  for (Chain* c : group.chains) {
+void measure_residual(Island& island, Assembly& a) {
+  project_anchors(island, &Tendon::residual);
+  for (Tendon* c : island.tendons) {
     c->residual_norm = c->residual.largest();
     a.residual = worse(a.residual, c->residual_norm);
   }
-  a.of_bodies = body_residual(group);
+  a.of_bodies = body_residual(island);
   a.residual = worse(a.residual, a.of_bodies);
 }
 
-double in_roundings(Group& group, const Assembly& a, bool tails) {
-  double contact = 0, most = 0, finest = std::numeric_limits<double>::infinity();
-  for (const Row* row : group.rows)
-    if (row->normal_force > 0) contact = std::max(contact, row->stiffness);
-  for (Chain* c : group.chains) {
-    const double one = force_of_rounding(*c, contact, tails);
+double in_roundings(Island& island, const Assembly& a, bool tails) {
+  double contact_stiffness = 0, most = 0, finest = std::numeric_limits<double>::infinity();
+  for (const Contact* contact : island.contacts)
+    if (contact->normal_force > 0) contact_stiffness = std::max(contact_stiffness, contact->stiffness);
+  for (Tendon* c : island.tendons) {
+    const double one = force_of_rounding(*c, contact_stiffness, tails);
     most = worse(most, c->residual_norm / one);
     finest = std::min(finest, one);
   }
   return worse(most, a.of_bodies / finest);
 }
 
-void find_worst(Group& group) {
-  for (Chain* c : group.chains) {
+void find_worst(Island& island) {
+  for (Tendon* c : island.tendons) {
     for (int i = c->n() - 1; i >= 0; --i)
       if (!(max_abs(c->residual.at(i)) < c->residual_norm)) c->worst_particle = i;
   }
 }
 
-Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where) {
-  const Vec3 a = row.a.of(group.at(row.a).*where);
-  if (row.b.chain >= 0) return a - row.b.of(group.at(row.b).*where);
-  return row.moves && where != &Chain::x ? a - body_moved(group, row, where != &Chain::next) : a;
+Vec3 relative_position(const Island& island, const Contact& contact, Field Tendon::* where) {
+  const Vec3 a = contact.a.of(island.at(contact.a).*where);
+  if (contact.b.tendon >= 0) return a - contact.b.of(island.at(contact.b).*where);
+  return contact.moves && where != &Tendon::x ? a - body_moved(island, contact, where != &Tendon::x_new) : a;
 }
 
 namespace {
 
-void add_spot_force(Chain& c, const Spot& s, double sign, Vec3 force) {
+void add_spot_force(Tendon& c, const SegmentPoint& s, double sign, Vec3 force) {
   c.residual.add(s.first, (-sign * s.w0) * force);
   c.residual.add(s.first + 1, (-sign * s.w1) * force);
 }
 
-void add_spot_block(Chain& c, const Spot& s, const Sym3& block) {
+void add_spot_block(Tendon& c, const SegmentPoint& s, const Sym3& block) {
   c.matrix.add(s.first, (s.w0 * s.w0) * block);
   c.matrix.add(s.first + 1, (s.w1 * s.w1) * block);
   c.matrix.add_below(s.first, 1, s.w0 * s.w1, block);
@@ -214,33 +217,33 @@ void add_spot_block(Chain& c, const Spot& s, const Sym3& block) {
 
 }  // namespace
 
-void add_row_force(Group& group, const Row& row) {
-  add_spot_force(group.at(row.a), row.a, 1, row.total_force);
-  if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, row.total_force);
-  if (row.moves) load_body(group, row, row.total_force);
+void add_contact_force(Island& island, const Contact& contact) {
+  add_spot_force(island.at(contact.a), contact.a, 1, contact.total_force);
+  if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, contact.total_force);
+  if (contact.moves) load_body(island, contact, contact.total_force);
 }
 
-void add_row_linearisation(Group& group, const Row& row) {
-  const Vec3 more = row.linear_force - row.total_force;
-  add_spot_force(group.at(row.a), row.a, 1, more);
-  if (row.b.chain >= 0) add_spot_force(group.at(row.b), row.b, -1, more);
-  if (row.moves) load_body(group, row, more);
+void add_contact_linearisation(Island& island, const Contact& contact) {
+  const Vec3 more = contact.linear_force - contact.total_force;
+  add_spot_force(island.at(contact.a), contact.a, 1, more);
+  if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, more);
+  if (contact.moves) load_body(island, contact, more);
 }
 
-void add_row_block(Group& group, const Row& row) {
-  add_spot_block(group.at(row.a), row.a, row.block);
-  if (row.b.chain >= 0) add_spot_block(group.at(row.b), row.b, row.block);
+void add_contact_block(Island& island, const Contact& contact) {
+  add_spot_block(island.at(contact.a), contact.a, contact.block);
+  if (contact.b.tendon >= 0) add_spot_block(island.at(contact.b), contact.b, contact.block);
 }
 
 namespace {
 
-void ends_of(const Group& group, const Row& row, Vec3 (&x)[4]) {
-  const Field &a = group.at(row.a).next, &b = group.at(row.b).next;
-  x[0] = a.at(row.a.first), x[1] = a.at(row.a.first + 1);
-  x[2] = b.at(row.b.first), x[3] = b.at(row.b.first + 1);
+void ends_of(const Island& island, const Contact& contact, Vec3 (&x)[4]) {
+  const Field &a = island.at(contact.a).x_new, &b = island.at(contact.b).x_new;
+  x[0] = a.at(contact.a.first), x[1] = a.at(contact.a.first + 1);
+  x[2] = b.at(contact.b.first), x[3] = b.at(contact.b.first + 1);
 }
 
-void add_levers(Chain& c, int first, double share, Vec3 one, Vec3 other) {
+void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other) {
   c.matrix.add(first, share * outer(one));
   c.matrix.add(first + 1, share * outer(other));
   c.matrix.add_below(first, share, other, one);
@@ -248,94 +251,96 @@ void add_levers(Chain& c, int first, double share, Vec3 one, Vec3 other) {
 
 }  // namespace
 
-void follow(Group& group, Row& row) {
-  if (row.kind == ContactKind::mouth) {
-    const Field& x = group.at(row.a).next;
-    const Vec3 moved = row.moves ? body_moved(group, row, false) : Vec3{};
-    row.follow(x.at(row.a.first) - moved, x.at(row.a.first + 1) - moved);
-  } else if (row.b.chain >= 0) {
+void follow(Island& island, Contact& contact) {
+  if (contact.kind == ContactKind::mouth) {
+    const Field& x = island.at(contact.a).x_new;
+    const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
+    contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
+  } else if (contact.b.tendon >= 0) {
     Vec3 x[4];
-    ends_of(group, row, x);
-    const bool stayed = row.stays;
-    row.follow_pair(x, group.most_jump);
-    group.stayed |= row.stays && !stayed;
+    ends_of(island, contact, x);
+    const bool stayed = contact.stays;
+    contact.follow_pair(x, island.most_jump);
+    island.stayed |= contact.stays && !stayed;
   }
 }
 
-void add_lever_blocks(Group& group, Row& row, bool definite) {
+void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
   Vec3 x[4];
-  Chain& a = group.at(row.a);
-  const int i = row.a.first;
-  const Vec3 moved = row.moves ? body_moved(group, row, false) : Vec3{};
-  if (row.kind == ContactKind::mouth)
-    row.add_lever(a.next.at(i) - moved, a.next.at(i + 1) - moved, definite);
-  else if (row.b.chain >= 0)
-    ends_of(group, row, x), row.add_pair_levers(x, definite);
-  for (int k = 0; k < row.levers; ++k) {
-    const Vec3* l = row.lever[k];
-    add_levers(a, i, row.lever_share[k], l[0], l[1]);
-    if (row.b.chain >= 0) add_levers(group.at(row.b), row.b.first, row.lever_share[k], l[2], l[3]);
+  Tendon& a = island.at(contact.a);
+  const int i = contact.a.first;
+  const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
+  if (contact.kind == ContactKind::mouth)
+    contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
+  else if (contact.b.tendon >= 0)
+    ends_of(island, contact, x), contact.add_pair_sliding_terms(x, definite);
+  for (int k = 0; k < contact.sliding_terms; ++k) {
+    const Vec3* l = contact.sliding_term[k];
+    add_sliding_terms(a, i, contact.sliding_share[k], l[0], l[1]);
+    if (contact.b.tendon >= 0)
+      add_sliding_terms(island.at(contact.b), contact.b.first, contact.sliding_share[k], l[2], l[3]);
   }
 }
 
-void add_soft_holds(Chain& c, const Field& x, bool matrix) {
-  for (Hold& h : c.holds) {
+void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
+  for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
     if (matrix) {
-      c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.b));
+      c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.h_eff));
       continue;
     }
-    Vec3 moved = x.at(h.particle) - c.anchor_x.at(h.particle);
-    h.force = h.stiffness * (x.at(h.particle) - h.aim) + (h.viscosity / c.b) * moved;
+    Vec3 moved = x.at(h.particle) - c.x_history.at(h.particle);
+    h.force = h.stiffness * (x.at(h.particle) - h.aim) + (h.viscosity / c.h_eff) * moved;
     c.residual.add(h.particle, h.force);
   }
 }
 
-void project_holds(Group& group, Field Chain::* what) {
-  for (Chain* c : group.chains)
-    for (const Hold& h : c->holds)
+void project_anchors(Island& island, Field Tendon::* what) {
+  for (Tendon* c : island.tendons)
+    for (const Anchor& h : c->anchors)
       if (h.rigid) (c->*what).set(h.particle, Vec3{});
-  for (const Row* row : group.rows) {
-    if (!row->held) continue;
-    Field& f = group.at(row->a).*what;
-    int i = row->a.w0 != 0 ? row->a.first : row->a.first + 1;
-    f.set(i, without(f.at(i), row->normal));
+  for (const Contact* contact : island.contacts) {
+    if (!contact->held) continue;
+    Field& f = island.at(contact->a).*what;
+    int i = contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1;
+    f.set(i, without(f.at(i), contact->normal));
   }
 }
 
-void hold_in_matrix(Group& group) {
-  for (Chain* c : group.chains)
-    for (const Hold& h : c->holds)
+void fix_in_matrix(Island& island) {
+  for (Tendon* c : island.tendons)
+    for (const Anchor& h : c->anchors)
       if (h.rigid) c->matrix.hold(h.particle, identity(1));
-  for (const Row* row : group.rows)
-    if (row->held)
-      group.at(row->a).matrix.hold(row->a.w0 != 0 ? row->a.first : row->a.first + 1, outer(row->normal));
+  for (const Contact* contact : island.contacts)
+    if (contact->held)
+      island.at(contact->a)
+          .matrix.hold(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1, outer(contact->normal));
 }
 
-// That is a row whose particles are all held (or nearly so: what is free would have to move far for
+// That is a contact whose particles are all held (or nearly so: what is free would have to move far for
 // what is not), or one that a held end violates where it is taken. Where attachments are taken is for their
 // bodies, but near there.
-bool overruled(const Row& row, const Chain& c) {
-  if (row.b.chain >= 0) return false;
+bool overruled(const Contact& contact, const Tendon& c) {
+  if (contact.b.tendon >= 0) return false;
   bool any_free = false;
   for (int e : {0, 1}) {
-    const double weight = e ? row.a.w1 : row.a.w0;
+    const double weight = e ? contact.a.w1 : contact.a.w0;
     if (weight == 0) continue;
-    const Hold* hold = nullptr;
-    for (const Hold& h : c.holds)
-      if ((h.rigid || h.link >= 0) && h.particle == row.a.first + e) hold = &h;
-    any_free |= !hold && weight >= kLeastLever;
-    if (!hold) continue;
-    Row at_hold = row;
-    at_hold.evaluate(hold->aim, true);
+    const Anchor* anchor = nullptr;
+    for (const Anchor& h : c.anchors)
+      if ((h.rigid || h.link >= 0) && h.particle == contact.a.first + e) anchor = &h;
+    any_free |= !anchor && weight >= kLeastEndWeight;
+    if (!anchor) continue;
+    Contact at_hold = contact;
+    at_hold.evaluate(anchor->aim, true);
     if (at_hold.gap < 0) return true;
   }
   return !any_free;
 }
 
-void read_holds(Chain& c) {
+void read_anchor_forces(Tendon& c) {
   // The holder supplies the residual, and feels its opposite.
-  for (Hold& h : c.holds)
+  for (Anchor& h : c.anchors)
     if (h.rigid) h.force = -c.residual.at(h.particle);
 }
 

@@ -10,50 +10,50 @@ struct Assembly {
   double of_bodies = 0;  // largest of theirs
 };
 
-// A row that constrains its particle directly: it starts to hold when the particle is inside, and lets go
+// A contact that constrains its particle directly: it starts to hold when the particle is inside, and lets go
 // when it would have to pull. true: it has changed.
-bool update_direct(Group& group, Row& row);
-// A row at chain.next, its points where they are nearest. at_position: judged by where it is, not by what was
-// foreseen.
-void evaluate(Group& group, Row& row, bool at_position, bool definite);
-// True residual of the group at chain.next; what holds supply is still in it.
-Assembly residual_of(Group& group, bool at_position, bool definite);
+bool update_direct(Island& island, Contact& contact);
+// A contact at tendon.x_new, its points where they are nearest. at_position: judged by where it is, not by
+// what was foreseen.
+void evaluate(Island& island, Contact& contact, bool at_position, bool definite);
+// True residual of the island at tendon.x_new; what holds supply is still in it.
+Assembly residual_of(Island& island, bool at_position, bool definite);
 // Its norms, once what holds supply has been taken out.
-void measure_residual(Group& group, Assembly& a);
-// The rows' multipliers from the step, before it is taken.
-void foresee_contacts(Group& group);
+void measure_residual(Island& island, Assembly& a);
+// The contacts' multipliers from the step, before it is taken.
+void predict_contacts(Island& island);
 // The springs' multipliers go along with the step: the forces that the linearisation foresees.
-void carry_springs(Group& group);
-// Residual over the force of one rounding, largest of the chains [-]. tails: positions have theirs.
-double in_roundings(Group& group, const Assembly& a, bool tails);
-// The matrix, and the residual of the linearisation in place of the true one. definite_rows: the rows' blocks
-// alone.
-void assemble(Group& group, Linearisation how, bool definite, bool definite_rows);
+void carry_springs(Island& island);
+// Residual over the force of one rounding, largest of the tendons [-]. tails: positions have theirs.
+double in_roundings(Island& island, const Assembly& a, bool tails);
+// The matrix, and the residual of the linearisation in place of the true one. definite_rows: the contacts'
+// blocks alone.
+void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts);
 // The particle of every tendon with the largest residual.
-void find_worst(Group& group);
+void find_worst(Island& island);
 
-// The rows that act now, for the matrix.
-void find_acting(Group& group);
+// The contacts that act now, for the matrix.
+void find_acting(Island& island);
 
 // Pieces that the methods share.
-Vec3 relative_position(const Group& group, const Row& row, Field Chain::* where);
-void add_row_force(Group& group, const Row& row);
-// The points of a row that are nearest now, where they move along; and the rest of its block, before
+Vec3 relative_position(const Island& island, const Contact& contact, Field Tendon::* where);
+void add_contact_force(Island& island, const Contact& contact);
+// The points of a contact that are nearest now, where they move along; and the rest of its block, before
 // add_row_block.
-void follow(Group& group, Row& row);
-void add_lever_blocks(Group& group, Row& row, bool definite);
-void add_row_block(Group& group, const Row& row);
-// What the row's linearisation adds to its true force, into the residual.
-void add_row_linearisation(Group& group, const Row& row);
+void follow(Island& island, Contact& contact);
+void add_sliding_blocks(Island& island, Contact& contact, bool definite);
+void add_contact_block(Island& island, const Contact& contact);
+// What the contact's linearisation adds to its true force, into the residual.
+void add_contact_linearisation(Island& island, const Contact& contact);
 // Forces into the residual, or (matrix) stiffnesses into the matrix.
-void add_soft_holds(Chain& c, const Field& x, bool matrix);
+void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
 // Removes what holds take up from `what` (a residual or a direction).
-void project_holds(Group& group, Field Chain::* what);
+void project_anchors(Island& island, Field Tendon::* what);
 // The same for the matrices.
-void hold_in_matrix(Group& group);
-// Whether a rigid hold contradicts a row against a body, which then has no solution: the hold wins.
-bool overruled(const Row& row, const Chain& c);
+void fix_in_matrix(Island& island);
+// Whether a rigid hold contradicts a contact against a body, which then has no solution: the hold wins.
+bool overruled(const Contact& contact, const Tendon& c);
 // Force of the tendon on each holder, from residuals that holds have not been removed from yet.
-void read_holds(Chain& c);
+void read_anchor_forces(Tendon& c);
 
 }  // namespace bt

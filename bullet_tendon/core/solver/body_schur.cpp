@@ -3,11 +3,11 @@
 // With x the particles and y the unknowns of the bodies (bodies/body_response.h), what is solved is
 // stationary in both:
 //
-//   r_x = as ever (integrator/scheme.h), rows at x_a - (p + B y), attached particles at p + B y
-//   r_y = y + sum B^T (residual force of attached particles + force of the tendons' rows on the body)
+//   r_x = as ever (integrator/scheme.h), contacts at x_a - (p + B y), attached particles at p + B y
+//   r_y = y + sum B^T (residual force of attached particles + force of the tendons' contacts on the body)
 //
-// Newton's matrix is that of the tendons, A, with a border C and a corner D of one row and column by unknown
-// of the bodies, of which there are few. By the Schur complement, with factors of A only,
+// Newton's matrix is that of the tendons, A, with a border C and a corner D of one contact and column by
+// unknown of the bodies, of which there are few. By the Schur complement, with factors of A only,
 //
 //   (D - C^T A^-1 C) dy = -(r_y - C^T A^-1 r_x),     dx = -A^-1 (r_x + C dy).
 //
@@ -27,19 +27,19 @@ namespace {
 Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
 
 // s of bodies/body_response.h, of the part that is being solved for.
-double reach_of(const Group& group) { return group.reach; }
+double reach_of(const Island& island) { return island.reach; }
 
 template <class Do>
-void each_body(const Group& group, Do what) {
-  for (int m : group.bodies) what((*group.movers)[m]);
+void each_body(const Island& island, Do what) {
+  for (int m : island.bodies) what((*island.all_bodies)[m]);
 }
 
 template <class Do>
-void each_carried(Group& group, Do what) {
-  for (Chain* c : group.chains)
-    for (const Hold& h : c->holds)
+void each_carried(Island& island, Do what) {
+  for (Tendon* c : island.tendons)
+    for (const Anchor& h : c->anchors)
       if (h.moves) {
-        Link& link = (*group.links)[h.link];
+        Link& link = (*island.links)[h.link];
         what(*c, h, link, link.arm_of(h.local));
       }
 }
@@ -50,38 +50,38 @@ void add_load(Link& link, Vec3 force, Vec3 arm) {
   if (link.turned.far) link.turned.add_pull(now, force);
 }
 
-// B^T of the loads on links, added to the numbers of their movers.
+// B^T of the loads on links, added to the numbers of their bodies.
 template <class Numbers>
-void add_generalized_loads(const Group& group, Numbers numbers_of) {
-  for (int l : group.carried) {
-    const Link& link = (*group.links)[l];
-    link.add_generalized(link.reached, scaled(reach_of(group), link.load), numbers_of(link.mover));
+void add_generalized_loads(const Island& island, Numbers numbers_of) {
+  for (int l : island.carried) {
+    const Link& link = (*island.links)[l];
+    link.add_generalized(link.reached, scaled(reach_of(island), link.load), numbers_of(link.body));
   }
 }
 
 // What the bodies' steps make of the particles that they carry.
-void carry_steps(Group& group, Which steps) {
-  each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+void carry_steps(Island& island, Which steps) {
+  each_carried(island, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     (c.*steps).set(h.particle, link.stepped.at(link.now(arm)));
   });
 }
 
-void place(Group& group) {
-  for (int l : group.carried) {
-    Link& link = (*group.links)[l];
-    const Mover& m = (*group.movers)[link.mover];
-    link.given = scaled(reach_of(group), link.spin_of(m.y));
+void place(Island& island) {
+  for (int l : island.carried) {
+    Link& link = (*island.links)[l];
+    const GeneralizedBody& m = (*island.all_bodies)[link.body];
+    link.given = scaled(reach_of(island), link.spin_of(m.y));
     if (link.turned.far) link.turn(m, 1);
   }
-  each_carried(group, [](Chain& c, const Hold& h, Link& link, Vec3 arm) {
-    c.next.set(h.particle, h.aim), c.next_tail.set(h.particle, Vec3{});
+  each_carried(island, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+    c.x_new.set(h.particle, h.aim), c.x_new_tail.set(h.particle, Vec3{});
     c.move(h.particle, link.displaced(arm));
   });
 }
 
 // The last step's forces are the first guess at this one's.
-void guess(const Group& group, Mover& m) {
-  m.y.assign(m.freedom, 0.0), m.step.assign(m.freedom, 0.0), m.residual.assign(m.freedom, 0.0);
+void guess(const Island& island, GeneralizedBody& m) {
+  m.y.assign(m.freedom, 0.0), m.dy.assign(m.freedom, 0.0), m.residual.assign(m.freedom, 0.0);
   if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
   dense::Numbers all;
   dense::multiply_transposed(m.root, m.observer.forces(), all);
@@ -89,11 +89,11 @@ void guess(const Group& group, Mover& m) {
     m.y = all;
   else
     dense::multiply(m.basis, all, m.y);
-  for (double& v : m.y) v *= reach_of(group);
+  for (double& v : m.y) v *= reach_of(island);
 }
 
 // A guess that moves the body by more than a segment could turn the segment over.
-void shorten(Mover& m, double most) {
+void shorten(GeneralizedBody& m, double most) {
   const double moved = m.lever * std::sqrt(dense::dot(m.y, m.y));
   if (moved > most)
     for (double& v : m.y) v *= most / moved;
@@ -101,90 +101,90 @@ void shorten(Mover& m, double most) {
 
 }  // namespace
 
-void start_bodies(Group& group) {
-  if (group.bodies.empty()) return;
-  each_body(group, [&](Mover& m) { guess(group, m), m.lever = 0; });
+void start_bodies(Island& island) {
+  if (island.bodies.empty()) return;
+  each_body(island, [&](GeneralizedBody& m) { guess(island, m), m.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
-    double& lever = (*group.movers)[link.mover].lever;
-    lever = std::max(lever, reach_of(group) * std::sqrt(trace(link.mobility(link.centre + arm))));
+    double& lever = (*island.all_bodies)[link.body].lever;
+    lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
-  each_carried(group, [&](Chain&, const Hold&, Link& link, Vec3 arm) { reach_to(link, arm); });
-  for (const Row* row : group.rows)
-    if (row->moves) reach_to((*group.links)[row->link], row->arm);
+  each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
+  for (const Contact* contact : island.contacts)
+    if (contact->moves) reach_to((*island.links)[contact->link], contact->arm);
   double shortest = std::numeric_limits<double>::infinity();
-  for (const Chain* c : group.chains) shortest = std::min(shortest, c->shortest_rest());
-  each_body(group, [&](Mover& m) { shorten(m, shortest); });
-  place(group);
+  for (const Tendon* c : island.tendons) shortest = std::min(shortest, c->shortest_rest());
+  each_body(island, [&](GeneralizedBody& m) { shorten(m, shortest); });
+  place(island);
 }
 
-void forget_bodies(Group& group) {
-  if (group.bodies.empty()) return;
-  each_body(group, [](Mover& m) { m.y.assign(m.freedom, 0.0); });
-  place(group);
+void forget_bodies(Island& island) {
+  if (island.bodies.empty()) return;
+  each_body(island, [](GeneralizedBody& m) { m.y.assign(m.freedom, 0.0); });
+  place(island);
 }
 
-void advance_bodies(Group& group, double alpha) {
-  if (group.bodies.empty()) return;
-  each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.freedom; ++k) m.y[k] += alpha * m.step[k];
+void advance_bodies(Island& island, double alpha) {
+  if (island.bodies.empty()) return;
+  each_body(island, [&](GeneralizedBody& m) {
+    for (int k = 0; k < m.freedom; ++k) m.y[k] += alpha * m.dy[k];
   });
-  place(group);
+  place(island);
 }
 
-void move_bodies(Group& group, double share, Which x) {
-  if (group.bodies.empty()) return;
-  each_body(group, [&](Mover& m) {
-    for (int k = 0; k < m.freedom; ++k) m.step[k] = share * group.corner_side[m.first + k];
+void move_bodies(Island& island, double share, Which x) {
+  if (island.bodies.empty()) return;
+  each_body(island, [&](GeneralizedBody& m) {
+    for (int k = 0; k < m.freedom; ++k) m.dy[k] = share * island.corner_side[m.first + k];
   });
-  for (int l : group.carried) {
-    Link& link = (*group.links)[l];
-    link.stepped = scaled(reach_of(group), link.twist_of((*group.movers)[link.mover].step));
+  for (int l : island.carried) {
+    Link& link = (*island.links)[l];
+    link.stepped = scaled(reach_of(island), link.twist_of((*island.all_bodies)[link.body].dy));
   }
-  carry_steps(group, x);
+  carry_steps(island, x);
 }
 
-Vec3 torque_of(const Group& group, const Hold& h, Vec3 force) {
-  const Link& link = (*group.links)[h.link];
+Vec3 torque_of(const Island& island, const Anchor& h, Vec3 force) {
+  const Link& link = (*island.links)[h.link];
   return link.torque_of(force, link.arm_of(h.local));
 }
 
-Vec3 body_moved(const Group& group, const Row& row, bool by_step) {
-  const Link& link = (*group.links)[row.link];
-  return by_step ? link.stepped.at(link.now(row.arm)) : link.displaced(row.arm);
+Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
+  const Link& link = (*island.links)[contact.link];
+  return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced(contact.arm);
 }
 
-void clear_loads(Group& group) {
-  for (int l : group.carried) (*group.links)[l].load = {};
+void clear_loads(Island& island) {
+  for (int l : island.carried) (*island.links)[l].load = {};
 }
 
-void clear_pulls(Group& group) {
-  for (int l : group.carried) (*group.links)[l].turned.pulls = {{}, {}, {}};
+void clear_pulls(Island& island) {
+  for (int l : island.carried) (*island.links)[l].turned.pulls = {{}, {}, {}};
 }
 
-void load_body(Group& group, const Row& row, Vec3 force) {
-  add_load((*group.links)[row.link], force, row.arm);
+void load_body(Island& island, const Contact& contact, Vec3 force) {
+  add_load((*island.links)[contact.link], force, contact.arm);
 }
 
-void load_carried(Group& group, Which forces) {
-  each_carried(group, [&](Chain& c, const Hold& h, Link& link, Vec3 arm) {
+void load_carried(Island& island, Which forces) {
+  each_carried(island, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     add_load(link, (c.*forces).at(h.particle), arm);
   });
 }
 
-void start_body_residual(Group& group, double share) {
-  each_body(group, [share](Mover& m) {
+void start_body_residual(Island& island, double share) {
+  each_body(island, [share](GeneralizedBody& m) {
     for (int k = 0; k < m.freedom; ++k) m.residual[k] = share * m.y[k];
   });
-  add_body_residual(group);
+  add_body_residual(island);
 }
 
-void add_body_residual(Group& group) {
-  add_generalized_loads(group, [&](int m) -> dense::Numbers& { return (*group.movers)[m].residual; });
+void add_body_residual(Island& island) {
+  add_generalized_loads(island, [&](int m) -> dense::Numbers& { return (*island.all_bodies)[m].residual; });
 }
 
-double body_residual(const Group& group) {
+double body_residual(const Island& island) {
   double most = 0;
-  each_body(group, [&](const Mover& m) {
+  each_body(island, [&](const GeneralizedBody& m) {
     const double size = std::sqrt(dense::dot(m.residual, m.residual));
     const double force = m.lever > 0 ? size / m.lever : 0 * size;
     if (!(force <= most)) most = force;
@@ -192,9 +192,9 @@ double body_residual(const Group& group) {
   return most;
 }
 
-double body_slope(const Group& group) {
+double body_slope(const Island& island) {
   double sum = 0;
-  each_body(group, [&](const Mover& m) { sum += dense::dot(m.residual, m.step); });
+  each_body(island, [&](const GeneralizedBody& m) { sum += dense::dot(m.residual, m.dy); });
   return sum;
 }
 
@@ -237,12 +237,12 @@ BT_WITHIN inline void times(const Sym3& b, const Eight* v, Eight* out) {
 }
 
 // Of the motions of carried particles, at a spot.
-BT_WITHIN inline void moved(Panel& panel, const Spot& s, Eight* out) {
+BT_WITHIN inline void moved(Panel& panel, const SegmentPoint& s, Eight* out) {
   for (int c = 0; c < 3; ++c)
     out[c] = s.w0 * panel.moves.at(s.first)[c] + s.w1 * panel.moves.at(s.first + 1)[c];
 }
 
-BT_WITHIN inline void pull_back(Panel& panel, const Spot& s, const Eight* pull) {
+BT_WITHIN inline void pull_back(Panel& panel, const SegmentPoint& s, const Eight* pull) {
   add(panel.pulls.at(s.first), -s.w0, pull), add(panel.pulls.at(s.first + 1), -s.w1, pull);
 }
 
@@ -261,31 +261,33 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
     }
 }
 
-// A row against a body: beside the block that it has in the tendon's own matrix.
-BT_WITHIN inline void couple(const Row& row, Vec3 arm, const Border& border, Panel& panel,
+// A contact against a body: beside the block that it has in the tendon's own matrix.
+BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& border, Panel& panel,
                              LinkColumns& link) {
   Eight u[3], pull[3], back[3];
   place_at(link.twist, arm, u);
-  times(row.block, u, pull);
-  pull_back(panel, row.a, pull);
+  times(contact.block, u, pull);
+  pull_back(panel, contact.a, pull);
   if (border.carried) {
-    moved(panel, row.a, u), times(row.block, u, back);
+    moved(panel, contact.a, u), times(contact.block, u, back);
     add(pull, -1, back);
   }
   add_force(link.load, pull, arm);
 }
 
-// The same of the levers of a mouth's row: its edge moves as the ends of the segment do, the other way.
-BT_WITHIN inline void couple_levers(const Row& row, Vec3 arm, Panel& panel, LinkColumns& link) {
+// The same of the levers of a mouth's contact: its edge moves as the ends of the segment do, the other way.
+BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Panel& panel,
+                                           LinkColumns& link) {
   Eight u[3], along, at_end;
   place_at(link.twist, arm, u);
-  for (int k = 0; k < row.levers; ++k) {
-    const Vec3 ends[2] = {row.lever[k][0], row.lever[k][1]}, edge = -(ends[0] + ends[1]);
-    dot(row.lever_share[k] * edge, u, &along);
+  for (int k = 0; k < contact.sliding_terms; ++k) {
+    const Vec3 ends[2] = {contact.sliding_term[k][0], contact.sliding_term[k][1]},
+               edge = -(ends[0] + ends[1]);
+    dot(contact.sliding_share[k] * edge, u, &along);
     Eight sum = along;
     for (int e : {0, 1}) {
-      add(panel.pulls.at(row.a.first + e), &along, ends[e]);
-      dot(row.lever_share[k] * ends[e], panel.moves.at(row.a.first + e), &at_end);
+      add(panel.pulls.at(contact.a.first + e), &along, ends[e]);
+      dot(contact.sliding_share[k] * ends[e], panel.moves.at(contact.a.first + e), &at_end);
       sum += at_end;
     }
     Eight force[3] = {};
@@ -294,33 +296,35 @@ BT_WITHIN inline void couple_levers(const Row& row, Vec3 arm, Panel& panel, Link
   }
 }
 
-// A row between tendons, of which it has what is beside their bands.
-BT_WITHIN inline void couple_pair(const Row& row, Panel& a, Panel& b) {
+// A contact between tendons, of which it has what is beside their bands.
+BT_WITHIN inline void couple_pair(const Contact& contact, Panel& a, Panel& b) {
   Eight u[3], pull[3];
-  moved(b, row.b, u), times(row.block, u, pull), pull_back(a, row.a, pull);
-  moved(a, row.a, u), times(row.block, u, pull), pull_back(b, row.b, pull);
+  moved(b, contact.b, u), times(contact.block, u, pull), pull_back(a, contact.a, pull);
+  moved(a, contact.a, u), times(contact.block, u, pull), pull_back(b, contact.b, pull);
 }
 
 template <class Do>
-BT_WITHIN inline void each_carried_column(Group& group, Do what) {
-  for (size_t k = 0; k < group.chains.size(); ++k)
-    for (const Hold& h : group.chains[k]->holds)
+BT_WITHIN inline void each_carried_column(Island& island, Do what) {
+  for (size_t k = 0; k < island.tendons.size(); ++k)
+    for (const Anchor& h : island.tendons[k]->anchors)
       if (h.moves) {
-        const Link& link = (*group.links)[h.link];
-        what(*group.chains[k], group.borders[k], h, link.now(link.arm_of(h.local)));
+        const Link& link = (*island.links)[h.link];
+        what(*island.tendons[k], island.borders[k], h, link.now(link.arm_of(h.local)));
       }
 }
 
-// Where in the group a tendon is.
-Border& border_of(Group& group, const Spot& s) { return group.borders[group.place_of[s.chain]]; }
+// Where in the island a tendon is.
+Border& border_of(Island& island, const SegmentPoint& s) { return island.borders[island.place_of[s.tendon]]; }
 
-void mark(Border& border, const Chain& c, int first, int last) {
+void mark(Border& border, const Tendon& c, int first, int last) {
   first = std::max(0, first), last = std::min(c.n() - 1, last);
   for (int i = first; i <= last; ++i) border.marks[i] = 1;
   border.first = std::min(border.first, first), border.last = std::max(border.last, last);
 }
 
-void mark(Group& group, const Spot& s) { mark(border_of(group, s), group.at(s), s.first, s.first + 1); }
+void mark(Island& island, const SegmentPoint& s) {
+  mark(border_of(island, s), island.at(s), s.first, s.first + 1);
+}
 
 void list_marks(Border& border) {
   border.pulled.clear();
@@ -329,27 +333,27 @@ void list_marks(Border& border) {
 }
 
 // Which particles of every tendon the unknowns of bodies pull at.
-void find_spans(Group& group) {
-  group.borders.resize(group.chains.size());
-  group.place_of.resize(group.slots->size());
-  for (size_t k = 0; k < group.chains.size(); ++k) {
-    group.place_of[group.numbers[k]] = static_cast<int>(k);
-    Border& border = group.borders[k];
-    const int n = group.chains[k]->n();
+void find_spans(Island& island) {
+  island.borders.resize(island.tendons.size());
+  island.place_of.resize(island.slots->size());
+  for (size_t k = 0; k < island.tendons.size(); ++k) {
+    island.place_of[island.numbers[k]] = static_cast<int>(k);
+    Border& border = island.borders[k];
+    const int n = island.tendons[k]->n();
     border.marks.assign(n, 0), border.carried = false;
     border.first = n, border.last = -1;
   }
-  each_carried_column(group, [](Chain& c, Border& border, const Hold& h, Vec3) {
+  each_carried_column(island, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
     border.carried = true;
     mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
   });
-  for (const Row* row : group.acting) {
-    if (row->moves) mark(group, row->a);
-    if (row->b.chain < 0) continue;
-    if (border_of(group, row->b).carried) mark(group, row->a);
-    if (border_of(group, row->a).carried) mark(group, row->b);
+  for (const Contact* contact : island.acting) {
+    if (contact->moves) mark(island, contact->a);
+    if (contact->b.tendon < 0) continue;
+    if (border_of(island, contact->b).carried) mark(island, contact->a);
+    if (border_of(island, contact->a).carried) mark(island, contact->b);
   }
-  for (Border& border : group.borders) list_marks(border);
+  for (Border& border : island.borders) list_marks(border);
 }
 
 void start_panel(Panel& panel, int n, const Border& border) {
@@ -361,61 +365,61 @@ void start_panel(Panel& panel, int n, const Border& border) {
   panel.pulled = border.pulled, panel.moved = border.carried;
 }
 
-// Unknowns of the group from `column` on: what they make of the places of links.
-void move_links(Group& group, int column) {
-  group.of_links.resize(group.links->size());
-  for (int l : group.carried) {
-    const Link& link = (*group.links)[l];
-    const Mover& m = (*group.movers)[link.mover];
-    LinkColumns& of = group.of_links[l];
+// Unknowns of the island from `column` on: what they make of the places of links.
+void move_links(Island& island, int column) {
+  island.of_links.resize(island.links->size());
+  for (int l : island.carried) {
+    const Link& link = (*island.links)[l];
+    const GeneralizedBody& m = (*island.all_bodies)[link.body];
+    LinkColumns& of = island.of_links[l];
     of = {};
     for (int k = 0; k < m.freedom; ++k) {
       const int lane = m.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
-      for (int r = 0; r < 6; ++r) of.twist[r][lane] = group.reach * link.reached[r * m.freedom + k];
+      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.reach * link.reached[r * m.freedom + k];
     }
   }
 }
 
-BT_VECTOR void move_carried(Group& group, size_t p) {
-  each_carried_column(group, [&](Chain& c, Border& border, const Hold& h, Vec3 arm) BT_WITHIN {
+BT_VECTOR void move_carried(Island& island, size_t p) {
+  each_carried_column(island, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     Panel& panel = border.panels[p];
-    place_at(group.of_links[h.link].twist, arm, panel.moves.at(h.particle));
+    place_at(island.of_links[h.link].twist, arm, panel.moves.at(h.particle));
     move_particle(c.matrix, h.particle, panel);
   });
 }
 
-BT_VECTOR void couple_rows(Group& group, size_t p) {
-  for (const Row* row : group.acting) {
-    Border& a = border_of(group, row->a);
-    if (row->b.chain >= 0) {
-      Border& b = border_of(group, row->b);
-      if (a.carried || b.carried) couple_pair(*row, a.panels[p], b.panels[p]);
+BT_VECTOR void couple_contacts(Island& island, size_t p) {
+  for (const Contact* contact : island.acting) {
+    Border& a = border_of(island, contact->a);
+    if (contact->b.tendon >= 0) {
+      Border& b = border_of(island, contact->b);
+      if (a.carried || b.carried) couple_pair(*contact, a.panels[p], b.panels[p]);
     }
-    if (!row->moves) continue;
-    LinkColumns& link = group.of_links[row->link];
+    if (!contact->moves) continue;
+    LinkColumns& link = island.of_links[contact->link];
     if (!link.moves && !a.carried) continue;
-    const Vec3 arm = (*group.links)[row->link].now(row->arm);
-    couple(*row, arm, a, a.panels[p], link);
-    if (row->kind == ContactKind::mouth) couple_levers(*row, arm, a.panels[p], link);
+    const Vec3 arm = (*island.links)[contact->link].now(contact->arm);
+    couple(*contact, arm, a, a.panels[p], link);
+    if (contact->kind == ContactKind::mouth) couple_sliding_terms(*contact, arm, a.panels[p], link);
   }
-  each_carried_column(group, [&](Chain&, Border& border, const Hold& h, Vec3 arm) BT_WITHIN {
-    add_force(group.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
+  each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+    add_force(island.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
   });
 }
 
 // Loads on links by the unknowns from `column` on, on their own unknowns.
-BT_VECTOR void fill_corner(Group& group, int column) {
-  const int n = group.freedom, count = std::min(kLanes, n - column);
-  for (int l : group.carried) {
-    const Link& link = (*group.links)[l];
-    const Mover& m = (*group.movers)[link.mover];
+BT_VECTOR void fill_corner(Island& island, int column) {
+  const int n = island.freedom, count = std::min(kLanes, n - column);
+  for (int l : island.carried) {
+    const Link& link = (*island.links)[l];
+    const GeneralizedBody& m = (*island.all_bodies)[link.body];
     for (int i = 0; i < m.freedom; ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (group.reach * link.reached[r * m.freedom + i]) * group.of_links[l].load[r];
-      double* to = &group.corner[static_cast<size_t>(m.first + i) * n + column];
+        sum += (island.reach * link.reached[r * m.freedom + i]) * island.of_links[l].load[r];
+      double* to = &island.corner[static_cast<size_t>(m.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
   }
@@ -423,13 +427,13 @@ BT_VECTOR void fill_corner(Group& group, int column) {
 
 // What the pulls at bodies that turn far make of their torques, as they turn; definite: without what would
 // swing them farther.
-void stiffen_turned(Group& group, bool definite) {
-  const int n = group.freedom;
-  for (int l : group.carried) {
-    const Link& link = (*group.links)[l];
+void stiffen_turned(Island& island, bool definite) {
+  const int n = island.freedom;
+  for (int l : island.carried) {
+    const Link& link = (*island.links)[l];
     if (!link.turned.far) continue;
-    const Mover& m = (*group.movers)[link.mover];
-    const double reach = group.reach;
+    const GeneralizedBody& m = (*island.all_bodies)[link.body];
+    const double reach = island.reach;
     const Sym3 k =
         (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
     auto spin = [&](int i) {
@@ -437,42 +441,44 @@ void stiffen_turned(Group& group, bool definite) {
     };
     for (int i = 0; i < m.freedom; ++i)
       for (int j = 0; j < m.freedom; ++j)
-        group.corner[static_cast<size_t>(m.first + i) * n + m.first + j] += dot(spin(i), k * spin(j));
+        island.corner[static_cast<size_t>(m.first + i) * n + m.first + j] += dot(spin(i), k * spin(j));
   }
 }
 
-void project_holds(Group& group, size_t p) {
-  for (size_t k = 0; k < group.chains.size(); ++k)
-    for (const Hold& h : group.chains[k]->holds)
-      if (h.rigid) group.borders[k].panels[p].pulls.zero(h.particle, h.particle);
-  for (const Row* row : group.rows) {
-    if (!row->held) continue;
-    Eight* f = border_of(group, row->a).panels[p].pulls.at(row->a.w0 != 0 ? row->a.first : row->a.first + 1);
-    const Eight along = row->normal.x * f[0] + row->normal.y * f[1] + row->normal.z * f[2];
-    f[0] -= along * row->normal.x, f[1] -= along * row->normal.y, f[2] -= along * row->normal.z;
+void project_anchors(Island& island, size_t p) {
+  for (size_t k = 0; k < island.tendons.size(); ++k)
+    for (const Anchor& h : island.tendons[k]->anchors)
+      if (h.rigid) island.borders[k].panels[p].pulls.zero(h.particle, h.particle);
+  for (const Contact* contact : island.contacts) {
+    if (!contact->held) continue;
+    Eight* f = border_of(island, contact->a)
+                   .panels[p]
+                   .pulls.at(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1);
+    const Eight along = contact->normal.x * f[0] + contact->normal.y * f[1] + contact->normal.z * f[2];
+    f[0] -= along * contact->normal.x, f[1] -= along * contact->normal.y, f[2] -= along * contact->normal.z;
   }
 }
 
 }  // namespace
 
-void make_border(Group& group, bool definite) {
-  if (group.bodies.empty()) return;
-  const int n = group.freedom;
-  group.corner.assign(static_cast<size_t>(n) * n, 0.0);
-  for (int k = 0; k < n; ++k) group.corner[k * n + k] = 1;
-  stiffen_turned(group, definite);
-  find_spans(group);
+void make_border(Island& island, bool definite) {
+  if (island.bodies.empty()) return;
+  const int n = island.freedom;
+  island.corner.assign(static_cast<size_t>(n) * n, 0.0);
+  for (int k = 0; k < n; ++k) island.corner[k * n + k] = 1;
+  stiffen_turned(island, definite);
+  find_spans(island);
   for (size_t p = 0; p * kLanes < static_cast<size_t>(n); ++p) {
     const int column = static_cast<int>(p) * kLanes;
-    for (size_t k = 0; k < group.chains.size(); ++k) {
-      if (group.borders[k].panels.size() <= p) group.borders[k].panels.resize(p + 1);
-      start_panel(group.borders[k].panels[p], group.chains[k]->n(), group.borders[k]);
+    for (size_t k = 0; k < island.tendons.size(); ++k) {
+      if (island.borders[k].panels.size() <= p) island.borders[k].panels.resize(p + 1);
+      start_panel(island.borders[k].panels[p], island.tendons[k]->n(), island.borders[k]);
     }
-    move_links(group, column);
-    move_carried(group, p);
-    couple_rows(group, p);
-    fill_corner(group, column);
-    project_holds(group, p);
+    move_links(island, column);
+    move_carried(island, p);
+    couple_contacts(island, p);
+    fill_corner(island, column);
+    project_anchors(island, p);
   }
 }
 
@@ -483,13 +489,15 @@ namespace {
 
 int first_of(size_t panel) { return static_cast<int>(panel) * kLanes; }
 
-int count_of(const Group& group, size_t panel) { return std::min(kLanes, group.freedom - first_of(panel)); }
+int count_of(const Island& island, size_t panel) {
+  return std::min(kLanes, island.freedom - first_of(panel));
+}
 
 // C^T A^-1 C, of the columns of panel p, by the first rows of panel q.
 template <int Rows>
-BT_WITHIN inline void multiply_answers(const Group& group, size_t p, size_t q, Eight* out) {
+BT_WITHIN inline void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
   Eight sums[Rows] = {};
-  for (const Border& border : group.borders)
+  for (const Border& border : island.borders)
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) {
         const Eight pull = border.panels[q].pulls.at(i)[c], answer = border.panels[p].answers.at(i)[c];
@@ -498,18 +506,18 @@ BT_WITHIN inline void multiply_answers(const Group& group, size_t p, size_t q, E
   for (int a = 0; a < Rows; ++a) out[a] = sums[a];
 }
 
-BT_VECTOR void multiply_answers(const Group& group, size_t p, size_t q, int rows, Eight* sums) {
-  rows <= 3   ? multiply_answers<3>(group, p, q, sums)
-  : rows <= 6 ? multiply_answers<6>(group, p, q, sums)
-              : multiply_answers<kLanes>(group, p, q, sums);
+BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, int contacts, Eight* sums) {
+  contacts <= 3   ? multiply_answers<3>(island, p, q, sums)
+  : contacts <= 6 ? multiply_answers<6>(island, p, q, sums)
+                  : multiply_answers<kLanes>(island, p, q, sums);
 }
 
 // C^T x, of panel p.
-BT_VECTOR void multiply_steps(const Group& group, size_t p, Which x, Eight& sum) {
-  for (size_t k = 0; k < group.borders.size(); ++k) {
-    const Border& border = group.borders[k];
+BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& sum) {
+  for (size_t k = 0; k < island.borders.size(); ++k) {
+    const Border& border = island.borders[k];
     for (int i : border.pulled)
-      for (int c = 0; c < 3; ++c) sum += (group.chains[k]->*x)[c][i] * border.panels[p].pulls.at(i)[c];
+      for (int c = 0; c < 3; ++c) sum += (island.tendons[k]->*x)[c][i] * border.panels[p].pulls.at(i)[c];
   }
 }
 
@@ -526,47 +534,47 @@ BT_VECTOR void take_pulls(const Border& border, size_t p, const Eight& shares, F
 
 }  // namespace
 
-void take_column(Group& group, size_t p, int lane) {
-  for (size_t k = 0; k < group.chains.size(); ++k)
+void take_column(Island& island, size_t p, int lane) {
+  for (size_t k = 0; k < island.tendons.size(); ++k)
     for (int c = 0; c < 3; ++c)
-      for (int i = 0; i < group.chains[k]->n(); ++i)
-        group.chains[k]->column[c][i] = group.borders[k].panels[p].pulls.at(i)[c][lane];
+      for (int i = 0; i < island.tendons[k]->n(); ++i)
+        island.tendons[k]->column[c][i] = island.borders[k].panels[p].pulls.at(i)[c][lane];
 }
 
-void put_answer(Group& group, size_t p, int lane) {
-  for (size_t k = 0; k < group.chains.size(); ++k)
+void put_answer(Island& island, size_t p, int lane) {
+  for (size_t k = 0; k < island.tendons.size(); ++k)
     for (int c = 0; c < 3; ++c)
-      for (int i = 0; i < group.chains[k]->n(); ++i)
-        group.borders[k].panels[p].answers.at(i)[c][lane] = group.chains[k]->solved[c][i];
+      for (int i = 0; i < island.tendons[k]->n(); ++i)
+        island.borders[k].panels[p].answers.at(i)[c][lane] = island.tendons[k]->solved[c][i];
 }
 
-void take_complement(Group& group, size_t p, size_t q) {
+void take_complement(Island& island, size_t p, size_t q) {
   Eight sums[kLanes] = {};
-  multiply_answers(group, p, q, count_of(group, q), sums);
+  multiply_answers(island, p, q, count_of(island, q), sums);
   auto entry = [&](int i, int j) -> double& {
-    return group.corner[static_cast<size_t>(i) * group.freedom + j];
+    return island.corner[static_cast<size_t>(i) * island.freedom + j];
   };
-  for (int a = 0; a < count_of(group, q); ++a)
-    for (int j = 0; j < count_of(group, p); ++j) {
-      const int row = first_of(q) + a, column = first_of(p) + j;
-      entry(row, column) -= sums[a][j];
-      if (p != q) entry(column, row) = entry(row, column);
+  for (int a = 0; a < count_of(island, q); ++a)
+    for (int j = 0; j < count_of(island, p); ++j) {
+      const int contact = first_of(q) + a, column = first_of(p) + j;
+      entry(contact, column) -= sums[a][j];
+      if (p != q) entry(column, contact) = entry(contact, column);
     }
 }
 
-void take_steps(Group& group, size_t p, Which x) {
+void take_steps(Island& island, size_t p, Which x) {
   Eight sum{};
-  multiply_steps(group, p, x, sum);
-  for (int j = 0; j < count_of(group, p); ++j) group.corner_side[first_of(p) + j] -= sum[j];
+  multiply_steps(island, p, x, sum);
+  for (int j = 0; j < count_of(island, p); ++j) island.corner_side[first_of(p) + j] -= sum[j];
 }
 
-void answer_bodies(Group& group, Which b) {
-  if (b != &Chain::column) combine(group, 1, b, 0, &Chain::column);
-  for (size_t p = 0; first_of(p) < group.freedom; ++p) {
+void answer_bodies(Island& island, Which b) {
+  if (b != &Tendon::column) combine(island, 1, b, 0, &Tendon::column);
+  for (size_t p = 0; first_of(p) < island.freedom; ++p) {
     Eight shares{};
-    for (int j = 0; j < count_of(group, p); ++j) shares[j] = group.corner_side[first_of(p) + j];
-    for (size_t k = 0; k < group.chains.size(); ++k)
-      take_pulls(group.borders[k], p, shares, group.chains[k]->column);
+    for (int j = 0; j < count_of(island, p); ++j) shares[j] = island.corner_side[first_of(p) + j];
+    for (size_t k = 0; k < island.tendons.size(); ++k)
+      take_pulls(island.borders[k], p, shares, island.tendons[k]->column);
   }
 }
 

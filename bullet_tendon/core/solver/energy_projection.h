@@ -5,6 +5,6 @@
 namespace bt {
 
 // Takes energy that a solution made out of nothing from its velocities.
-void keep_passive(Group& group);
+void project_energy(Island& island);
 
 }  // namespace bt

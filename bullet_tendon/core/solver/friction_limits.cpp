@@ -33,40 +33,42 @@ constexpr int kLimitSolutions = 8;
 using Numbers = dense::Numbers;
 
 // Those about whose force two iterations agree, and w_0.
-void find_sliding(const Group& group, std::vector<Row*>& rows, Numbers& changes) {
-  for (Row* row : group.acting) {
-    if (row->direct || !row->sliding || row->friction <= 0 || row->limit <= 0) continue;
-    const double force = row->force_after(relative_position(group, *row, &Chain::step));
-    if (!row->agrees(force)) continue;
-    rows.push_back(row), changes.push_back(row->friction * force - row->limit);
+void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
+  for (Contact* contact : island.acting) {
+    if (contact->direct || !contact->sliding || contact->friction <= 0 || contact->limit <= 0) continue;
+    const double force = contact->force_after(relative_position(island, *contact, &Tendon::dx));
+    if (!contact->agrees(force)) continue;
+    contacts.push_back(contact), changes.push_back(contact->friction * force - contact->limit);
   }
 }
 
-// What these changes of limits make of the step, to chain.solved (of opposite sign).
-void answer(Group& group, const Options& o, const std::vector<Row*>& rows, const Numbers& w) {
-  for (Chain* c : group.chains) c->column.zero();
-  clear_loads(group);
-  for (size_t i = 0; i < rows.size(); ++i) {
-    const Row& row = *rows[i];
-    const Vec3 force = (-w[i] / norm(row.raw)) * row.raw;
-    pull_back(group.at(row.a).column, row.a, force);
-    if (row.b.chain >= 0) pull_back(group.at(row.b).column, row.b, -1.0 * force);
-    if (row.moves) load_body(group, row, force);
+// What these changes of limits make of the step, to tendon.solved (of opposite sign).
+void answer(Island& island, const Options& o, const std::vector<Contact*>& contacts, const Numbers& w) {
+  for (Tendon* c : island.tendons) c->column.zero();
+  clear_loads(island);
+  for (size_t i = 0; i < contacts.size(); ++i) {
+    const Contact& contact = *contacts[i];
+    const Vec3 force = (-w[i] / norm(contact.raw)) * contact.raw;
+    pull_back(island.at(contact.a).column, contact.a, force);
+    if (contact.b.tendon >= 0) pull_back(island.at(contact.b).column, contact.b, -1.0 * force);
+    if (contact.moves) load_body(island, contact, force);
   }
-  load_carried(group, &Chain::column);
-  start_body_residual(group, 0);
-  project_holds(group, &Chain::column);
-  solve_again(group, o, &Chain::column, &Chain::solved);
-  move_bodies(group, 1, &Chain::solved);
+  load_carried(island, &Tendon::column);
+  start_body_residual(island, 0);
+  project_anchors(island, &Tendon::column);
+  solve_again(island, o, &Tendon::column, &Tendon::solved);
+  move_bodies(island, 1, &Tendon::solved);
 }
 
 // q = w - G w.
-void apply(Group& group, const Options& o, const std::vector<Row*>& rows, const Numbers& w, Numbers& q) {
-  answer(group, o, rows, w);
+void apply(Island& island, const Options& o, const std::vector<Contact*>& contacts, const Numbers& w,
+           Numbers& q) {
+  answer(island, o, contacts, w);
   q = w;
-  for (size_t i = 0; i < rows.size(); ++i) {
-    const Row& row = *rows[i];
-    q[i] -= row.friction * row.stiffness * dot(row.normal, relative_position(group, row, &Chain::solved));
+  for (size_t i = 0; i < contacts.size(); ++i) {
+    const Contact& contact = *contacts[i];
+    q[i] -= contact.friction * contact.stiffness *
+            dot(contact.normal, relative_position(island, contact, &Tendon::solved));
   }
 }
 
@@ -75,13 +77,13 @@ void add(Numbers& to, double share, const Numbers& what) {
 }
 
 // w, from the residual w_0 of w = 0.
-Numbers solve(Group& group, const Options& o, const std::vector<Row*>& rows, Numbers residual) {
+Numbers solve(Island& island, const Options& o, const std::vector<Contact*>& contacts, Numbers residual) {
   const double enough = kLimitAccuracy * kLimitAccuracy * dense::dot(residual, residual);
-  Numbers w(rows.size(), 0.0);
+  Numbers w(contacts.size(), 0.0);
   std::vector<Numbers> ps, qs;  // directions, and what they make of the residual, of length one
   for (int k = 0; k < kLimitSolutions && dense::dot(residual, residual) > enough; ++k) {
     Numbers p = residual, q;
-    apply(group, o, rows, p, q);
+    apply(island, o, contacts, p, q);
     for (size_t j = 0; j < ps.size(); ++j) {
       const double share = -dense::dot(q, qs[j]);
       add(q, share, qs[j]), add(p, share, ps[j]);
@@ -99,17 +101,17 @@ Numbers solve(Group& group, const Options& o, const std::vector<Row*>& rows, Num
 
 }  // namespace
 
-void solve_limits(Group& group, const StepContext& context, double enough) {
-  std::vector<Row*> rows;
+void solve_limits(Island& island, const StepContext& context, double enough) {
+  std::vector<Contact*> contacts;
   Numbers changes;
-  find_sliding(group, rows, changes);
+  find_sliding(island, contacts, changes);
   if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > enough)) return;
-  const Numbers of_bodies = group.bodies.empty() ? Numbers{} : group.corner_side;
-  const Numbers w = solve(group, context.options, rows, changes);
-  answer(group, context.options, rows, w);
-  combine(group, -1, &Chain::solved, 1, &Chain::step);
-  if (!group.bodies.empty()) add(group.corner_side, 1, of_bodies);
-  move_bodies(group, -1, &Chain::step);
+  const Numbers of_bodies = island.bodies.empty() ? Numbers{} : island.corner_side;
+  const Numbers w = solve(island, context.options, contacts, changes);
+  answer(island, context.options, contacts, w);
+  combine(island, -1, &Tendon::solved, 1, &Tendon::dx);
+  if (!island.bodies.empty()) add(island.corner_side, 1, of_bodies);
+  move_bodies(island, -1, &Tendon::dx);
 }
 
 }  // namespace bt

@@ -10,8 +10,8 @@ namespace bt {
 // for what the next iteration changes.
 constexpr double kLimitAccuracy = 0.03;
 
-// What friction limits that go with the step make of chain.step, where they change by more than `enough` [N]
+// What friction limits that go with the step make of tendon.dx, where they change by more than `enough` [N]
 // (solver/friction_limits.cpp).
-void solve_limits(Group& group, const StepContext& context, double enough);
+void solve_limits(Island& island, const StepContext& context, double enough);
 
 }  // namespace bt

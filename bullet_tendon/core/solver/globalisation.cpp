@@ -18,17 +18,17 @@ namespace {
 // slides is off by as much, and rounding decides by how much.
 constexpr double kFrictionAccuracy = 1e-6;
 
-double slope_along(Group& group) {
-  double sum = body_slope(group);
-  for (Chain* c : group.chains) sum += inner(c->residual, c->step);
+double slope_along(Island& island) {
+  double sum = body_slope(island);
+  for (Tendon* c : island.tendons) sum += inner(c->residual, c->dx);
   return sum;
 }
 
-BT_VECTOR void advance_particles(Chain& c, double alpha) {
+BT_VECTOR void advance_particles(Tendon& c, double alpha) {
   const int n = c.n();
   for (int k = 0; k < 3; ++k) {
-    double *x = c.next[k], *tail = c.next_tail[k];
-    const double* d = c.step[k];
+    double *x = c.x_new[k], *tail = c.x_new_tail[k];
+    const double* d = c.dx[k];
 #pragma GCC ivdep
     for (int i = 0; i < n; ++i) {
       double at = x[i], rest = tail[i];
@@ -40,29 +40,29 @@ BT_VECTOR void advance_particles(Chain& c, double alpha) {
 
 }  // namespace
 
-void advance(Group& group, double alpha) {
-  for (Chain* c : group.chains) advance_particles(*c, alpha);
-  advance_bodies(group, alpha);
+void advance(Island& island, double alpha) {
+  for (Tendon* c : island.tendons) advance_particles(*c, alpha);
+  advance_bodies(island, alpha);
 }
 
-void halve_step(Group& group) {
-  for (Chain* c : group.chains)
+void halve_step(Island& island) {
+  for (Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i) c->step[k][i] *= 0.5;
-  for (double& y : group.corner_side) y *= 0.5;
-  move_bodies(group, -1, &Chain::step);
+      for (int i = 0; i < c->n(); ++i) c->dx[k][i] *= 0.5;
+  for (double& y : island.corner_side) y *= 0.5;
+  move_bodies(island, -1, &Tendon::dx);
 }
 
 // Regula falsi on the slope; no potential needed, so no cancellation.
-void line_search(Group& group) {
-  const double start = slope_along(group);
+void line_search(Island& island) {
+  const double start = slope_along(island);
   double at = 0, lo = 0, hi = 0, alpha = 1, slope_lo = start, slope_hi = 0;
   for (int trial = 0; trial < 24; ++trial) {
-    advance(group, alpha - at);
+    advance(island, alpha - at);
     at = alpha;
-    Assembly a = residual_of(group, true, true);
-    measure_residual(group, a);
-    double slope = slope_along(group);
+    Assembly a = residual_of(island, true, true);
+    measure_residual(island, a);
+    double slope = slope_along(island);
     bool finite = std::isfinite(slope);
     if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
     if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
@@ -77,13 +77,13 @@ void line_search(Group& group) {
   }
 }
 
-void restart_from_now(Group& group) {
-  for (Chain* c : group.chains) {
-    c->next = c->x, c->next_tail.zero();
-    for (const Hold& h : c->holds)
-      if (h.rigid) c->next.set(h.particle, h.aim);
+void restart_from_now(Island& island) {
+  for (Tendon* c : island.tendons) {
+    c->x_new = c->x, c->x_new_tail.zero();
+    for (const Anchor& h : c->anchors)
+      if (h.rigid) c->x_new.set(h.particle, h.aim);
   }
-  forget_bodies(group);
+  forget_bodies(island);
 }
 
 namespace {
@@ -91,30 +91,30 @@ namespace {
 // What follows a solution, between the rounds of Newton's method.
 
 // true: some friction limit moved by more than `enough`.
-bool update_friction(Group& group, double enough) {
+bool update_friction(Island& island, double enough) {
   bool moved = false;
-  for (Row* row : group.rows) {
-    if (row->friction <= 0) continue;
-    double limit = row->friction * row->normal_force;
-    moved |= std::fabs(limit - row->limit) > std::max(enough, kFrictionAccuracy * limit);
-    row->limit_friction(limit);
+  for (Contact* contact : island.contacts) {
+    if (contact->friction <= 0) continue;
+    double limit = contact->friction * contact->normal_force;
+    moved |= std::fabs(limit - contact->limit) > std::max(enough, kFrictionAccuracy * limit);
+    contact->limit_friction(limit);
   }
   return moved;
 }
 
 // true: some contact was too deep, and has been made stiffer.
-bool stiffen(Group& group) {
+bool stiffen(Island& island) {
   bool any = false;
-  for (Row* row : group.rows) any |= row->stiffen();
+  for (Contact* contact : island.contacts) any |= contact->stiffen();
   return any;
 }
 
 }  // namespace
 
-bool Rounds::next(Group& group, int iteration, double enough) {
-  const bool slid = update_friction(group, enough);
-  const bool missed = add_missed(group);
-  const bool deep = stiffen(group);
+bool Rounds::next(Island& island, int iteration, double enough) {
+  const bool slid = update_friction(island, enough);
+  const bool missed = add_missed(island);
+  const bool deep = stiffen(island);
   if (!slid && !missed && !deep) return false;
   ++count_, begun_ = iteration, fresh_ = true;
   return true;

@@ -38,9 +38,9 @@ constexpr double kNextRound = 0.5;
 
 class Progress {
  public:
-  explicit Progress(size_t rows)
-      : patience_(std::min(kMostPatience, kMixedIterations + static_cast<int>(rows) / kContactsAnIteration)) {
-  }
+  explicit Progress(size_t contacts)
+      : patience_(
+            std::min(kMostPatience, kMixedIterations + static_cast<int>(contacts) / kContactsAnIteration)) {}
 
   // After an iteration that left this residual. true: patience is at an end.
   bool stalled(double residual) {
@@ -83,7 +83,7 @@ class Rounds {
   void settle() { loose_ = 0; }
   // What follows the solution follows it, where that changes forces by more than `enough` [N].
   // true: it did, and the next round begins.
-  bool next(Group& group, int iteration, double enough);
+  bool next(Island& island, int iteration, double enough);
 
  private:
   int count_ = 0, begun_ = 0;
@@ -92,12 +92,12 @@ class Rounds {
 };
 
 // Ways to go on (solver/globalisation.cpp): by that share of the step.
-void advance(Group& group, double alpha);
+void advance(Island& island, double alpha);
 // Half the step: sets of contacts that follow each other in a circle, or get nowhere, are left by that.
-void halve_step(Group& group);
+void halve_step(Island& island);
 // Along a direction of descent, to where the slope of the step's potential has at least halved.
-void line_search(Group& group);
+void line_search(Island& island);
 // From the state that is known to be finite.
-void restart_from_now(Group& group);
+void restart_from_now(Island& island);
 
 }  // namespace bt

@@ -16,43 +16,43 @@ constexpr double kRunaway = 1e12;
 // The mean over the step of a force whose value at its end is known: what the momentum of the tendon
 // changed by. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last one and
 // b/dt of F, which are one together.
-Vec3 step_mean(const Chain& c, const StepContext& context, Vec3 last_mean, Vec3 force) {
-  const double share = c.b / context.dt;
+Vec3 step_mean(const Tendon& c, const StepContext& context, Vec3 last_mean, Vec3 force) {
+  const double share = c.h_eff / context.dt;
   return share < 1 ? (1 - share) * last_mean + share * force : force;
 }
 
 // Finite, and not so far away that lengths could no longer be told from rounding.
-bool is_sane(const Chain& c, const StepContext& context) {
+bool is_sane(const Tendon& c, const StepContext& context) {
   // Explicit Euler leaves its velocities in `step`: where they lead is the next step's matter.
   const bool ahead = context.options.integrator == Integrator::explicit_euler;
   double length = 0;
   for (double l : c.rest) length += l;
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < c.n(); ++i)
-      if (!(std::fabs(c.next[k][i] - c.x[k][i]) <= kRunaway * length) ||
-          (ahead && !(context.dt * std::fabs(c.step[k][i]) <= kRunaway * length)))
+      if (!(std::fabs(c.x_new[k][i] - c.x[k][i]) <= kRunaway * length) ||
+          (ahead && !(context.dt * std::fabs(c.dx[k][i]) <= kRunaway * length)))
         return false;
   return true;
 }
 
 }  // namespace
 
-void solve(Group& group, const StepContext& context) {
-  for (Chain* c : group.chains) c->braked = false;
+void solve(Island& island, const StepContext& context) {
+  for (Tendon* c : island.tendons) c->braked = false;
   if (context.options.integrator == Integrator::explicit_euler)
-    explicit_euler(group, context);
+    explicit_euler(island, context);
   else if (context.options.iteration == Iteration::single)
-    single_linearisation(group, context);
+    single_linearisation(island, context);
   else
-    converged_step(group, context);
-  for (Row* row : group.rows)
-    row->mean_force = step_mean(group.at(row->a), context, row->last_mean, row->total_force);
-  for (Chain* c : group.chains)
-    for (Hold& h : c->holds) {
+    converged_step(island, context);
+  for (Contact* contact : island.contacts)
+    contact->mean_force = step_mean(island.at(contact->a), context, contact->last_mean, contact->total_force);
+  for (Tendon* c : island.tendons)
+    for (Anchor& h : c->anchors) {
       h.mean_force = step_mean(*c, context, h.last_mean, h.force);
-      if (h.link >= 0) h.mean_torque = torque_of(group, h, h.mean_force);
+      if (h.link >= 0) h.mean_torque = torque_of(island, h, h.mean_force);
     }
-  for (Chain* c : group.chains) group.finite &= is_sane(*c, context);
+  for (Tendon* c : island.tendons) island.finite &= is_sane(*c, context);
 }
 
 }  // namespace bt

@@ -5,10 +5,10 @@
 
 namespace bt {
 
-// One step by the method of the options; fills chain.next and the forces of holds and rows.
-void solve(Group& group, const StepContext& context);
+// One step by the method of the options; fills tendon.x_new and the forces of holds and contacts.
+void solve(Island& island, const StepContext& context);
 
 // Implicit, converged.
-void converged_step(Group& group, const StepContext& context);
+void converged_step(Island& island, const StepContext& context);
 
 }  // namespace bt

@@ -4,8 +4,8 @@
 
 namespace bt {
 
-// Contacts that the solution leaves nearer than their rows meant, because their nearest points have
-// moved along, get one more row each beside the first (which holds what it held). true: some did.
-bool add_missed(Group& group);
+// Contacts that the solution leaves nearer than their contacts meant, because their nearest points have
+// moved along, get one more contact each beside the first (which holds what it held). true: some did.
+bool add_missed(Island& island);
 
 }  // namespace bt

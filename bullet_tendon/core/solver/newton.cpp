@@ -29,7 +29,8 @@ constexpr double kLost = 0.5;
 
 // Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
 // of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
-// Larger: more iterations until they do. Smaller: more pairs do, and get rows at their other points besides.
+// Larger: more iterations until they do. Smaller: more pairs do, and get contacts at their other points
+// besides.
 constexpr double kMostJump = 0.02;
 constexpr double kLessJump = 0.25;
 
@@ -50,7 +51,7 @@ enum class Next { step, iterate, stop };
 
 // One solution on its way.
 struct Solution {
-  Group& group;
+  Island& island;
   const StepContext& context;
   bool safeguarded;      // may be
   bool safe = false;     // is safeguarded
@@ -65,50 +66,51 @@ struct Solution {
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
-  void start_anew() { progress = Progress(group.rows.size()), last_residual = kNone; }
+  void start_anew() { progress = Progress(island.contacts.size()), last_residual = kNone; }
 };
 
-bool touches(const Group& group) { return !group.acting.empty(); }
+bool touches(const Island& island) { return !island.acting.empty(); }
 
-bool any_strays(const Group& group) {
-  return std::any_of(group.chains.begin(), group.chains.end(), [](const Chain* c) { return strays(*c); });
+bool any_left_predicted_region(const Island& island) {
+  return std::any_of(island.tendons.begin(), island.tendons.end(),
+                     [](const Tendon* c) { return leaves_predicted_region(*c); });
 }
 
 // Iterates so far off that rounding would excuse any residual.
-bool ran_away(const Group& group) {
-  for (const Chain* c : group.chains)
+bool ran_away(const Island& island) {
+  for (const Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k) {
-      const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->goal[k], c->n()));
+      const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->inertial_target[k], c->n()));
       const double length = c->rest_length();
-      if (!(largest_of(c->next[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
+      if (!(largest_of(c->x_new[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
     }
   return false;
 }
 
 // Within a few roundings, what does not shrink any more is rounding.
-bool is_rounding(Group& group, const Assembly& a, double last_residual, bool tails) {
+bool is_rounding(Island& island, const Assembly& a, double last_residual, bool tails) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
-  return in_roundings(group, a, tails) <= most && !ran_away(group);
+  return in_roundings(island, a, tails) <= most && !ran_away(island);
 }
 
-Solution begin(Group& group, const StepContext& context, bool safeguarded) {
-  group.most_jump = kNone, group.stayed = group.strays = false;
-  for (Row* row : group.rows) {
-    row->held = false, row->changes = 0;
-    row->stays &= context.goes_on;
+Solution begin(Island& island, const StepContext& context, bool safeguarded) {
+  island.most_jump = kNone, island.stayed = island.left_predicted_region = false;
+  for (Contact* contact : island.contacts) {
+    contact->held = false, contact->changes = 0;
+    contact->stays &= context.warm;
   }
-  start_bodies(group);
-  group.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of rows only
-  Solution s{group, context, safeguarded};
-  s.far = !context.goes_on;
+  start_bodies(island);
+  island.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
+  Solution s{island, context, safeguarded};
+  s.far = !context.warm;
   s.start_anew();
   return s;
 }
 
-bool update_directs(Group& group) {
+bool update_directs(Island& island) {
   bool changed = false;
-  for (Row* row : group.rows)
-    if (row->direct) changed |= update_direct(group, *row);
+  for (Contact* contact : island.contacts)
+    if (contact->direct) changed |= update_direct(island, *contact);
   return changed;
 }
 
@@ -118,59 +120,59 @@ void note_distance(Solution& s, const Assembly& a) {
   s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
   s.turns |= s.far;  // a guess that was near is corrected along lines
   s.lost += s.far && !was_far;
-  s.group.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
+  s.island.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
 }
 
 // The residual, and whether it is small enough.
 Assembly judge(Solution& s) {
-  Group& group = s.group;
-  Assembly a = residual_of(group, s.safe, s.safe || s.far);
-  s.changed = update_directs(group);
-  measure_residual(group, a);
-  group.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
+  Island& island = s.island;
+  Assembly a = residual_of(island, s.safe, s.safe || s.far);
+  s.changed = update_directs(island);
+  measure_residual(island, a);
+  island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // What rests is where its rounded positions leave it.
-  const bool tails = s.iteration > 0 || s.context.goes_on;
+  const bool tails = s.iteration > 0 || s.context.warm;
   const bool enough =
-      a.residual <= s.options().tolerance * a.scale || is_rounding(group, a, s.last_residual, tails);
-  group.converged = !s.changed && enough;
+      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, tails);
+  island.converged = !s.changed && enough;
   s.last_residual = a.residual;
   note_distance(s, a);
-  s.rounds.note_start(group.residual);
+  s.rounds.note_start(island.residual);
   return a;
 }
 
 // Where the solution, or a round of it, is at its end.
 Next end_round(Solution& s, const Assembly& a) {
-  Group& group = s.group;
+  Island& island = s.island;
   const bool settled = s.safe || s.far || s.changed || s.rounds.over();
-  if (!group.converged && (settled || !s.rounds.near_end(s.iteration, group.residual))) return Next::step;
+  if (!island.converged && (settled || !s.rounds.near_end(s.iteration, island.residual))) return Next::step;
   if (s.rounds.over()) return Next::stop;
-  if (s.rounds.next(group, s.iteration, s.options().tolerance * a.scale)) {
+  if (s.rounds.next(island, s.iteration, s.options().tolerance * a.scale)) {
     s.start_anew();
     return Next::iterate;
   }
-  if (group.converged) return Next::stop;
-  group.strays = s.context.may_look && touches(group) && any_strays(group);
+  if (island.converged) return Next::stop;
+  island.left_predicted_region = s.context.may_look && touches(island) && any_left_predicted_region(island);
   s.rounds.settle();
-  return group.strays ? Next::stop : Next::step;
+  return island.left_predicted_region ? Next::stop : Next::step;
 }
 
 // The guess was useless, or iterations get nowhere: with the safeguard from now on.
 Next guard(Solution& s, bool anew) {
   if (s.safe || !s.safeguarded) return Next::stop;
   s.safe = true;
-  if (anew) restart_from_now(s.group);
+  if (anew) restart_from_now(s.island);
   return Next::iterate;
 }
 
 Next watch(Solution& s, const Assembly& a) {
-  Group& group = s.group;
+  Island& island = s.island;
   if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
   if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
   const bool finite = std::isfinite(a.residual);
   if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
-  if (group.stayed && add_missed(group)) {
-    group.stayed = false, s.start_anew();
+  if (island.stayed && add_missed(island)) {
+    island.stayed = false, s.start_anew();
     return Next::iterate;
   }
   s.circles = !s.safe && s.progress.circles(a.residual);
@@ -182,56 +184,57 @@ double least_change(const Solution& s, const Assembly& a) {
   return kLimitAccuracy * s.options().tolerance * a.scale;
 }
 
-// The next step of the particles and bodies, in chain.step.
+// The next step of the particles and bodies, in tendon.dx.
 Next find_step(Solution& s, const Assembly& a) {
-  Group& group = s.group;
+  Island& island = s.island;
   const Linearisation how = s.safe ? Linearisation::position : Linearisation::multiplier;
   // As exact as this iteration can make use of.
-  group.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
-  assemble(group, how, s.safe, s.safe || s.far);
-  if (solve_linear(group, s.context, s.safe)) {
-    if (!s.safe && !s.far) solve_limits(group, s.context, least_change(s, a));
+  island.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
+  assemble(island, how, s.safe, s.safe || s.far);
+  if (solve_linear(island, s.context, s.safe)) {
+    if (!s.safe && !s.far) solve_limits(island, s.context, least_change(s, a));
     return Next::step;
   }
   // Indefinite: once more, with compression cut off.
-  residual_of(group, s.safe, true);
-  assemble(group, how, true, true);
-  return solve_linear(group, s.context, true) ? Next::step : guard(s, true);
+  residual_of(island, s.safe, true);
+  assemble(island, how, true, true);
+  return solve_linear(island, s.context, true) ? Next::step : guard(s, true);
 }
 
 // Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
 // odds, not yet.
 void settle_limits(Solution& s) {
-  for (Row* row : s.group.acting)
-    if (row->agrees(row->multiplier)) row->settle_friction();
+  for (Contact* contact : s.island.acting)
+    if (contact->agrees(contact->lambda_predicted)) contact->settle_friction();
 }
 
 void take_step(Solution& s) {
-  Group& group = s.group;
-  if (s.circles) halve_step(group), s.last_residual = kNone;
-  if (s.safe) return line_search(group);
-  carry_springs(group);
-  foresee_contacts(group);
+  Island& island = s.island;
+  if (s.circles) halve_step(island), s.last_residual = kNone;
+  if (s.safe) return line_search(island);
+  carry_springs(island);
+  predict_contacts(island);
   settle_limits(s);
-  advance(group, 1);
+  advance(island, 1);
   // Contacts are stiff across the tendon: there it matters more where particles are than how long segments
   // are.
-  if (!s.turns || touches(group)) return;
-  for (Chain* c : group.chains) keep_lengths(*c);
+  if (!s.turns || touches(island)) return;
+  for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
 void end(Solution& s) {
-  Group& group = s.group;
-  for (Row* row : group.rows)
-    if (row->held) row->total_force += row->normal_force * row->normal;  // what the constraint supplied
-  find_worst(group);
-  group.iterations += s.iteration;
+  Island& island = s.island;
+  for (Contact* contact : island.contacts)
+    if (contact->held)
+      contact->total_force += contact->normal_force * contact->normal;  // what the constraint supplied
+  find_worst(island);
+  island.iterations += s.iteration;
 }
 
 }  // namespace
 
-void newton(Group& group, const StepContext& context, bool safeguarded) {
-  Solution s = begin(group, context, safeguarded);
+void newton(Island& island, const StepContext& context, bool safeguarded) {
+  Solution s = begin(island, context, safeguarded);
   for (;; ++s.iteration) {
     const Assembly a = judge(s);
     Next next = end_round(s, a);
@@ -240,8 +243,8 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
     if (next == Next::stop) break;
     if (next == Next::step) take_step(s);
   }
-  if (context.budget->exhausted() && !std::isfinite(group.residual)) {
-    restart_from_now(group);
+  if (context.budget->exhausted() && !std::isfinite(island.residual)) {
+    restart_from_now(island);
     judge(s);
   }
   end(s);
@@ -249,17 +252,17 @@ void newton(Group& group, const StepContext& context, bool safeguarded) {
 
 namespace {
 
-bool by_euler(const Group& group, const StepContext& context) {
-  return std::all_of(group.chains.begin(), group.chains.end(),
-                     [&](const Chain* c) { return c->b == context.dt; });
+bool by_euler(const Island& island, const StepContext& context) {
+  return std::all_of(island.tendons.begin(), island.tendons.end(),
+                     [&](const Tendon* c) { return c->h_eff == context.dt; });
 }
 
 }  // namespace
 
-void converged_step(Group& group, const StepContext& context) {
-  newton(group, context, !context.may_halve);
-  if (!group.strays && (group.converged || !context.may_halve) && by_euler(group, context))
-    keep_passive(group);
+void converged_step(Island& island, const StepContext& context) {
+  newton(island, context, !context.may_halve);
+  if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
+    project_energy(island);
 }
 
 }  // namespace bt

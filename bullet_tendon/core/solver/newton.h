@@ -5,7 +5,7 @@
 
 namespace bt {
 
-// One Newton solution at chain.next; the safeguard is used only if asked for.
-void newton(Group& group, const StepContext& context, bool safeguarded);
+// One Newton solution at tendon.x_new; the safeguard is used only if asked for.
+void newton(Island& island, const StepContext& context, bool safeguarded);
 
 }  // namespace bt

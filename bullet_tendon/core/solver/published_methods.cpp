@@ -13,9 +13,9 @@ namespace bt {
 
 namespace {
 
-// chain.residual = minus all forces but those of holds and contacts, at (x, v), with damping forces
+// tendon.residual = minus all forces but those of holds and contacts, at (x, v), with damping forces
 // times `damping_share`; matrix: their blocks.
-void forces_now(Chain& c, const StepContext& context, bool matrix, double damping_share) {
+void forces_now(Tendon& c, const StepContext& context, bool matrix, double damping_share) {
   if (matrix) c.matrix.zero();
   for (int k = 0; k < 3; ++k) {
     const double g = k == 0 ? context.gravity.x : k == 1 ? context.gravity.y : context.gravity.z;
@@ -31,27 +31,27 @@ void forces_now(Chain& c, const StepContext& context, bool matrix, double dampin
   if (matrix) add_bending_blocks(c, c.x, true);
 }
 
-void rows_now(Group& group, bool matrix) {
-  for (Row* row : group.rows) {
-    row->direct = false;
-    const Vec3 relative = relative_position(group, *row, &Chain::x);
-    row->limit = 0;
-    row->evaluate(relative, true);  // for the normal force, which limits friction
-    row->limit = row->friction * row->normal_force;
-    row->evaluate(relative, true);
-    if (row->normal_force <= 0) continue;
-    add_row_force(group, *row);
-    if (matrix) add_row_block(group, *row);
+void contacts_now(Island& island, bool matrix) {
+  for (Contact* contact : island.contacts) {
+    contact->direct = false;
+    const Vec3 relative = relative_position(island, *contact, &Tendon::x);
+    contact->limit = 0;
+    contact->evaluate(relative, true);  // for the normal force, which limits friction
+    contact->limit = contact->friction * contact->normal_force;
+    contact->evaluate(relative, true);
+    if (contact->normal_force <= 0) continue;
+    add_contact_force(island, *contact);
+    if (matrix) add_contact_block(island, *contact);
   }
-  find_acting(group);
+  find_acting(island);
 }
 
-Vec3 held_velocity(const Chain& c, const Hold& h, double dt) {
+Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
   return (1 / dt) * (h.aim - c.x.at(h.particle));
 }
 
-void add_stiff_holds_and_inertia(Chain& c, double dt) {
-  for (const Hold& h : c.holds) {
+void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
+  for (const Anchor& h : c.anchors) {
     if (h.rigid) continue;
     c.residual.add(h.particle, h.stiffness * (c.x.at(h.particle) - h.aim));
     c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / dt));
@@ -62,19 +62,20 @@ void add_stiff_holds_and_inertia(Chain& c, double dt) {
   }
 }
 
-// The force of a row after the displacements, by its own linearisation: what the solution used.
-void predict(Group& group, Row& row) {
-  if (row.normal_force <= 0) return;
-  row.total_force -= row.block * relative_position(group, row, &Chain::step);
-  row.normal_force = dot(row.total_force, row.normal);
-  row.tangent_force = without(row.total_force, row.normal);
+// The force of a contact after the displacements, by its own linearisation: what the solution used.
+void predict(Island& island, Contact& contact) {
+  if (contact.normal_force <= 0) return;
+  contact.total_force -= contact.block * relative_position(island, contact, &Tendon::dx);
+  contact.normal_force = dot(contact.total_force, contact.normal);
+  contact.tangent_force = without(contact.total_force, contact.normal);
 }
 
-void settle_rows(Group& group) {
-  for (Row* row : group.rows) row->settle(relative_position(group, *row, &Chain::next));
+void settle_contacts(Island& island) {
+  for (Contact* contact : island.contacts)
+    contact->settle(relative_position(island, *contact, &Tendon::x_new));
 }
 
-Vec3 spring_forces_after(const Chain& c, int i) {
+Vec3 spring_forces_after(const Tendon& c, int i) {
   Vec3 sum;
   for (const SpringSet* s : {&c.structure, &c.shear})
     for (int end : {0, 1}) {
@@ -82,55 +83,56 @@ Vec3 spring_forces_after(const Chain& c, int i) {
       if (k < 0 || k >= s->count) continue;
       Sym3 b{s->block[0][k], s->block[1][k], s->block[2][k], s->block[3][k], s->block[4][k], s->block[5][k]};
       Vec3 f{s->vector[0][k], s->vector[1][k], s->vector[2][k]};
-      sum += (end ? -1.0 : 1.0) * f + b * (c.step.at(other) - c.step.at(i));
+      sum += (end ? -1.0 : 1.0) * f + b * (c.dx.at(other) - c.dx.at(i));
     }
   return sum;
 }
 
 // On the holder, after the displacements: minus what the particle needs beyond its other forces.
-Vec3 predicted_hold_force(const Group& group, const Chain& c, const Hold& h, const StepContext& context) {
+Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor& h,
+                            const StepContext& context) {
   const int i = h.particle;
-  const Vec3 u = c.step.at(i);
+  const Vec3 u = c.dx.at(i);
   if (!h.rigid) return h.stiffness * (c.x.at(i) + u - h.aim) + (h.viscosity / context.dt) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
-             bending_force_after(c, c.x, c.step, i);
-  for (const Row* row : group.rows)
-    for (const auto& [spot, sign] : {std::pair{row->a, 1.0}, std::pair{row->b, -1.0}}) {
-      if (spot.chain < 0 || row->normal_force <= 0 || &group.at(spot) != &c) continue;
-      if (i == spot.first) has += (sign * spot.w0) * row->total_force;
-      if (i == spot.first + 1) has += (sign * spot.w1) * row->total_force;
+             bending_force_after(c, c.x, c.dx, i);
+  for (const Contact* contact : island.contacts)
+    for (const auto& [spot, sign] : {std::pair{contact->a, 1.0}, std::pair{contact->b, -1.0}}) {
+      if (spot.tendon < 0 || contact->normal_force <= 0 || &island.at(spot) != &c) continue;
+      if (i == spot.first) has += (sign * spot.w0) * contact->total_force;
+      if (i == spot.first + 1) has += (sign * spot.w1) * contact->total_force;
     }
   return has - needs;
 }
 
 }  // namespace
 
-// (6): (dx, dv) = dt (v_0, M^-1 f_0). chain.step carries the new velocities.
-void explicit_euler(Group& group, const StepContext& context) {
+// (6): (dx, dv) = dt (v_0, M^-1 f_0). tendon.dx carries the new velocities.
+void explicit_euler(Island& island, const StepContext& context) {
   const double dt = context.dt;
-  for (Chain* c : group.chains) forces_now(*c, context, false, 1);
-  rows_now(group, false);
-  for (Chain* c : group.chains) {
-    c->b = dt;
-    for (Hold& h : c->holds) {
+  for (Tendon* c : island.tendons) forces_now(*c, context, false, 1);
+  contacts_now(island, false);
+  for (Tendon* c : island.tendons) {
+    c->h_eff = dt;
+    for (Anchor& h : c->anchors) {
       if (h.rigid) continue;
       h.force = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * c->v.at(h.particle);
       c->residual.add(h.particle, h.force);
     }
     for (int i = 0; i < c->n(); ++i) {
-      c->next.set(i, c->x.at(i) + dt * c->v.at(i));
-      c->step.set(i, c->v.at(i) - (dt / c->mass[i]) * c->residual.at(i));
+      c->x_new.set(i, c->x.at(i) + dt * c->v.at(i));
+      c->dx.set(i, c->v.at(i) - (dt / c->mass[i]) * c->residual.at(i));
     }
-    for (Hold& h : c->holds) {
+    for (Anchor& h : c->anchors) {
       if (!h.rigid) continue;
-      Vec3 v = held_velocity(*c, h, dt), before = c->v.at(h.particle);
+      Vec3 v = anchor_velocity(*c, h, dt), before = c->v.at(h.particle);
       h.force = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
-      c->next.set(h.particle, h.aim), c->step.set(h.particle, v);
+      c->x_new.set(h.particle, h.aim), c->dx.set(h.particle, v);
     }
   }
-  settle_rows(group);
-  group.converged = true;
+  settle_contacts(island);
+  island.converged = true;
 }
 
 // (9): (M - dt df/dv - dt^2 df/dx) dv = dt (f_0 + dt df/dx v_0), solved for the displacements
@@ -141,50 +143,51 @@ void explicit_euler(Group& group, const StepContext& context) {
 // where A is the sum of the blocks at (x_0, v_0), and (df/dv) v_0 is q times the damping force,
 // which is homogeneous of degree q in the velocities. Held displacements u_0 are known: what is
 // solved for is w = u - u_0 from A w = right-hand side - A u_0.
-void single_linearisation(Group& group, const StepContext& context) {
+void single_linearisation(Island& island, const StepContext& context) {
   const double dt = context.dt;
-  start_bodies(group);
-  forget_bodies(group);
-  clear_loads(group);
-  for (Chain* c : group.chains) {
-    c->b = dt;
+  start_bodies(island);
+  forget_bodies(island);
+  clear_loads(island);
+  for (Tendon* c : island.tendons) {
+    c->h_eff = dt;
     forces_now(*c, context, true, 1 - c->material.law.damping_exponent);
   }
-  rows_now(group, true);
-  for (Chain* c : group.chains) {
-    c->anchor_x = c->x;
-    add_stiff_holds_and_inertia(*c, dt);
+  contacts_now(island, true);
+  for (Tendon* c : island.tendons) {
+    c->x_history = c->x;
+    add_stiff_anchors_and_inertia(*c, dt);
     for (int k = 0; k < 3; ++k) std::fill_n(c->cg_direction[k], c->n(), 0.0);
-    for (const Hold& h : c->holds)
+    for (const Anchor& h : c->anchors)
       if (h.rigid) c->cg_direction.set(h.particle, h.aim - c->x.at(h.particle));
   }
-  multiply(group);
-  for (Chain* c : group.chains)
+  multiply(island);
+  for (Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->residual[k][i] += c->cg_image[k][i];
-  for (Chain* c : group.chains) c->goal = c->cg_direction;  // u_0
-  load_carried(group, &Chain::residual);
-  for (Row* row : group.rows)
-    if (row->moves && row->normal_force > 0)
-      load_body(group, *row, -1.0 * (row->block * row->a.of(group.at(row->a).goal)));
-  start_body_residual(group, 1);
-  make_border(group, true);
-  project_holds(group, &Chain::residual);
-  hold_in_matrix(group);
-  solve_linear(group, context, true);
-  for (Chain* c : group.chains) {
+  for (Tendon* c : island.tendons) c->inertial_target = c->cg_direction;  // u_0
+  load_carried(island, &Tendon::residual);
+  for (Contact* contact : island.contacts)
+    if (contact->moves && contact->normal_force > 0)
+      load_body(island, *contact,
+                -1.0 * (contact->block * contact->a.of(island.at(contact->a).inertial_target)));
+  start_body_residual(island, 1);
+  make_border(island, true);
+  project_anchors(island, &Tendon::residual);
+  fix_in_matrix(island);
+  solve_linear(island, context, true);
+  for (Tendon* c : island.tendons) {
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) {
-        c->step[k][i] += c->goal[k][i];
-        c->next[k][i] = c->x[k][i] + c->step[k][i];
+        c->dx[k][i] += c->inertial_target[k][i];
+        c->x_new[k][i] = c->x[k][i] + c->dx[k][i];
       }
   }
-  advance_bodies(group, 1);
-  for (Row* row : group.rows) predict(group, *row);
-  settle_rows(group);
-  for (Chain* c : group.chains)
-    for (Hold& h : c->holds) h.force = predicted_hold_force(group, *c, h, context);
-  group.iterations = 1, group.converged = true;
+  advance_bodies(island, 1);
+  for (Contact* contact : island.contacts) predict(island, *contact);
+  settle_contacts(island);
+  for (Tendon* c : island.tendons)
+    for (Anchor& h : c->anchors) h.force = predicted_anchor_force(island, *c, h, context);
+  island.iterations = 1, island.converged = true;
 }
 
 }  // namespace bt

@@ -5,7 +5,7 @@
 
 namespace bt {
 
-void single_linearisation(Group& group, const StepContext& context);  // implicit, as published
-void explicit_euler(Group& group, const StepContext& context);
+void single_linearisation(Island& island, const StepContext& context);  // implicit, as published
+void explicit_euler(Island& island, const StepContext& context);
 
 }  // namespace bt

@@ -6,7 +6,7 @@ namespace bt {
 
 // A particle tied to a point of the world (a grip) or of a link (an attachment): rigidly, or by a
 // 3x3 stiffness.
-struct Hold {
+struct Anchor {
   int id = 0;
   int particle = 0;
   int link = -1;  // of an attachment

@@ -24,7 +24,7 @@ void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
   for (auto* v :
-       {&rest, &inverse_rest, &stiffness, &damping, &carried, &elastic, &lighter, &start, &before, &history,
+       {&rest, &inverse_rest, &stiffness, &damping, &lambda, &elastic, &lighter, &start, &before, &history,
         &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
@@ -153,7 +153,7 @@ BT_VECTOR void vectors(SpringSet& s) {
 BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
-  const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.carried.data();
+  const double *len = s.length.data(), *rest = s.rest.data(), *carried = s.lambda.data();
   const double *elastic_slope = s.elastic_slope.data(), *damping_slope = s.damping_slope.data();
   double *xx = s.block[0], *xy = s.block[1], *xz = s.block[2];
   double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5], *slope = s.slope.data();
@@ -192,7 +192,7 @@ void add_whole_damping(SpringSet& s, const Law& law, double b, double share, boo
 }
 
 void take_true_multipliers(SpringSet& s) {
-  for (int k = 0; k < s.count; ++k) s.carried[k] = s.force[k], s.elastic[k] = s.true_elastic[k];
+  for (int k = 0; k < s.count; ++k) s.lambda[k] = s.force[k], s.elastic[k] = s.true_elastic[k];
 }
 
 }  // namespace
@@ -206,7 +206,7 @@ BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Fi
                       [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
   vectors(s);
   if (s.damped && law.whole_velocity) {
-    s.whole_position = &x, s.whole_anchor = &xh;
+    s.whole_position = &x, s.whole_history = &xh;
     add_whole_damping(s, law, b, 1, false, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
   }
   return largest_of(s.force.data(), s.count);
@@ -221,7 +221,7 @@ BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double
   }
   blocks(s, definite ? 1 / (b * b) : kNoCut);
   if (s.damped && law.whole_velocity) {
-    const Field &x = *s.whole_position, &xh = *s.whole_anchor;
+    const Field &x = *s.whole_position, &xh = *s.whole_history;
     add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
   }
 }
@@ -250,7 +250,7 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
   const double *ux = dx[0], *uy = dx[1], *uz = dx[2], *force = s.force.data(), *slope = s.slope.data();
   const double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   const double* truth = s.true_elastic.data();
-  double *carried = s.carried.data(), *elastic = s.elastic.data();
+  double *carried = s.lambda.data(), *elastic = s.elastic.data();
   const bool same = is_linear(law);
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {

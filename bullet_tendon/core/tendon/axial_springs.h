@@ -41,7 +41,7 @@ constexpr double kReferenceStrain = 0.01;
 struct SpringState {
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
   std::vector<double> inverse_rest;              // [1/m]
-  std::vector<double> carried;                   // T [N]
+  std::vector<double> lambda;                    // T [N]
   std::vector<double> elastic;                   // T_e [N]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
   std::vector<double> start, before;             // lengths at the start of this step and of the last [m]
@@ -63,7 +63,7 @@ struct SpringSet : SpringState {
 
   bool damped = false;  // some C is not 0
   // State that a whole-velocity damping was evaluated at, for its blocks.
-  const Field *whole_position = nullptr, *whole_anchor = nullptr;
+  const Field *whole_position = nullptr, *whole_history = nullptr;
 
   void resize(int reach_, int particles);
 };
@@ -107,7 +107,7 @@ double stored_energy(const SpringSet& s, const Law& law);
 
 // What springs carry over from one step to the next.
 struct Multipliers {
-  std::vector<double> carried[2], elastic[2];  // of structure and shear springs [N]
+  std::vector<double> lambda[2], elastic[2];  // of structure and shear springs [N]
 };
 
 }  // namespace bt

@@ -89,11 +89,11 @@ Bend evaluate(const Element& el, const Field& x, bool hessian, bool definite) {
 }
 
 template <class Visit>
-void each_element(const Chain& c, Visit visit) {
+void each_element(const Tendon& c, Visit visit) {
   const double twice = 2 * c.material.bending_stiffness;
   const int n = c.n();
   for (int j = 0; j + 2 < n; ++j) visit(Element{j, j + 1, {}, twice / (0.5 * (c.rest[j] + c.rest[j + 1]))});
-  for (const Hold& h : c.holds) {
+  for (const Anchor& h : c.anchors) {
     if (!h.clamped) continue;
     if (h.particle == 0) visit(Element{-1, 0, h.direction, twice / (0.5 * c.rest[0])});
     if (h.particle == n - 1) visit(Element{n - 2, -1, h.direction, twice / (0.5 * c.rest[n - 2])});
@@ -123,15 +123,15 @@ Vec3 transposed_times(const Mat3& a, Vec3 v) {
 
 }  // namespace
 
-bool bends(const Chain& c) { return c.material.bending_stiffness > 0; }
+bool bends(const Tendon& c) { return c.material.bending_stiffness > 0; }
 
-double bending_energy(const Chain& c, const Field& x) {
+double bending_energy(const Tendon& c, const Field& x) {
   double sum = 0;
   if (bends(c)) each_element(c, [&](const Element& el) { sum += evaluate(el, x, false, false).energy; });
   return sum;
 }
 
-void add_bending_forces(Chain& c, const Field& x) {
+void add_bending_forces(Tendon& c, const Field& x) {
   if (!bends(c)) return;
   each_element(c, [&](const Element& el) {
     const Bend b = evaluate(el, x, false, false);
@@ -142,7 +142,7 @@ void add_bending_forces(Chain& c, const Field& x) {
 
 // With segments e = x_1 - x_0 and f = x_2 - x_1, the blocks between particles are
 //   00: ee,  10: fe - ee,  11: ee - fe - fe^T + ff,  20: -fe,  21: fe - ff,  22: ff.
-void add_bending_blocks(Chain& c, const Field& x, bool definite) {
+void add_bending_blocks(Tendon& c, const Field& x, bool definite) {
   if (!bends(c)) return;
   Band& m = c.matrix;
   auto own = [&](int i, const Mat3& a) {  // a segment's own part
@@ -161,7 +161,7 @@ void add_bending_blocks(Chain& c, const Field& x, bool definite) {
   });
 }
 
-Vec3 bending_force_after(const Chain& c, const Field& x, const Field& u, int i) {
+Vec3 bending_force_after(const Tendon& c, const Field& x, const Field& u, int i) {
   Vec3 force;
   if (!bends(c)) return force;
   each_element(c, [&](const Element& el) {

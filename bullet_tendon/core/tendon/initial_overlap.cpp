@@ -33,7 +33,7 @@ double distance_of(const Field& x, int k, int m) {
 
 }  // namespace
 
-void Chain::find_overlaid() {
+void Tendon::find_overlaid() {
   overlaid.clear();
   const double near = kOverlaid * 2 * radius;
   double longest = 0;
@@ -53,7 +53,7 @@ void Chain::find_overlaid() {
   }
 }
 
-bool Chain::is_overlaid(int k, int m) const {
+bool Tendon::is_overlaid(int k, int m) const {
   if (overlaid.empty()) return false;
   for (int i = k - 1; i <= k + 1; ++i)
     for (int j = m - 1; j <= m + 1; ++j)
@@ -61,7 +61,7 @@ bool Chain::is_overlaid(int k, int m) const {
   return false;
 }
 
-void Chain::let_overlaid_part() {
+void Tendon::let_overlaid_part() {
   if (overlaid.empty()) return;
   std::vector<uint64_t> still;
   for (const uint64_t pair : overlaid) {

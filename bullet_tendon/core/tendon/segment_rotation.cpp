@@ -21,11 +21,11 @@ namespace bt {
 namespace {
 
 // By how much the end of each segment has to shift relative to its start.
-BT_VECTOR void measure_shifts(const Chain& c, Field& shift) {
+BT_VECTOR void measure_shifts(const Tendon& c, Field& shift) {
   const SpringSet& s = c.structure;
-  const double *x = c.next[0], *y = c.next[1], *z = c.next[2];
-  const double *tx = c.next_tail[0], *ty = c.next_tail[1], *tz = c.next_tail[2];
-  const double *dx = c.step[0], *dy = c.step[1], *dz = c.step[2];
+  const double *x = c.x_new[0], *y = c.x_new[1], *z = c.x_new[2];
+  const double *tx = c.x_new_tail[0], *ty = c.x_new_tail[1], *tz = c.x_new_tail[2];
+  const double *dx = c.dx[0], *dy = c.dx[1], *dz = c.dx[2];
   const double *ux = s.direction[0], *uy = s.direction[1], *uz = s.direction[2], *length = s.length.data();
   double *sx = shift[0], *sy = shift[1], *sz = shift[2];
   sx[0] = sy[0] = sz[0] = 0;
@@ -51,13 +51,13 @@ void sum_up(Field& shift) {
 }
 
 // Adds the shifts of particles from `from` up to but without `to`, less what goes from one base to another.
-void shift_span(Chain& c, const Field& shift, int from, int to, Vec3 base, Vec3 change) {
+void shift_span(Tendon& c, const Field& shift, int from, int to, Vec3 base, Vec3 change) {
   const double share = to > from ? 1.0 / (to - from) : 0;
   for (int i = from; i < to; ++i) c.move(i, shift.at(i) - base - ((i - from) * share) * change);
 }
 
 // Where nothing is held, the centre of mass stays.
-Vec3 mean_shift(const Chain& c, const Field& shift) {
+Vec3 mean_shift(const Tendon& c, const Field& shift) {
   Vec3 sum;
   double mass = 0;
   for (int i = 0; i < c.n(); ++i) sum += c.mass[i] * shift.at(i), mass += c.mass[i];
@@ -66,9 +66,9 @@ Vec3 mean_shift(const Chain& c, const Field& shift) {
 
 }  // namespace
 
-BT_VECTOR double greatest_turn(const Chain& c) {
+BT_VECTOR double greatest_turn(const Tendon& c) {
   const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
-  const double *nx = c.next[0], *ny = c.next[1], *nz = c.next[2];
+  const double *nx = c.x_new[0], *ny = c.x_new[1], *nz = c.x_new[2];
   double most = 0;
 #pragma GCC ivdep
   for (int k = 0; k + 1 < c.n(); ++k) {
@@ -81,15 +81,15 @@ BT_VECTOR double greatest_turn(const Chain& c) {
   return std::sqrt(most);
 }
 
-void keep_lengths(Chain& c) {
+void keep_lengths(Tendon& c) {
   Field& shift = c.residual;  // which this iteration has used up
   measure_shifts(c, shift);
   sum_up(shift);
   int last = -1;  // held particle, and its shift
   Vec3 base;
   for (int i = 0; i < c.n(); ++i) {
-    const auto holds = [i](const Hold& h) { return h.particle == i; };
-    if (std::none_of(c.holds.begin(), c.holds.end(), holds)) continue;
+    const auto anchors = [i](const Anchor& h) { return h.particle == i; };
+    if (std::none_of(c.anchors.begin(), c.anchors.end(), anchors)) continue;
     const Vec3 here = shift.at(i);
     if (last < 0)
       shift_span(c, shift, 0, i, here, {});

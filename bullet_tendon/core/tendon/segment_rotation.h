@@ -4,12 +4,12 @@
 
 namespace bt {
 
-// After chain.step was added to chain.next: without what segments got longer by turning
+// After tendon.dx was added to tendon.x_new: without what segments got longer by turning
 // (tendon/segment_rotation.cpp).
-void keep_lengths(Chain& c);
+void keep_lengths(Tendon& c);
 
-// Greatest sine of the angle by which a segment turns from chain.x to the guess in chain.next; what is turned
-// over along itself does not count.
-double greatest_turn(const Chain& c);
+// Greatest sine of the angle by which a segment turns from tendon.x to the guess in tendon.x_new; what is
+// turned over along itself does not count.
+double greatest_turn(const Tendon& c);
 
 }  // namespace bt

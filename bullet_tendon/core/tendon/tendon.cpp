@@ -19,28 +19,28 @@ constexpr double kLeastShear = 1e-12;
 
 }  // namespace
 
-Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
+Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
   for (Field* f : {&x,
                    &v,
                    &force,
                    &x_before,
                    &v_before,
-                   &next,
-                   &step,
+                   &x_new,
+                   &dx,
                    &residual,
-                   &anchor_x,
-                   &anchor_v,
-                   &goal,
-                   &next_tail,
-                   &goal_tail,
+                   &x_history,
+                   &v_history,
+                   &inertial_target,
+                   &x_new_tail,
+                   &inertial_target_tail,
                    &cg_remainder,
                    &cg_preconditioned,
                    &cg_direction,
                    &cg_image,
                    &column,
                    &solved,
-                   &foreseen,
+                   &predicted,
                    &acceleration})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
@@ -65,11 +65,11 @@ Chain::Chain(const std::vector<Vec3>& points, double radius_, double friction_, 
   reset_history();
 }
 
-double Chain::shortest_rest() const { return *std::min_element(rest.begin(), rest.end()); }
+double Tendon::shortest_rest() const { return *std::min_element(rest.begin(), rest.end()); }
 
-double Chain::rest_length() const { return std::accumulate(rest.begin(), rest.end(), 0.0); }
+double Tendon::rest_length() const { return std::accumulate(rest.begin(), rest.end(), 0.0); }
 
-void Chain::set_rest(const std::vector<double>& lengths) {
+void Tendon::set_rest(const std::vector<double>& lengths) {
   ++rest_set;
   rest = lengths;
   mass = point_mass;
@@ -80,12 +80,12 @@ void Chain::set_rest(const std::vector<double>& lengths) {
   share_out();
 }
 
-void Chain::set_point_mass(int particle, double kilograms) {
+void Tendon::set_point_mass(int particle, double kilograms) {
   point_mass[particle] = kilograms;
   set_rest(std::vector<double>(rest));
 }
 
-void Chain::set_stiffness_scale(const std::vector<double>& s) {
+void Tendon::set_stiffness_scale(const std::vector<double>& s) {
   scale = s;
   share_out();
 }
@@ -93,7 +93,7 @@ void Chain::set_stiffness_scale(const std::vector<double>& s) {
 // A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
 // where they exist; the structure spring gets what the shear springs leave of the stiffness, so
 // that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
-void Chain::share_out() {
+void Tendon::share_out() {
   auto shear_at = [&](int k) {
     return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness * std::min(scale[k], scale[k + 1]);
   };
@@ -115,37 +115,37 @@ void Chain::share_out() {
     for (int k = 0; k < s->count; ++k) s->inverse_rest[k] = 1 / s->rest[k];
 }
 
-void Chain::stop() {
+void Tendon::stop() {
   v.zero(), v_before.zero();
   dt_before = 0;
 }
 
-void Chain::keep_multipliers(Multipliers& to) const {
-  to.carried[0] = structure.carried, to.elastic[0] = structure.elastic;
-  to.carried[1] = shear.carried, to.elastic[1] = shear.elastic;
+void Tendon::keep_multipliers(Multipliers& to) const {
+  to.lambda[0] = structure.lambda, to.elastic[0] = structure.elastic;
+  to.lambda[1] = shear.lambda, to.elastic[1] = shear.elastic;
 }
 
-void Chain::restore_multipliers(const Multipliers& from) {
-  structure.carried = from.carried[0], structure.elastic = from.elastic[0];
-  shear.carried = from.carried[1], shear.elastic = from.elastic[1];
+void Tendon::restore_multipliers(const Multipliers& from) {
+  structure.lambda = from.lambda[0], structure.elastic = from.elastic[0];
+  shear.lambda = from.lambda[1], shear.elastic = from.elastic[1];
 }
 
-void Chain::move(int i, Vec3 by) {
-  add_exactly(next[0][i], next_tail[0][i], by.x);
-  add_exactly(next[1][i], next_tail[1][i], by.y);
-  add_exactly(next[2][i], next_tail[2][i], by.z);
+void Tendon::move(int i, Vec3 by) {
+  add_exactly(x_new[0][i], x_new_tail[0][i], by.x);
+  add_exactly(x_new[1][i], x_new_tail[1][i], by.y);
+  add_exactly(x_new[2][i], x_new_tail[2][i], by.z);
 }
 
-void Chain::foresee() {
-  foreseen = next;
+void Tendon::predict() {
+  predicted = x_new;
   most_slack = kSlack * radius;
   std::fill(slack.begin(), slack.end(), most_slack);
 }
 
-BT_VECTOR bool strays(const Chain& c) {
+BT_VECTOR bool leaves_predicted_region(const Tendon& c) {
   int count = 0;
-  const double *x = c.next[0], *y = c.next[1], *z = c.next[2], *slack = c.slack.data();
-  const double *fx = c.foreseen[0], *fy = c.foreseen[1], *fz = c.foreseen[2];
+  const double *x = c.x_new[0], *y = c.x_new[1], *z = c.x_new[2], *slack = c.slack.data();
+  const double *fx = c.predicted[0], *fy = c.predicted[1], *fz = c.predicted[2];
 #pragma GCC ivdep
   for (int i = 0; i < c.n(); ++i) {
     const double dx = x[i] - fx[i], dy = y[i] - fy[i], dz = z[i] - fz[i];
@@ -155,7 +155,7 @@ BT_VECTOR bool strays(const Chain& c) {
 }
 
 // Directions that fill a sphere evenly, one by the golden angle from the last (Saff and Kuijlaars 1997).
-void Chain::spread_coincident() {
+void Tendon::spread_coincident() {
   const Field given = x;
   for (int i = 1; i < n_; ++i) {
     if (norm(given.at(i) - given.at(i - 1)) >= kDegenerateLength * rest[i - 1]) continue;
@@ -165,7 +165,7 @@ void Chain::spread_coincident() {
   }
 }
 
-void Chain::reset_history() {
+void Tendon::reset_history() {
   dt_before = 0;
   for (SpringSet* s : {&structure, &shear}) {
     if (s->count == 0) continue;
@@ -174,19 +174,19 @@ void Chain::reset_history() {
   }
 }
 
-void Chain::guess_multipliers(Vec3 gravity) {
+void Tendon::guess_multipliers(Vec3 gravity) {
   double load = 0;
   for (int i = 0; i < n_; ++i) load += norm(mass[i] * gravity + force.at(i));
   for (SpringSet* s : {&structure, &shear})
     for (int k = 0; k < s->count; ++k) {
       const double guess = 0.5 * load * s->stiffness[k] / (material.stiffness * scale[std::min(k, n_ - 2)]);
-      s->carried[k] = std::max(s->carried[k], guess);
+      s->lambda[k] = std::max(s->lambda[k], guess);
       s->elastic[k] = std::max(s->elastic[k], guess);
     }
 }
 
 // Of copies: the multipliers and slopes of the last step are part of the state.
-void Chain::tension(std::vector<double>& out) const {
+void Tendon::tension(std::vector<double>& out) const {
   out.assign(n_ - 1, 0.0);
   for (SpringSet s : {structure, shear}) {
     if (s.count == 0) continue;
@@ -196,7 +196,7 @@ void Chain::tension(std::vector<double>& out) const {
   }
 }
 
-double Chain::energy() const {
+double Tendon::energy() const {
   double sum = 0;
   for (SpringSet s : {structure, shear}) {
     if (s.count == 0) continue;

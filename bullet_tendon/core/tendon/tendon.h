@@ -22,7 +22,7 @@ struct TendonState {
   std::vector<double> point_mass;  // what was put on them
   std::vector<double> rest;        // of the segments
   std::vector<double> scale;
-  std::vector<Hold> holds;
+  std::vector<Anchor> anchors;
   std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
   std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
   // History of the integrator.
@@ -39,7 +39,7 @@ struct TendonState {
 // Where particles are predicted to be at the end of the step [m], and by how much they may miss it [m]:
 // around there contacts are looked for.
 struct PredictedRegion {
-  Field foreseen;
+  Field predicted;
   std::vector<double> slack;
   double most_slack = 0;
 };
@@ -48,12 +48,12 @@ struct PredictedRegion {
 // rounding takes off them: of a stiff segment, a rounding of a coordinate is more than the residual that is
 // left.
 struct TendonWorkspace : PredictedRegion {
-  double b = 0;                   // step weight of this step (integrator/scheme.h)
+  double h_eff = 0;               // step weight of this step (integrator/scheme.h)
   Multipliers start_multipliers;  // at the start of the substep
   bool braked = false;            // step holds the velocities at the end (solver/energy_projection.cpp)
-  Field next_tail, goal_tail;
-  Field next, step, residual, anchor_x, anchor_v, goal, cg_remainder, cg_preconditioned, cg_direction,
-      cg_image, column, solved;
+  Field x_new_tail, inertial_target_tail;
+  Field x_new, dx, residual, x_history, v_history, inertial_target, cg_remainder, cg_preconditioned,
+      cg_direction, cg_image, column, solved;
   Band matrix;
   BandFactor factor;
   Planes inverse_blocks;
@@ -61,10 +61,10 @@ struct TendonWorkspace : PredictedRegion {
   int worst_particle = 0;
 };
 
-class Chain : public TendonState, public TendonWorkspace {
+class Tendon : public TendonState, public TendonWorkspace {
  public:
   // points (n); rest lengths are the distances between them.
-  Chain(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
+  Tendon(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
 
   int n() const { return n_; }
   double shortest_rest() const;  // of its segments [m]
@@ -82,7 +82,7 @@ class Chain : public TendonState, public TendonWorkspace {
   void keep_multipliers(Multipliers& to) const;
   void restore_multipliers(const Multipliers& from);
   // Where contacts are to be looked for: around the end of the step as it is thought to be now.
-  void foresee();
+  void predict();
   // Particles at the place of their neighbour get a direction from it.
   void spread_coincident();
   // Pairs of own segments laid through each other, which do not touch until they have parted.
@@ -109,6 +109,6 @@ class Chain : public TendonState, public TendonWorkspace {
 };
 
 // Whether any particle ends up elsewhere than foreseen.
-bool strays(const Chain& c);
+bool leaves_predicted_region(const Tendon& c);
 
 }  // namespace bt

@@ -14,48 +14,50 @@ constexpr int kSettlings = 8;
 
 }  // namespace
 
-// what(mover, weight, tendon) for every attachment and every contact of a body that yields. An attachment of
+// what(body, weight, tendon) for every attachment and every contact of a body that yields. An attachment of
 // a rigid body that nothing holds weighs 1, all else 2.
 template <class Do>
 void World::each_touch(Do what) const {
   for (size_t c = 0; c < slots_.size(); ++c)
-    for (size_t i = 0; slots_[c] && i < slots_[c]->holds.size(); ++i) {
-      const Hold& h = slots_[c]->holds[i];
+    for (size_t i = 0; slots_[c] && i < slots_[c]->anchors.size(); ++i) {
+      const Anchor& h = slots_[c]->anchors[i];
       if (h.link < 0 || !links[h.link].yields()) continue;
-      const int mover = links[h.link].mover;
-      const Mover& m = movers[mover];
+      const int body = links[h.link].body;
+      const GeneralizedBody& m = bodies[body];
       const bool loose = links[h.link].jacobian.empty() && !m.observer.held() && !m.is_stopped() && !m.turns;
-      what(mover, loose ? 1 : 2, static_cast<int>(c));
+      what(body, loose ? 1 : 2, static_cast<int>(c));
     }
-  for (const Row& row : rows_)
-    if (row.link >= 0 && links[row.link].yields()) what(links[row.link].mover, 2, row.a.chain);
+  for (const Contact& contact : contacts_)
+    if (contact.link >= 0 && links[contact.link].yields())
+      what(links[contact.link].body, 2, contact.a.tendon);
 }
 
 // All that tendons touch, but free rigid bodies that one attachment has for itself, which a spring stands for
 // exactly (aim_attachments). What joints or else block would make that spring stiff without end. true: these
 // are other ones than before, and attachments have to be aimed anew.
 bool World::find_unknowns() {
-  touches_.assign(movers.size(), 0);
-  each_touch([&](int mover, int weight, int) { touches_[mover] += weight; });
+  touches_.assign(bodies.size(), 0);
+  each_touch([&](int body, int weight, int) { touches_[body] += weight; });
   bool other = false;
-  for (size_t m = 0; m < movers.size(); ++m) {
+  for (size_t m = 0; m < bodies.size(); ++m) {
     const bool unknown = touches_[m] > 1 && options.integrator != Integrator::explicit_euler;
-    other |= unknown != movers[m].unknown;
-    movers[m].unknown = unknown;
+    other |= unknown != bodies[m].unknown;
+    bodies[m].unknown = unknown;
   }
-  for (Link& l : links) l.turned.far = l.yields() && movers[l.mover].unknown && movers[l.mover].turns;
-  for (Row& row : rows_)
-    row.moves = row.link >= 0 && links[row.link].yields() && movers[links[row.link].mover].unknown;
+  for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknown && bodies[l.body].turns;
+  for (Contact& contact : contacts_)
+    contact.moves =
+        contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknown;
   return other;
 }
 
-// The unknown bodies of every group, whose tendons are solved together.
+// The unknown bodies of every island, whose tendons are solved together.
 void World::find_bodies() {
-  touches_.assign(movers.size(), -1);
-  each_touch([&](int mover, int, int chain) {
-    if (!movers[mover].unknown) return;
-    if (touches_[mover] < 0) touches_[mover] = chain;
-    join_groups(touches_[mover], chain);
+  touches_.assign(bodies.size(), -1);
+  each_touch([&](int body, int, int tendon) {
+    if (!bodies[body].unknown) return;
+    if (touches_[body] < 0) touches_[body] = tendon;
+    join_islands(touches_[body], tendon);
   });
 }
 
@@ -66,46 +68,46 @@ std::vector<char> World::solid_links() const {
     if (shape_alive[s]) solid[shapes[s].link] = 1;
   for (size_t t = 0; t < tunnels.size(); ++t)
     if (tunnel_alive[t]) solid[tunnels[t].link] = 1;
-  for (const Row& row : rows_)
-    if (row.link >= 0) solid[row.link] = 1;
+  for (const Contact& contact : contacts_)
+    if (contact.link >= 0) solid[contact.link] = 1;
   return solid;
 }
 
 // The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, else its attached
 // points alone.
 void World::narrow_bodies() {
-  if (std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.unknown; })) return;
+  if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknown; })) return;
   const std::vector<char> solid = solid_links();
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
     for (size_t l = 0; l < links.size(); ++l)
       if (solid[l] && links[l].yields()) what(links[l], 6, Vec3{});
-    for (const Chain* c : slots_)
-      for (size_t h = 0; c && h < c->holds.size(); ++h) {
-        const Hold& hold = c->holds[h];
-        if (hold.link < 0 || solid[hold.link] || !links[hold.link].yields()) continue;
-        const Link& link = links[hold.link];
-        what(link, 3, to_world(link.pose, hold.local) - link.centre);
+    for (const Tendon* c : slots_)
+      for (size_t h = 0; c && h < c->anchors.size(); ++h) {
+        const Anchor& anchor = c->anchors[h];
+        if (anchor.link < 0 || solid[anchor.link] || !links[anchor.link].yields()) continue;
+        const Link& link = links[anchor.link];
+        what(link, 3, to_world(link.pose, anchor.local) - link.centre);
       }
   };
-  for (Mover& m : movers) m.freedom = 0, m.basis.clear();
-  each_reached([&](const Link& link, int count, Vec3) { movers[link.mover].freedom += count; });
-  for (Mover& m : movers) m.freedom = !m.unknown || m.turns || m.freedom >= m.n() ? m.n() : 0;
+  for (GeneralizedBody& m : bodies) m.freedom = 0, m.basis.clear();
+  each_reached([&](const Link& link, int count, Vec3) { bodies[link.body].freedom += count; });
+  for (GeneralizedBody& m : bodies) m.freedom = !m.unknown || m.turns || m.freedom >= m.n() ? m.n() : 0;
   each_reached([&](const Link& link, int count, Vec3 arm) {
-    Mover& m = movers[link.mover];
+    GeneralizedBody& m = bodies[link.body];
     for (int k = 0; k < count && m.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
   });
   for (Link& l : links)
-    if (l.yields() && movers[l.mover].unknown) l.reach(movers[l.mover]);
+    if (l.yields() && bodies[l.body].unknown) l.reach(bodies[l.body]);
 }
 
 // Generalized forces of the wrenches on links, of the whole step or of the part that was solved last.
 void World::sum_forces(double scale, bool of_part) {
-  for (Mover& m : movers) m.forces.assign(m.n(), 0.0);
+  for (GeneralizedBody& m : bodies) m.forces.assign(m.n(), 0.0);
   for (Link& l : links) {
     if (!l.yields()) continue;
     const Vec3 force = of_part ? l.force - l.before_force : l.force;
     const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
-    l.add_generalized(l.jacobian, {scale * force, scale * torque}, movers[l.mover].forces);
+    l.add_generalized(l.jacobian, {scale * force, scale * torque}, bodies[l.body].forces);
   }
 }
 
@@ -113,21 +115,22 @@ void World::sum_forces(double scale, bool of_part) {
 bool World::find_turning() {
   if (whole_ || options.integrator == Integrator::explicit_euler || options.iteration == Iteration::single)
     return false;
-  for (Mover& m : movers) m.torque = {}, m.pull = 0;
+  for (GeneralizedBody& m : bodies) m.torque = {}, m.pull = 0;
   auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
     if (link < 0 || !links[link].yields() || !links[link].jacobian.empty()) return;
-    Mover& m = movers[links[link].mover];
+    GeneralizedBody& m = bodies[links[link].body];
     m.torque += cross(arm, force), m.pull += norm(arm) * norm(force);
   };
-  for (const Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i)
-      if (const Hold& h = c->holds[i]; h.link >= 0) add_pull(h.link, links[h.link].arm_of(h.local), h.force);
-  for (const Row& row : rows_) add_pull(row.link, row.arm, -row.mean_force);
+  for (const Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i)
+      if (const Anchor& h = c->anchors[i]; h.link >= 0)
+        add_pull(h.link, links[h.link].arm_of(h.local), h.force);
+  for (const Contact& contact : contacts_) add_pull(contact.link, contact.arm, -contact.mean_force);
   bool any = false;
   for (const Link& l : links) {
-    if (!l.yields() || !(movers[l.mover].pull > 0) || movers[l.mover].turns) continue;
-    movers[l.mover].turns = movers[l.mover].turns_far(l.spin, whole_dt_);
-    any |= movers[l.mover].turns;
+    if (!l.yields() || !(bodies[l.body].pull > 0) || bodies[l.body].turns) continue;
+    bodies[l.body].turns = bodies[l.body].turns_far(l.spin, whole_dt_);
+    any |= bodies[l.body].turns;
   }
   return any;
 }
@@ -136,14 +139,14 @@ bool World::find_turning() {
 // way.
 bool World::settle_stops() {
   if (whole_ || settlings_ >= kSettlings ||
-      std::none_of(movers.begin(), movers.end(), [](const Mover& m) { return m.may_stop(); }))
+      std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.may_stop(); }))
     return false;
   push_links(substeps_.share());
   sum_forces(1 / substeps_.share_at_end(), false);
   for (Link& l : links) l.force = l.before_force, l.torque = l.before_torque;
   bool other = false;
-  for (size_t m = 0; m < movers.size(); ++m) {
-    if (!movers[m].may_stop() || !movers[m].settle_stops(movers[m].forces, whole_dt_)) continue;
+  for (size_t m = 0; m < bodies.size(); ++m) {
+    if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, whole_dt_)) continue;
     other = true;
     lead_links(static_cast<int>(m));
   }
@@ -154,10 +157,10 @@ bool World::settle_stops() {
 // What the part that was solved did to the bodies, in the parts to come.
 void World::push_bodies() {
   sum_forces(whole_dt_, true);
-  for (Mover& m : movers)
+  for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.push(m.forces);
   for (Link& l : links)
-    if (l.yields()) l.follow(movers[l.mover]);
+    if (l.yields()) l.follow(bodies[l.body]);
 }
 
 void World::sense(double dt, Vec3 gravity, bool held) {
@@ -165,42 +168,40 @@ void World::sense(double dt, Vec3 gravity, bool held) {
   for (Link& l : links) {
     l.note_motion();
     l.start_pose = l.pose, l.start_centre = l.centre;
-    if (held) l.mover = -1;
+    if (held) l.body = -1;
     if (l.yields()) continue;
     l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
   }
   if (held) return;
   for (Link& l : links)
     if (std::exchange(l.yielded, l.yields()) != l.yields()) interrupt();
-  for (Mover& m : movers)
-    if (m.n() > 0) m.sense(gravity), m.foresee(dt, gravity);
+  for (GeneralizedBody& m : bodies)
+    if (m.n() > 0) m.sense(gravity), m.predict(dt, gravity);
   for (Link& l : links)
-    if (l.yields()) l.go_with(movers[l.mover]);
+    if (l.yields()) l.go_with(bodies[l.body]);
 }
 
-bool World::note(int mover, const dense::Numbers& rates) {
-  return movers[mover].note(rates, context_.gravity);
+bool World::note(int body, const dense::Numbers& rates) { return bodies[body].note(rates, context_.gravity); }
+
+void World::predict(int body) {
+  if (bodies[body].n() == 0) return;
+  bodies[body].predict(context_.dt, context_.gravity);
+  lead_links(body);
 }
 
-void World::foresee(int mover) {
-  if (movers[mover].n() == 0) return;
-  movers[mover].foresee(context_.dt, context_.gravity);
-  lead_links(mover);
-}
-
-void World::lead_links(int mover) {
+void World::lead_links(int body) {
   for (Link& l : links)
-    if (l.mover == mover) l.go_with(movers[mover]);
+    if (l.body == body) l.go_with(bodies[body]);
 }
 
 bool World::any_held() const {
-  for (const Mover& m : movers)
+  for (const GeneralizedBody& m : bodies)
     if (m.observer.held()) return true;
   return false;
 }
 
-void World::refresh_movers() {
-  for (Mover& m : movers) m.observer.refresh(m.rates), m.observer.doubt();
+void World::refresh_bodies() {
+  for (GeneralizedBody& m : bodies) m.observer.refresh(m.rates), m.observer.doubt();
   way_back_ = false;
 }
 

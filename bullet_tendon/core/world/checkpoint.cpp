@@ -16,38 +16,38 @@ namespace bt {
 
 void World::capture(Checkpoint& to) const {
   to.valid = true;
-  to.tendons.resize(chains.size());
-  for (size_t c = 0; c < chains.size(); ++c) {
+  to.tendons.resize(tendons.size());
+  for (size_t c = 0; c < tendons.size(); ++c) {
     TendonCheckpoint& t = to.tendons[c];
-    t.there = chains[c] != nullptr;
+    t.there = tendons[c] != nullptr;
     if (!t.there) continue;
-    t.state = *chains[c];
-    t.structure = chains[c]->structure;
-    t.shear = chains[c]->shear;
+    t.state = *tendons[c];
+    t.structure = tendons[c]->structure;
+    t.shear = tendons[c]->shear;
   }
   to.links = links;
-  to.bodies = movers;
+  to.bodies = bodies;
   to.memory = memory_;
-  to.contacts = rows_;
-  to.sleeping_contacts = asleep_rows_;
+  to.contacts = contacts_;
+  to.sleeping_contacts = asleep_contacts_;
   to.rest_gravity = rest_gravity_;
   to.step_length = whole_dt_;
   to.way_back = way_back_;
 }
 
 void World::apply(const Checkpoint& from) {
-  for (size_t c = 0; c < chains.size(); ++c) {
-    if (!chains[c]) continue;
+  for (size_t c = 0; c < tendons.size(); ++c) {
+    if (!tendons[c]) continue;
     const TendonCheckpoint& t = from.tendons[c];
-    static_cast<TendonState&>(*chains[c]) = t.state;
-    static_cast<SpringState&>(chains[c]->structure) = t.structure;
-    static_cast<SpringState&>(chains[c]->shear) = t.shear;
+    static_cast<TendonState&>(*tendons[c]) = t.state;
+    static_cast<SpringState&>(tendons[c]->structure) = t.structure;
+    static_cast<SpringState&>(tendons[c]->shear) = t.shear;
   }
   links = from.links;
-  movers = from.bodies;
+  bodies = from.bodies;
   memory_ = from.memory;
-  rows_ = from.contacts;
-  asleep_rows_ = from.sleeping_contacts;
+  contacts_ = from.contacts;
+  asleep_contacts_ = from.sleeping_contacts;
   rest_gravity_ = from.rest_gravity;
   whole_dt_ = from.step_length;
   way_back_ = from.way_back;
@@ -67,7 +67,7 @@ void World::restore_checkpoint() {
   // An entry may have been answered twice in one step: the first of its copies is the old one.
   for (size_t k = changed_entries_.size(); k-- > 0;) {
     const KeptEntry& e = changed_entries_[k];
-    caches_[e.chain][e.shape].entries[e.feature] = e.entry;
+    caches_[e.tendon][e.shape].entries[e.feature] = e.entry;
   }
   changed_entries_.clear();
   std::swap(previous_, start_);
@@ -95,8 +95,8 @@ class Mark {
   uint64_t hash_ = 14695981039346656037ull;
 };
 
-void require(bool holds, const char* what) {
-  if (!holds) throw StateMismatch(what);
+void require(bool anchors, const char* what) {
+  if (!anchors) throw StateMismatch(what);
 }
 
 constexpr const char* kSizes = "with as many numbers as the world's parts have";
@@ -106,12 +106,12 @@ constexpr int kMostLinks = 1 << 20;
 bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
 
 void require_springs(const SpringState& s, size_t count) {
-  for (const auto* list : {&s.rest, &s.inverse_rest, &s.stiffness, &s.damping, &s.carried, &s.elastic,
+  for (const auto* list : {&s.rest, &s.inverse_rest, &s.stiffness, &s.damping, &s.lambda, &s.elastic,
                            &s.lighter, &s.start, &s.before, &s.history, &s.slope})
     require(list->size() == count, kSizes);
 }
 
-void require_tendon(const TendonCheckpoint& t, const Chain& c, const std::vector<char>& tunnels) {
+void require_tendon(const TendonCheckpoint& t, const Tendon& c, const std::vector<char>& tunnels) {
   const TendonState& s = t.state;
   const size_t n = c.n();
   for (const Field* f : {&s.x, &s.v, &s.force, &s.x_before, &s.v_before, &s.acceleration})
@@ -123,7 +123,7 @@ void require_tendon(const TendonCheckpoint& t, const Chain& c, const std::vector
   require_springs(t.structure, c.structure.count);
   require_springs(t.shear, c.shear.count);
   for (int in : s.tunnel_of) require(in == -1 || (within(in, tunnels.size()) && tunnels[in]), kIndices);
-  for (const Hold& h : s.holds) {
+  for (const Anchor& h : s.anchors) {
     require(within(h.particle, n), kIndices);
     // Links are made when they are first read: a state of before that refers to them all the same.
     require(h.link >= -1 && h.link < kMostLinks, kIndices);
@@ -167,56 +167,56 @@ struct SizesOfBody {
   }
 };
 
-void require_body(const Mover& body) {
+void require_body(const GeneralizedBody& body) {
   SizesOfBody sizes{body.rates.size()};
-  visit(sizes, const_cast<Mover&>(body));
+  visit(sizes, const_cast<GeneralizedBody&>(body));
   for (size_t k = 0; k + 2 < body.limits.size(); k += 3)
     sizes.fit &= body.limits[k] >= 0 && body.limits[k] < body.rates.size();
   require(sizes.fit, kSizes);
 }
 
-void require_link(const Link& l, const std::vector<Mover>& bodies) {
-  require(l.mover == -1 || within(l.mover, bodies.size()), kIndices);
-  const size_t n = l.mover < 0 ? 0 : bodies[l.mover].rates.size();
+void require_link(const Link& l, const std::vector<GeneralizedBody>& bodies) {
+  require(l.body == -1 || within(l.body, bodies.size()), kIndices);
+  const size_t n = l.body < 0 ? 0 : bodies[l.body].rates.size();
   for (const auto* list : {&l.jacobian, &l.root})
-    require(list->empty() || l.mover < 0 || list->size() == 6 * n, kSizes);
+    require(list->empty() || l.body < 0 || list->size() == 6 * n, kSizes);
 }
 
 }  // namespace
 
 // Whether all sizes and indices are those of this world. Throws StateMismatch.
 void World::require_state(const Checkpoint& c) const {
-  require(c.tendons.size() == chains.size(), kSizes);
-  for (size_t t = 0; t < chains.size(); ++t) {
-    require(c.tendons[t].there == (chains[t] != nullptr), "of a world that is made of the same parts");
-    if (chains[t]) require_tendon(c.tendons[t], *chains[t], tunnel_alive);
+  require(c.tendons.size() == tendons.size(), kSizes);
+  for (size_t t = 0; t < tendons.size(); ++t) {
+    require(c.tendons[t].there == (tendons[t] != nullptr), "of a world that is made of the same parts");
+    if (tendons[t]) require_tendon(c.tendons[t], *tendons[t], tunnel_alive);
   }
-  for (const Mover& body : c.bodies) require_body(body);
-  for (const Mover& body : c.sensed_bodies) require_body(body);
+  for (const GeneralizedBody& body : c.bodies) require_body(body);
+  for (const GeneralizedBody& body : c.sensed_bodies) require_body(body);
   require(c.bodies.size() == c.links.size() || c.bodies.empty(), kSizes);
   require(c.sensed_bodies.size() == c.sensed_links.size() || c.sensed_bodies.empty(), kSizes);
   for (const Link& l : c.links) require_link(l, c.bodies);
   for (const Link& l : c.sensed_links) require_link(l, c.sensed_bodies);
   auto segment = [&](int tendon, int first) {
-    return within(tendon, chains.size()) && chains[tendon] && within(first, chains[tendon]->n() - 1);
+    return within(tendon, tendons.size()) && tendons[tendon] && within(first, tendons[tendon]->n() - 1);
   };
-  auto require_contact = [&](const Row& r) {
-    require(segment(r.a.chain, r.a.first) && (r.b.chain == -1 || segment(r.b.chain, r.b.first)), kIndices);
+  auto require_contact = [&](const Contact& r) {
+    require(segment(r.a.tendon, r.a.first) && (r.b.tendon == -1 || segment(r.b.tendon, r.b.first)), kIndices);
     require(r.link == -1 || within(r.link, c.links.size()), kIndices);
     require(within(static_cast<int>(r.kind), 4), kIndices);
   };
-  for (const Row& r : c.contacts) require_contact(r);
-  for (const Row& r : c.sleeping_contacts) require_contact(r);
+  for (const Contact& r : c.contacts) require_contact(r);
+  for (const Contact& r : c.sleeping_contacts) require_contact(r);
   for (const ContactMemory& m : c.memory)
-    require(within(m.key.tendon, chains.size()) && chains[m.key.tendon], kIndices);
+    require(within(m.key.tendon, tendons.size()) && tendons[m.key.tendon], kIndices);
   auto in_order = [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; };
   require(std::is_sorted(c.memory.begin(), c.memory.end(), in_order), "in order");
 }
 
 uint64_t World::structure_mark() const {
   Mark mark;
-  mark.add(chains.size(), shapes.size(), tunnels.size());
-  for (const auto& c : chains) {
+  mark.add(tendons.size(), shapes.size(), tunnels.size());
+  for (const auto& c : tendons) {
     mark.add(c != nullptr);
     if (!c) continue;
     const Material& m = c->material;
@@ -250,8 +250,8 @@ std::vector<char> World::save() {
   capture(now);
   write("now", now);
   write("start", way_back_ ? start_ : none);
-  for (auto& of_chain : caches_)
-    for (NearCache& cache : of_chain) write("planes", cache.entries);
+  for (auto& of_tendon : caches_)
+    for (NearCache& cache : of_tendon) write("planes", cache.entries);
   return out;
 }
 
@@ -270,8 +270,8 @@ void World::restore(const char* from, size_t size) {
     for (size_t s = 0; s < caches_[c].size(); ++s) {
       planes.emplace_back();
       read("planes", planes.back());
-      const bool used = chains[c] && shape_alive[s] && !shapes[s].half_space;
-      require(planes.back().empty() || (used && planes.back().size() == 2 * size_t(chains[c]->n()) - 1),
+      const bool used = tendons[c] && shape_alive[s] && !shapes[s].half_space;
+      require(planes.back().empty() || (used && planes.back().size() == 2 * size_t(tendons[c]->n()) - 1),
               kSizes);
     }
   read.finish();
@@ -282,8 +282,8 @@ void World::restore(const char* from, size_t size) {
   previous_ = {};
   changed_entries_.clear();
   size_t k = 0;
-  for (auto& of_chain : caches_)
-    for (NearCache& cache : of_chain) cache.entries = std::move(planes[k++]);
+  for (auto& of_tendon : caches_)
+    for (NearCache& cache : of_tendon) cache.entries = std::move(planes[k++]);
 }
 
 }  // namespace bt

@@ -24,15 +24,15 @@ struct Checkpoint {
   bool valid = false;
   std::vector<TendonCheckpoint> tendons;  // by slot
   std::vector<Link> links;
-  std::vector<Mover> bodies;
+  std::vector<GeneralizedBody> bodies;
   std::vector<ContactMemory> memory;
-  std::vector<Row> contacts, sleeping_contacts;
+  std::vector<Contact> contacts, sleeping_contacts;
   Vec3 rest_gravity;
   double step_length = 0;  // of the last step [s]
   bool way_back = false;   // the last step can be solved again
   // Links and bodies of the step that begins here, once they were read from pybullet.
   std::vector<Link> sensed_links;
-  std::vector<Mover> sensed_bodies;
+  std::vector<GeneralizedBody> sensed_bodies;
 };
 
 // Bytes that are no state of this world.

@@ -6,31 +6,32 @@
 
 namespace bt {
 
-void World::read_worst(const Group& g) {
+void World::read_worst(const Island& g) {
   attempt_.residual = g.residual;
-  const Chain* worst = g.chains[0];
-  for (const Chain* c : g.chains)
+  const Tendon* worst = g.tendons[0];
+  for (const Tendon* c : g.tendons)
     if (!(c->residual_norm <= worst->residual_norm)) worst = c;
   for (size_t c = 0; c < slots_.size(); ++c)
-    if (slots_[c] == worst) attempt_.worst_chain = static_cast<int>(c);
+    if (slots_[c] == worst) attempt_.worst_tendon = static_cast<int>(c);
   attempt_.worst_particle = worst->worst_particle;
 }
 
 void Report::take(const Report& part) {
-  if (!(part.residual <= residual) || worst_chain < 0)
-    residual = part.residual, worst_chain = part.worst_chain, worst_particle = part.worst_particle;
+  if (!(part.residual <= residual) || worst_tendon < 0)
+    residual = part.residual, worst_tendon = part.worst_tendon, worst_particle = part.worst_particle;
   converged &= part.converged;
-  rows = part.rows, groups = part.groups;
+  contacts = part.contacts, islands = part.islands;
 }
 
 namespace {
 
-ContactRecord record_of(const Row& row, const Field& x) {
+ContactRecord record_of(const Contact& contact, const Field& x) {
   ContactRecord r;
-  r.chain = row.a.chain, r.segment = row.a.first, r.other_chain = row.b.chain, r.link = row.link;
-  r.kind = row.kind, r.position = row.a.of(x), r.normal = row.normal;
-  r.distance = row.gap + row.allowed + row.beyond;
-  r.normal_force = row.normal_force, r.friction_force = norm(row.tangent_force);
+  r.tendon = contact.a.tendon, r.segment = contact.a.first, r.other_tendon = contact.b.tendon,
+  r.link = contact.link;
+  r.kind = contact.kind, r.position = contact.a.of(x), r.normal = contact.normal;
+  r.distance = contact.gap + contact.depth_allowance + contact.margin;
+  r.normal_force = contact.normal_force, r.friction_force = norm(contact.tangent_force);
   return r;
 }
 
@@ -38,8 +39,8 @@ ContactRecord record_of(const Row& row, const Field& x) {
 
 std::vector<ContactRecord> World::contacts() const {
   std::vector<ContactRecord> out;
-  for (const std::vector<Row>* rows : {&rows_, &asleep_rows_})
-    for (const Row& row : *rows) out.push_back(record_of(row, chains[row.a.chain]->x));
+  for (const std::vector<Contact>* contacts : {&contacts_, &asleep_contacts_})
+    for (const Contact& contact : *contacts) out.push_back(record_of(contact, tendons[contact.a.tendon]->x));
   return out;
 }
 

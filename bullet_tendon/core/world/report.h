@@ -9,7 +9,7 @@ namespace bt {
 
 // What a contact was in the last step, for reading out.
 struct ContactRecord {
-  int chain = 0, segment = 0, other_chain = -1, link = -1;
+  int tendon = 0, segment = 0, other_tendon = -1, link = -1;
   ContactKind kind = ContactKind::bone;
   Vec3 position, normal;  // on the centreline; from the body (or tendon b) to tendon a
   double distance = 0;    // between the surfaces [m]
@@ -20,10 +20,10 @@ struct Report {
   int iterations = 0;
   double residual = 0;
   bool converged = true;
-  int worst_chain = -1, worst_particle = -1;
+  int worst_tendon = -1, worst_particle = -1;
   NearCounts near;
   PairCounts pairs;
-  long rows = 0, groups = 0, asleep = 0;
+  long contacts = 0, islands = 0, asleep = 0;
   double search_seconds = 0;  // of wall time: which segments of tendons could touch
   int substeps = 1;           // that the step was taken in
   long linear_solves = 0;     // of all islands, whatever came of them

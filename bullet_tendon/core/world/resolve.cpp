@@ -25,9 +25,9 @@ constexpr double kSubsteps = 0.6;
 constexpr double kFarthestTurn = 0.2;
 
 bool same_build(const TendonState& a, const TendonState& b) {
-  if (a.rest != b.rest || a.holds.size() != b.holds.size()) return false;
-  for (size_t h = 0; h < a.holds.size(); ++h)
-    if (a.holds[h].id != b.holds[h].id) return false;
+  if (a.rest != b.rest || a.anchors.size() != b.anchors.size()) return false;
+  for (size_t h = 0; h < a.anchors.size(); ++h)
+    if (a.anchors[h].id != b.anchors[h].id) return false;
   return true;
 }
 
@@ -43,23 +43,23 @@ bool same_build(const Checkpoint& a, const Checkpoint& b) {
 // What the user chose since then stays.
 void choose_again(const TendonState& user, TendonState& c) {
   c.force = user.force;
-  for (size_t h = 0; h < c.holds.size(); ++h) {
-    const Hold& chosen = user.holds[h];
-    Hold& hold = c.holds[h];
-    hold.goal = chosen.goal;
-    hold.rigid = chosen.rigid;
-    hold.viscosity = chosen.viscosity;
-    hold.clamped = chosen.clamped;
-    hold.direction = chosen.direction;
-    if (chosen.link < 0) hold.stiffness = chosen.stiffness;
+  for (size_t h = 0; h < c.anchors.size(); ++h) {
+    const Anchor& chosen = user.anchors[h];
+    Anchor& anchor = c.anchors[h];
+    anchor.goal = chosen.goal;
+    anchor.rigid = chosen.rigid;
+    anchor.viscosity = chosen.viscosity;
+    anchor.clamped = chosen.clamped;
+    anchor.direction = chosen.direction;
+    if (chosen.link < 0) anchor.stiffness = chosen.stiffness;
   }
 }
 
 }  // namespace
 
-void World::let_go(int mover) {
-  movers[mover].observer.let_go();
-  foresee(mover);
+void World::let_go(int body) {
+  bodies[body].observer.let_go();
+  predict(body);
   interrupt();
 }
 
@@ -71,19 +71,19 @@ bool World::take_back() {
   capture(now);
   if (!same_build(start, now)) return false;
   apply(start);
-  for (size_t c = 0; c < chains.size(); ++c) {
-    if (!chains[c]) continue;
+  for (size_t c = 0; c < tendons.size(); ++c) {
+    if (!tendons[c]) continue;
     const TendonState& user = now.tendons[c].state;
-    choose_again(user, *chains[c]);
-    if (user.bed < 0) rouse(static_cast<int>(c));
+    choose_again(user, *tendons[c]);
+    if (user.bed < 0) wake_tendon(static_cast<int>(c));
   }
   return true;
 }
 
-std::vector<int> World::released_movers() const {
+std::vector<int> World::released_bodies() const {
   std::vector<int> released;
-  for (size_t i = 0; i < movers.size(); ++i)
-    if (movers[i].observer.released()) released.push_back(static_cast<int>(i));
+  for (size_t i = 0; i < bodies.size(); ++i)
+    if (bodies[i].observer.released()) released.push_back(static_cast<int>(i));
   return released;
 }
 
@@ -91,10 +91,10 @@ std::vector<int> World::released_movers() const {
 // the tendon's length; -1 where the body turned too far for that to be taken back, or where pybullet cut its
 // speed off and not just along the tendon. By the body's velocity: what was moved by hand has no such
 // velocity, and one that was set has not moved.
-double World::pulled_away(const Chain& c, const Hold& h) const {
+double World::pulled_away(const Tendon& c, const Anchor& h) const {
   const Link& link = links[h.link];
-  const Mover& mover = movers[link.mover];
-  const dense::Numbers& missed = mover.observer.missed();
+  const GeneralizedBody& body = bodies[link.body];
+  const dense::Numbers& missed = body.observer.missed();
   const double square = whole_dt_ * whole_dt_;
   const Vec3 at = to_world(link.pose, h.local), here = c.x.at(h.particle), gone = at - here;
   const Vec3 linear{missed[0], missed[1], missed[2]}, angular{missed[3], missed[4], missed[5]};
@@ -107,55 +107,55 @@ double World::pulled_away(const Chain& c, const Hold& h) const {
     const Vec3 along = unit_or(here - c.x.at(i), {});
     stretch = std::max(stretch, dot(gone, along)), across = std::max(across, norm(without(gone, along)));
   }
-  const bool cut_off = !mover.observer.was_cut() && largest_of(mover.rates.data(), mover.n()) >= kMostRate;
+  const bool cut_off = !body.observer.was_cut() && largest_of(body.rates.data(), body.n()) >= kMostRate;
   if (square * norm(angular) > kFarthestTurn || (cut_off && across > kFarthestTurn * length)) return -1;
   return stretch / length;
 }
 
-std::vector<int> World::pulled_movers() const {
+std::vector<int> World::pulled_bodies() const {
   std::vector<int> all;
   if (!way_back_) return all;
-  std::vector<double> most(movers.size());
-  for (const auto& c : chains)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) {
-      const Hold& h = c->holds[i];
+  std::vector<double> most(bodies.size());
+  for (const auto& c : tendons)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
+      const Anchor& h = c->anchors[i];
       if (h.link < 0 || !links[h.link].yields() || !links[h.link].jacobian.empty()) continue;
-      const Observer& seen = movers[links[h.link].mover].observer;
+      const Observer& seen = bodies[links[h.link].body].observer;
       if (seen.missed().empty() || seen.held()) continue;
-      double& of_body = most[links[h.link].mover];
+      double& of_body = most[links[h.link].body];
       const double away = pulled_away(*c, h);
       of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);
     }
-  for (size_t m = 0; m < movers.size(); ++m)
+  for (size_t m = 0; m < bodies.size(); ++m)
     if (most[m] > kSuddenPull) all.push_back(static_cast<int>(m));
   return all;
 }
 
 void World::keep_told_contacts() {
-  for (size_t i = 0; i < movers.size(); ++i)
-    if (i < told_contacts_.size()) movers[i].contacts = told_contacts_[i], movers[i].contacts_kept = true;
+  for (size_t i = 0; i < bodies.size(); ++i)
+    if (i < told_contacts_.size()) bodies[i].contacts = told_contacts_[i], bodies[i].contacts_kept = true;
 }
 
 bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
-  const std::vector<int> released = released_movers();
+  const std::vector<int> released = released_bodies();
   std::vector<Link> links_now = links;
-  std::vector<Mover> movers_now = movers;
+  std::vector<GeneralizedBody> bodies_now = bodies;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
     context_.dt = dt, context_.gravity = gravity;
-    links.swap(links_now), movers.swap(movers_now);
+    links.swap(links_now), bodies.swap(bodies_now);
     told_contacts_.clear();
-    for (const Mover& m : movers) told_contacts_.push_back(m.contacts);
+    for (const GeneralizedBody& m : bodies) told_contacts_.push_back(m.contacts);
     const std::vector<Link>& sensed = start_of_last_step().sensed_links;
-    std::vector<Mover>& sensed_bodies = start_of_last_step().sensed_bodies;
+    std::vector<GeneralizedBody>& sensed_bodies = start_of_last_step().sensed_bodies;
     for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
-    for (int i : pulled) movers[i].observer.believe();
-    for (size_t i = 0; i < std::min(movers.size(), sensed_bodies.size()); ++i) {
-      std::swap(movers[i].observer, sensed_bodies[i].observer);
-      movers[i] = sensed_bodies[i];
-      foresee(static_cast<int>(i));  // by what has been learned since, of all of them
+    for (int i : pulled) bodies[i].observer.believe();
+    for (size_t i = 0; i < std::min(bodies.size(), sensed_bodies.size()); ++i) {
+      std::swap(bodies[i].observer, sensed_bodies[i].observer);
+      bodies[i] = sensed_bodies[i];
+      predict(static_cast<int>(i));  // by what has been learned since, of all of them
     }
-    rows_.clear();
+    contacts_.clear();
   }
   for (int i : released) let_go(i);
   way_back_ = false;

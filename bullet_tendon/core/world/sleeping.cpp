@@ -1,9 +1,9 @@
 // Tendons at rest are left out of steps for as long as what they could feel stays as it is.
 //
-// A group falls asleep where all its tendons have been at rest for a while, so that a swing's turning points
+// A island falls asleep where all its tendons have been at rest for a while, so that a swing's turning points
 // do not count; where something of the world holds or carries it; and where no body that yields is touched by
 // it, whose rest pybullet decides about. Its tendons keep their state, but for their velocities, which are
-// zero from then on, and the forces on what holds them; its rows are kept to be read out.
+// zero from then on, and the forces on what holds them; its contacts are kept to be read out.
 //
 // It is roused, all of it, by what is changed about one of its tendons, options or gravity, by a link that
 // moves and has a shape, a tunnel or an attachment within reach, and by another tendon within reach. What is
@@ -33,7 +33,7 @@ constexpr int kRestSteps = 30;
 constexpr int kBoxedSegments = 4;
 
 // Whether the last step, of dt, took no particle farther than kRestSpeed allows.
-bool rests(const Chain& c, double dt) {
+bool rests(const Tendon& c, double dt) {
   const double slow = kRestSpeed * c.radius, near = dt * slow;
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *before = c.x_before[k], *v = c.v[k];
@@ -44,7 +44,7 @@ bool rests(const Chain& c, double dt) {
 }
 
 // What is far from its rest creeps there where dampers carry its load.
-bool unloads_dampers(const Chain& c, double gravity) {
+bool unloads_dampers(const Tendon& c, double gravity) {
   if (!c.structure.damped && !c.shear.damped) return true;
   if (c.material.law.whole_velocity) return false;
   const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);
@@ -57,7 +57,7 @@ bool unloads_dampers(const Chain& c, double gravity) {
 }
 
 // Around segments first to last, where they are.
-Box box_of(const Chain& c, int first, int last, double margin) {
+Box box_of(const Tendon& c, int first, int last, double margin) {
   Box box;
   for (int i = first; i <= last + 1; ++i) box.include(c.x.at(i));
   box.grow(margin);
@@ -65,11 +65,11 @@ Box box_of(const Chain& c, int first, int last, double margin) {
 }
 
 // Around all that a tendon could touch within the step.
-BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
+BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
   Box box;
   double square = 0;
   for (int i = 0; i < c.n(); ++i) {
-    const Vec3 x = c.x.at(i), moved = c.foreseen.at(i) - x;
+    const Vec3 x = c.x.at(i), moved = c.predicted.at(i) - x;
     box.include(x);
     square = std::max(square, dot(moved, moved));
   }
@@ -78,7 +78,7 @@ BT_VECTOR Box box_of_reach(const Chain& c, double threshold) {
 }
 
 // Whether the box of a part of a link is within reach of a tendon, anywhere in the link's step.
-bool is_near(const Chain& c, const Pose& pose, const Link& link, double dt, Vec3 lo, Vec3 hi, double reach) {
+bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec3 lo, Vec3 hi, double reach) {
   Box box, around;
   double moves = 0;
   around.include(lo), around.include(hi);
@@ -90,38 +90,39 @@ bool is_near(const Chain& c, const Pose& pose, const Link& link, double dt, Vec3
 }
 
 // As if it had been there before: two-step methods go on from that.
-void lie_still(Chain& c) {
+void lie_still(Tendon& c) {
   c.x_before = c.x;
   c.v.zero(), c.v_before.zero(), c.acceleration.zero();
 }
 
-double skin_of(const Chain& c, double threshold) { return (1 + kSlack) * c.radius + threshold; }
+double skin_of(const Tendon& c, double threshold) { return (1 + kSlack) * c.radius + threshold; }
 
 }  // namespace
 
-void World::rouse(int chain) {
-  const int bed = chains[chain]->bed;
-  chains[chain]->quiet = 0;
+void World::wake_tendon(int tendon) {
+  const int bed = tendons[tendon]->bed;
+  tendons[tendon]->quiet = 0;
   if (bed < 0) return;
-  for (auto& c : chains)
+  for (auto& c : tendons)
     if (c && c->bed == bed) c->bed = -1, c->quiet = 0;
-  auto woken = [&](const Row& row) { return chains[row.a.chain]->bed < 0; };
-  asleep_rows_.erase(std::remove_if(asleep_rows_.begin(), asleep_rows_.end(), woken), asleep_rows_.end());
+  auto woken = [&](const Contact& contact) { return tendons[contact.a.tendon]->bed < 0; };
+  asleep_contacts_.erase(std::remove_if(asleep_contacts_.begin(), asleep_contacts_.end(), woken),
+                         asleep_contacts_.end());
 }
 
-void World::rouse_all() {
-  for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c]) rouse(static_cast<int>(c));
+void World::wake_all() {
+  for (size_t c = 0; c < tendons.size(); ++c)
+    if (tendons[c]) wake_tendon(static_cast<int>(c));
 }
 
 bool World::any_asleep() const {
-  return std::any_of(chains.begin(), chains.end(), [](const auto& c) { return c && c->bed >= 0; });
+  return std::any_of(tendons.begin(), tendons.end(), [](const auto& c) { return c && c->bed >= 0; });
 }
 
-bool World::feels(const Chain& c, int slot, double dt) const {
+bool World::feels(const Tendon& c, int slot, double dt) const {
   const Link& link = links[slot];
   const double skin = skin_of(c, options.contact_threshold);
-  for (const Hold& h : c.holds)
+  for (const Anchor& h : c.anchors)
     if (h.link == slot) return true;
   for (size_t s = 0; s < shapes.size(); ++s) {
     if (!shape_alive[s] || shapes[s].link != slot) continue;
@@ -137,24 +138,24 @@ bool World::feels(const Chain& c, int slot, double dt) const {
 }
 
 // By what has changed since the last step.
-void World::rouse_disturbed(double dt) {
+void World::wake_disturbed(double dt) {
   if (any_asleep()) {
-    if (whole_ || !options.sleep || !same(context_.gravity, rest_gravity_)) rouse_all();
+    if (whole_ || !options.sleep || !same(context_.gravity, rest_gravity_)) wake_all();
     for (size_t l = 0; l < links.size(); ++l)
-      for (size_t c = 0; links[l].moved && c < chains.size(); ++c)
-        if (chains[c] && chains[c]->bed >= 0 && feels(*chains[c], static_cast<int>(l), dt))
-          rouse(static_cast<int>(c));
+      for (size_t c = 0; links[l].moved && c < tendons.size(); ++c)
+        if (tendons[c] && tendons[c]->bed >= 0 && feels(*tendons[c], static_cast<int>(l), dt))
+          wake_tendon(static_cast<int>(c));
   }
   for (Link& l : links) l.moved = false;
 }
 
-bool World::is_met(const Chain& asleep) const {
+bool World::is_met(const Tendon& asleep) const {
   const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
   const int segments = asleep.n() - 1;
   const Box all = box_of(asleep, 0, segments - 1, skin);
   for (size_t a = 0; a < slots_.size(); ++a) {
     if (!slots_[a] || !overlap(reach_[a], all)) continue;
-    const Chain& awake = *slots_[a];
+    const Tendon& awake = *slots_[a];
     for (int k = 0; k < segments; k += kBoxedSegments) {
       const Box leaf = box_of(asleep, k, std::min(k + kBoxedSegments, segments) - 1, skin);
       for (int m = 0; overlap(reach_[a], leaf) && m < awake.n() - 1; ++m)
@@ -165,26 +166,27 @@ bool World::is_met(const Chain& asleep) const {
 }
 
 // true: tendons that step have come within reach of some that sleep, which step from now on too.
-bool World::rouse_met() {
+bool World::wake_met() {
   if (!any_asleep()) return false;
   bool any = false;
   reach_.assign(slots_.size(), Box{});
   for (size_t a = 0; a < slots_.size(); ++a)
     if (slots_[a]) reach_[a] = box_of_reach(*slots_[a], options.contact_threshold);
-  for (size_t c = 0; c < chains.size(); ++c)
-    if (chains[c] && chains[c]->bed >= 0 && is_met(*chains[c])) rouse(static_cast<int>(c)), any = true;
+  for (size_t c = 0; c < tendons.size(); ++c)
+    if (tendons[c] && tendons[c]->bed >= 0 && is_met(*tendons[c]))
+      wake_tendon(static_cast<int>(c)), any = true;
   if (any) join_step();
   return any;
 }
 
 // Tendons that are awake and not in the step yet; their forces were the same all the time.
 void World::join_step() {
-  slots_.resize(chains.size());
-  for (size_t c = 0; c < chains.size(); ++c) {
-    if (slots_[c] || !chains[c] || chains[c]->bed >= 0) continue;
-    slots_[c] = chains[c].get();
+  slots_.resize(tendons.size());
+  for (size_t c = 0; c < tendons.size(); ++c) {
+    if (slots_[c] || !tendons[c] || tendons[c]->bed >= 0) continue;
+    slots_[c] = tendons[c].get();
     slots_[c]->keep_multipliers(slots_[c]->start_multipliers);
-    for (Hold& h : slots_[c]->holds) {
+    for (Anchor& h : slots_[c]->anchors) {
       h.last_mean = h.mean_force;
       h.sum_force = substeps_.share_before() * h.step_force;
       if (h.link >= 0) ++links[h.link].touching;
@@ -196,7 +198,7 @@ void World::join_step() {
 bool World::count_rest(double dt) {
   const bool solved = substeps_.taken() == 1 && report_.converged;
   bool any = false;
-  for (Chain* c : slots_) {
+  for (Tendon* c : slots_) {
     if (!c) continue;
     const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(context_.gravity));
     c->quiet = still ? c->quiet + std::min(dt, kRestTime / kRestSteps) : 0;
@@ -209,12 +211,12 @@ bool World::count_rest(double dt) {
 void World::find_restful() {
   restful_.assign(slots_.size(), 0), restless_.assign(slots_.size(), 0);
   auto by = [&](int root, int link) { (link >= 0 && links[link].yields() ? restless_ : restful_)[root] = 1; };
-  for (const Row& row : rows_)
-    if (row.link >= 0) by(group_root(row.a.chain), row.link);
+  for (const Contact& contact : contacts_)
+    if (contact.link >= 0) by(island_root(contact.a.tendon), contact.link);
   for (size_t c = 0; c < slots_.size(); ++c) {
     if (!slots_[c]) continue;
-    const int root = group_root(static_cast<int>(c));
-    for (const Hold& h : slots_[c]->holds) by(root, h.link);
+    const int root = island_root(static_cast<int>(c));
+    for (const Anchor& h : slots_[c]->anchors) by(root, h.link);
     if (slots_[c]->quiet < kRestTime) restless_[root] = 1;
   }
 }
@@ -223,23 +225,24 @@ void World::fall_asleep() {
   if (!options.sleep || !substeps_.divisible() || !count_rest(whole_dt_)) return;
   find_restful();
   for (size_t c = 0; c < slots_.size(); ++c) {
-    const int root = slots_[c] ? group_root(static_cast<int>(c)) : 0;
+    const int root = slots_[c] ? island_root(static_cast<int>(c)) : 0;
     if (slots_[c] && restful_[root] && !restless_[root]) lie_still(*slots_[c]), slots_[c]->bed = root;
   }
-  auto sleeps = [&](const Row& row) { return chains[row.a.chain]->bed >= 0; };
-  std::copy_if(rows_.begin(), rows_.end(), std::back_inserter(asleep_rows_), sleeps);
-  rows_.erase(std::remove_if(rows_.begin(), rows_.end(), sleeps), rows_.end());
+  auto sleeps = [&](const Contact& contact) { return tendons[contact.a.tendon]->bed >= 0; };
+  std::copy_if(contacts_.begin(), contacts_.end(), std::back_inserter(asleep_contacts_), sleeps);
+  contacts_.erase(std::remove_if(contacts_.begin(), contacts_.end(), sleeps), contacts_.end());
   rest_gravity_ = context_.gravity;
 }
 
 // What sleeps goes on pushing and pulling at what holds it.
 void World::push_asleep() {
   if (!any_asleep()) return;
-  for (const Row& row : asleep_rows_)
-    if (row.link >= 0) links[row.link].apply(-row.mean_force, row.a.of(chains[row.a.chain]->x));
-  for (const auto& c : chains)
-    for (size_t i = 0; c && c->bed >= 0 && i < c->holds.size(); ++i) {
-      const Hold& h = c->holds[i];
+  for (const Contact& contact : asleep_contacts_)
+    if (contact.link >= 0)
+      links[contact.link].apply(-contact.mean_force, contact.a.of(tendons[contact.a.tendon]->x));
+  for (const auto& c : tendons)
+    for (size_t i = 0; c && c->bed >= 0 && i < c->anchors.size(); ++i) {
+      const Anchor& h = c->anchors[i];
       if (h.link >= 0) links[h.link].apply(h.step_force, to_world(links[h.link].pose, h.local));
     }
 }

@@ -9,7 +9,7 @@
 namespace bt {
 
 template <class A>
-void visit(A& a, Hold& h) {
+void visit(A& a, Anchor& h) {
   a("id", h.id);
   a("particle", h.particle);
   a("link", h.link);
@@ -39,7 +39,7 @@ void visit(A& a, TendonState& s) {
   a("point_mass", s.point_mass);
   a("rest", s.rest);
   a("scale", s.scale);
-  a("anchors", s.holds);
+  a("anchors", s.anchors);
   a("overlaid", s.overlaid);
   a("tunnel_of", s.tunnel_of);
   a("x_before", s.x_before);
@@ -59,7 +59,7 @@ void visit(A& a, SpringState& s) {
   a("inverse_rest", s.inverse_rest);
   a("stiffness", s.stiffness);
   a("damping", s.damping);
-  a("carried", s.carried);
+  a("carried", s.lambda);
   a("elastic", s.elastic);
   a("lighter", s.lighter);
   a("start", s.start);
@@ -114,11 +114,11 @@ struct StateFields {
     a("noted", o.noted_);
   }
   template <class A>
-  static void of(A& a, Mover& m) {
+  static void of(A& a, GeneralizedBody& m) {
     a("rates", m.rates);
     a("free", m.free);
-    a("falls", m.falls);
-    a("gyration", m.gyration);
+    a("falls", m.gravity_response);
+    a("gyration", m.gyroscopic_acceleration);
     a("limits", m.limits);
     a("contacts", m.contacts);
     a("contacts_at", m.contacts_at);
@@ -142,7 +142,7 @@ struct StateFields {
 };
 
 template <class A>
-void visit(A& a, Mover& m) {
+void visit(A& a, GeneralizedBody& m) {
   StateFields::of(a, m);
 }
 
@@ -156,7 +156,7 @@ void visit(A& a, Link& l) {
   a("now_spin", l.now_spin);
   a("velocity", l.velocity);
   a("spin", l.spin);
-  a("mover", l.mover);
+  a("mover", l.body);
   a("yielded", l.yielded);
   a("moved", l.moved);
   a("jacobian", l.jacobian);
@@ -180,17 +180,17 @@ void visit(A& a, ContactKey& k) {
 template <class A>
 void visit(A& a, ContactMemory& m) {
   a("key", m.key);
-  a("carried", m.carried);
-  a("confirmed", m.confirmed);
+  a("carried", m.lambda);
+  a("confirmed", m.lambda_confirmed);
   a("sliding", m.sliding);
   a("mean_force", m.mean_force);
-  a("b", m.b);
-  a("stuck", m.stuck);
+  a("b", m.h_eff);
+  a("stuck", m.tangent_anchor);
 }
 
 template <class A>
-void visit(A& a, Spot& s) {
-  a("chain", s.chain);
+void visit(A& a, SegmentPoint& s) {
+  a("chain", s.tendon);
   a("first", s.first);
   a("w0", s.w0);
   a("w1", s.w1);
@@ -198,15 +198,15 @@ void visit(A& a, Spot& s) {
 
 // Contacts of the last step are read out after it, and those at rest go on pushing at links.
 template <class A>
-void visit(A& a, Row& r) {
+void visit(A& a, Contact& r) {
   a("key", r.key);
   a("kind", r.kind);
   a("a", r.a);
   a("b", r.b);
   a("link", r.link);
   a("normal", r.normal);
-  a("allowed", r.allowed);
-  a("beyond", r.beyond);
+  a("allowed", r.depth_allowance);
+  a("beyond", r.margin);
   a("gap", r.gap);
   a("normal_force", r.normal_force);
   a("tangent_force", r.tangent_force);

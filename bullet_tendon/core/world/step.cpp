@@ -32,8 +32,8 @@ constexpr double kTurn = 0.6;
 constexpr int kLooks = 6;
 
 // Where a grip leads its particle by the end of a substep: straight to its goal.
-void aim_grips(Chain& c, double share) {
-  for (Hold& h : c.holds)
+void aim_grips(Tendon& c, double share) {
+  for (Anchor& h : c.anchors)
     if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
 }
 
@@ -83,12 +83,12 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
     l.touching = 0;
   }
   way_back_ = !whole && any_moved();
-  for (Mover& m : movers) m.turns = false;
+  for (GeneralizedBody& m : bodies) m.turns = false;
   if (way_back_) {
     start_.sensed_links = links;
-    start_.sensed_bodies = movers;
+    start_.sensed_bodies = bodies;
   }
-  rouse_disturbed(dt);
+  wake_disturbed(dt);
   join_step();
   for (Link& l : links) l.touches = std::max(l.touches, l.touching);
   report_ = Report{};
@@ -109,12 +109,12 @@ void World::predict() {
     l.turned.begun = (substeps_.end() - context_.dt) * l.spin;
     l.turned.more = context_.dt * l.spin;
   }
-  for (Chain* c : slots_) {
+  for (Tendon* c : slots_) {
     if (!c) continue;
     aim_attachments(*c);
     aim_grips(*c, substeps_.share_left());
     begin_step(*c, context_);
-    c->foresee();
+    c->predict();
   }
   find_bores();
 }
@@ -123,12 +123,12 @@ void World::predict() {
 std::optional<Reason> World::solve_substep() {
   failed_ = false;
   if (const auto why = outlast_history()) return why;
-  if (looking_) rows_.swap(before_);
-  collect_rows();
-  if (rouse_met()) return Reason::woken;
-  if (room_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
+  if (looking_) contacts_.swap(before_);
+  collect_contacts();
+  if (wake_met()) return Reason::woken;
+  if (motion_limit_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
   const bool left = looking_ && stray_;
-  if (!looking_ || take_new_rows() || left) {
+  if (!looking_ || take_new_contacts() || left) {
     if (substeps_.may_repeat() && share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (failed_) return {};
@@ -146,7 +146,7 @@ std::optional<Reason> World::outlast_history() {
   if (!is_second_order(options.integrator) || !substeps_.divisible() || !substeps_.is_whole() || looking_)
     return {};
   bool turns = false, touched = false, grows = false;
-  for (const Chain* c : slots_) {
+  for (const Tendon* c : slots_) {
     if (!c) continue;
     turns |= greatest_turn(*c) > kTurn;
     touched |= c->touched;
@@ -160,17 +160,17 @@ std::optional<Reason> World::outlast_history() {
 
 std::optional<Reason> World::solve_islands() {
   const bool other_unknowns = find_unknowns();
-  for (Chain* c : slots_) {
+  for (Tendon* c : slots_) {
     if (!c || !other_unknowns) continue;
     aim_attachments(*c);
     c->restore_multipliers(c->start_multipliers);
     begin_step(*c, context_);
   }
-  make_groups();
-  context_.goes_on = looking_ && !other_unknowns;
+  make_islands();
+  context_.warm = looking_ && !other_unknowns;
   const bool may_look = substeps_.divisible() && looks_ < kLooks && !budget_.exhausted();
   context_.may_look = may_look;
-  const bool finite = solve_groups();
+  const bool finite = solve_each_island();
   if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.exhausted()) return Reason::not_converged;
   failed_ = !finite;
   if (failed_ || budget_.exhausted()) return {};
@@ -186,14 +186,14 @@ void World::solve_again(Reason why) {
     return;
   }
   if (why == Reason::motion)
-    substeps_.cut(why, room_, budget_);
+    substeps_.cut(why, motion_limit_, budget_);
   else if (why == Reason::not_converged)
     substeps_.cut(why, 0.5, budget_);
   else if (why == Reason::turn || why == Reason::growth)
     substeps_.divide(why, why == Reason::turn ? substeps_parts_ : 2);
   else
     substeps_.repeat(why);
-  for (Chain* c : slots_)
+  for (Tendon* c : slots_)
     if (c) c->restore_multipliers(c->start_multipliers);
   predict();
 }
@@ -201,15 +201,15 @@ void World::solve_again(Reason why) {
 // Particles that end elsewhere than predicted are predicted where they end.
 bool World::strayed() {
   bool any = false;
-  for (Chain* c : slots_) {
-    if (!c || !strays(*c)) continue;
+  for (Tendon* c : slots_) {
+    if (!c || !leaves_predicted_region(*c)) continue;
     for (int i = 0; i < c->n(); ++i) {
-      const double off = norm(c->next.at(i) - c->foreseen.at(i));
+      const double off = norm(c->x_new.at(i) - c->predicted.at(i));
       if (!(off > c->slack[i])) continue;
       any = true;
       c->slack[i] = kSlack * c->radius + 0.5 * off;
       c->most_slack = std::max(c->most_slack, c->slack[i]);
-      c->foreseen.set(i, c->next.at(i));
+      c->predicted.set(i, c->x_new.at(i));
     }
   }
   return any;
@@ -217,19 +217,19 @@ bool World::strayed() {
 
 // rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new that
 // touches.
-bool World::take_new_rows() {
+bool World::take_new_contacts() {
   keys_.clear();
-  for (const Row& row : before_) keys_.push_back(row.key);
+  for (const Contact& contact : before_) keys_.push_back(contact.key);
   std::sort(keys_.begin(), keys_.end());
   const size_t known = before_.size();
   bool touches = false;
-  for (const Row& row : rows_)
-    if (!std::binary_search(keys_.begin(), keys_.end(), row.key)) {
-      before_.push_back(row);
-      touches |= !row.passes;
+  for (const Contact& contact : contacts_)
+    if (!std::binary_search(keys_.begin(), keys_.end(), contact.key)) {
+      before_.push_back(contact);
+      touches |= !contact.passes;
     }
   if (!touches) before_.resize(known);
-  rows_.swap(before_);
+  contacts_.swap(before_);
   return touches;
 }
 
@@ -245,16 +245,17 @@ void World::push_links(double share) {
     link.force += share * force;
     link.torque += share * torque;
   };
-  for (const Row& row : rows_) {
-    if (row.link < 0) continue;
-    Link& link = links[row.link];
+  for (const Contact& contact : contacts_) {
+    if (contact.link < 0) continue;
+    Link& link = links[contact.link];
     // On the centreline's point, not on the surface: particles do not spin.
-    const Vec3 point = row.a.of(slots_[row.a.chain]->next), force = -row.mean_force;
-    push(link, force, link.turned.far ? link.torque_of(force, row.arm) : cross(point - link.centre, force));
+    const Vec3 point = contact.a.of(slots_[contact.a.tendon]->x_new), force = -contact.mean_force;
+    push(link, force,
+         link.turned.far ? link.torque_of(force, contact.arm) : cross(point - link.centre, force));
   }
-  for (const Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) {
-      const Hold& h = c->holds[i];
+  for (const Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
+      const Anchor& h = c->anchors[i];
       if (h.link < 0) continue;
       Link& link = links[h.link];
       push(link, h.mean_force, link.turned.far ? h.mean_torque : cross(link.arm_of(h.local), h.mean_force));
@@ -266,14 +267,14 @@ void World::take_substep() {
   report_.take(attempt_);
   const double share = substeps_.share();
   push_links(share);
-  for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) {
-      Hold& h = c->holds[i];
+  for (Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
+      Anchor& h = c->anchors[i];
       h.last_mean = h.mean_force;
       h.sum_force += share * h.mean_force;
     }
   remember();
-  for (Chain* c : slots_)
+  for (Tendon* c : slots_)
     if (c) {
       finish_step(*c, context_);
       c->let_overlaid_part();
@@ -284,7 +285,7 @@ void World::take_substep() {
   push_bodies();
   for (Link& l : links) l.advance_to(substeps_.end());
   substeps_.accept();
-  for (Chain* c : slots_)
+  for (Tendon* c : slots_)
     if (c) c->keep_multipliers(c->start_multipliers);
   settlings_ = 0;
   predict();
@@ -296,12 +297,12 @@ void World::finish_step_of_world() {
   report_.linear_solves = budget_.spent();
   report_.over_budget = budget_.exhausted();
   sum_forces(1, false);
-  for (Mover& m : movers)
+  for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.act(whole_dt_);
-  for (Chain* c : slots_)
-    for (size_t i = 0; c && i < c->holds.size(); ++i) c->holds[i].step_force = c->holds[i].sum_force;
+  for (Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
   push_asleep();
-  report_.asleep = std::count_if(chains.begin(), chains.end(), [](auto& c) { return c && c->bed >= 0; });
+  report_.asleep = std::count_if(tendons.begin(), tendons.end(), [](auto& c) { return c && c->bed >= 0; });
   fall_asleep();
 }
 
@@ -309,10 +310,10 @@ bool World::share_weights() {
   bool changed = false;
   for (bool any = is_second_order(options.integrator); any; changed |= any) {
     any = false;
-    for (const Row& row : rows_) {
-      if (row.b.chain < 0 || row.passes) continue;
-      Chain &a = *slots_[row.a.chain], &b = *slots_[row.b.chain];
-      if (a.smooth != b.smooth || (a.smooth && a.b != b.b)) a.smooth = b.smooth = false, any = true;
+    for (const Contact& contact : contacts_) {
+      if (contact.b.tendon < 0 || contact.passes) continue;
+      Tendon &a = *slots_[contact.a.tendon], &b = *slots_[contact.b.tendon];
+      if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) a.smooth = b.smooth = false, any = true;
     }
   }
   return changed;
@@ -323,13 +324,13 @@ bool World::share_weights() {
 // body's unknowns are solved for, the particle goes with them; an attachment that has a free rigid body for
 // itself is a spring. What a particle is away from its point, as pybullet moved the body otherwise, is made
 // up for evenly.
-void World::aim_attachments(Chain& c) {
-  for (Hold& h : c.holds) {
+void World::aim_attachments(Tendon& c) {
+  for (Anchor& h : c.anchors) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
     h.aim = p + link.drift(p, context_.dt);
-    h.moves = link.yields() && movers[link.mover].unknown;
+    h.moves = link.yields() && bodies[link.body].unknown;
     // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
     h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
     h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
@@ -340,7 +341,7 @@ void World::aim_attachments(Chain& c) {
 }
 
 void World::interrupt() {
-  for (auto& c : chains)
+  for (auto& c : tendons)
     if (c) c->smooth = false;
 }
 

@@ -46,41 +46,42 @@ class World {
   mutable std::recursive_mutex mutex;
   Options options;
   // Slots keep their numbers; a removed one is empty, and the next addition takes it.
-  std::vector<std::unique_ptr<Chain>> chains;
+  std::vector<std::unique_ptr<Tendon>> tendons;
   std::vector<Link> links;
-  std::vector<Mover> movers;  // of the bodies, each in the slot of one of its links; empty in the others
+  std::vector<GeneralizedBody>
+      bodies;  // of the bodies, each in the slot of one of its links; empty in the others
   std::vector<Shape> shapes;
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive, tunnel_alive;
 
-  int add_chain(std::unique_ptr<Chain> chain);
-  void remove_chain(int slot);
+  int add_tendon(std::unique_ptr<Tendon> tendon);
+  void remove_tendon(int slot);
   int add_shape(const Shape& shape);
   void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
   // Forgets contacts, planes and tunnels of one tendon, after it was moved from outside.
-  void forget_contacts(int chain);
+  void forget_contacts(int tendon);
 
   // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
   void sense(double dt, Vec3 gravity, bool held);
   // Movers that were let go in the last step, which was solved as if they were held.
-  std::vector<int> released_movers() const;
+  std::vector<int> released_bodies() const;
   // Free rigid bodies that something unforeseen pulled at in the last step, so that their tendons are
   // stretched by what these have not answered to.
-  std::vector<int> pulled_movers() const;
+  std::vector<int> pulled_bodies() const;
   // What was let go is free from now on, and everything is taken back to before that step, of dt, in which
   // `pulled` go as was seen. false: there is no way back.
   bool rewind(double dt, Vec3 gravity, const std::vector<int>& pulled);
   bool any_held() const;
-  // The rates of a mover right after a step; whether it seems to have been let go.
-  bool note(int mover, const dense::Numbers& rates);
-  // Nothing can hold the mover.
-  void let_go(int mover);
+  // The rates of a body right after a step; whether it seems to have been let go.
+  bool note(int body, const dense::Numbers& rates);
+  // Nothing can hold the body.
+  void let_go(int body);
   // What bodies rest on is what was told before rewind, though they are told of once more.
   void keep_told_contacts();
   // Their rates were set from outside, to mend the last step, which is not taken back again.
-  void refresh_movers();
+  void refresh_bodies();
   // One step of dt [s]. whole: not in substeps, whatever happens (for steps whose length means nothing).
   StepOutcome step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // Called after every substep, for tests.
@@ -98,8 +99,8 @@ class World {
   Vec3 gravity() const { return context_.gravity; }  // of the last step
   std::vector<ContactRecord> contacts() const;
   // The tendon steps again, with all that rest with it: something about it has changed (world/sleeping.cpp).
-  void rouse(int chain);
-  void rouse_all();
+  void wake_tendon(int tendon);
+  void wake_all();
 
  private:
   // world/checkpoint.cpp
@@ -114,18 +115,18 @@ class World {
   void empty_caches();
   template <class Which>
   void forget_memory(Which which);
-  void forget_memory_of(int chain);
+  void forget_memory_of(int tendon);
   void forget_planes();
   bool any_moved() const;
-  double pulled_away(const Chain& c, const Hold& hold) const;
+  double pulled_away(const Tendon& c, const Anchor& anchor) const;
   bool take_back();
-  // How a mover is going to move in this step.
-  void foresee(int mover);
-  void lead_links(int mover);
+  // How a body is going to move in this step.
+  void predict(int body);
+  void lead_links(int body);
   // A jump in the motion of a link: two-step methods start again, of all tendons, because those that share
   // forces have to share their means.
   void interrupt();
-  void aim_attachments(Chain& c);
+  void aim_attachments(Tendon& c);
   // world/step.cpp
   void begin_step_of_world(double dt, Vec3 gravity, bool whole);
   void predict();
@@ -139,7 +140,7 @@ class World {
   bool can_carry() const;
   void push_links(double share);
   bool strayed();
-  bool take_new_rows();
+  bool take_new_contacts();
   // integrator/scheme.cpp
   // What is to press on each other takes steps of the same weight, so that its impulses are equal and
   // opposite. true: some had begun with another.
@@ -156,28 +157,28 @@ class World {
   bool settle_stops();
   std::vector<char> solid_links() const;
   // world/islands.cpp
-  bool solve_groups();
-  void read_worst(const Group& group);
+  bool solve_each_island();
+  void read_worst(const Island& island);
   // world/contact_builder.cpp
-  void collect_rows();
-  void bone_rows();
-  void half_space_rows(int chain, int shape);
-  void tendon_rows();
-  void finish_row(Row& row, int chain_slot, int particle);
-  void finish_row(Row& row, const HeldBack& held, double radius, bool two_step);
-  void finish_pair(Row& row);
-  void soften(Row& row, const Link& link, Vec3 at) const;
-  void add_row(const Row& row);
-  double depth_to_leave(const Row& row, double most) const;
-  // inertia: of the particle that the row is of, over the step's weight squared [N/m].
-  void recall(Row& row, double inertia);
+  void collect_contacts();
+  void bone_contacts();
+  void half_space_contacts(int tendon, int shape);
+  void tendon_contacts();
+  void finish_contact(Contact& contact, int tendon_slot, int particle);
+  void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
+  void finish_pair(Contact& contact);
+  void soften(Contact& contact, const Link& link, Vec3 at) const;
+  void add_contact(const Contact& contact);
+  double depth_to_leave(const Contact& contact, double most) const;
+  // inertia: of the particle that the contact is of, over the step's weight squared [N/m].
+  void recall(Contact& contact, double inertia);
   void remember();
   // world/sleeping.cpp
   bool any_asleep() const;
-  bool feels(const Chain& c, int link, double dt) const;
-  void rouse_disturbed(double dt);
-  bool is_met(const Chain& asleep) const;
-  bool rouse_met();
+  bool feels(const Tendon& c, int link, double dt) const;
+  void wake_disturbed(double dt);
+  bool is_met(const Tendon& asleep) const;
+  bool wake_met();
   void join_step();
   bool count_rest(double dt);
   void find_restful();
@@ -185,46 +186,47 @@ class World {
   void push_asleep();
   // world/contact_builder.cpp
   void find_bores();
-  void classify(Chain& c);
+  void classify(Tendon& c);
   // Those that the tendon could touch in the step, by boxes, and those that it is in, into near_tunnels_.
-  void find_near_tunnels(const Chain& c);
-  void bore_rows(int chain, int tunnel);
-  void mouth_rows(int chain, int tunnel);
-  double mouth_reach(int chain, int t, int k) const;
-  void mouth_row(int chain, int tunnel, int mouth, int segment, const Bore& bore, Vec3 centre, double radius);
+  void find_near_tunnels(const Tendon& c);
+  void bore_contacts(int tendon, int tunnel);
+  void mouth_contacts(int tendon, int tunnel);
+  double mouth_reach(int tendon, int t, int k) const;
+  void mouth_contact(int tendon, int tunnel, int mouth, int segment, const Bore& bore, Vec3 centre,
+                     double radius);
 
   const std::vector<Bore>& bores_of(int link) const { return bores_by_link_[link]; }
-  void make_groups();
-  int group_root(int chain);
-  void join_groups(int a, int b);
-  Row plane_row(ContactKind kind, Spot spot, int link, Vec3 point, Vec3 normal, const ContactKey& key,
-                double friction);
+  void make_islands();
+  int island_root(int tendon);
+  void join_islands(int a, int b);
+  Contact plane_contact(ContactKind kind, SegmentPoint spot, int link, Vec3 point, Vec3 normal,
+                        const ContactKey& key, double friction);
 
   StepContext context_;
   double whole_dt_ = 0;  // of the step that begin was asked for [s]
   bool whole_ = false;   // it must not be taken in parts
   Substepper substeps_;
   Budget budget_;
-  int substeps_parts_ = 1;  // that a step whose segments turn far is begun with
-  bool failed_ = false;     // a solution is not finite
-  int looks_ = 0;           // for contacts, in this substep
-  double room_ = 1;         // share of the part that can be gone before something unforeseen touches
-  bool looking_ = false;    // rows_ are solved for, and are only to be added to
-  bool stray_ = false;      // a group was left because its particles end elsewhere than foreseen
-  bool unsettled_ = false;  // a group with contacts did not converge
-  int settlings_ = 0;       // of this part, because other stops act than foreseen
-  bool way_back_ = false;   // the last step can be taken back: bodies had a part in it
-  std::vector<Chain*> slots_;
-  std::vector<std::vector<NearCache>> caches_;  // [chain][shape]
+  int substeps_parts_ = 1;   // that a step whose segments turn far is begun with
+  bool failed_ = false;      // a solution is not finite
+  int looks_ = 0;            // for contacts, in this substep
+  double motion_limit_ = 1;  // share of the part that can be gone before something unforeseen touches
+  bool looking_ = false;     // rows_ are solved for, and are only to be added to
+  bool stray_ = false;       // an island was left because its particles end elsewhere than foreseen
+  bool unsettled_ = false;   // an island with contacts did not converge
+  int settlings_ = 0;        // of this part, because other stops act than foreseen
+  bool way_back_ = false;    // the last step can be taken back: bodies had a part in it
+  std::vector<Tendon*> slots_;
+  std::vector<std::vector<NearCache>> caches_;  // [tendon][shape]
   std::vector<Query> queries_;
   std::vector<double> distances_, points_, parameters_;  // the answers to them
   BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
-  std::vector<int> touches_;  // by mover
-  std::vector<Row> rows_, found_, before_;
-  std::vector<Row> asleep_rows_;          // of tendons that sleep
+  std::vector<int> touches_;  // by body
+  std::vector<Contact> contacts_, found_, before_;
+  std::vector<Contact> asleep_contacts_;  // of tendons that sleep
   Vec3 rest_gravity_;                     // when the last of them fell asleep
-  std::vector<char> restful_, restless_;  // by root of a group
+  std::vector<char> restful_, restless_;  // by root of an island
   std::vector<Box> reach_;                // of tendons that do not, by slot
   std::vector<ContactKey> keys_;
   std::vector<ContactMemory> memory_;
@@ -232,13 +234,13 @@ class World {
   std::vector<Bore> bores_;  // by tunnel
   std::vector<int> near_tunnels_;
   std::vector<std::vector<Bore>> bores_by_link_;
-  std::vector<Group> groups_;
-  std::vector<int> group_of_;
+  std::vector<Island> islands_;
+  std::vector<int> island_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
   Checkpoint start_, previous_;                // of this step, and of the one before
   bool stepped_ = false;                       // a step was begun since the checkpoint
-  std::vector<dense::Numbers> told_contacts_;  // by mover, at rewind
+  std::vector<dense::Numbers> told_contacts_;  // by body, at rewind
   std::vector<KeptEntry> changed_entries_;     // as they were when the step began
 };
 
