@@ -101,7 +101,8 @@ void require(bool anchors, const char* what) {
 
 constexpr const char* kSizes = "with as many numbers as the world's parts have";
 constexpr const char* kIndices = "with indices of the world's parts";
-constexpr int kMostLinks = 1 << 20;
+// Links beyond those that are known that a state may refer to [-].
+constexpr size_t kMoreLinks = 1024;
 
 bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
 
@@ -111,7 +112,8 @@ void require_springs(const SpringState& s, size_t count) {
     require(list->size() == count, kSizes);
 }
 
-void require_tendon(const TendonCheckpoint& t, const Tendon& c, const std::vector<char>& tunnels) {
+void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
+                    const std::vector<char>& tunnels) {
   const TendonState& s = t.state;
   const size_t n = c.n();
   for (const Field* f : {&s.x, &s.v, &s.force, &s.x_before, &s.v_before, &s.acceleration})
@@ -126,7 +128,7 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, const std::vecto
   for (const Anchor& h : s.anchors) {
     require(within(h.particle, n), kIndices);
     // Links are made when they are first read: a state of before that refers to them all the same.
-    require(h.link >= -1 && h.link < kMostLinks, kIndices);
+    require(h.link >= -1 && (h.link < 0 || within(h.link, links + kMoreLinks)), kIndices);
   }
   for (uint64_t pair : s.overlaid) {
     const uint64_t k = pair >> 32, m = pair & 0xffffffffu;
@@ -189,7 +191,8 @@ void World::require_state(const Checkpoint& c) const {
   require(c.tendons.size() == tendons.size(), kSizes);
   for (size_t t = 0; t < tendons.size(); ++t) {
     require(c.tendons[t].there == (tendons[t] != nullptr), "of a world that is made of the same parts");
-    if (tendons[t]) require_tendon(c.tendons[t], *tendons[t], tunnel_alive);
+    if (tendons[t])
+      require_tendon(c.tendons[t], *tendons[t], std::max(links.size(), c.links.size()), tunnel_alive);
   }
   for (const GeneralizedBody& body : c.bodies) require_body(body);
   for (const GeneralizedBody& body : c.sensed_bodies) require_body(body);
