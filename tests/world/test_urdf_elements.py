@@ -10,7 +10,7 @@ import pytest
 from bullet_tendon.errors import InvalidType, UrdfError
 from bullet_tendon.urdf_elements import MATERIAL_ATTRIBUTES, read_elements
 
-URDF = Path(__file__).parents[1] / "urdf"
+URDF = Path(__file__).parents[2] / "urdf"
 TUNNEL = '<tunnel name="bore" link="a" radius="0.004"><start xyz="0 0 0"/><end xyz="0 0.03 0"/></tunnel>'
 TENDON = (
     '<tendon name="graft" radius="0.0035" particles="60">'

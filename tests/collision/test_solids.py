@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bullet_tendon.mesh_files import read_mesh
 from bullet_tendon.solids import Interior, winding_number
 
-KNEE = Path(__file__).parents[2] / "shared" / "knee"
+KNEE = Path(__file__).parents[3] / "shared" / "knee"
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 BOX = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])

@@ -13,7 +13,7 @@ from bullet_tendon.errors import InvalidValue
 from bullet_tendon.mesh_files import read_mesh
 from bullet_tendon.shapes import convex_mesh, mesh, primitive
 
-FEMUR = Path(__file__).parents[2] / "shared" / "knee" / "femur.stl"
+FEMUR = Path(__file__).parents[3] / "shared" / "knee" / "femur.stl"
 COUNTS = [1000, pytest.param(10_000, marks=pytest.mark.slow)]
 
 

@@ -16,7 +16,7 @@ import pytest
 import bullet_tendon as bt
 from bullet_tendon import _core
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 STUB = ROOT / "bullet_tendon" / "_core.pyi"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 READMES = [

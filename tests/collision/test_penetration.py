@@ -12,7 +12,7 @@ from bullet_tendon.mesh_files import read_mesh
 
 RADIUS = 0.004
 SOFT = bt.Material(stiffness=300.0, damping=0.3, friction=1.0)
-PATELLA = Path(__file__).parents[2] / "shared" / "knee" / "patella.stl"
+PATELLA = Path(__file__).parents[3] / "shared" / "knee" / "patella.stl"
 SIZES = {"box": (0.2, 0.3, 0.5), "sphere": (0.2,), "capsule": (0.1, 0.4), "cylinder": (0.15, 0.4)}
 PLACE, TURN = np.array([0.3, -0.2, 0.5]), p.getQuaternionFromEuler([0.4, -1.1, 2.0])
 AXES = np.array(p.getMatrixFromQuaternion(TURN)).reshape(3, 3)

@@ -8,7 +8,7 @@ import pytest
 from bullet_tendon.scenarios import graft_passage
 from bullet_tendon.scenarios.scene import Options, Scene
 
-KNEE = Path(__file__).resolve().parents[2] / "shared" / "knee"
+KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
 # Middles of the ACL's attachments in the knee's data, at full extension, where both frames coincide [m].
 TIBIAL_FOOTPRINT = np.array([0.0142, -0.0213, -0.0010])
 FEMORAL_FOOTPRINT = np.array([-0.0010, 0.0003, 0.0050])

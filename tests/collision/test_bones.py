@@ -10,7 +10,7 @@ import pybullet as p
 import pytest
 from scipy.spatial import cKDTree
 
-URDF = Path(__file__).parents[1] / "urdf"
+URDF = Path(__file__).parents[2] / "urdf"
 MESHES = ("femur", "tibia", "femur_drilled", "tibia_drilled")
 GRAFT_RADIUS = 3.5e-3  # the commonest hamstring graft is 7 to 8 mm thick
 JOINTS = ("flexion", "adduction", "rotation", "anterior", "superior", "lateral")

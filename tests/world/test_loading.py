@@ -13,7 +13,7 @@ import bullet_tendon as bt
 from bullet_tendon.loading import link_indices
 from bullet_tendon.urdf_elements import read_elements
 
-URDF = Path(__file__).parents[1] / "urdf"
+URDF = Path(__file__).parents[2] / "urdf"
 FLAGS = {"useFixedBase": True, "flags": p.URDF_USE_INERTIA_FROM_FILE}
 LINKS = (
     '<link name="a"><inertial><origin xyz="0.02 0 0"/><mass value="1"/>'
