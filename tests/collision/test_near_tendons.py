@@ -1,5 +1,6 @@
 """Segments of tendons that could touch are found however tendons move, and whatever was searched before."""
 
+import contextlib
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -282,3 +283,16 @@ def test_world_searches_again_after_a_jump(make_world):
     world.restore_state(touching)
     world.step()
     assert len(world.contacts) > 0
+
+
+@pytest.mark.parametrize("speed", [1e100, 1e160, 1e300])
+def test_predictions_beyond_squares_search_no_segment_that_is_not_there(make_world, speed):
+    """Tendons of 11 segments, whose hierarchies have 16 leaves, and speeds whose squares are not finite."""
+    world = make_world()
+    for k in range(2):
+        t = world.add_tendon([[0, 0.01 * k, 0], [0.1, 0.01 * k, 0]], 1e-3, bt.Material(stiffness=1e3), 12)
+        t.set_positions(t.positions, np.full((12, 3), (-1) ** k * speed))
+    for _ in range(3):
+        with contextlib.suppress(bt.StepFailed):
+            world.step()
+        assert all(np.isfinite(t.positions).all() for t in world.tendons)

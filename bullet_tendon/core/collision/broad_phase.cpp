@@ -76,7 +76,7 @@ struct Collector {
   void leave_out(double square) { list.left_out_ = std::min(list.left_out_, square); }
 
   void within(int i) {
-    if (a.joins(a.first(i), a.last(i))) return;
+    if (a.is_empty(i) || a.joins(a.first(i), a.last(i))) return;
     within(2 * i);
     within(2 * i + 1);
     between(2 * i, 2 * i + 1);
@@ -84,6 +84,7 @@ struct Collector {
 
   // Of one tendon: i comes before j.
   void between(int i, int j) {
+    if (a.is_empty(i) || b.is_empty(j)) return;
     if (self && a.joins(a.first(i), b.last(j))) return;
     const Vec3 gap = gap_between(a[i].at, b[j].at);
     const double square = dot(gap, gap);

@@ -40,6 +40,8 @@ class TendonBvh {
   const Node& operator[](int node) const { return nodes_[node]; }
   bool is_leaf(int node) const { return node >= leaves_; }
   int first(int node) const { return node * width(node) - leaves_; }
+  // No segment lies below it: there are as many leaves as the next power of two.
+  bool is_empty(int node) const { return first(node) >= tendon_->n() - 1; }
   int last(int node) const { return std::min(first(node) + width(node), tendon_->n() - 1) - 1; }
   // Segments below a node, those beyond the end included.
   int width(int node) const { return leaves_ >> (31 - __builtin_clz(static_cast<unsigned>(node))); }
