@@ -95,8 +95,8 @@ class Mark {
   uint64_t hash_ = 14695981039346656037ull;
 };
 
-void require(bool anchors, const char* what) {
-  if (!anchors) throw StateMismatch(what);
+void require(bool valid, const char* what) {
+  if (!valid) throw StateMismatch(what);
 }
 
 constexpr const char* kSizes = "with as many numbers as the world's parts have";
