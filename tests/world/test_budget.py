@@ -91,7 +91,15 @@ def test_bounds_that_are_none_are_refused(name, value):
         bt.SolverOptions(**{name: value})
 
 
-def test_ctrl_c_ends_a_long_step(make_world):
+@pytest.fixture
+def interruptible():
+    """Python's own handler of Ctrl-C, which a process that was started in the background has not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_ends_a_long_step(make_world, interruptible):
     """The step is left within a second, and the tendons are as they were before it."""
     world, t = folding(make_world, max_linear_solves=10**8, max_iterations=10**5)
     begun = time.perf_counter()
