@@ -1,13 +1,12 @@
 """Distances to meshes, which FCL measures, against brute force, and FCL's traps."""
 
-import sys
-import threading
 from pathlib import Path
 
 import fcl
 import numpy as np
 import pytest
 from brute_force import Triangles, check_pairs, point_triangles, random_segments, segment_triangles, torus
+from threads import at_once
 
 from bullet_tendon.errors import InvalidValue
 from bullet_tendon.mesh_files import read_mesh
@@ -160,16 +159,7 @@ def test_threads_measure_what_one_alone_measures(shared):
     def run(k):
         found[k] = np.column_stack(shapes[k].measure(a[k], b[k]))
 
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        threads = [threading.Thread(target=run, args=(k,)) for k in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(interval)
+    at_once(run, 2)
     np.testing.assert_array_equal(found, alone)
 
 

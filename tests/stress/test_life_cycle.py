@@ -1,12 +1,10 @@
 """pybullet's life under the plug-in: bodies come and go, ids are used again, clients close."""
 
-import sys
-import threading
-
 import numpy as np
 import pybullet as p
 import pytest
 from brute_force import torus
+from threads import at_once
 
 import bullet_tendon as bt
 
@@ -144,16 +142,7 @@ def test_one_world_a_thread():
     def run(k):
         found[k] = run_on_a_mesh(*cases[k])
 
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        threads = [threading.Thread(target=run, args=(k,)) for k in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(interval)
+    at_once(run, 2)
     assert found == [run_on_a_mesh(*case) for case in cases]
 
 

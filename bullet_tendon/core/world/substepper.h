@@ -41,7 +41,6 @@ class Substepper {
   // divisible: whether substeps may be shorter than the step.
   void start(double dt, bool divisible);
   bool done() const { return done_ == kUnits; }
-  double step() const { return dt_; }                            // [s]
   double h() const { return dt_ * size_ / kUnits; }              // of this substep [s]
   double end() const { return dt_ * (done_ + size_) / kUnits; }  // of it, from the start of the step [s]
   double share() const { return static_cast<double>(size_) / kUnits; }
@@ -50,7 +49,6 @@ class Substepper {
   // Its share of what is left of the step.
   double share_left() const { return static_cast<double>(size_) / (kUnits - done_); }
   bool is_whole() const { return size_ == kUnits; }
-  bool is_first() const { return done_ == 0; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
   // Whether a substep without convergence is cut; else its iterations have to be safeguarded.
