@@ -24,8 +24,6 @@ struct Link {
   bool moved = false;                // it has been elsewhere or has a velocity, since the last step began
   dense::Numbers jacobian;           // (6 n); empty: the identity
   dense::Numbers root;               // J E (6 n)
-  int touches = 0;                   // contacts and attachments that shared the response in the last step
-  int touching = 0;                  // the same, counted in this step
   Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
   Vec3 before_force, before_torque;  // the same, of the parts before
   // In a solution in which its body is unknown: J E Q, what the unknowns and their change make of its place,

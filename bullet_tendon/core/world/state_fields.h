@@ -161,8 +161,6 @@ void visit(A& a, Link& l) {
   a("moved", l.moved);
   a("jacobian", l.jacobian);
   a("root", l.root);
-  a("touches", l.touches);
-  a("touching", l.touching);
   a("force", l.force);
   a("torque", l.torque);
 }

@@ -77,11 +77,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   size_links();
   substeps_.start(dt, !whole && can_carry());
   slots_.clear();
-  for (Link& l : links) {
-    l.force = l.torque = Vec3{};
-    l.touches = l.touching;
-    l.touching = 0;
-  }
+  for (Link& l : links) l.force = l.torque = Vec3{};
   way_back_ = !whole && any_moved();
   for (GeneralizedBody& m : bodies) m.turns = false;
   if (way_back_) {
@@ -90,7 +86,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   wake_disturbed(dt);
   join_step();
-  for (Link& l : links) l.touches = std::max(l.touches, l.touching);
   report_ = Report{};
   settlings_ = 0;
 }
@@ -236,12 +231,10 @@ bool World::take_new_contacts() {
 // What the substep that was solved does to the links, after those before it.
 void World::push_links(double share) {
   for (Link& l : links) {
-    l.touching = 0;
     l.before_force = l.force;
     l.before_torque = l.torque;
   }
   auto push = [&](Link& link, Vec3 force, Vec3 torque) {
-    ++link.touching;
     link.force += share * force;
     link.torque += share * torque;
   };

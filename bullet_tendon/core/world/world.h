@@ -167,7 +167,6 @@ class World {
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
   void finish_pair(Contact& contact);
-  void soften(Contact& contact, const Link& link, Vec3 at) const;
   void add_contact(const Contact& contact);
   double depth_to_leave(const Contact& contact, double most) const;
   // inertia: of the particle that the contact is of, over the step's weight squared [N/m].
