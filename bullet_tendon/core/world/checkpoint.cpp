@@ -57,19 +57,12 @@ void World::apply(const Checkpoint& from) {
 void World::checkpoint() {
   std::swap(previous_, start_);
   stepped_ = false;
-  changed_entries_.clear();
   capture(start_);
 }
 
 void World::restore_checkpoint() {
   if (!start_.valid) return;
   apply(start_);
-  // An entry may have been answered twice in one step: the first of its copies is the old one.
-  for (size_t k = changed_entries_.size(); k-- > 0;) {
-    const KeptEntry& e = changed_entries_[k];
-    caches_[e.tendon][e.shape].entries[e.feature] = e.entry;
-  }
-  changed_entries_.clear();
   std::swap(previous_, start_);
 }
 
@@ -283,7 +276,6 @@ void World::restore(const char* from, size_t size) {
   apply(now);
   start_ = std::move(start);
   previous_ = {};
-  changed_entries_.clear();
   size_t k = 0;
   for (auto& of_tendon : caches_)
     for (NearCache& cache : of_tendon) cache.entries = std::move(planes[k++]);

@@ -2,8 +2,8 @@
 // and a state that a user saves.
 //
 // Copies go into the vectors that are there, so that a checkpoint in every step allocates nothing. What is
-// not here is made anew from it (the search for tendon pairs), or keeps its own changes (planes,
-// collision/proximity_cache.h).
+// not here is made anew from it (the search for tendon pairs), or checks by itself whether it still holds
+// (distances, collision/proximity_cache.h).
 #pragma once
 #include <stdexcept>
 #include <vector>

@@ -149,8 +149,8 @@ void World::update_proximity(DistanceOracle& oracle) {
     if (!slots_[c]) continue;
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
-      NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
-                       &bores_of(shapes[s].link), &changed_entries_};
+      const NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
+                             &bores_of(shapes[s].link)};
       ask(*tendons[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near,
           caches_[c][s], queries_, report_.near);
     }
@@ -161,7 +161,6 @@ void World::update_proximity(DistanceOracle& oracle) {
     const Query& query = queries_[q];
     const Shape& shape = shapes[query.shape];
     Entry& entry = caches_[query.tendon][query.shape].entries[query.feature];
-    changed_entries_.push_back({query.tendon, query.shape, query.feature, entry});
     answer(query, distances_[q], vec3_at(points_, q), parameters_[q], shape,
            in_world(shape, links[shape.link]), bores_of(shape.link), entry);
   }

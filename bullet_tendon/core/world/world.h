@@ -240,7 +240,6 @@ class World {
   Checkpoint start_, previous_;                // of this step, and of the one before
   bool stepped_ = false;                       // a step was begun since the checkpoint
   std::vector<dense::Numbers> told_contacts_;  // by body, at rewind
-  std::vector<KeptEntry> changed_entries_;     // as they were when the step began
 };
 
 }  // namespace bt
