@@ -65,7 +65,7 @@ bool update_direct(Island& island, Contact& contact) {
 
 // A contact at tendon.x_new, where its points follow what they touch.
 void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
-  if (island.follows && (contact.kind == ContactKind::mouth || !definite)) follow(island, contact);
+  if (island.follows) follow(island, contact);
   contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
 }
 
@@ -259,9 +259,7 @@ void follow(Island& island, Contact& contact) {
   } else if (contact.b.tendon >= 0) {
     Vec3 x[4];
     ends_of(island, contact, x);
-    const bool stayed = contact.stays;
-    contact.follow_pair(x, island.most_jump);
-    island.stayed |= contact.stays && !stayed;
+    contact.follow_pair(x);
   }
 }
 

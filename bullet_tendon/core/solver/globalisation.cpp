@@ -7,15 +7,13 @@
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/missed_contacts.h"
 
 namespace bt {
 
 namespace {
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
-// more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step. Larger share: what
-// slides is off by as much, and rounding decides by how much.
+// more than the share [-] given. Larger: what slides is off by as much, and rounding decides by how much.
 constexpr double kFrictionAccuracy = 1e-6;
 
 double slope_along(Island& island) {
@@ -113,9 +111,8 @@ bool stiffen(Island& island) {
 
 bool Rounds::next(Island& island, int iteration, double enough) {
   const bool slid = update_friction(island, enough);
-  const bool missed = add_missed(island);
   const bool deep = stiffen(island);
-  if (!slid && !missed && !deep) return false;
+  if (!slid && !deep) return false;
   ++count_, begun_ = iteration, fresh_ = true;
   return true;
 }

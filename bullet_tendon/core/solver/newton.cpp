@@ -13,7 +13,6 @@
 #include "solver/globalisation.h"
 #include "solver/island_step.h"
 #include "solver/linear_solve.h"
-#include "solver/missed_contacts.h"
 #include "tendon/segment_rotation.h"
 
 namespace bt {
@@ -26,13 +25,6 @@ namespace {
 constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
-
-// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
-// of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
-// Larger: more iterations until they do. Smaller: more pairs do, and get contacts at their other points
-// besides.
-constexpr double kMostJump = 0.02;
-constexpr double kLessJump = 0.25;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
@@ -59,7 +51,7 @@ struct Solution {
   bool turns = false;    // was far from it at some time, so that segments turn
   bool changed = false;  // what constrains particles directly
   bool circles = false;
-  int iteration = 0, lost = 0;
+  int iteration = 0;
   Rounds rounds;
   Progress progress{0};
   // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
@@ -94,11 +86,8 @@ bool is_rounding(Island& island, const Assembly& a, double last_residual, bool t
 }
 
 Solution begin(Island& island, const StepContext& context, bool safeguarded) {
-  island.most_jump = kNone, island.stayed = island.left_predicted_region = false;
-  for (Contact* contact : island.contacts) {
-    contact->held = false, contact->changes = 0;
-    contact->stays &= context.warm;
-  }
+  island.left_predicted_region = false;
+  for (Contact* contact : island.contacts) contact->held = false, contact->changes = 0;
   start_bodies(island);
   island.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
   Solution s{island, context, safeguarded};
@@ -119,8 +108,6 @@ void note_distance(Solution& s, const Assembly& a) {
   const bool was_far = s.far;
   s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
   s.turns |= s.far;  // a guess that was near is corrected along lines
-  s.lost += s.far && !was_far;
-  s.island.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
 }
 
 // The residual, and whether it is small enough.
@@ -166,15 +153,10 @@ Next guard(Solution& s, bool anew) {
 }
 
 Next watch(Solution& s, const Assembly& a) {
-  Island& island = s.island;
   if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
   if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
   const bool finite = std::isfinite(a.residual);
   if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
-  if (island.stayed && add_missed(island)) {
-    island.stayed = false, s.start_anew();
-    return Next::iterate;
-  }
   s.circles = !s.safe && s.progress.circles(a.residual);
   return Next::step;
 }

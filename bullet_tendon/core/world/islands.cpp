@@ -29,7 +29,7 @@ void World::make_islands() {
   islands_.resize(count);
   for (int c = 0; c < count; ++c) {
     Island& g = islands_[c];
-    g.tendons.clear(), g.numbers.clear(), g.contacts.clear(), g.extra.clear();
+    g.tendons.clear(), g.numbers.clear(), g.contacts.clear();
     g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
     g.residual = 0, g.left_predicted_region = false;
     g.linear_tolerance = 0, g.patterned = false;
@@ -60,11 +60,9 @@ bool World::solve_each_island() {
   bool finite = true;
   attempt_ = Report{};
   unsettled_ = stray_ = false;
-  found_.clear();
   for (Island& g : islands_) {
     if (g.tendons.empty()) continue;
     bt::solve(g, context_);
-    found_.insert(found_.end(), g.extra.begin(), g.extra.end());
     if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
     finite &= g.finite;
     stray_ |= g.left_predicted_region;
@@ -74,7 +72,6 @@ bool World::solve_each_island() {
     attempt_.converged &= g.converged;
     if (!(g.residual <= attempt_.residual) || attempt_.worst_tendon < 0) read_worst(g);
   }
-  contacts_.insert(contacts_.end(), found_.begin(), found_.end());
   attempt_.contacts = static_cast<long>(contacts_.size());
   report_.iterations += attempt_.iterations;
   return finite;

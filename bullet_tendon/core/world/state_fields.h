@@ -167,12 +167,12 @@ void visit(A& a, Link& l) {
 
 template <class A>
 void visit(A& a, ContactKey& k) {
-  a("extra", k.extra);
   a("kind", k.kind);
   a("tendon", k.tendon);
   a("feature", k.feature);
   a("other", k.other);
   a("other_feature", k.other_feature);
+  a("end", k.end);
 }
 
 template <class A>

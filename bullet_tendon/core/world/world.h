@@ -164,6 +164,7 @@ class World {
   void bone_contacts();
   void half_space_contacts(int tendon, int shape);
   void tendon_contacts();
+  void pair_contact(const SegmentPair& pair, const PairPoint& at);
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
   void finish_pair(Contact& contact);
@@ -222,7 +223,7 @@ class World {
   BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
   std::vector<int> touches_;  // by body
-  std::vector<Contact> contacts_, found_, before_;
+  std::vector<Contact> contacts_, before_;
   std::vector<Contact> asleep_contacts_;  // of tendons that sleep
   Vec3 rest_gravity_;                     // when the last of them fell asleep
   std::vector<char> restful_, restless_;  // by root of an island
