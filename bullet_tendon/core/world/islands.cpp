@@ -59,13 +59,12 @@ void World::make_islands() {
 bool World::solve_each_island() {
   bool finite = true;
   attempt_ = Report{};
-  unsettled_ = stray_ = false;
+  unsettled_ = false;
   for (Island& g : islands_) {
     if (g.tendons.empty()) continue;
     bt::solve(g, context_);
     if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
     finite &= g.finite;
-    stray_ |= g.left_predicted_region;
     unsettled_ |= !g.converged && !g.left_predicted_region;
     attempt_.iterations = std::max(attempt_.iterations, g.iterations);
     ++attempt_.islands;

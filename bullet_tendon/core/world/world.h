@@ -2,8 +2,8 @@
 //
 //   predict          history, inertial targets and starting guess of every tendon
 //   update_proximity which distances are needed, and the answers to them
-//   collect_rows     contacts from planes, bores, mouths and tendon pairs, with what they remember
-//   solve_islands    each group of touching tendons by itself
+//   collect_contacts contacts from planes, bores, mouths and tendon pairs, with what they remember
+//   solve_islands    each island of touching tendons by itself
 //   take_substep     new states, memories, and one wrench per touched link
 //
 // world/step.cpp has the loop. Whoever calls it makes a checkpoint before, and goes back to it where the step
@@ -139,8 +139,8 @@ class World {
   void finish_step_of_world();
   bool can_carry() const;
   void push_links(double share);
-  bool strayed();
-  bool take_new_contacts();
+  bool predict_at_solution();
+  void inherit_multipliers();
   // integrator/scheme.cpp
   // What is to press on each other takes steps of the same weight, so that its impulses are equal and
   // opposite. true: some had begun with another.
@@ -209,10 +209,8 @@ class World {
   Budget budget_;
   int substeps_parts_ = 1;   // that a step whose segments turn far is begun with
   bool failed_ = false;      // a solution is not finite
-  int looks_ = 0;            // for contacts, in this substep
+  int detections_ = 0;       // of contacts, after a solution of this substep
   double motion_limit_ = 1;  // share of the part that can be gone before something unforeseen touches
-  bool looking_ = false;     // rows_ are solved for, and are only to be added to
-  bool stray_ = false;       // an island was left because its particles end elsewhere than foreseen
   bool unsettled_ = false;   // an island with contacts did not converge
   int settlings_ = 0;        // of this part, because other stops act than foreseen
   bool way_back_ = false;    // the last step can be taken back: bodies had a part in it
@@ -222,13 +220,12 @@ class World {
   std::vector<double> distances_, points_, parameters_;  // the answers to them
   BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
-  std::vector<int> touches_;  // by body
-  std::vector<Contact> contacts_, before_;
-  std::vector<Contact> asleep_contacts_;  // of tendons that sleep
-  Vec3 rest_gravity_;                     // when the last of them fell asleep
-  std::vector<char> restful_, restless_;  // by root of an island
-  std::vector<Box> reach_;                // of tendons that do not, by slot
-  std::vector<ContactKey> keys_;
+  std::vector<int> touches_;                         // by body
+  std::vector<Contact> contacts_, solved_contacts_;  // of this detection, and of the last solution
+  std::vector<Contact> asleep_contacts_;             // of tendons that sleep
+  Vec3 rest_gravity_;                                // when the last of them fell asleep
+  std::vector<char> restful_, restless_;             // by root of an island
+  std::vector<Box> reach_;                           // of tendons that do not, by slot
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
