@@ -216,8 +216,7 @@ bool World::strayed() {
   return any;
 }
 
-// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new that
-// touches.
+// Adds the contacts that were detected now to those that have been solved for. false: no new one touches.
 bool World::take_new_contacts() {
   keys_.clear();
   for (const Contact& contact : before_) keys_.push_back(contact.key);
@@ -234,7 +233,7 @@ bool World::take_new_contacts() {
   return touches;
 }
 
-// What the substep that was solved does to the links, after those before it.
+// Adds the wrenches of the substep that was solved to those of the substeps before it.
 void World::push_links(double share) {
   for (Link& l : links) {
     l.touching = 0;
@@ -263,7 +262,7 @@ void World::push_links(double share) {
     }
 }
 
-// The substep that was solved becomes the state, and the links feel it.
+// The solution of the substep becomes the state, and its wrenches act on the links.
 void World::take_substep() {
   report_.take(attempt_);
   const double share = substeps_.share();
