@@ -60,7 +60,7 @@ void hit(Island& island, const SegmentPoint& s, Vec3 p) {
     if (Anchor* h = rigid_anchor(c, i))
       h->force += (w / c.h_eff) * p;
     else
-      c.dx.add(i, (w / c.mass[i]) * p);
+      c.v_new.add(i, (w / c.mass[i]) * p);
   });
 }
 
@@ -76,8 +76,8 @@ bool carried_by_body(const Island& island, const SegmentPoint& s) {
 }
 
 Vec3 relative_velocity(const Island& island, const Push& push) {
-  const Vec3 a = push.a.of(island.at(push.a).dx);
-  return a - (push.b.tendon >= 0 ? push.b.of(island.at(push.b).dx) : push.of_link);
+  const Vec3 a = push.a.of(island.at(push.a).v_new);
+  return a - (push.b.tendon >= 0 ? push.b.of(island.at(push.b).v_new) : push.of_link);
 }
 
 // Takes the energy of the pair's relative velocity along the unit vector n, and `left` at most.
@@ -151,15 +151,12 @@ double created_by_contact(Island& island, Contact& contact) {
   return push.energy_created;
 }
 
-// What Euler's method loses by itself; the velocities at the end go to `step`.
-double lost(Tendon& c, double& kinetic) {
+// What Euler's method loses by itself.
+double lost(const Tendon& c, double& kinetic) {
   double sum = 0;
   for (int k = 0; k < 3; ++k) {
-    const double *x = c.x_new[k], *tail = c.x_new_tail[k], *xh = c.x_history[k], *v0 = c.v[k],
-                 *mass = c.mass.data();
-    double* v = c.dx[k];
+    const double *v = c.v_new[k], *v0 = c.v[k], *mass = c.mass.data();
     for (int i = 0; i < c.n(); ++i) {
-      v[i] = (x[i] - xh[i] + tail[i]) / c.h_eff;
       sum += 0.5 * mass[i] * (v[i] - v0[i]) * (v[i] - v0[i]);
       kinetic += 0.5 * mass[i] * v[i] * v[i];
     }
@@ -200,7 +197,6 @@ void find_dissipating(Island& island) {
 
 void project_energy(Island& island) {
   double made = 0, energy = 0;
-  for (Tendon* c : island.tendons) c->braked = false;
   for (Tendon* c : island.tendons) made += bends(*c) ? 1e300 : created_by_rotation(*c);
   if (made <= 0 && island.contacts.empty()) return;
   island.pushes.clear();
@@ -216,7 +212,6 @@ void project_energy(Island& island) {
   dissipate_all(island, left, true, false);
   for (int sweep = 0; sweep < kDissipationSweeps; ++sweep) dissipate_all(island, left, false, false);
   for (int sweep = 0; sweep < kDissipationSweeps; ++sweep) dissipate_all(island, left, false, true);
-  for (Tendon* c : island.tendons) c->braked = true;
 }
 
 }  // namespace bt
