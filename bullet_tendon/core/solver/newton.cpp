@@ -262,7 +262,7 @@ void converged_step(Island& island, const StepContext& context) {
   newton(island, context, !context.may_halve);
   for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
-    project_energy(island);
+    project_energy(island, context.gravity);
 }
 
 }  // namespace bt

@@ -278,10 +278,13 @@ BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
   return largest_of(now, s.count);
 }
 
+double stored_energy(const SpringSet& s, const Law& law, int k, double length) {
+  return s.stiffness[k] * s.rest[k] * elastic_energy(law, length / s.rest[k] - 1);
+}
+
 double stored_energy(const SpringSet& s, const Law& law) {
   double sum = 0;
-  for (int k = 0; k < s.count; ++k)
-    sum += s.stiffness[k] * s.rest[k] * elastic_energy(law, s.length[k] / s.rest[k] - 1);
+  for (int k = 0; k < s.count; ++k) sum += stored_energy(s, law, k, s.length[k]);
   return sum;
 }
 

@@ -116,8 +116,9 @@ void scatter_blocks(const SpringSet& s, Band& matrix);
 void carry(SpringSet& s, const Law& law, const Field& dx);
 // Largest stiffness at the present state, along and across a spring [N/m].
 double largest_stiffness(SpringSet& s, const Law& law, double b);
-// Elastic energy [J] at the lengths last measured.
+// Elastic energy [J] at the lengths last measured; of spring k at a length.
 double stored_energy(const SpringSet& s, const Law& law);
+double stored_energy(const SpringSet& s, const Law& law, int k, double length);
 
 // What springs carry over from one step to the next.
 struct Multipliers {
