@@ -148,7 +148,7 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
                     const std::vector<char>& tunnels) {
   const TendonState& s = t.state;
   const size_t n = c.n();
-  for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before, &s.acceleration})
+  for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before})
     require(static_cast<size_t>(f->size()) == n, kSizes);
   require(s.tunnel_of.size() == n, kSizes);
   require_springs(t.structure, c.structure.count);

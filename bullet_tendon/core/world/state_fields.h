@@ -47,7 +47,6 @@ void visit(A& a, TendonState& s) {
   a("tunnel_of", s.tunnel_of);
   a("x_before", s.x_before);
   a("v_before", s.v_before);
-  a("acceleration", s.acceleration);
   a("dt_before", s.dt_before);
   a("smooth", s.smooth);
   a("quiet", s.quiet);
