@@ -11,9 +11,9 @@ namespace {
 
 // What a touched tendon's velocities are off by from where their last change led, squared, as a share of
 // their own squares, above which its next step is taken by implicit Euler [-]. Larger: heaps go on vibrating
-// by methods of second order. Smaller: what swings beside a contact in more than about 12 steps loses their
+// by methods of second order. Smaller: what swings beside a contact in more than about 17 steps loses their
 // order.
-constexpr double kRough = 0.04;
+constexpr double kRough = 0.01;
 // Speed, in radii a second, up to which what touches something takes all its steps by implicit Euler [1/s].
 // Larger: what is drawn slowly loses its order. Smaller: BDF2 keeps heaps from falling asleep.
 constexpr double kCreep = 1e-3;
