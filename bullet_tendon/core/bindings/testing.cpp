@@ -47,11 +47,14 @@ Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& befor
   SpringSet s = shear ? c.shear : c.structure;
   measure(s, before);
   s.start = s.history = s.length;
-  evaluate(s, c.material.law, x, Field(c.n()), before, b);
+  Field displacement(c.n());
+  for (int i = 0; i < c.n(); ++i) displacement.set(i, x.at(i) - before.at(i));
+  const Motion motion{before, displacement, before, 0, b};
+  evaluate(s, c.material.law, motion);
   term.gradient.resize(c.n());
   scatter_forces(s, term.gradient);
   term.energy = stored_energy(s, c.material.law);
-  linearise(s, c.material.law, Linearisation::position, 0, b, false);
+  linearise(s, c.material.law, Linearisation::position, 0, motion, false);
   Band matrix;
   matrix.resize(c.n(), c.matrix.half);
   scatter_blocks(s, matrix);

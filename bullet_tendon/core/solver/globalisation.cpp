@@ -25,13 +25,12 @@ double slope_along(Island& island) {
 BT_VECTOR void advance_particles(Tendon& c, double alpha) {
   const int n = c.n();
   for (int k = 0; k < 3; ++k) {
-    double *x = c.x_new[k], *tail = c.x_new_tail[k];
-    const double* d = c.dx[k];
+    double *u = c.displacement[k], *x_new = c.x_new[k];
+    const double *d = c.dx[k], *x = c.x[k];
 #pragma GCC ivdep
     for (int i = 0; i < n; ++i) {
-      double at = x[i], rest = tail[i];
-      add_exactly(at, rest, alpha * d[i]);
-      x[i] = at, tail[i] = rest;
+      u[i] += alpha * d[i];
+      x_new[i] = x[i] + u[i];
     }
   }
 }
@@ -77,9 +76,10 @@ void line_search(Island& island) {
 
 void restart_from_now(Island& island) {
   for (Tendon* c : island.tendons) {
-    c->x_new = c->x, c->x_new_tail.zero();
+    c->x_new = c->x;
+    c->displacement.zero();
     for (const Anchor& h : c->anchors)
-      if (h.rigid) c->x_new.set(h.particle, h.aim);
+      if (h.rigid) c->place(h.particle, h.aim);
   }
   forget_bodies(island);
 }

@@ -10,16 +10,6 @@
 
 namespace bt {
 
-// Two points that act on each other: by a spring, or by a contact, of a tendon (b.tendon = -1: with a link).
-struct Push {
-  SegmentPoint a, b;
-  Vec3 along;                 // unit, from b to a
-  Vec3 of_link;               // velocity of the link there [m/s]
-  double energy_created = 0;  // energy that it made out of nothing [J]
-  Contact* contact = nullptr;
-  double light = 0;  // inverse mass that an impulse between them meets [1/kg]
-};
-
 // Tendons joined by tendon-tendon contacts, with the contacts that touch them.
 struct Island {
   const std::vector<Tendon*>* slots = nullptr;  // all tendons of the world, as spots name them
@@ -56,8 +46,6 @@ struct Island {
   std::vector<int> place_of;
   std::vector<LinkColumns> of_links;
   dense::Numbers corner, corner_root, corner_side;
-
-  std::vector<Push> pushes;  // of solver/energy_projection.cpp
 
   Tendon& at(const SegmentPoint& s) const { return *(*slots)[s.tendon]; }
 };

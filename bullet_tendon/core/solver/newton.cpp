@@ -29,9 +29,9 @@ constexpr double kLost = 0.5;
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
-// Coordinates of iterates, in those that the step begins with or aims at, beyond which they have run away
-// [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so far in a
-// long step.
+// Displacements of iterates, in those that the step aims at or lengths of the tendon, beyond which they have
+// run away [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so
+// far in a long step.
 constexpr double kFarOff = 1e3;
 
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
@@ -72,17 +72,16 @@ bool any_left_predicted_region(const Island& island) {
 bool ran_away(const Island& island) {
   for (const Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k) {
-      const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->inertial_target[k], c->n()));
-      const double length = c->rest_length();
-      if (!(largest_of(c->x_new[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
+      const double meant = std::max(c->rest_length(), largest_of(c->inertial_displacement[k], c->n()));
+      if (!(largest_of(c->displacement[k], c->n()) <= kFarOff * meant)) return true;
     }
   return false;
 }
 
 // Within a few roundings, what does not shrink any more is rounding.
-bool is_rounding(Island& island, const Assembly& a, double last_residual, bool tails) {
+bool is_rounding(Island& island, const Assembly& a, double last_residual, bool at_guess) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
-  return in_roundings(island, a, tails) <= most && !ran_away(island);
+  return in_roundings(island, a, at_guess) <= most && !ran_away(island);
 }
 
 Solution begin(Island& island, const StepContext& context, bool safeguarded) {
@@ -118,9 +117,9 @@ Assembly judge(Solution& s) {
   measure_residual(island, a);
   island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // What rests is where its rounded positions leave it.
-  const bool tails = s.iteration > 0 || s.context.warm;
+  const bool at_guess = s.iteration == 0 && !s.context.warm;
   const bool enough =
-      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, tails);
+      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
   island.converged = !s.changed && enough;
   s.last_residual = a.residual;
   note_distance(s, a);
@@ -243,8 +242,9 @@ bool by_euler(const Island& island, const StepContext& context) {
 
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context, !context.may_halve);
+  for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
-    project_energy(island);
+    project_energy(island, context.gravity);
 }
 
 }  // namespace bt

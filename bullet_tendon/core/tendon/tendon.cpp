@@ -21,34 +21,15 @@ constexpr double kLeastShear = 1e-12;
 
 Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x,
-                   &v,
-                   &force,
-                   &x_before,
-                   &v_before,
-                   &x_new,
-                   &dx,
-                   &residual,
-                   &x_history,
-                   &v_history,
-                   &inertial_target,
-                   &x_new_tail,
-                   &inertial_target_tail,
-                   &cg_remainder,
-                   &cg_preconditioned,
-                   &cg_direction,
-                   &cg_image,
-                   &column,
-                   &solved,
-                   &predicted,
-                   &acceleration})
+  for (Field* f : {&x, &v, &force, &x_before, &v_before, &x_new, &dx, &residual, &v_new, &displacement,
+                   &inertial_displacement, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image,
+                   &column, &solved, &predicted})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
   if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
   point_mass.assign(n_, 0.0);
-  scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);
   slack.assign(n_, 0.0);
   structure.resize(1, n_);
@@ -85,22 +66,15 @@ void Tendon::set_point_mass(int particle, double kilograms) {
   set_rest(std::vector<double>(rest));
 }
 
-void Tendon::set_stiffness_scale(const std::vector<double>& s) {
-  scale = s;
-  share_out();
-}
-
 // A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
 // where they exist; the structure spring gets what the shear springs leave of the stiffness, so
 // that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
 void Tendon::share_out() {
-  auto shear_at = [&](int k) {
-    return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness * std::min(scale[k], scale[k + 1]);
-  };
+  auto shear_at = [&](int k) { return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness; };
   double share = material.damping / material.stiffness;
   for (int k = 0; k + 1 < n_; ++k) {
     structure.rest[k] = rest[k];
-    structure.stiffness[k] = material.stiffness * scale[k] - shear_at(k - 1) - shear_at(k);
+    structure.stiffness[k] = material.stiffness - shear_at(k - 1) - shear_at(k);
     structure.damping[k] = share * structure.stiffness[k];
   }
   for (SpringSet* s : {&structure, &shear})
@@ -131,9 +105,13 @@ void Tendon::restore_multipliers(const Multipliers& from) {
 }
 
 void Tendon::move(int i, Vec3 by) {
-  add_exactly(x_new[0][i], x_new_tail[0][i], by.x);
-  add_exactly(x_new[1][i], x_new_tail[1][i], by.y);
-  add_exactly(x_new[2][i], x_new_tail[2][i], by.z);
+  displacement.add(i, by);
+  x_new.set(i, x.at(i) + displacement.at(i));
+}
+
+void Tendon::place(int i, Vec3 at) {
+  displacement.set(i, at - x.at(i));
+  x_new.set(i, at);
 }
 
 void Tendon::predict() {
@@ -179,7 +157,7 @@ void Tendon::guess_multipliers(Vec3 gravity) {
   for (int i = 0; i < n_; ++i) load += norm(mass[i] * gravity + force.at(i));
   for (SpringSet* s : {&structure, &shear})
     for (int k = 0; k < s->count; ++k) {
-      const double guess = 0.5 * load * s->stiffness[k] / (material.stiffness * scale[std::min(k, n_ - 2)]);
+      const double guess = 0.5 * load * s->stiffness[k] / material.stiffness;
       s->lambda[k] = std::max(s->lambda[k], guess);
       s->elastic[k] = std::max(s->elastic[k], guess);
     }

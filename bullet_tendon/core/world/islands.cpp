@@ -29,27 +29,43 @@ void World::make_islands() {
   islands_.resize(count);
   for (int c = 0; c < count; ++c) {
     Island& g = islands_[c];
-    g.tendons.clear(), g.numbers.clear(), g.contacts.clear();
-    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.left_predicted_region = false;
-    g.linear_tolerance = 0, g.patterned = false;
-    g.all_bodies = &bodies, g.links = &links, g.reach = context_.reach, g.freedom = 0;
-    g.bodies.clear(), g.carried.clear();
+    g.tendons.clear();
+    g.numbers.clear();
+    g.contacts.clear();
+    g.bodies.clear();
+    g.carried.clear();
+    g.slots = &slots_;
+    g.all_bodies = &bodies;
+    g.links = &links;
+    g.reach = context_.reach;
+    g.freedom = 0;
+    g.coupled = false;
+    g.patterned = false;
+    g.finite = true;
+    g.converged = true;
+    g.left_predicted_region = false;
+    g.iterations = 0;
+    g.residual = 0;
+    g.linear_tolerance = 0;
   }
-  for (int c = 0; c < count; ++c)
-    if (slots_[c])
-      islands_[island_root(c)].tendons.push_back(slots_[c]), islands_[island_root(c)].numbers.push_back(c);
+  for (int c = 0; c < count; ++c) {
+    if (!slots_[c]) continue;
+    Island& g = islands_[island_root(c)];
+    g.tendons.push_back(slots_[c]);
+    g.numbers.push_back(c);
+  }
   for (Contact& contact : contacts_) {
     Island& g = islands_[island_root(contact.a.tendon)];
     g.contacts.push_back(&contact);
     g.coupled |= contact.b.tendon >= 0;
   }
-  for (size_t m = 0; m < bodies.size(); ++m)
-    if (bodies[m].unknown) {
-      Island& g = islands_[island_root(touches_[m])];
-      g.bodies.push_back(static_cast<int>(m));
-      bodies[m].first = g.freedom, g.freedom += bodies[m].freedom;
-    }
+  for (size_t m = 0; m < bodies.size(); ++m) {
+    if (!bodies[m].unknown) continue;
+    Island& g = islands_[island_root(touches_[m])];
+    g.bodies.push_back(static_cast<int>(m));
+    bodies[m].first = g.freedom;
+    g.freedom += bodies[m].freedom;
+  }
   for (size_t l = 0; l < links.size(); ++l)
     if (links[l].yields() && bodies[links[l].body].unknown)
       islands_[island_root(touches_[links[l].body])].carried.push_back(static_cast<int>(l));

@@ -92,7 +92,8 @@ bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec
 // As if it had been there before: two-step methods go on from that.
 void lie_still(Tendon& c) {
   c.x_before = c.x;
-  c.v.zero(), c.v_before.zero(), c.acceleration.zero();
+  c.v.zero();
+  c.v_before.zero();
 }
 
 double skin_of(const Tendon& c, double threshold) { return (1 + kSlack) * c.radius + threshold; }

@@ -13,7 +13,7 @@ int World::add_tendon(std::unique_ptr<Tendon> tendon) {
   if (slot == static_cast<int>(tendons.size())) tendons.emplace_back();
   tendons[slot] = std::move(tendon);
   broad_phase_.clear();
-  way_back_ = false;
+  may_resolve_ = false;
   return slot;
 }
 
@@ -21,7 +21,7 @@ void World::remove_tendon(int slot) {
   wake_tendon(slot);
   tendons[slot].reset();
   broad_phase_.clear();
-  way_back_ = false;
+  may_resolve_ = false;
   while (!tendons.empty() && !tendons.back()) tendons.pop_back();
   contacts_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
@@ -34,16 +34,24 @@ namespace {
 template <class Part>
 int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
   const size_t slot = std::find(alive.begin(), alive.end(), 0) - alive.begin();
-  if (slot == alive.size()) parts.emplace_back(), alive.push_back(0);
-  parts[slot] = part, alive[slot] = 1;
+  if (slot == alive.size()) {
+    parts.emplace_back();
+    alive.push_back(0);
+  }
+  parts[slot] = part;
+  alive[slot] = 1;
   return static_cast<int>(slot);
 }
 
-// Leaves no trace: as if the part had never been there.
+// As if the part had never been there.
 template <class Part>
 void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
-  parts[slot] = Part{}, alive[slot] = 0;
-  while (!alive.empty() && !alive.back()) parts.pop_back(), alive.pop_back();
+  parts[slot] = Part{};
+  alive[slot] = 0;
+  while (!alive.empty() && !alive.back()) {
+    parts.pop_back();
+    alive.pop_back();
+  }
 }
 
 }  // namespace
@@ -94,13 +102,13 @@ void World::forget_memory_of(int tendon) {
   });
 }
 
-// What was bone may be bore now, and the other way round.
+// The surface inside a bore does not count, so a change of bores changes the nearest points.
 void World::forget_planes() {
   for (auto& tendon_caches : caches_)
     for (auto& cache : tendon_caches) cache.entries.clear();
 }
 
-// What it has come near to instead wakes when it is met (wake_met).
+// Tendons that it is near now wake when it reaches them (wake_met).
 void World::forget_contacts(int tendon) {
   wake_tendon(tendon);
   auto touches = [&](const Contact& contact) {
@@ -113,7 +121,8 @@ void World::forget_contacts(int tendon) {
   std::fill(tendons[tendon]->tunnel_of.begin(), tendons[tendon]->tunnel_of.end(), -1);
 }
 
-// A link, of a body that nothing moves, for all that refers to one: pybullet may not have told of it yet.
+// A link that does not move for each number that something refers to: links are made when they are first
+// read.
 void World::size_links() {
   size_t count = links.size();
   auto need = [&](int link) { count = std::max(count, static_cast<size_t>(link + 1)); };
@@ -133,7 +142,7 @@ void World::size_caches() {
   for (size_t c = 0; c < tendons.size(); ++c) caches_[c].resize(tendons[c] ? shapes.size() : 0);
 }
 
-// Of which nothing is known as of those that were never near: equal states have equal bytes.
+// A cache without known entries equals one of a shape that was never near: equal states have equal bytes.
 void World::empty_caches() {
   auto known = [](const Entry& e) { return e.known || e.inside; };
   for (auto& of_tendon : caches_)
