@@ -37,22 +37,25 @@ constexpr double kDegenerateLength = 1e-9;
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;
 
-// What of springs is state, or changed by the user.
+// What springs carry from one step to the next.
 struct SpringState {
-  std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
-  std::vector<double> inverse_rest;              // [1/m]
-  std::vector<double> lambda;                    // T [N]
-  std::vector<double> elastic;                   // T_e [N]
-  std::vector<double> lighter;                   // smaller mass of its two particles [kg]
-  std::vector<double> start, before;             // lengths at the start of this step and of the last [m]
-  std::vector<double> history;                   // len_h [m]
-  std::vector<double> slope;                     // F' at the linearisation [N/m]
+  std::vector<double> lambda;   // T [N]
+  std::vector<double> elastic;  // T_e [N]
+  std::vector<double> slope;    // F' at the linearisation [N/m]
 };
 
 struct SpringSet : SpringState {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
-  std::vector<double> length, force;         // now: len [m], F [N]
+  // From the tendon's rest lengths, masses and material (Tendon::update_springs).
+  std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
+  std::vector<double> inverse_rest;              // [1/m]
+  std::vector<double> lighter;                   // smaller mass of its two particles [kg]
+  bool damped = false;                           // some C is not 0
+  // Of damped springs, in this step: lengths at its start, and len_h [m].
+  std::vector<double> start, history;
+  // As last evaluated or linearised.
+  std::vector<double> length, force;         // len [m], F [N]
   std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
   std::vector<double> elastic_slope;         // its elastic part of F' [N/m]
   std::vector<double> damping_slope;         // and its damping part [N/m]
@@ -60,8 +63,6 @@ struct SpringSet : SpringState {
   Planes direction;                          // n
   Planes block;                              // B, symmetric, six planes
   Planes vector;                             // force vector on the first particle
-
-  bool damped = false;  // some C is not 0
 
   void resize(int reach_, int particles);
 };

@@ -59,7 +59,7 @@ void Tendon::set_rest(const std::vector<double>& lengths) {
     double half = 0.5 * material.linear_density * rest[k];
     mass[k] += half, mass[k + 1] += half;
   }
-  share_out();
+  update_springs();
 }
 
 void Tendon::set_point_mass(int particle, double kilograms) {
@@ -69,13 +69,13 @@ void Tendon::set_point_mass(int particle, double kilograms) {
 
 void Tendon::set_stiffness_scale(const std::vector<double>& s) {
   scale = s;
-  share_out();
+  update_springs();
 }
 
 // A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
 // where they exist; the structure spring gets what the shear springs leave of the stiffness, so
 // that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
-void Tendon::share_out() {
+void Tendon::update_springs() {
   auto shear_at = [&](int k) {
     return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness * std::min(scale[k], scale[k + 1]);
   };
@@ -154,9 +154,8 @@ void Tendon::spread_coincident() {
 void Tendon::reset_history() {
   dt_before = 0;
   for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
-    s->start = s->before = s->history = s->length;
+    if (s->count > 0)
+      evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
   }
 }
 

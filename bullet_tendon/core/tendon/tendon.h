@@ -72,6 +72,8 @@ class Tendon : public TendonState, public TendonWorkspace {
   void set_rest(const std::vector<double>& rest);
   // A weight on a particle beside the tendon's own mass [kg]; 0: none.
   void set_point_mass(int particle, double kilograms);
+  // Constants of the springs, from rest, scale and mass.
+  void update_springs();
   // Shares of the cross-section's stiffness by segment, 1 where uniform.
   void set_stiffness_scale(const std::vector<double>& scale);
   Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
@@ -105,7 +107,6 @@ class Tendon : public TendonState, public TendonWorkspace {
   int rest_set = 0;  // how often rest lengths were
 
  private:
-  void share_out();
   int n_;
 };
 

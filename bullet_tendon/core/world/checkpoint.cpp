@@ -42,6 +42,7 @@ void World::apply(const Checkpoint& from) {
     static_cast<TendonState&>(*tendons[c]) = t.state;
     static_cast<SpringState&>(tendons[c]->structure) = t.structure;
     static_cast<SpringState&>(tendons[c]->shear) = t.shear;
+    tendons[c]->update_springs();
   }
   links = from.links;
   bodies = from.bodies;
@@ -107,9 +108,7 @@ constexpr size_t kMoreLinks = 1024;
 bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
 
 void require_springs(const SpringState& s, size_t count) {
-  for (const auto* list : {&s.rest, &s.inverse_rest, &s.stiffness, &s.damping, &s.lambda, &s.elastic,
-                           &s.lighter, &s.start, &s.before, &s.history, &s.slope})
-    require(list->size() == count, kSizes);
+  for (const auto* list : {&s.lambda, &s.elastic, &s.slope}) require(list->size() == count, kSizes);
 }
 
 void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,

@@ -54,16 +54,8 @@ void visit(A& a, TendonState& s) {
 
 template <class A>
 void visit(A& a, SpringState& s) {
-  a("rest", s.rest);
-  a("inverse_rest", s.inverse_rest);
-  a("stiffness", s.stiffness);
-  a("damping", s.damping);
   a("carried", s.lambda);
   a("elastic", s.elastic);
-  a("lighter", s.lighter);
-  a("start", s.start);
-  a("before", s.before);
-  a("history", s.history);
   // What contacts take their stiffness from.
   a("slope", s.slope);
 }
