@@ -37,17 +37,17 @@ constexpr double kDegenerateLength = 1e-9;
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;
 
-// What springs carry from one step to the next.
+// What of springs a step leaves to the next one.
 struct SpringState {
   std::vector<double> lambda;   // T [N]
   std::vector<double> elastic;  // T_e [N]
-  std::vector<double> slope;    // F' at the linearisation [N/m]
+  std::vector<double> slope;    // F' at the linearisation [N/m]; contacts take their stiffness from it
 };
 
 struct SpringSet : SpringState {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
-  // From the tendon's rest lengths, masses and material (Tendon::update_springs).
+  // From the tendon's rest lengths, masses and material (Tendon::set_rest).
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
   std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
