@@ -67,8 +67,8 @@ int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParamet
       auto limited = [most](double own, double other) {
         return own <= most ? own : most + (own - most) * clamp01(2 - other / most);
       };
-      from = crossing - limited(before, after) / side;
-      to = crossing + limited(after, before) / side;
+      from = clamp01(crossing - limited(before, after) / side);
+      to = clamp01(crossing + limited(after, before) / side);
     }
   }
   auto on_q = [&](double u) { return clamp01(dot(p0 + u * d - q0, e) / ee); };
