@@ -28,7 +28,7 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   const bool second_order = is_second_order(method) && !(context.part && c.touched);
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
-  const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
+  const double last = two ? -growth * growth / (1 + 2 * growth) : 0;
   c.history = last;
   c.h_eff = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
@@ -50,12 +50,11 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   }
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0 || c.material.damping == 0) continue;
-    if (two) measure(*s, c.x_before), s->before = s->length;
     measure(*s, c.x);
-    for (int k = 0; k < s->count; ++k) {
-      s->start[k] = s->length[k];
-      s->history[k] = now * s->start[k] + (two ? last * s->before[k] : 0);
-    }
+    s->start = s->history = s->length;
+    if (!two) continue;
+    measure(*s, c.x_before);
+    for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
   }
   for (const Anchor& h : c.anchors)
     if (h.rigid) c.place(h.particle, h.aim);

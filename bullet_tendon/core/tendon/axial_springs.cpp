@@ -15,8 +15,8 @@ namespace {
 // squares: below 1/8 the matrix stays definite whatever the compression.
 constexpr double kInertiaShare = 0.12;
 
-// Stands for an inertia that outweighs every compression [1/s^2].
-constexpr double kNoCut = 1e300;
+// Plane of entry (row, column) of a symmetric block.
+constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
 
 }  // namespace
 
@@ -24,8 +24,8 @@ void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
   for (auto* v :
-       {&rest, &inverse_rest, &stiffness, &damping, &lambda, &elastic, &lighter, &start, &before, &history,
-        &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
+       {&rest, &inverse_rest, &stiffness, &damping, &lambda, &elastic, &lighter, &start, &history, &length,
+        &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -224,7 +224,7 @@ BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double
     const bool mixed = how == Linearisation::multiplier;
     by_exponent(law, [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
-  blocks(s, definite ? 1 / (b * b) : kNoCut);
+  blocks(s, definite ? 1 / (b * b) : std::numeric_limits<double>::infinity());
   if (s.damped && law.whole_velocity)
     add_whole_damping(s, law, b, 1, true, [&](int i) { return motion.velocity(i); });
 }
@@ -328,7 +328,6 @@ BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, con
 }
 
 BT_WITHIN inline void start_below(const SpringSet& s, Planes& below) {
-  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   for (int c = 0; c < 9; ++c) {
     const double* b = s.block[kFull[c]];
     double* e = below[c];
@@ -364,7 +363,6 @@ BT_VECTOR void start_matrix(const SpringSet& s, const SpringSet& shear, const st
 
 BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
   const int m = s.count, reach = s.reach;
-  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   for (int c = 0; c < 6; ++c) {
     const double* b = s.block[c];
     double* d = matrix.diagonal[c];

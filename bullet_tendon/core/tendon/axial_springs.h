@@ -47,14 +47,15 @@ struct SpringState {
 struct SpringSet : SpringState {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
-  // Follow from the tendon's model (Tendon::set_rest).
+  // From the tendon's rest lengths, masses and material (Tendon::set_rest).
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
   std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
-  // Of one substep.
-  std::vector<double> start, before;         // lengths at its start and at the start of the last one [m]
-  std::vector<double> history;               // len_h [m]
-  std::vector<double> length, force;         // now: len [m], F [N]
+  bool damped = false;                           // some C is not 0
+  // Of damped springs, in this step: lengths at its start, and len_h [m].
+  std::vector<double> start, history;
+  // As last evaluated or linearised.
+  std::vector<double> length, force;         // len [m], F [N]
   std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
   std::vector<double> elastic_slope;         // its elastic part of F' [N/m]
   std::vector<double> damping_slope;         // and its damping part [N/m]
@@ -62,8 +63,6 @@ struct SpringSet : SpringState {
   Planes direction;                          // n
   Planes block;                              // B, symmetric, six planes
   Planes vector;                             // force vector on the first particle
-
-  bool damped = false;  // some C is not 0
 
   void resize(int reach_, int particles);
 };

@@ -146,9 +146,8 @@ void Tendon::spread_coincident() {
 void Tendon::reset_history() {
   dt_before = 0;
   for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
-    s->start = s->before = s->history = s->length;
+    if (s->count > 0)
+      evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
   }
 }
 
