@@ -24,10 +24,6 @@
 
 namespace bt {
 
-// Change of a contact's force that is foreseen, as a share of it, up to which its friction limit goes along
-// at once [-]. Larger: limits follow wild forces. Smaller: rounds of solutions do what iterations could.
-constexpr double kAgreed = 0.3;
-
 // Distance of centrelines, in sums of radii, under which their own direction is not believed any more [-].
 constexpr double kNearlyMet = 0.2;
 
@@ -126,8 +122,6 @@ struct Contact {
   // positions they are wild, because contacts are stiff. What sticks slides when its force would
   // exceed the limit; what slides sticks when it would go back.
   void predict(Vec3 moved);
-  // Whether a force that is foreseen is nearly the present one.
-  bool agrees(double foreseen) const { return std::fabs(foreseen - normal_force) <= kAgreed * normal_force; }
   // The same of a pair of segments, x their ends (see contact/segment_pair.cpp). most: by which its force may
   // change [N].
   void follow_pair(const Vec3 (&x)[4], double most);

@@ -32,12 +32,11 @@ constexpr int kLimitSolutions = 8;
 
 using Numbers = dense::Numbers;
 
-// Those about whose force two iterations agree, and w_0.
+// The contacts that slide, and w_0.
 void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
   for (Contact* contact : island.acting) {
     if (contact->direct || !contact->sliding || contact->friction <= 0 || contact->limit <= 0) continue;
     const double force = contact->force_after(relative_position(island, *contact, &Tendon::dx));
-    if (!contact->agrees(force)) continue;
     contacts.push_back(contact), changes.push_back(contact->friction * force - contact->limit);
   }
 }

@@ -201,11 +201,9 @@ Next find_step(Solution& s, const Assembly& a) {
   return solve_linear(island, s.context, true) ? Next::step : guard(s, true);
 }
 
-// Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
-// odds, not yet.
+// The friction limits follow the predicted normal forces.
 void settle_limits(Solution& s) {
-  for (Contact* contact : s.island.acting)
-    if (contact->agrees(contact->lambda_predicted)) contact->settle_friction();
+  for (Contact* contact : s.island.acting) contact->settle_friction();
 }
 
 void take_step(Solution& s) {
