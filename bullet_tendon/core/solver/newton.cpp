@@ -14,7 +14,6 @@
 #include "solver/island_step.h"
 #include "solver/linear_solve.h"
 #include "solver/missed_contacts.h"
-#include "tendon/segment_rotation.h"
 
 namespace bt {
 
@@ -56,7 +55,6 @@ struct Solution {
   bool safeguarded;      // may be
   bool safe = false;     // is safeguarded
   bool far = true;       // from the solution
-  bool turns = false;    // was far from it at some time, so that segments turn
   bool changed = false;  // what constrains particles directly
   bool circles = false;
   int iteration = 0, lost = 0;
@@ -118,7 +116,6 @@ bool update_directs(Island& island) {
 void note_distance(Solution& s, const Assembly& a) {
   const bool was_far = s.far;
   s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
-  s.turns |= s.far;  // a guess that was near is corrected along lines
   s.lost += s.far && !was_far;
   s.island.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
 }
@@ -214,10 +211,6 @@ void take_step(Solution& s) {
   predict_contacts(island);
   settle_limits(s);
   advance(island, 1);
-  // Contacts are stiff across the tendon: there it matters more where particles are than how long segments
-  // are.
-  if (!s.turns || touches(island)) return;
-  for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
 void end(Solution& s) {
