@@ -45,14 +45,6 @@ void advance(Island& island, double alpha) {
   advance_bodies(island, alpha);
 }
 
-void halve_step(Island& island) {
-  for (Tendon* c : island.tendons)
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i) c->dx[k][i] *= 0.5;
-  for (double& y : island.corner_side) y *= 0.5;
-  move_bodies(island, -1, &Tendon::dx);
-}
-
 // Regula falsi on the slope; no potential needed, so no cancellation.
 void line_search(Island& island) {
   const double start = slope_along(island);

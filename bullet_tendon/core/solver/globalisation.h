@@ -1,8 +1,6 @@
 // How a Newton solution is kept from going astray.
 #pragma once
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
 
 #include "solver/island.h"
@@ -17,13 +15,6 @@ constexpr int kMixedIterations = 10;
 constexpr int kContactsAnIteration = 20;
 constexpr int kMostPatience = 60;
 constexpr double kProgress = 0.9;
-
-// Residuals that are the same up to this [-], within so many iterations, are taken for a circle. Looser: half
-// steps are taken for nothing. Tighter, or fewer iterations: circles are gone round until patience ends.
-constexpr double kSameResidual = 1e-3;
-constexpr int kLongestCircle = 12;
-// Iterations without progress from which on half steps are taken. More: heaps go on for long.
-constexpr int kIdle = 6;
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
 // more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step. Larger share: what
@@ -49,20 +40,9 @@ class Progress {
     return idle_ > patience_;
   }
 
-  // true: they go round, or have got nowhere for a while.
-  bool circles(double residual) {
-    const bool again = std::any_of(seen_.begin(), seen_.end(), [&](double r) {
-      return std::fabs(r - residual) <= kSameResidual * residual;
-    });
-    seen_[count_++ % seen_.size()] = residual;
-    return again || idle_ > kIdle;
-  }
-
  private:
   int patience_, idle_ = 0;
   double best_ = std::numeric_limits<double>::infinity();
-  std::array<double, kLongestCircle> seen_{};  // the last residuals
-  size_t count_ = 0;
 };
 
 // Rounds of a Newton solution (solver/newton.cpp): what follows the solution, friction limits, the stiffness
@@ -93,8 +73,6 @@ class Rounds {
 
 // Ways to go on (solver/globalisation.cpp): by that share of the step.
 void advance(Island& island, double alpha);
-// Half the step: sets of contacts that follow each other in a circle, or get nowhere, are left by that.
-void halve_step(Island& island);
 // Along a direction of descent, to where the slope of the step's potential has at least halved.
 void line_search(Island& island);
 // From the state that is known to be finite.

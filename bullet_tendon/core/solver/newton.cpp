@@ -56,7 +56,6 @@ struct Solution {
   bool safe = false;     // is safeguarded
   bool far = true;       // from the solution
   bool changed = false;  // what constrains particles directly
-  bool circles = false;
   int iteration = 0, lost = 0;
   Rounds rounds;
   Progress progress{0};
@@ -172,7 +171,6 @@ Next watch(Solution& s, const Assembly& a) {
     island.stayed = false, s.start_anew();
     return Next::iterate;
   }
-  s.circles = !s.safe && s.progress.circles(a.residual);
   return Next::step;
 }
 
@@ -205,7 +203,6 @@ void settle_limits(Solution& s) {
 
 void take_step(Solution& s) {
   Island& island = s.island;
-  if (s.circles) halve_step(island), s.last_residual = kNone;
   if (s.safe) return line_search(island);
   carry_springs(island);
   predict_contacts(island);
