@@ -28,6 +28,7 @@ namespace {
 // How well limits are solved for beside the step [-], and by how many solutions at most
 // (solver/friction_limits.cpp). Looser, or fewer: more iterations, each with a factorisation. More: solutions
 // for what the next iteration changes.
+constexpr double kLimitAccuracy = 0.03;
 constexpr int kLimitSolutions = 8;
 
 using Numbers = dense::Numbers;
@@ -104,7 +105,7 @@ void solve_limits(Island& island, const StepContext& context, double enough) {
   std::vector<Contact*> contacts;
   Numbers changes;
   find_sliding(island, contacts, changes);
-  if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > enough)) return;
+  if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > kLimitAccuracy * enough)) return;
   const Numbers of_bodies = island.bodies.empty() ? Numbers{} : island.corner_side;
   const Numbers w = solve(island, context.options, contacts, changes);
   answer(island, context.options, contacts, w);

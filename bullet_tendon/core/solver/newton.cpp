@@ -1,5 +1,13 @@
-// The converged implicit step: Newton's method with carried multipliers, and its safeguard
-// (solver/globalisation.cpp).
+// The converged implicit step: Newton's method with carried multipliers (mixed).
+//
+// Every iteration takes the full step. The multipliers of springs and contacts, and the friction limits, are
+// those that the linear solution predicts; the residual is that of the true forces. It includes what the
+// friction limits differ by from Coulomb's law. Once it is small, contacts that are too deep are stiffened
+// (augmented Lagrangian).
+//
+// A solution whose residual does not fall is given up. The Substepper then cuts the substep. Where it cannot
+// be cut, the last iterate is taken, if its residual is smaller than that of the guess; else particles stay
+// where they are.
 #include "solver/newton.h"
 
 #include <algorithm>
@@ -10,7 +18,6 @@
 #include "solver/body_schur.h"
 #include "solver/energy_projection.h"
 #include "solver/friction_limits.h"
-#include "solver/globalisation.h"
 #include "solver/island_step.h"
 #include "solver/linear_solve.h"
 #include "solver/missed_contacts.h"
@@ -19,12 +26,20 @@ namespace bt {
 
 namespace {
 
-// Residual over the forces at hand under which the curvature of a mouth's edge, which may make the matrix
-// indefinite, is believed [-]. Larger: wild normal forces throw iterations off. Smaller: what slides over an
-// edge takes more of them.
-constexpr double kNear = 0.2;
-// The same from which it is not believed any more.
-constexpr double kLost = 0.5;
+// Residual over the forces at hand under which contacts are linearised in full [-]: with curvature that may
+// make the matrix indefinite, and with friction limits that change within the linear solution. Larger: wild
+// normal forces throw iterations off. Smaller: more iterations.
+constexpr double kNear = 0.1;
+
+// Residual over the forces at hand under which contacts that are too deep are stiffened [-], and how often in
+// a solution. Larger: multipliers are taken from wild forces. Smaller: each stiffness is solved for to an
+// accuracy that the next one throws away. Oftener: contacts that cannot be made less deep take iterations.
+constexpr double kStiffened = 3e-3;
+constexpr int kMostStiffened = 8;
+
+// Iterations without a new smallest residual before a solution is given up. Fewer: substeps are cut that
+// would converge, because the mixed method may raise the residual on its way. More: violent steps are slower.
+constexpr int kPatience = 12;
 
 // Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
 // of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
@@ -46,24 +61,25 @@ constexpr double kRounding = 8.0;
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-enum class Next { step, iterate, stop };
+enum class Next { step, judge, stop };
 
 // One solution on its way.
 struct Solution {
   Island& island;
   const StepContext& context;
-  bool safeguarded;      // may be
-  bool safe = false;     // is safeguarded
   bool far = true;       // from the solution
   bool changed = false;  // what constrains particles directly
   int iteration = 0, lost = 0;
-  Rounds rounds;
-  Progress progress{0};
-  // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
+  int stiffened = 0;  // how often
+  // Smallest residual since contacts were stiffened, and how many iterations ago.
+  double smallest = kNone;
+  int idle = 0;
+  double first_residual = kNone;
+  // Of the last iteration; none where forces have been changed since.
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
-  void start_anew() { progress = Progress(island.contacts.size()), last_residual = kNone; }
+  void start_anew() { smallest = last_residual = kNone, idle = 0; }
 };
 
 bool touches(const Island& island) { return !island.acting.empty(); }
@@ -90,18 +106,16 @@ bool is_rounding(Island& island, const Assembly& a, double last_residual, bool t
   return in_roundings(island, a, tails) <= most && !ran_away(island);
 }
 
-Solution begin(Island& island, const StepContext& context, bool safeguarded) {
+void begin(Solution& s) {
+  Island& island = s.island;
   island.most_jump = kNone, island.stayed = island.left_predicted_region = false;
   for (Contact* contact : island.contacts) {
     contact->held = false, contact->changes = 0;
-    contact->stays &= context.warm;
+    contact->stays &= s.context.warm;
   }
   start_bodies(island);
-  island.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
-  Solution s{island, context, safeguarded};
-  s.far = !context.warm;
-  s.start_anew();
-  return s;
+  island.follows = s.options().linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
+  s.far = !s.context.warm;
 }
 
 bool update_directs(Island& island) {
@@ -114,15 +128,24 @@ bool update_directs(Island& island) {
 // How far from the solution, after a residual.
 void note_distance(Solution& s, const Assembly& a) {
   const bool was_far = s.far;
-  s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
+  s.far = !(a.residual <= kNear * a.scale);
   s.lost += s.far && !was_far;
   s.island.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
+}
+
+void note_progress(Solution& s, double residual) {
+  if (s.iteration == 0) s.first_residual = residual;
+  s.last_residual = residual;
+  ++s.idle;
+  if (!(residual < s.smallest)) return;
+  s.smallest = residual;
+  s.idle = 0;
 }
 
 // The residual, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
-  Assembly a = residual_of(island, s.safe, s.safe || s.far);
+  Assembly a = residual_of(island, s.far);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
@@ -131,83 +154,99 @@ Assembly judge(Solution& s) {
   const bool enough =
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, tails);
   island.converged = !s.changed && enough;
-  s.last_residual = a.residual;
+  note_progress(s, a.residual);
   note_distance(s, a);
-  s.rounds.note_start(island.residual);
   return a;
 }
 
-// Where the solution, or a round of it, is at its end.
-Next end_round(Solution& s, const Assembly& a) {
+bool stiffen_contacts(Island& island) {
+  bool any = false;
+  for (Contact* contact : island.contacts) any |= contact->stiffen();
+  return any;
+}
+
+// What follows a residual that is small.
+Next refine(Solution& s) {
   Island& island = s.island;
-  const bool settled = s.safe || s.far || s.changed || s.rounds.over();
-  if (!island.converged && (settled || !s.rounds.near_end(s.iteration, island.residual))) return Next::step;
-  if (s.rounds.over()) return Next::stop;
-  if (s.rounds.next(island, s.iteration, s.options().tolerance * a.scale)) {
-    s.start_anew();
-    return Next::iterate;
+  if (s.stiffened < kMostStiffened) {
+    const bool missed = island.converged && add_missed(island);
+    if (stiffen_contacts(island) || missed) {
+      ++s.stiffened;
+      s.start_anew();
+      return Next::judge;
+    }
   }
   if (island.converged) return Next::stop;
   island.left_predicted_region = s.context.may_look && touches(island) && any_left_predicted_region(island);
-  s.rounds.settle();
   return island.left_predicted_region ? Next::stop : Next::step;
 }
 
-// The guess was useless, or iterations get nowhere: with the safeguard from now on.
-Next guard(Solution& s, bool anew) {
-  if (s.safe || !s.safeguarded) return Next::stop;
-  s.safe = true;
-  if (anew) restart_from_now(s.island);
-  return Next::iterate;
-}
-
-Next watch(Solution& s, const Assembly& a) {
+Next decide(Solution& s, const Assembly& a) {
   Island& island = s.island;
-  if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
-  if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
-  const bool finite = std::isfinite(a.residual);
-  if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
+  const bool near = s.iteration > 0 && !s.changed && a.residual <= kStiffened * a.scale;
+  if (island.converged || near) {
+    const Next next = refine(s);
+    if (next != Next::step) return next;
+  }
+  if (s.iteration >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
+  if (!std::isfinite(a.residual)) return Next::stop;
+  if (s.iteration > 0 && s.context.budget->exhausted()) return Next::stop;
   if (island.stayed && add_missed(island)) {
     island.stayed = false, s.start_anew();
-    return Next::iterate;
+    return Next::judge;
   }
   return Next::step;
 }
 
-// Of limits, that is worth a solution [N].
-double least_change(const Solution& s, const Assembly& a) {
-  return kLimitAccuracy * s.options().tolerance * a.scale;
-}
-
-// The next step of the particles and bodies, in tendon.dx.
-Next find_step(Solution& s, const Assembly& a) {
+// The step of the particles and bodies, in tendon.dx. false: there is none.
+bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
-  const Linearisation how = s.safe ? Linearisation::position : Linearisation::multiplier;
+  const double enough = s.options().tolerance * a.scale;
   // As exact as this iteration can make use of.
-  island.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
-  assemble(island, how, s.safe, s.safe || s.far);
-  if (solve_linear(island, s.context, s.safe)) {
-    if (!s.safe && !s.far) solve_limits(island, s.context, least_change(s, a));
-    return Next::step;
+  island.linear_tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
+  assemble(island, false, s.far);
+  if (solve_linear(island, s.context, false)) {
+    if (!s.far) solve_limits(island, s.context, enough);
+    return true;
   }
-  // Indefinite: once more, with compression cut off.
-  residual_of(island, s.safe, true);
-  assemble(island, how, true, true);
-  return solve_linear(island, s.context, true) ? Next::step : guard(s, true);
+  // The matrix is indefinite: once more, with compression cut off.
+  residual_of(island, true);
+  assemble(island, true, true);
+  return solve_linear(island, s.context, true);
 }
 
-// The friction limits follow the predicted normal forces.
-void settle_limits(Solution& s) {
-  for (Contact* contact : s.island.acting) contact->settle_friction();
+BT_VECTOR void advance_particles(Tendon& c) {
+  const int n = c.n();
+  for (int k = 0; k < 3; ++k) {
+    double *x = c.x_new[k], *tail = c.x_new_tail[k];
+    const double* d = c.dx[k];
+#pragma GCC ivdep
+    for (int i = 0; i < n; ++i) {
+      double at = x[i], rest = tail[i];
+      add_exactly(at, rest, d[i]);
+      x[i] = at, tail[i] = rest;
+    }
+  }
 }
 
-void take_step(Solution& s) {
-  Island& island = s.island;
-  if (s.safe) return line_search(island);
+void take_step(Island& island) {
   carry_springs(island);
   predict_contacts(island);
-  settle_limits(s);
-  advance(island, 1);
+  for (Tendon* c : island.tendons) advance_particles(*c);
+  advance_bodies(island);
+}
+
+// The particles and bodies do not move in this step.
+void stay(Solution& s) {
+  Island& island = s.island;
+  for (Tendon* c : island.tendons) {
+    c->x_new = c->x, c->x_new_tail.zero();
+    for (const Anchor& h : c->anchors)
+      if (h.rigid) c->x_new.set(h.particle, h.aim);
+  }
+  forget_bodies(island);
+  judge(s);
+  island.converged = false;
 }
 
 void end(Solution& s) {
@@ -221,20 +260,19 @@ void end(Solution& s) {
 
 }  // namespace
 
-void newton(Island& island, const StepContext& context, bool safeguarded) {
-  Solution s = begin(island, context, safeguarded);
+void newton(Island& island, const StepContext& context) {
+  Solution s{island, context};
+  begin(s);
+  double residual = kNone;
   for (;; ++s.iteration) {
     const Assembly a = judge(s);
-    Next next = end_round(s, a);
-    if (next == Next::step) next = watch(s, a);
-    if (next == Next::step) next = find_step(s, a);
-    if (next == Next::stop) break;
-    if (next == Next::step) take_step(s);
+    residual = a.residual;
+    const Next next = decide(s, a);
+    if (next == Next::judge) continue;
+    if (next == Next::stop || !find_step(s, a)) break;
+    take_step(island);
   }
-  if (context.budget->exhausted() && !std::isfinite(island.residual)) {
-    restart_from_now(island);
-    judge(s);
-  }
+  if (!island.converged && !island.left_predicted_region && !(residual <= s.first_residual)) stay(s);
   end(s);
 }
 
@@ -248,7 +286,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 }  // namespace
 
 void converged_step(Island& island, const StepContext& context) {
-  newton(island, context, !context.may_halve);
+  newton(island, context);
   if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
     project_energy(island);
 }

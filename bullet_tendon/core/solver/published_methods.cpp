@@ -182,7 +182,7 @@ void single_linearisation(Island& island, const StepContext& context) {
         c->x_new[k][i] = c->x[k][i] + c->dx[k][i];
       }
   }
-  advance_bodies(island, 1);
+  advance_bodies(island);
   for (Contact* contact : island.contacts) predict(island, *contact);
   settle_contacts(island);
   for (Tendon* c : island.tendons)

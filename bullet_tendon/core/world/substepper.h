@@ -51,7 +51,7 @@ class Substepper {
   bool is_whole() const { return size_ == kUnits; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
-  // Whether a substep without convergence is cut; else its iterations have to be safeguarded.
+  // Whether a substep without convergence is cut.
   bool may_halve() const { return divisible_ && size_ > kUnits / kMostSubsteps; }
   bool may_cut(const Budget& budget) const { return divisible_ && size_ > smallest(budget); }
   bool may_repeat() const { return repeats_ < kMostRepeats; }
