@@ -190,7 +190,7 @@ Next decide(Solution& s, const Assembly& a) {
   }
   if (s.iteration >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
-  if (s.iteration > 0 && s.context.budget->exhausted()) return Next::stop;
+  if (s.iteration > 0 && s.context.budget->refuses()) return Next::stop;
   if (island.stayed && add_missed(island)) {
     island.stayed = false, s.start_anew();
     return Next::judge;

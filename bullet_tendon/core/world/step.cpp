@@ -133,7 +133,7 @@ std::optional<Reason> World::solve_substep() {
     if (const auto why = solve_islands()) return why;
     if (failed_) return {};
   }
-  if (!substeps_.may_repeat() || budget_.exhausted()) return {};
+  if (!substeps_.may_repeat() || !any_moved() || budget_.refuses()) return {};
   if (settle_stops()) return Reason::joint_stops;
   if (find_turning()) return Reason::body_rotation;
   return {};
@@ -168,13 +168,13 @@ std::optional<Reason> World::solve_islands() {
   }
   make_islands();
   context_.warm = looking_ && !other_unknowns;
-  const bool may_look = substeps_.divisible() && looks_ < kLooks && !budget_.exhausted();
-  context_.may_look = may_look;
+  const bool may_look = substeps_.divisible() && looks_ < kLooks;
+  context_.may_look = may_look && !budget_.exhausted();
   const bool finite = solve_each_island();
-  if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.exhausted()) return Reason::not_converged;
+  if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.refuses()) return Reason::not_converged;
   failed_ = !finite;
-  if (failed_ || budget_.exhausted()) return {};
-  if (may_look && (strayed() || stray_)) return Reason::left_prediction;
+  if (failed_) return {};
+  if (may_look && (strayed() || stray_) && !budget_.refuses()) return Reason::left_prediction;
   return {};
 }
 
@@ -295,7 +295,8 @@ void World::finish_step_of_world() {
   report_.substeps = substeps_.taken();
   report_.reasons = substeps_.reasons();
   report_.linear_solves = budget_.spent();
-  report_.over_budget = budget_.exhausted();
+  report_.over_budget = budget_.refused();
+  report_.converged &= !report_.over_budget;
   sum_forces(1, false);
   for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.act(whole_dt_);
