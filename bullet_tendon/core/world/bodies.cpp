@@ -200,9 +200,13 @@ bool World::any_held() const {
   return false;
 }
 
-void World::refresh_bodies() {
-  for (GeneralizedBody& m : bodies) m.observer.refresh(m.rates), m.observer.doubt();
-  way_back_ = false;
+void World::finish_resolve() {
+  for (GeneralizedBody& m : bodies) {
+    m.observer.refresh(m.rates);
+    m.observer.doubt();
+  }
+  may_resolve_ = false;
+  capture_now();
 }
 
 }  // namespace bt
