@@ -110,7 +110,8 @@ void assemble(Island& island, bool definite, bool definite_contacts) {
     const double inverse = 1 / (c->h_eff * c->h_eff), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      linearise(*s, c->material.law, Linearisation::multiplier, floor_force, c->h_eff, definite);
+      const Linearisation how = definite ? Linearisation::position : Linearisation::multiplier;
+      linearise(*s, c->material.law, how, floor_force, c->h_eff, definite);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);

@@ -39,7 +39,7 @@ constexpr int kMostStiffened = 8;
 
 // Iterations without a new smallest residual before a solution is given up. Fewer: substeps are cut that
 // would converge, because the mixed method may raise the residual on its way. More: violent steps are slower.
-constexpr int kPatience = 12;
+constexpr int kPatience = 20;
 
 // Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
 // of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
@@ -51,12 +51,12 @@ constexpr double kLessJump = 0.25;
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
-// Coordinates of iterates, in those that the step begins with or aims at, beyond which they have run away
-// [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so far in a
-// long step.
+// Coordinates of an iterate, relative to those at the start and the inertial target of the step, beyond which
+// it has run away [-]. Larger: its residual passes for rounding. Smaller: a taut tendon that is released may
+// move so far in a long step.
 constexpr double kFarOff = 1e3;
 
-// Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
+// Largest residual that counts as rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
@@ -67,15 +67,16 @@ enum class Next { step, judge, stop };
 struct Solution {
   Island& island;
   const StepContext& context;
-  bool far = true;       // from the solution
-  bool changed = false;  // what constrains particles directly
-  int iteration = 0, lost = 0;
-  int stiffened = 0;  // how often
+  bool far = true;       // the residual is larger than kNear
+  bool changed = false;  // a direct contact began or ceased to hold in this iteration
+  int iteration = 0;
+  int lost = 0;       // how often a solution that was near became far
+  int stiffened = 0;  // how often contacts were stiffened
   // Smallest residual since contacts were stiffened, and how many iterations ago.
   double smallest = kNone;
   int idle = 0;
   double first_residual = kNone;
-  // Of the last iteration; none where forces have been changed since.
+  // Of the last iteration; none if contacts have been stiffened since.
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
@@ -89,7 +90,7 @@ bool any_left_predicted_region(const Island& island) {
                      [](const Tendon* c) { return leaves_predicted_region(*c); });
 }
 
-// Iterates so far off that rounding would excuse any residual.
+// Whether iterates are so far away that any residual is within their rounding.
 bool ran_away(const Island& island) {
   for (const Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k) {
@@ -100,7 +101,7 @@ bool ran_away(const Island& island) {
   return false;
 }
 
-// Within a few roundings, what does not shrink any more is rounding.
+// A residual that no longer halves may be a few roundings; one that does, one rounding.
 bool is_rounding(Island& island, const Assembly& a, double last_residual, bool tails) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
   return in_roundings(island, a, tails) <= most && !ran_away(island);
@@ -125,7 +126,6 @@ bool update_directs(Island& island) {
   return changed;
 }
 
-// How far from the solution, after a residual.
 void note_distance(Solution& s, const Assembly& a) {
   const bool was_far = s.far;
   s.far = !(a.residual <= kNear * a.scale);
@@ -142,14 +142,14 @@ void note_progress(Solution& s, double residual) {
   s.idle = 0;
 }
 
-// The residual, and whether it is small enough.
+// The residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
   Assembly a = residual_of(island, s.far);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
-  // What rests is where its rounded positions leave it.
+  // A tendon at rest keeps the residual of its rounded positions.
   const bool tails = s.iteration > 0 || s.context.warm;
   const bool enough =
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, tails);
@@ -165,7 +165,7 @@ bool stiffen_contacts(Island& island) {
   return any;
 }
 
-// What follows a residual that is small.
+// After an iteration with a small residual: stiffens contacts, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
   if (s.stiffened < kMostStiffened) {
@@ -202,14 +202,14 @@ Next decide(Solution& s, const Assembly& a) {
 bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
   const double enough = s.options().tolerance * a.scale;
-  // As exact as this iteration can make use of.
+  // A more exact step would not reduce the residual of this iteration further.
   island.linear_tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
   assemble(island, false, s.far);
   if (solve_linear(island, s.context, false)) {
     if (!s.far) solve_limits(island, s.context, enough);
     return true;
   }
-  // The matrix is indefinite: once more, with compression cut off.
+  // The matrix is indefinite: once more, by plain Newton with compression cut off.
   residual_of(island, true);
   assemble(island, true, true);
   return solve_linear(island, s.context, true);
@@ -272,7 +272,7 @@ void newton(Island& island, const StepContext& context) {
     if (next == Next::stop || !find_step(s, a)) break;
     take_step(island);
   }
-  if (!island.converged && !island.left_predicted_region && !(residual <= s.first_residual)) stay(s);
+  if (!island.converged && !island.left_predicted_region && !(residual < s.first_residual)) stay(s);
   end(s);
 }
 
