@@ -129,7 +129,9 @@ std::optional<Reason> World::solve_substep() {
   if (wake_met()) return Reason::woken;
   if (motion_limit_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
   const bool left = looking_ && stray_;
-  if (!looking_ || take_new_contacts() || left) {
+  // Detecting contacts again takes no linear solution; solving with those that are new does.
+  const bool more = looking_ && (take_new_contacts() || left);
+  if (!looking_ || (more && !budget_.refuses())) {
     if (substeps_.may_repeat() && share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (failed_) return {};
@@ -175,7 +177,7 @@ std::optional<Reason> World::solve_islands() {
   if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.refuses()) return Reason::not_converged;
   failed_ = !finite;
   if (failed_) return {};
-  if (may_look && (strayed() || stray_) && !budget_.refuses()) return Reason::left_prediction;
+  if (may_look && (strayed() || stray_)) return Reason::left_prediction;
   return {};
 }
 
