@@ -47,9 +47,9 @@ class SolverOptions:
         second) that something static holds or carries, until they or what is within reach of them moves or
         is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
     max_linear_solves: linear solutions that one step may take, of all its islands and substeps together.
-    time_budget: wall time that one step may take [s]; None: any. Once either is used up, the step ends with
-        the iterates that there are, which are finite: report.converged is False and report.over_budget True.
-        What has not been solved by then takes one linear solution in each substep that is left.
+    time_budget: wall time that one step may take [s]; None: any. Once either is used up, each
+        substep that is left takes one linear solution, and the step ends with finite positions. If that
+        leaves anything unsolved, report.converged is False and report.over_budget True.
     on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
         the report says converged False; the tendons stay as they were, without a force on bodies, for
         that step. A step that ends finite above the tolerance is taken in both cases: its report

@@ -5,8 +5,9 @@ Owns: nothing; it takes steps of a Stepper, and takes them back by States. Goes 
 Equilibrium is where an implicit step of endless length would end: without inertia, the step's
 residual is the static one. A tendon that can touch nothing is taken there at once. Where there is
 something to touch, positions must not jump over it: then steps of growing length are taken, each
-from rest, short while particles move by more than a share of the radius and doubled when they do not
-(pseudo-transient continuation, Kelley and Keyes 1998).
+from rest. They are shortened where particles move by more than a share of the radius, or where a step
+does not converge, and lengthened where particles move little (pseudo-transient continuation, Kelley and
+Keyes 1998).
 """
 
 import numpy as np
@@ -82,8 +83,11 @@ class Relaxation:
             if report.converged and settled and self._depth() <= _DEPTH:
                 break
             ratio = max((moved[t] / t.radius for t in start), default=0.0)
-            dt = dt / _GROWTH if ratio > _FARTHEST and not self._alone else dt
-            dt = min(dt * _GROWTH, _ENDLESS) if ratio < _NEAREST else dt
+            too_far = ratio > _FARTHEST and not self._alone
+            if not report.converged or too_far:
+                dt /= _GROWTH
+            elif ratio < _NEAREST:
+                dt = min(dt * _GROWTH, _ENDLESS)
         return settled, iterations, residual
 
     def _depth(self) -> float:

@@ -69,7 +69,8 @@ class StepReport:
     "not_converged", "left_prediction" (particles ended where contacts were not looked for), "woken" (tendons
     at rest were reached), "step_weights" (tendons that press on each other had other methods),
     "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far).
-    over_budget: whether max_linear_solves or time_budget was used up.
+    over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged is
+    then False.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).
     worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of

@@ -82,15 +82,6 @@ void Contact::take_over(double force) {
   if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
 }
 
-void Contact::limit_friction(double most) {
-  if (limit <= 0) sliding = tangent_stiffness * norm(raw) > most;
-  limit = most;
-}
-
-void Contact::settle_friction() {
-  if (!direct && friction > 0) limit_friction(friction * lambda_predicted);
-}
-
 void Contact::settle(Vec3 relative) {
   Vec3 z = without(tangent_anchor + relative - relative_start, normal);
   double pull = tangent_stiffness * norm(z);
@@ -99,9 +90,15 @@ void Contact::settle(Vec3 relative) {
 
 void Contact::predict(Vec3 moved) {
   lambda_predicted = std::max(0.0, force_after(moved));
-  if (friction <= 0 || limit <= 0) return;
-  Vec3 next = raw + without(moved, normal);
-  sliding = tangent_stiffness * norm(next) > limit && !(sliding && dot(next, raw) < 0);
+  if (friction <= 0) return;
+  if (limit > 0) {
+    const Vec3 next = raw + without(moved, normal);
+    sliding = tangent_stiffness * norm(next) > limit && !(sliding && dot(next, raw) < 0);
+  }
+  if (!acts()) return;
+  const double most = friction * (direct ? normal_force : lambda_predicted);
+  if (limit <= 0) sliding = tangent_stiffness * norm(raw) > most;
+  limit = most;
 }
 
 }  // namespace bt

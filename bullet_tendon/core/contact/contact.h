@@ -23,10 +23,6 @@
 
 namespace bt {
 
-// Change of a contact's force that is foreseen, as a share of it, up to which its friction limit goes along
-// at once [-]. Larger: limits follow wild forces. Smaller: rounds of solutions do what iterations could.
-constexpr double kAgreed = 0.3;
-
 // Distance of centrelines, in sums of radii, below which the direction between them is not used as a normal
 // [-].
 constexpr double kNearlyMet = 0.2;
@@ -100,8 +96,7 @@ struct Contact {
   Vec3 sliding_term[2][4];
   double sliding_share[2] = {};
 
-  // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew, so that
-  // each solution has a potential without steps.
+  // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew.
   bool acts() const { return pressed || held || (!direct && friction > 0 && limit > 0); }
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
   // block's curvature, are as foreseen, or (at_position) as the position has them. definite: the block
@@ -115,25 +110,21 @@ struct Contact {
   // k too small: the multiplier takes over the force that there is, and k grows. false: depth is small.
   bool stiffen();
   void take_over(double force);
-  // Friction's limit from now on [N]. What had none slid freely: taken to stick, it would be pulled back all
-  // the way that it has slid.
-  void limit_friction(double most);
+  // What Coulomb's law asks of the friction limit, mu N, less the limit [N].
+  double limit_error() const { return friction * normal_force - limit; }
   // The normal force that the linearisation foresees there; below 0 where it lets go.
   double force_after(Vec3 moved) const { return lambda - stiffness * (gap + dot(normal, moved)); }
-  // The normal force, and whether the contact slides, in the next iteration, from the relative
-  // displacement that this one found. Both are multipliers like those of springs: judged by present
-  // positions they are wild, because contacts are stiff. What sticks slides when its force would
-  // exceed the limit; what slides sticks when it would go back.
+  // The normal force, the friction limit, and whether the contact slides, in the next iteration, from the
+  // relative displacement that this one found. They are multipliers like those of springs: taken from present
+  // positions they are wild, because contacts are stiff. A contact that sticks slides when its force would
+  // exceed the limit. One that slides sticks when it would go back. One that had no limit slid freely: if it
+  // were taken to stick, it would be pulled back all the way that it has slid.
   void predict(Vec3 moved);
-  // Whether a force that is foreseen is nearly the present one.
-  bool agrees(double foreseen) const { return std::fabs(foreseen - normal_force) <= kAgreed * normal_force; }
   // The same of a pair of segments, x their ends (see contact/segment_pair.cpp).
   void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see contact/mouth_edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
-  // Friction's limit as the normal force that is foreseen asks for.
-  void settle_friction();
   // z at the end of a step whose forces were taken at its start.
   void settle(Vec3 relative);
 };

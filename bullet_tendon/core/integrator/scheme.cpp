@@ -119,7 +119,7 @@ constexpr long kBetweenPolls = 64;
 void Budget::start(long most, double seconds, std::function<void()> poll) {
   most_ = most;
   spent_ = 0;
-  exhausted_ = false;
+  exhausted_ = refused_ = false;
   timed_ = seconds > 0;
   if (timed_)
     end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));

@@ -63,18 +63,18 @@ bool update_direct(Island& island, Contact& contact) {
 }
 
 // A contact at tendon.x_new, where its points follow what they touch.
-void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
+void evaluate(Island& island, Contact& contact, bool definite) {
   if (island.follows) follow(island, contact);
-  contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
+  contact.evaluate(relative_position(island, contact, &Tendon::x_new), false, definite);
 }
 
 // True residual of the island at tendon.x_new; what holds supply is still in it.
-Assembly residual_of(Island& island, bool at_position, bool definite) {
+Assembly residual_of(Island& island, bool definite) {
   Assembly a;
   clear_loads(island), clear_pulls(island);
   for (Tendon* c : island.tendons) a.scale = std::max(a.scale, tendon_residual(*c));
   for (Contact* contact : island.contacts) {
-    evaluate(island, *contact, at_position, definite);
+    evaluate(island, *contact, definite);
     if (!contact->acts()) continue;
     a.scale = std::max(a.scale, max_abs(contact->total_force));
     add_contact_force(island, *contact);
@@ -103,12 +103,13 @@ void carry_springs(Island& island) {
 
 // The matrix, and the residual of the linearisation in place of the true one.
 // definite_rows: the contacts' blocks alone.
-void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts) {
+void assemble(Island& island, bool definite, bool definite_contacts) {
   clear_loads(island);
   for (Tendon* c : island.tendons) {
     const double inverse = 1 / (c->h_eff * c->h_eff), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
+      const Linearisation how = definite ? Linearisation::position : Linearisation::multiplier;
       linearise(*s, c->material.law, how, floor_force, c->motion(), definite);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
@@ -177,7 +178,9 @@ void measure_residual(Island& island, Assembly& a) {
     a.residual = worse(a.residual, c->residual_norm);
   }
   a.of_bodies = body_residual(island);
-  a.residual = worse(a.residual, a.of_bodies);
+  for (const Contact* contact : island.contacts)
+    if (contact->acts()) a.of_limits = worse(a.of_limits, std::fabs(contact->limit_error()));
+  a.residual = worse(a.residual, worse(a.of_bodies, a.of_limits));
 }
 
 double in_roundings(Island& island, const Assembly& a, bool at_guess) {
@@ -189,7 +192,7 @@ double in_roundings(Island& island, const Assembly& a, bool at_guess) {
     most = worse(most, c->residual_norm / one);
     finest = std::min(finest, one);
   }
-  return worse(most, a.of_bodies / finest);
+  return worse(most, worse(a.of_bodies, a.of_limits) / finest);
 }
 
 void find_worst(Island& island) {

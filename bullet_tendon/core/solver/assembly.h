@@ -8,19 +8,19 @@ struct Assembly {
   double scale = 0;      // largest force at hand [N]
   double residual = 0;   // largest residual force [N]
   double of_bodies = 0;  // largest of theirs
+  double of_limits = 0;  // largest difference of a friction limit from mu N
 };
 
 // A contact that constrains its particle directly: it starts to hold when the particle is inside, and lets go
 // when it would have to pull. true: it has changed.
 bool update_direct(Island& island, Contact& contact);
-// A contact at tendon.x_new, its points where they are nearest. at_position: judged by where it is, not by
-// what was foreseen.
-void evaluate(Island& island, Contact& contact, bool at_position, bool definite);
+// A contact at tendon.x_new, its points where they are nearest.
+void evaluate(Island& island, Contact& contact, bool definite);
 // True residual of the island at tendon.x_new; what holds supply is still in it.
-Assembly residual_of(Island& island, bool at_position, bool definite);
+Assembly residual_of(Island& island, bool definite);
 // Its norms, once what holds supply has been taken out.
 void measure_residual(Island& island, Assembly& a);
-// The contacts' multipliers from the step, before it is taken.
+// The contacts' multipliers and friction limits from the step, before it is taken.
 void predict_contacts(Island& island);
 // The springs' multipliers go along with the step: the forces that the linearisation foresees.
 void carry_springs(Island& island);
@@ -29,7 +29,7 @@ void carry_springs(Island& island);
 double in_roundings(Island& island, const Assembly& a, bool at_guess);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the contacts'
 // blocks alone.
-void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts);
+void assemble(Island& island, bool definite, bool definite_contacts);
 // The particle of every tendon with the largest residual.
 void find_worst(Island& island);
 

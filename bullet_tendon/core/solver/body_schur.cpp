@@ -123,10 +123,10 @@ void forget_bodies(Island& island) {
   place(island);
 }
 
-void advance_bodies(Island& island, double alpha) {
+void advance_bodies(Island& island) {
   if (island.bodies.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
-    for (int k = 0; k < m.freedom; ++k) m.y[k] += alpha * m.dy[k];
+    for (int k = 0; k < m.freedom; ++k) m.y[k] += m.dy[k];
   });
   place(island);
 }
@@ -190,12 +190,6 @@ double body_residual(const Island& island) {
     if (!(force <= most)) most = force;
   });
   return most;
-}
-
-double body_slope(const Island& island) {
-  double sum = 0;
-  each_body(island, [&](const GeneralizedBody& m) { sum += dense::dot(m.residual, m.dy); });
-  return sum;
 }
 
 namespace {

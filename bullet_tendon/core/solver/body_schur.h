@@ -9,7 +9,7 @@ namespace bt {
 // Bodies that are unknown (solver/body_schur.cpp). Their first guess, and where they take tendons by y:
 void start_bodies(Island& island);
 void forget_bodies(Island& island);  // y = 0
-void advance_bodies(Island& island, double alpha);
+void advance_bodies(Island& island);
 // The step of the unknowns, a share of corner_side, and where it takes the particles, in x.
 void move_bodies(Island& island, double share, Which x);
 // Forces on them: of a contact, more than those known before; and those on the particles they carry.
@@ -22,7 +22,6 @@ void start_body_residual(Island& island, double share);
 void add_body_residual(Island& island);
 // Largest residual, as a force at the point of theirs that yields most [N].
 double body_residual(const Island& island);
-double body_slope(const Island& island);
 // Their part of the matrix, before holds are taken out of the tendons' part (solver/body_schur.cpp).
 void make_border(Island& island, bool definite);
 // Of panel p (solver/body_schur.cpp): a column of it to tendon.column, and its answer from tendon.solved.

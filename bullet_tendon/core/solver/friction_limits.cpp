@@ -1,16 +1,15 @@
-// Friction limits that go with the step, in the linear solution.
+// The coupling of friction limits with normal forces, in the linear solution.
 //
-//   L_i = mu_i (N_0i - k_i (g_i + n_i.P_i u))   the limit of what slides, by the normal force after the step
-//   u A u = -(r + sum_i P_i^T d_i (L_i - l_i))    l_i the limit that r has, d_i = z_i/|z_i|
-//   (contact/contact.h)
+//   L_i = mu_i (N_0i - k_i (g_i + n_i.P_i u))    limit of a sliding contact, by its normal force after the
+//   step A u = -(r + sum_i P_i^T d_i (L_i - l_i))     l_i the limit in r, d_i = z_i/|z_i| (contact/contact.h)
 //
-// A is symmetric, and this coupling of friction with normal forces is not. By w = L - l it is
+// A is symmetric, and this coupling is not. With w = L - l it is
 //
 //   w - G w = w_0,   (G w)_i = mu_i k_i n_i.P_i A^-1 sum_j P_j^T d_j w_j,   w_0 of the step with w = 0,
 //
-// which needs nothing but solutions with the factors at hand, those of the bodies (solver/body_schur.cpp)
-// included: by generalised conjugate residuals (Eisenstat, Elman and Schultz 1983). Were limits to follow
-// forces from one iteration to the next, as many would be needed as friction is large.
+// which is solved by generalised conjugate residuals (Eisenstat, Elman and Schultz 1983). That needs only
+// solutions with the factors of A, including those of the bodies (solver/body_schur.cpp). Limits that
+// followed the forces of the last iteration would take more iterations, the larger friction is.
 #include "solver/friction_limits.h"
 
 #include <cmath>
@@ -25,24 +24,23 @@ namespace bt {
 
 namespace {
 
-// How well limits are solved for beside the step [-], and by how many solutions at most
-// (solver/friction_limits.cpp). Looser, or fewer: more iterations, each with a factorisation. More: solutions
-// for what the next iteration changes.
+// Relative accuracy of w [-], and most solutions for it. Looser, or fewer: more iterations, each with a
+// factorisation. Tighter, or more: solutions for what the next iteration changes.
+constexpr double kLimitAccuracy = 0.03;
 constexpr int kLimitSolutions = 8;
 
 using Numbers = dense::Numbers;
 
-// Those about whose force two iterations agree, and w_0.
+// The contacts that slide, and w_0.
 void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
   for (Contact* contact : island.acting) {
     if (contact->direct || !contact->sliding || contact->friction <= 0 || contact->limit <= 0) continue;
     const double force = contact->force_after(relative_position(island, *contact, &Tendon::dx));
-    if (!contact->agrees(force)) continue;
     contacts.push_back(contact), changes.push_back(contact->friction * force - contact->limit);
   }
 }
 
-// What these changes of limits make of the step, to tendon.solved (of opposite sign).
+// What the changes w of the limits add to the step, with the opposite sign, to tendon.solved.
 void answer(Island& island, const Options& o, const std::vector<Contact*>& contacts, const Numbers& w) {
   for (Tendon* c : island.tendons) c->column.zero();
   clear_loads(island);
@@ -105,7 +103,7 @@ void solve_limits(Island& island, const StepContext& context, double enough) {
   std::vector<Contact*> contacts;
   Numbers changes;
   find_sliding(island, contacts, changes);
-  if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > enough)) return;
+  if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > kLimitAccuracy * enough)) return;
   const Numbers of_bodies = island.bodies.empty() ? Numbers{} : island.corner_side;
   const Numbers w = solve(island, context.options, contacts, changes);
   answer(island, context.options, contacts, w);

@@ -5,13 +5,8 @@
 
 namespace bt {
 
-// How well limits are solved for beside the step [-], and by how many solutions at most
-// (solver/friction_limits.cpp). Looser, or fewer: more iterations, each with a factorisation. More: solutions
-// for what the next iteration changes.
-constexpr double kLimitAccuracy = 0.03;
-
-// What friction limits that go with the step make of tendon.dx, where they change by more than `enough` [N]
-// (solver/friction_limits.cpp).
+// Corrects tendon.dx for friction limits that change with the normal forces of the step. Changes of less than
+// a small share of `enough` [N] are left out (solver/friction_limits.cpp).
 void solve_limits(Island& island, const StepContext& context, double enough);
 
 }  // namespace bt

@@ -48,6 +48,7 @@ void solve(Island& island, const StepContext& context) {
       h.mean_force = step_mean(*c, context, h.last_mean, h.force);
       if (h.link >= 0) h.mean_torque = torque_of(island, h, h.mean_force);
     }
+  island.finite &= std::isfinite(island.residual);
   for (Tendon* c : island.tendons) island.finite &= is_sane(*c, context);
 }
 

@@ -1,5 +1,13 @@
-// The converged implicit step: Newton's method with carried multipliers, and its safeguard
-// (solver/globalisation.cpp).
+// The converged implicit step: Newton's method with carried multipliers (mixed).
+//
+// Every iteration takes the full step. The multipliers of springs and contacts, and the friction limits, are
+// those that the linear solution predicts; the residual is that of the true forces. It includes what the
+// friction limits differ by from Coulomb's law. Once it is small, contacts that are too deep are stiffened
+// (augmented Lagrangian).
+//
+// A solution whose residual does not fall is given up. The Substepper then cuts the substep. Where it cannot
+// be cut, the last iterate is taken, if its residual is smaller than that of the guess; else particles stay
+// where they are.
 #include "solver/newton.h"
 
 #include <algorithm>
@@ -10,55 +18,60 @@
 #include "solver/body_schur.h"
 #include "solver/energy_projection.h"
 #include "solver/friction_limits.h"
-#include "solver/globalisation.h"
 #include "solver/island_step.h"
 #include "solver/linear_solve.h"
-#include "tendon/segment_rotation.h"
 
 namespace bt {
 
 namespace {
 
-// Residual over the forces at hand under which the curvature of a mouth's edge, which may make the matrix
-// indefinite, is believed [-]. Larger: wild normal forces throw iterations off. Smaller: what slides over an
-// edge takes more of them.
-constexpr double kNear = 0.2;
-// The same from which it is not believed any more.
-constexpr double kLost = 0.5;
+// Residual over the forces at hand under which contacts are linearised in full [-]: with curvature that may
+// make the matrix indefinite, and with friction limits that change within the linear solution. Larger: wild
+// normal forces throw iterations off. Smaller: more iterations.
+constexpr double kNear = 0.1;
+
+// Residual over the forces at hand under which contacts that are too deep are stiffened [-], and how often in
+// a solution. Larger: multipliers are taken from wild forces. Smaller: each stiffness is solved for to an
+// accuracy that the next one throws away. Oftener: contacts that cannot be made less deep take iterations.
+constexpr double kStiffened = 3e-3;
+constexpr int kMostStiffened = 8;
+
+// Iterations without a new smallest residual before a solution is given up. Fewer: substeps are cut that
+// would converge, because the mixed method may raise the residual on its way. More: violent steps are slower.
+constexpr int kPatience = 20;
 
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
-// Displacements of iterates, in those that the step aims at or lengths of the tendon, beyond which they have
-// run away [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so
-// far in a long step.
+// Displacement of an iterate, relative to that of the inertial target or to the length of the tendon, beyond
+// which it has run away [-]. Larger: its residual passes for rounding. Smaller: a taut tendon that is released
+// may move so far in a long step.
 constexpr double kFarOff = 1e3;
 
-// Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
+// Largest residual that counts as rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-enum class Next { step, iterate, stop };
+enum class Next { step, judge, stop };
 
 // One solution on its way.
 struct Solution {
   Island& island;
   const StepContext& context;
-  bool safeguarded;      // may be
-  bool safe = false;     // is safeguarded
-  bool far = true;       // from the solution
-  bool turns = false;    // was far from it at some time, so that segments turn
-  bool changed = false;  // what constrains particles directly
-  bool circles = false;
+  bool far = true;       // the residual is larger than kNear
+  bool changed = false;  // a direct contact began or ceased to hold in this iteration
   int iteration = 0;
-  Rounds rounds;
-  Progress progress{0};
-  // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
+  int stiffened = 0;  // how often contacts were stiffened
+  // Smallest residual since contacts were stiffened, and how many iterations ago.
+  double smallest = kNone;
+  int idle = 0;
+  double first_residual = kNone;
+  // Of the last iteration; none if contacts have been stiffened since.
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
-  void start_anew() { progress = Progress(island.contacts.size()), last_residual = kNone; }
+  void start_anew() { smallest = last_residual = kNone, idle = 0; }
 };
 
 bool touches(const Island& island) { return !island.acting.empty(); }
@@ -68,7 +81,7 @@ bool any_left_predicted_region(const Island& island) {
                      [](const Tendon* c) { return leaves_predicted_region(*c); });
 }
 
-// Iterates so far off that rounding would excuse any residual.
+// Whether iterates are so far away that any residual is within their rounding.
 bool ran_away(const Island& island) {
   for (const Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k) {
@@ -78,21 +91,22 @@ bool ran_away(const Island& island) {
   return false;
 }
 
-// Within a few roundings, what does not shrink any more is rounding.
+// A residual that no longer halves may be a few roundings; one that does, one rounding.
 bool is_rounding(Island& island, const Assembly& a, double last_residual, bool at_guess) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
   return in_roundings(island, a, at_guess) <= most && !ran_away(island);
 }
 
-Solution begin(Island& island, const StepContext& context, bool safeguarded) {
+void begin(Solution& s) {
+  Island& island = s.island;
   island.left_predicted_region = false;
-  for (Contact* contact : island.contacts) contact->held = false, contact->changes = 0;
+  for (Contact* contact : island.contacts) {
+    contact->held = false;
+    contact->changes = 0;
+  }
   start_bodies(island);
-  island.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
-  Solution s{island, context, safeguarded};
-  s.far = !context.warm;
-  s.start_anew();
-  return s;
+  island.follows = s.options().linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
+  s.far = !s.context.warm;
 }
 
 bool update_directs(Island& island) {
@@ -102,105 +116,106 @@ bool update_directs(Island& island) {
   return changed;
 }
 
-// How far from the solution, after a residual.
 void note_distance(Solution& s, const Assembly& a) {
-  const bool was_far = s.far;
-  s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
-  s.turns |= s.far;  // a guess that was near is corrected along lines
+  s.far = !(a.residual <= kNear * a.scale);
 }
 
-// The residual, and whether it is small enough.
+void note_progress(Solution& s, double residual) {
+  if (s.iteration == 0) s.first_residual = residual;
+  s.last_residual = residual;
+  ++s.idle;
+  if (!(residual < s.smallest)) return;
+  s.smallest = residual;
+  s.idle = 0;
+}
+
+// The residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
-  Assembly a = residual_of(island, s.safe, s.safe || s.far);
+  Assembly a = residual_of(island, s.far);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
-  // What rests is where its rounded positions leave it.
+  // A tendon at rest keeps the residual of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
   const bool enough =
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
   island.converged = !s.changed && enough;
-  s.last_residual = a.residual;
+  note_progress(s, a.residual);
   note_distance(s, a);
-  s.rounds.note_start(island.residual);
   return a;
 }
 
-// Where the solution, or a round of it, is at its end.
-Next end_round(Solution& s, const Assembly& a) {
+bool stiffen_contacts(Island& island) {
+  bool any = false;
+  for (Contact* contact : island.contacts) any |= contact->stiffen();
+  return any;
+}
+
+// After an iteration with a small residual: stiffens contacts, or ends the solution.
+Next refine(Solution& s) {
   Island& island = s.island;
-  const bool settled = s.safe || s.far || s.changed || s.rounds.over();
-  if (!island.converged && (settled || !s.rounds.near_end(s.iteration, island.residual))) return Next::step;
-  if (s.rounds.over()) return Next::stop;
-  if (s.rounds.next(island, s.iteration, s.options().tolerance * a.scale)) {
-    s.start_anew();
-    return Next::iterate;
+  if (s.stiffened < kMostStiffened) {
+    if (stiffen_contacts(island)) {
+      ++s.stiffened;
+      s.start_anew();
+      return Next::judge;
+    }
   }
   if (island.converged) return Next::stop;
   island.left_predicted_region = s.context.may_look && touches(island) && any_left_predicted_region(island);
-  s.rounds.settle();
   return island.left_predicted_region ? Next::stop : Next::step;
 }
 
-// The guess was useless, or iterations get nowhere: with the safeguard from now on.
-Next guard(Solution& s, bool anew) {
-  if (s.safe || !s.safeguarded) return Next::stop;
-  s.safe = true;
-  if (anew) restart_from_now(s.island);
-  return Next::iterate;
-}
-
-Next watch(Solution& s, const Assembly& a) {
-  if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
-  if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
-  const bool finite = std::isfinite(a.residual);
-  if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
-  s.circles = !s.safe && s.progress.circles(a.residual);
+Next decide(Solution& s, const Assembly& a) {
+  Island& island = s.island;
+  const bool near = s.iteration > 0 && !s.changed && a.residual <= kStiffened * a.scale;
+  if (island.converged || near) {
+    const Next next = refine(s);
+    if (next != Next::step) return next;
+  }
+  if (s.iteration >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
+  if (!std::isfinite(a.residual)) return Next::stop;
+  if (s.iteration > 0 && s.context.budget->refuses()) return Next::stop;
   return Next::step;
 }
 
-// Of limits, that is worth a solution [N].
-double least_change(const Solution& s, const Assembly& a) {
-  return kLimitAccuracy * s.options().tolerance * a.scale;
-}
-
-// The next step of the particles and bodies, in tendon.dx.
-Next find_step(Solution& s, const Assembly& a) {
+// The step of the particles and bodies, in tendon.dx. false: there is none.
+bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
-  const Linearisation how = s.safe ? Linearisation::position : Linearisation::multiplier;
-  // As exact as this iteration can make use of.
-  island.linear_tolerance = std::min(kLoosest, 0.05 * s.options().tolerance * a.scale / a.residual);
-  assemble(island, how, s.safe, s.safe || s.far);
-  if (solve_linear(island, s.context, s.safe)) {
-    if (!s.safe && !s.far) solve_limits(island, s.context, least_change(s, a));
-    return Next::step;
+  const double enough = s.options().tolerance * a.scale;
+  // A more exact step would not reduce the residual of this iteration further.
+  island.linear_tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
+  assemble(island, false, s.far);
+  if (solve_linear(island, s.context, false)) {
+    if (!s.far) solve_limits(island, s.context, enough);
+    return true;
   }
-  // Indefinite: once more, with compression cut off.
-  residual_of(island, s.safe, true);
-  assemble(island, how, true, true);
-  return solve_linear(island, s.context, true) ? Next::step : guard(s, true);
+  // The matrix is indefinite: once more, by plain Newton with compression cut off.
+  residual_of(island, true);
+  assemble(island, true, true);
+  return solve_linear(island, s.context, true);
 }
 
-// Friction's limits follow the forces that are foreseen: of contacts about whose force two iterations are at
-// odds, not yet.
-void settle_limits(Solution& s) {
-  for (Contact* contact : s.island.acting)
-    if (contact->agrees(contact->lambda_predicted)) contact->settle_friction();
-}
-
-void take_step(Solution& s) {
-  Island& island = s.island;
-  if (s.circles) halve_step(island), s.last_residual = kNone;
-  if (s.safe) return line_search(island);
+void take_step(Island& island) {
   carry_springs(island);
   predict_contacts(island);
-  settle_limits(s);
-  advance(island, 1);
-  // Contacts are stiff across the tendon: there it matters more where particles are than how long segments
-  // are.
-  if (!s.turns || touches(island)) return;
-  for (Tendon* c : island.tendons) keep_lengths(*c);
+  for (Tendon* c : island.tendons) c->advance();
+  advance_bodies(island);
+}
+
+// The particles and bodies do not move in this step.
+void stay(Solution& s) {
+  Island& island = s.island;
+  for (Tendon* c : island.tendons) {
+    c->displacement.zero();
+    c->x_new = c->x;
+    for (const Anchor& h : c->anchors)
+      if (h.rigid) c->place(h.particle, h.aim);
+  }
+  forget_bodies(island);
+  judge(s);
+  island.converged = false;
 }
 
 void end(Solution& s) {
@@ -214,20 +229,19 @@ void end(Solution& s) {
 
 }  // namespace
 
-void newton(Island& island, const StepContext& context, bool safeguarded) {
-  Solution s = begin(island, context, safeguarded);
+void newton(Island& island, const StepContext& context) {
+  Solution s{island, context};
+  begin(s);
+  double residual = kNone;
   for (;; ++s.iteration) {
     const Assembly a = judge(s);
-    Next next = end_round(s, a);
-    if (next == Next::step) next = watch(s, a);
-    if (next == Next::step) next = find_step(s, a);
-    if (next == Next::stop) break;
-    if (next == Next::step) take_step(s);
+    residual = a.residual;
+    const Next next = decide(s, a);
+    if (next == Next::judge) continue;
+    if (next == Next::stop || !find_step(s, a)) break;
+    take_step(island);
   }
-  if (context.budget->exhausted() && !std::isfinite(island.residual)) {
-    restart_from_now(island);
-    judge(s);
-  }
+  if (!island.converged && !island.left_predicted_region && !(residual < s.first_residual)) stay(s);
   end(s);
 }
 
@@ -241,7 +255,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 }  // namespace
 
 void converged_step(Island& island, const StepContext& context) {
-  newton(island, context, !context.may_halve);
+  newton(island, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
     project_energy(island, context.gravity);

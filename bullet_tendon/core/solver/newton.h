@@ -5,7 +5,7 @@
 
 namespace bt {
 
-// One Newton solution at tendon.x_new; the safeguard is used only if asked for.
-void newton(Island& island, const StepContext& context, bool safeguarded);
+// One Newton solution, from the guess in tendon.x_new to tendon.x_new.
+void newton(Island& island, const StepContext& context);
 
 }  // namespace bt

@@ -6,7 +6,6 @@
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/globalisation.h"
 #include "solver/linear_solve.h"
 #include "tendon/bending.h"
 
@@ -177,7 +176,8 @@ void single_linearisation(Island& island, const StepContext& context) {
   project_anchors(island, &Tendon::residual);
   fix_in_matrix(island);
   solve_linear(island, context, true);
-  advance(island, 1);
+  for (Tendon* c : island.tendons) c->advance();
+  advance_bodies(island);
   for (Contact* contact : island.contacts) predict(island, *contact);
   settle_contacts(island);
   for (Tendon* c : island.tendons)

@@ -114,6 +114,18 @@ void Tendon::place(int i, Vec3 at) {
   x_new.set(i, at);
 }
 
+BT_VECTOR void Tendon::advance() {
+  for (int k = 0; k < 3; ++k) {
+    double *u = displacement[k], *at = x_new[k];
+    const double *d = dx[k], *start = x[k];
+#pragma GCC ivdep
+    for (int i = 0; i < n_; ++i) {
+      u[i] += d[i];
+      at[i] = start[i] + u[i];
+    }
+  }
+}
+
 void Tendon::predict() {
   predicted = x_new;
   most_slack = kSlack * radius;

@@ -120,13 +120,19 @@ std::optional<Reason> World::solve_substep() {
   collect_contacts();
   if (wake_met()) return Reason::woken;
   if (motion_limit_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
-  if (detections_ == 0 || !contacts_.empty() || !solved_contacts_.empty()) {
-    if (detections_ > 0) inherit_multipliers();
+  const bool again = detections_ > 0;
+  if (!again || !contacts_.empty() || !solved_contacts_.empty()) {
+    // Detecting contacts takes no linear solution; solving with them does.
+    if (again && budget_.refuses()) {
+      contacts_.swap(solved_contacts_);
+      return {};
+    }
+    if (again) inherit_multipliers();
     if (substeps_.may_repeat() && share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (failed_) return {};
   }
-  if (!substeps_.may_repeat() || budget_.exhausted()) return {};
+  if (!substeps_.may_repeat() || !any_moved() || budget_.refuses()) return {};
   if (settle_stops()) return Reason::joint_stops;
   if (find_turning()) return Reason::body_rotation;
   return {};
@@ -162,13 +168,13 @@ std::optional<Reason> World::solve_islands() {
   }
   make_islands();
   context_.warm = detections_ > 0 && !other_unknowns;
-  const bool may_detect = detections_ < kMostDetections || substeps_.may_halve();
-  context_.may_look = substeps_.divisible() && may_detect && !budget_.exhausted();
+  const bool may_detect = substeps_.divisible() && (detections_ < kMostDetections || substeps_.may_halve());
+  context_.may_look = may_detect && !budget_.exhausted();
   const bool finite = solve_each_island();
-  if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.exhausted()) return Reason::not_converged;
+  if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.refuses()) return Reason::not_converged;
   failed_ = !finite;
-  if (failed_ || budget_.exhausted()) return {};
-  if (context_.may_look && predict_at_solution()) return Reason::left_prediction;
+  if (failed_) return {};
+  if (may_detect && predict_at_solution()) return Reason::left_prediction;
   return {};
 }
 
@@ -283,7 +289,8 @@ void World::finish_step_of_world() {
   report_.substeps = substeps_.taken();
   report_.reasons = substeps_.reasons();
   report_.linear_solves = budget_.spent();
-  report_.over_budget = budget_.exhausted();
+  report_.over_budget = budget_.refused();
+  report_.converged &= !report_.over_budget;
   sum_forces(1, false);
   for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.act(whole_dt_);

@@ -55,9 +55,11 @@ class Substepper {
   bool is_whole() const { return size_ == kUnits; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
-  // Whether a substep without convergence is cut; else its iterations have to be safeguarded.
+  // Whether a substep without convergence is cut.
   bool may_halve() const { return divisible_ && size_ > kUnits / kMostSubsteps; }
-  bool may_cut(const Budget& budget) const { return divisible_ && size_ > smallest(budget); }
+  bool may_cut(Budget& budget) const {
+    return divisible_ && size_ > 1 && (size_ > smallest(budget) || !budget.refuses());
+  }
   bool may_repeat() const { return repeats_ < kMostRepeats; }
 
   // The substep is solved again, with the same length, or cut to that share of it, by halves; or in `parts`.
