@@ -56,10 +56,8 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
 
 void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
-  // Of several tendons, or what they press at, it cannot be told what they would have done.
   const bool told = !contacts.empty() && !slipped_;  // by contacts
-  observer.see(rates, free, unforced(gravity), !gravity_response.empty() && n() == 6 && (!unknown || turns),
-               told);
+  observer.see(rates, free, unforced(gravity), !gravity_response.empty() && n() == 6, told);
   contacts_kept = false;
   gyroscopic_acceleration = gyroscopic();
 }

@@ -4,18 +4,18 @@
 
 namespace bt {
 
-// A particle tied to a point of the world (a grip) or of a link (an attachment): rigidly, or by a
-// 3x3 stiffness.
+// A particle tied to a point of the world (a grip, rigid or with a spring) or of a link (an attachment,
+// always rigid).
 struct Anchor {
   int id = 0;
   int particle = 0;
   int link = -1;  // of an attachment
   Vec3 local;     // its point in the link's frame [m]
   bool rigid = true;
-  bool moves = false;    // rigid, and its point goes with its body's unknowns
+  bool moves = false;    // its point moves with the unknowns of its body
   bool clamped = false;  // of an end that bends: its direction is held too
   Vec3 direction;        // of the tendon there, in the order of its particles
-  Sym3 stiffness;        // [N/m]; unused where rigid
+  Sym3 stiffness;        // of the spring of a grip [N/m]; unused where rigid
   Vec3 goal;             // of a grip: where it is to be at the end of the step [m]
   Vec3 aim;              // where the point will be at the end of the part that is being solved [m]
   Vec3 target_before;    // at the end of the last step [m]

@@ -14,47 +14,33 @@ constexpr int kSettlings = 8;
 
 }  // namespace
 
-// what(body, weight, tendon) for every attachment and every contact of a body that yields. An attachment of
-// a rigid body that nothing holds weighs 1, all else 2.
+// what(body, tendon) for every attachment and every contact of a body that yields.
 template <class Do>
 void World::each_touch(Do what) const {
   for (size_t c = 0; c < slots_.size(); ++c)
     for (size_t i = 0; slots_[c] && i < slots_[c]->anchors.size(); ++i) {
       const Anchor& h = slots_[c]->anchors[i];
-      if (h.link < 0 || !links[h.link].yields()) continue;
-      const int body = links[h.link].body;
-      const GeneralizedBody& m = bodies[body];
-      const bool loose = links[h.link].jacobian.empty() && !m.observer.held() && !m.is_stopped() && !m.turns;
-      what(body, loose ? 1 : 2, static_cast<int>(c));
+      if (h.link >= 0 && links[h.link].yields()) what(links[h.link].body, static_cast<int>(c));
     }
   for (const Contact& contact : contacts_)
-    if (contact.link >= 0 && links[contact.link].yields())
-      what(links[contact.link].body, 2, contact.a.tendon);
+    if (contact.link >= 0 && links[contact.link].yields()) what(links[contact.link].body, contact.a.tendon);
 }
 
-// All that tendons touch, but free rigid bodies that one attachment has for itself, which a spring stands for
-// exactly (aim_attachments). What joints or else block would make that spring stiff without end. true: these
-// are other ones than before, and attachments have to be aimed anew.
-bool World::find_unknowns() {
-  touches_.assign(bodies.size(), 0);
-  each_touch([&](int body, int weight, int) { touches_[body] += weight; });
-  bool other = false;
-  for (size_t m = 0; m < bodies.size(); ++m) {
-    const bool unknown = touches_[m] > 1 && options.integrator != Integrator::explicit_euler;
-    other |= unknown != bodies[m].unknown;
-    bodies[m].unknown = unknown;
-  }
+// All bodies that tendons touch are unknowns of an implicit step.
+void World::find_unknowns() {
+  for (GeneralizedBody& m : bodies) m.unknown = false;
+  if (options.integrator != Integrator::explicit_euler)
+    each_touch([&](int body, int) { bodies[body].unknown = true; });
   for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknown && bodies[l.body].turns;
   for (Contact& contact : contacts_)
     contact.moves =
         contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknown;
-  return other;
 }
 
 // The unknown bodies of every island, whose tendons are solved together.
 void World::find_bodies() {
   touches_.assign(bodies.size(), -1);
-  each_touch([&](int body, int, int tendon) {
+  each_touch([&](int body, int tendon) {
     if (!bodies[body].unknown) return;
     if (touches_[body] < 0) touches_[body] = tendon;
     join_islands(touches_[body], tendon);

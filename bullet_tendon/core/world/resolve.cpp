@@ -51,7 +51,7 @@ void choose_again(const TendonState& user, TendonState& c) {
     anchor.viscosity = chosen.viscosity;
     anchor.clamped = chosen.clamped;
     anchor.direction = chosen.direction;
-    if (chosen.link < 0) anchor.stiffness = chosen.stiffness;
+    anchor.stiffness = chosen.stiffness;
   }
 }
 

@@ -15,7 +15,6 @@ void visit(A& a, Anchor& h) {
   a("link", h.link);
   a("local", h.local);
   a("rigid", h.rigid);
-  a("moves", h.moves);
   a("clamped", h.clamped);
   a("direction", h.direction);
   a("stiffness", h.stiffness);

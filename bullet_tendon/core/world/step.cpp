@@ -159,15 +159,9 @@ std::optional<Reason> World::outlast_history() {
 }
 
 std::optional<Reason> World::solve_islands() {
-  const bool other_unknowns = find_unknowns();
-  for (Tendon* c : slots_) {
-    if (!c || !other_unknowns) continue;
-    aim_attachments(*c);
-    c->restore_multipliers(c->start_multipliers);
-    begin_step(*c, context_);
-  }
+  find_unknowns();
   make_islands();
-  context_.warm = looking_ && !other_unknowns;
+  context_.warm = looking_;
   const bool may_look = substeps_.divisible() && looks_ < kLooks && !budget_.exhausted();
   context_.may_look = may_look;
   const bool finite = solve_each_island();
@@ -319,24 +313,18 @@ bool World::share_weights() {
   return changed;
 }
 
-// An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as
-// the link does: with W its mobility, a force F moves it by s^2 W F (bodies/body_response.h). Where the
-// body's unknowns are solved for, the particle goes with them; an attachment that has a free rigid body for
-// itself is a spring. What a particle is away from its point, as pybullet moved the body otherwise, is made
-// up for evenly.
+// An attached particle follows its point on the link. The point is predicted without the tendons' forces in
+// this substep. The unknowns of its body move it from there (solver/body_schur.cpp). Explicit steps have no
+// unknowns of bodies. pybullet may have moved the body otherwise than predicted in the last step: the
+// distance that this leaves between particle and point is closed evenly over the substeps.
 void World::aim_attachments(Tendon& c) {
   for (Anchor& h : c.anchors) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
     h.aim = p + link.drift(p, context_.dt);
-    h.moves = link.yields() && bodies[link.body].unknown;
-    // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
-    h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
+    h.moves = link.yields() && options.integrator != Integrator::explicit_euler;
     h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
-    if (h.rigid) continue;
-    h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
-    invert_definite(h.stiffness);
   }
 }
 

@@ -148,7 +148,7 @@ class World {
   // world/bodies.cpp
   template <class Do>
   void each_touch(Do what) const;
-  bool find_unknowns();
+  void find_unknowns();
   void find_bodies();
   void narrow_bodies();
   void sum_forces(double scale, bool of_part);
