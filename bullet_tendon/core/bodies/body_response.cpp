@@ -9,15 +9,6 @@ namespace bt {
 
 namespace {
 
-// Square of the angle that a body turns by in a step [rad^2] from which it is solved for with arms as they
-// are at the end of the step. Larger: what is attached lags behind. Smaller: three more unknowns for what
-// hardly turns, and its swinging is damped.
-constexpr double kFarTurn = 0.01;
-// The same of the share of a turn that the arm of a pull would swing by in it, dt^2 |f| |r| / (moment of
-// inertia) [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: bodies that
-// hardly turn are pushed by other torques than arms at the start of the step have.
-constexpr double kFarSwing = 0.25;
-
 // A direction that a body can be moved in is a new one where this share of its square is left beside the
 // others [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
 constexpr double kSameDirection = 1e-20;
@@ -57,7 +48,9 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
 void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
   const bool told = !contacts.empty() && !slipped_;  // by contacts
-  observer.see(rates, free, unforced(gravity), !gravity_response.empty() && n() == 6, told);
+  // Of several tendons, or what they press at, it cannot be told what they would have done.
+  const bool alone = !gravity_response.empty() && n() == 6 && touches == 1;
+  observer.see(rates, free, unforced(gravity), alone, told);
   contacts_kept = false;
   gyroscopic_acceleration = gyroscopic();
 }
@@ -87,17 +80,6 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
   root = observer.root();
   find_stops(dt);
   settle_stops(observer.forces(), dt);
-}
-
-bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
-  Vec3 by;
-  double light = 0;
-  for (int k = 0; k < 6; ++k) {
-    const Vec3 e{root[18 + k], root[24 + k], root[30 + k]};
-    by += dot(e, torque) * e, light += dot(e, e);
-  }
-  const Vec3 turn = dt * (spin + dt * by);
-  return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarSwing;
 }
 
 void GeneralizedBody::act(double dt) {

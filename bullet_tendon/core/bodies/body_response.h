@@ -35,15 +35,13 @@ struct GeneralizedBody {
   Numbers rests_on;     // how many bodies there were, and body and link of each that it touched
   bool contacts_kept = false;  // those of a state that was saved: pybullet's own are not restored
   Observer observer;
-  Numbers root;    // E, without what the stops take away in this step
-  Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
-  Numbers forces;  // generalized, of the tendons in this step
-  // Whether it turns far in this step, by the tendons' torque and pulls times arms [N m].
-  bool turns = false;
-  Vec3 torque;
-  double pull = 0;
+  Numbers root;     // E, without what the stops take away in this step
+  Numbers change;   // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
+  Numbers forces;   // generalized, of the tendons in this step
+  int touches = 0;  // attachments and contacts of tendons
   // In a solution.
   bool unknown = false;
+  bool point_mass = false;  // it is a spring in the solution (World::aim_attachments)
   int freedom = 0;          // how many unknowns it has
   Numbers basis;            // Q^T (freedom n), where they are fewer than n
   Numbers y, dy, residual;  // z, its change, and the residual
@@ -75,8 +73,6 @@ struct GeneralizedBody {
   bool note(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.
   void act(double dt);
-  // Whether it turns by far within dt, or its arms would under their pulls, with that spin foreseen.
-  bool turns_far(Vec3 spin, double dt) const;
   // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
   bool settle_stops(const Numbers& forces, double dt);
   // An impulse, generalized, changes its motion.

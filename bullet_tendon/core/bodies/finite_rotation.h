@@ -18,7 +18,6 @@
 namespace bt {
 
 struct FiniteRotation {
-  bool far = false;  // so far that arms are not what they were
   // Rotation vectors: foreseen from the start of the step to that of the part, and in the part; of that as
   // much as has gone; and theta, with what the tendons make of it.
   Vec3 begun, more, straight, theta;

@@ -58,18 +58,15 @@ void Link::turn(const GeneralizedBody& m, double share) {
 }
 
 Vec3 Link::displaced(Vec3 arm) const {
-  if (!turned.far) return given.at(arm);
+  if (!turns()) return given.at(arm);
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
 }
 
-Vec3 Link::torque_of(Vec3 f, Vec3 arm) const {
-  const Vec3 by = cross(now(arm), f);
-  return turned.far ? transposed_times(turned.rate, by) : by;
-}
+Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
 
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
-Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
+Twist Link::spin_of(const dense::Numbers& y) const { return times(turns() ? root : reached, y); }
 
 void Link::reach(const GeneralizedBody& m) {
   if (m.freedom == m.n())

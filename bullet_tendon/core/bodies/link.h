@@ -24,8 +24,6 @@ struct Link {
   bool moved = false;                // it has been elsewhere or has a velocity, since the last step began
   dense::Numbers jacobian;           // (6 n); empty: the identity
   dense::Numbers root;               // J E (6 n)
-  int touches = 0;                   // contacts and attachments that shared the response in the last step
-  int touching = 0;                  // the same, counted in this step
   Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
   Vec3 before_force, before_torque;  // the same, of the parts before
   // In a solution in which its body is unknown: J E Q, what the unknowns and their change make of its place,
@@ -57,8 +55,10 @@ struct Link {
   }
   // Of an attached point, from the centre of mass, as the part begins.
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
-  // An arm as it is at the end of the part where the link turns far.
-  Vec3 now(Vec3 arm) const { return turned.far ? turned.rotation * arm : arm; }
+  // A free rigid body. Its rotation in a step is finite; links on joints turn to first order.
+  bool turns() const { return yields() && jacobian.empty(); }
+  // An arm as it is at the end of the substep.
+  Vec3 now(Vec3 arm) const { return turned.rotation * arm; }
   // FiniteRotation as far as `share` of the part takes it, and as the unknowns do.
   void turn(const GeneralizedBody& m, double share);
   // What the unknowns make of the place at the arm; turning, of its straight way as well.

@@ -73,9 +73,16 @@ bool Observer::note(const Numbers& rates, const Numbers& gravity) {
   return was_released(now_);
 }
 
+namespace {
+
+bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
+
+}  // namespace
+
 void Observer::sample(const Numbers& rates, const Numbers& gravity) {
   now_.forces = forces_, now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
+  now_.limited = std::any_of(rates.begin(), rates.end(), is_cut_off);
 }
 
 void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }
@@ -104,12 +111,6 @@ void Observer::compare(const Sample& now) {
   unexplained(now, missed_);
   for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
 }
-
-namespace {
-
-bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
-
-}  // namespace
 
 // A rate that pybullet has cut off would have gone farther: what is missing to what was foreseen is nothing,
 // and what is more is the least that it can have been. Whether there is one, that nothing can be learned of.

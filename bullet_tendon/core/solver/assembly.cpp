@@ -328,7 +328,7 @@ bool overruled(const Contact& contact, const Tendon& c) {
     if (weight == 0) continue;
     const Anchor* anchor = nullptr;
     for (const Anchor& h : c.anchors)
-      if (h.rigid && h.particle == contact.a.first + e) anchor = &h;
+      if ((h.rigid || h.link >= 0) && h.particle == contact.a.first + e) anchor = &h;
     any_free |= !anchor && weight >= kLeastEndWeight;
     if (!anchor) continue;
     Contact at_hold = contact;

@@ -33,8 +33,6 @@ void take_complement(Island& island, size_t p, size_t q);
 void take_steps(Island& island, size_t p, Which x);
 // tendon.column = b - C corner_side: what the bodies' step leaves for the tendons.
 void answer_bodies(Island& island, Which b);
-// Torque of a force at an attachment, as the solution turns the body.
-Vec3 torque_of(const Island& island, const Anchor& h, Vec3 force);
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
 
 }  // namespace bt

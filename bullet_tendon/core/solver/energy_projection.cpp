@@ -172,6 +172,9 @@ double lost_by_bodies(const Island& island, double b) {
   const double reach = island.reach;
   double sum = 0;
   for (int m : island.bodies) sum += dense::dot((*island.all_bodies)[m].y, (*island.all_bodies)[m].y);
+  for (const Tendon* c : island.tendons)
+    for (const Anchor& h : c->anchors)
+      if (h.link >= 0 && !h.rigid) sum += dot(h.force, c->x_new.at(h.particle) - h.aim);
   return sum > 0 ? 0.5 * sum * (b * b) / (reach * reach) : 0;
 }
 

@@ -147,7 +147,7 @@ void single_linearisation(Island& island, const StepContext& context) {
   const double dt = context.dt;
   start_bodies(island);
   forget_bodies(island);
-  clear_loads(island);
+  clear_loads(island), clear_pulls(island);
   for (Tendon* c : island.tendons) {
     c->h_eff = dt;
     forces_now(*c, context, true, 1 - c->material.law.damping_exponent);
@@ -175,6 +175,7 @@ void single_linearisation(Island& island, const StepContext& context) {
   project_anchors(island, &Tendon::residual);
   fix_in_matrix(island);
   solve_linear(island, context, true);
+  advance_bodies(island, 1);
   for (Tendon* c : island.tendons) {
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) {
@@ -182,7 +183,6 @@ void single_linearisation(Island& island, const StepContext& context) {
         c->x_new[k][i] = c->x[k][i] + c->dx[k][i];
       }
   }
-  advance_bodies(island, 1);
   for (Contact* contact : island.contacts) predict(island, *contact);
   settle_contacts(island);
   for (Tendon* c : island.tendons)

@@ -11,6 +11,9 @@ namespace {
 
 // A part of a step is solved again at most this often because other limits and contacts act than foreseen.
 constexpr int kSettlings = 8;
+// Share of a body's mobility at an attachment that its rotation adds, under which the attachment is at the
+// centre of mass: rounding [-].
+constexpr double kAtCentre = 1e-12;
 
 }  // namespace
 
@@ -26,12 +29,33 @@ void World::each_touch(Do what) const {
     if (contact.link >= 0 && links[contact.link].yields()) what(links[contact.link].body, contact.a.tendon);
 }
 
-// All bodies that tendons touch are unknowns of an implicit step.
+void World::count_touches() {
+  for (GeneralizedBody& m : bodies) m.touches = 0;
+  each_touch([&](int body, int) { ++bodies[body].touches; });
+}
+
+// A free rigid body on one attachment at its centre of mass, which nothing else can touch, is a point mass.
+void World::find_point_masses() {
+  count_touches();
+  for (GeneralizedBody& m : bodies) m.point_mass = false;
+  if (options.integrator == Integrator::explicit_euler) return;
+  for (const Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
+      const Anchor& h = c->anchors[i];
+      if (h.link < 0 || solid_[h.link] || !links[h.link].turns()) continue;
+      GeneralizedBody& m = bodies[links[h.link].body];
+      if (m.touches > 1 || m.observer.held() || m.is_stopped()) continue;
+      const double of_mass = 3 * m.free[0],
+                   of_point = trace(links[h.link].mobility(to_world(links[h.link].pose, h.local)));
+      m.point_mass = of_point - of_mass <= kAtCentre * of_mass;
+    }
+}
+
+// All bodies that tendons touch are unknowns of an implicit step, but for point masses.
 void World::find_unknowns() {
-  for (GeneralizedBody& m : bodies) m.unknown = false;
-  if (options.integrator != Integrator::explicit_euler)
-    each_touch([&](int body, int) { bodies[body].unknown = true; });
-  for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknown && bodies[l.body].turns;
+  count_touches();
+  for (GeneralizedBody& m : bodies)
+    m.unknown = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Contact& contact : contacts_)
     contact.moves =
         contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknown;
@@ -48,36 +72,34 @@ void World::find_bodies() {
 }
 
 // Links that tendons can touch anywhere.
-std::vector<char> World::solid_links() const {
-  std::vector<char> solid(links.size());
+void World::find_solid_links() {
+  solid_.assign(links.size(), 0);
   for (size_t s = 0; s < shapes.size(); ++s)
-    if (shape_alive[s]) solid[shapes[s].link] = 1;
+    if (shape_alive[s]) solid_[shapes[s].link] = 1;
   for (size_t t = 0; t < tunnels.size(); ++t)
-    if (tunnel_alive[t]) solid[tunnels[t].link] = 1;
-  for (const Contact& contact : contacts_)
-    if (contact.link >= 0) solid[contact.link] = 1;
-  return solid;
+    if (tunnel_alive[t]) solid_[tunnels[t].link] = 1;
 }
 
-// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, else its attached
-// points alone.
+// The unknowns of bodies. A free rigid body has six. The unknowns of a body with joints follow from what can
+// touch it: a link with shapes or tunnels anywhere, other links at their attached points alone.
 void World::narrow_bodies() {
   if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknown; })) return;
-  const std::vector<char> solid = solid_links();
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
     for (size_t l = 0; l < links.size(); ++l)
-      if (solid[l] && links[l].yields()) what(links[l], 6, Vec3{});
+      if (solid_[l] && links[l].yields()) what(links[l], 6, Vec3{});
     for (const Tendon* c : slots_)
       for (size_t h = 0; c && h < c->anchors.size(); ++h) {
         const Anchor& anchor = c->anchors[h];
-        if (anchor.link < 0 || solid[anchor.link] || !links[anchor.link].yields()) continue;
+        if (anchor.link < 0 || solid_[anchor.link] || !links[anchor.link].yields()) continue;
         const Link& link = links[anchor.link];
         what(link, 3, to_world(link.pose, anchor.local) - link.centre);
       }
   };
   for (GeneralizedBody& m : bodies) m.freedom = 0, m.basis.clear();
-  each_reached([&](const Link& link, int count, Vec3) { bodies[link.body].freedom += count; });
-  for (GeneralizedBody& m : bodies) m.freedom = !m.unknown || m.turns || m.freedom >= m.n() ? m.n() : 0;
+  each_reached([&](const Link& link, int count, Vec3) {
+    bodies[link.body].freedom += link.turns() ? bodies[link.body].n() : count;
+  });
+  for (GeneralizedBody& m : bodies) m.freedom = !m.unknown || m.freedom >= m.n() ? m.n() : 0;
   each_reached([&](const Link& link, int count, Vec3 arm) {
     GeneralizedBody& m = bodies[link.body];
     for (int k = 0; k < count && m.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
@@ -95,30 +117,6 @@ void World::sum_forces(double scale, bool of_part) {
     const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
     l.add_generalized(l.jacobian, {scale * force, scale * torque}, bodies[l.body].forces);
   }
-}
-
-// Marks bodies that turn far, by the forces of the last solution. true: one that was not marked.
-bool World::find_turning() {
-  if (whole_ || options.integrator == Integrator::explicit_euler || options.iteration == Iteration::single)
-    return false;
-  for (GeneralizedBody& m : bodies) m.torque = {}, m.pull = 0;
-  auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
-    if (link < 0 || !links[link].yields() || !links[link].jacobian.empty()) return;
-    GeneralizedBody& m = bodies[links[link].body];
-    m.torque += cross(arm, force), m.pull += norm(arm) * norm(force);
-  };
-  for (const Tendon* c : slots_)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i)
-      if (const Anchor& h = c->anchors[i]; h.link >= 0)
-        add_pull(h.link, links[h.link].arm_of(h.local), h.force);
-  for (const Contact& contact : contacts_) add_pull(contact.link, contact.arm, -contact.mean_force);
-  bool any = false;
-  for (const Link& l : links) {
-    if (!l.yields() || !(bodies[l.body].pull > 0) || bodies[l.body].turns) continue;
-    bodies[l.body].turns = bodies[l.body].turns_far(l.spin, whole_dt_);
-    any |= bodies[l.body].turns;
-  }
-  return any;
 }
 
 // Whether limits and contacts act with the forces of this solution that were not foreseen to, or the other

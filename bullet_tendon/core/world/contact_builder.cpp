@@ -159,17 +159,6 @@ double World::depth_to_leave(const Contact& contact, double most) const {
   return -(depth - share * std::min(depth, left));
 }
 
-// A link that contacts push at: they go with its body's unknowns. Where those are not solved for (explicit
-// steps), all that touch it are taken to push alike.
-void World::soften(Contact& contact, const Link& link, Vec3 at) const {
-  contact.arm = at - link.centre;
-  if (options.integrator != Integrator::explicit_euler) return;
-  const double w = dot(contact.normal, link.mobility(at) * contact.normal) * std::max(1, link.touches);
-  const double yield = w * context_.dt * context_.dt;  // [m/N]
-  contact.stiffness /= 1 + contact.stiffness * yield;
-  contact.tangent_stiffness /= 1 + contact.tangent_stiffness * yield;
-}
-
 // Stiffness and memory.
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *slots_[tendon_slot];
@@ -201,8 +190,8 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   // A particle that lies loose is gripped before it gathers speed.
   contact.tangent_stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                       : kSpringTangentRatio * held.stiffness;
-  if (contact.link >= 0 && links[contact.link].yields())
-    soften(contact, links[contact.link], contact.a.of(slots_[contact.a.tendon]->x));
+  // Friction and normal force act on the point of the centreline: particles do not spin.
+  if (contact.link >= 0) contact.arm = contact.a.of(slots_[contact.a.tendon]->x) - links[contact.link].centre;
   contact.softest = carries && !chosen ? contact.stiffness : 0;
   contact.depth_allowance = depth_to_leave(contact, kPushOut * radius);
   recall(contact, held.inertia);

@@ -189,7 +189,6 @@ void World::join_step() {
     for (Anchor& h : slots_[c]->anchors) {
       h.last_mean = h.mean_force;
       h.sum_force = substeps_.share_before() * h.step_force;
-      if (h.link >= 0) ++links[h.link].touching;
     }
   }
 }

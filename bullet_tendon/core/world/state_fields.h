@@ -91,6 +91,7 @@ struct StateFields {
     a("forces", s.forces);
     a("acceleration", s.acceleration);
     a("cut", s.cut);
+    a("limited", s.limited);
   }
   template <class A>
   static void of(A& a, Observer& o) {
@@ -126,8 +127,7 @@ struct StateFields {
     of(a, m.observer);
     a("root", m.root);
     a("change", m.change);
-    a("turns", m.turns);
-    a("unknown", m.unknown);
+    a("touches", m.touches);
     a("stopped_by", m.stopped_by_);
     a("stops", m.stops_);
     a("directions", m.directions_);
@@ -160,8 +160,6 @@ void visit(A& a, Link& l) {
   a("moved", l.moved);
   a("jacobian", l.jacobian);
   a("root", l.root);
-  a("touches", l.touches);
-  a("touching", l.touching);
   a("force", l.force);
   a("torque", l.torque);
 }

@@ -75,22 +75,17 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   whole_ = whole;
   stepped_ = true;
   size_links();
+  find_solid_links();
   substeps_.start(dt, !whole && can_carry());
   slots_.clear();
-  for (Link& l : links) {
-    l.force = l.torque = Vec3{};
-    l.touches = l.touching;
-    l.touching = 0;
-  }
+  for (Link& l : links) l.force = l.torque = Vec3{};
   way_back_ = !whole && any_moved();
-  for (GeneralizedBody& m : bodies) m.turns = false;
   if (way_back_) {
     start_.sensed_links = links;
     start_.sensed_bodies = bodies;
   }
   wake_disturbed(dt);
   join_step();
-  for (Link& l : links) l.touches = std::max(l.touches, l.touching);
   report_ = Report{};
   settlings_ = 0;
 }
@@ -103,9 +98,10 @@ void World::predict() {
   context_.may_halve = substeps_.may_halve();
   looks_ = 0;
   looking_ = false;
-  find_turning();
+  find_point_masses();
   context_.reach = std::sqrt(substeps_.end() * context_.dt);
   for (Link& l : links) {
+    l.turned = {};
     l.turned.begun = (substeps_.end() - context_.dt) * l.spin;
     l.turned.more = context_.dt * l.spin;
   }
@@ -135,7 +131,6 @@ std::optional<Reason> World::solve_substep() {
   }
   if (!substeps_.may_repeat() || budget_.exhausted()) return {};
   if (settle_stops()) return Reason::joint_stops;
-  if (find_turning()) return Reason::body_rotation;
   return {};
 }
 
@@ -230,29 +225,25 @@ bool World::take_new_contacts() {
 // What the substep that was solved does to the links, after those before it.
 void World::push_links(double share) {
   for (Link& l : links) {
-    l.touching = 0;
     l.before_force = l.force;
     l.before_torque = l.torque;
   }
   auto push = [&](Link& link, Vec3 force, Vec3 torque) {
-    ++link.touching;
     link.force += share * force;
     link.torque += share * torque;
   };
   for (const Contact& contact : contacts_) {
     if (contact.link < 0) continue;
     Link& link = links[contact.link];
-    // On the centreline's point, not on the surface: particles do not spin.
-    const Vec3 point = contact.a.of(slots_[contact.a.tendon]->x_new), force = -contact.mean_force;
-    push(link, force,
-         link.turned.far ? link.torque_of(force, contact.arm) : cross(point - link.centre, force));
+    const Vec3 force = -contact.mean_force;
+    push(link, force, link.torque_of(force, contact.arm));
   }
   for (const Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
       if (h.link < 0) continue;
       Link& link = links[h.link];
-      push(link, h.mean_force, link.turned.far ? h.mean_torque : cross(link.arm_of(h.local), h.mean_force));
+      push(link, h.mean_force, link.torque_of(h.mean_force, link.arm_of(h.local)));
     }
 }
 
@@ -314,8 +305,10 @@ bool World::share_weights() {
 }
 
 // An attached particle follows its point on the link. The point is predicted without the tendons' forces in
-// this substep. The unknowns of its body move it from there (solver/body_schur.cpp). Explicit steps have no
-// unknowns of bodies. pybullet may have moved the body otherwise than predicted in the last step: the
+// this substep. The unknowns of its body move it from there (solver/body_schur.cpp). A point mass on a tendon
+// has no unknowns: with s^2 = (time since the step began) (length of the substep), the force F on the mass m
+// moves it by s^2 F/m, so that the particle is held by a spring of the stiffness m/s^2. Explicit steps have
+// no unknowns of bodies. pybullet may have moved the body otherwise than predicted in the last step: the
 // distance that this leaves between particle and point is closed evenly over the substeps.
 void World::aim_attachments(Tendon& c) {
   for (Anchor& h : c.anchors) {
@@ -323,8 +316,10 @@ void World::aim_attachments(Tendon& c) {
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
     h.aim = p + link.drift(p, context_.dt);
-    h.moves = link.yields() && options.integrator != Integrator::explicit_euler;
     h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
+    h.rigid = !link.yields() || !bodies[link.body].point_mass;
+    h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;
+    if (!h.rigid) h.stiffness = identity(1 / (context_.reach * context_.reach * bodies[link.body].free[0]));
   }
 }
 

@@ -148,14 +148,15 @@ class World {
   // world/bodies.cpp
   template <class Do>
   void each_touch(Do what) const;
+  void count_touches();
+  void find_point_masses();
   void find_unknowns();
   void find_bodies();
   void narrow_bodies();
   void sum_forces(double scale, bool of_part);
   void push_bodies();
-  bool find_turning();
   bool settle_stops();
-  std::vector<char> solid_links() const;
+  void find_solid_links();
   // world/islands.cpp
   bool solve_each_island();
   void read_worst(const Island& island);
@@ -167,7 +168,6 @@ class World {
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
   void finish_pair(Contact& contact);
-  void soften(Contact& contact, const Link& link, Vec3 at) const;
   void add_contact(const Contact& contact);
   double depth_to_leave(const Contact& contact, double most) const;
   // inertia: of the particle that the contact is of, over the step's weight squared [N/m].
@@ -222,7 +222,8 @@ class World {
   std::vector<double> distances_, points_, parameters_;  // the answers to them
   BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
-  std::vector<int> touches_;  // by body
+  std::vector<int> touches_;  // by body, one of the tendons that touch it
+  std::vector<char> solid_;   // by link: it has a shape or a tunnel
   std::vector<Contact> contacts_, found_, before_;
   std::vector<Contact> asleep_contacts_;  // of tendons that sleep
   Vec3 rest_gravity_;                     // when the last of them fell asleep
