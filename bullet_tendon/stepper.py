@@ -201,8 +201,6 @@ class Stepper:
             core.restore(taken)
             for mover in released:
                 core.let_go(mover)
-        else:
-            core.keep_told_contacts()  # pybullet may list others, of a later time (restoreState)
         return True
 
     def _exchange_wrenches(self, before: np.ndarray) -> None:

@@ -37,16 +37,9 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   }
 }
 
-std::vector<double> place_of(const py::tuple& where) {
-  PyObject *centre = item(where.ptr(), 0), *turn = item(where.ptr(), 1);
-  return {number(centre, 0), number(centre, 1), number(centre, 2), number(turn, 0),
-          number(turn, 1),   number(turn, 2),   number(turn, 3)};
-}
-
 // A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
 // alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
-// not finite; 2: contacts could tell more; 3: so they could, but those that were told last can be believed
-// once more, if what it rests on is still there; else 1.
+// not finite; 2: its contacts are needed (set_contacts); else 1.
 int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
   make_link(w, slot);
@@ -58,9 +51,10 @@ int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   l.jacobian.clear();
   stand_alone(w.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!told_well(w, slot)) return 0;
-  if (falls && w.bodies[slot].may_rest(w.gravity()))
-    return w.bodies[slot].contacts_stand(place_of(where), w.bodies[slot].rates) ? 3 : 2;
-  if (!w.bodies[slot].contacts_kept) w.bodies[slot].forget_contacts();
+  GeneralizedBody& m = w.bodies[slot];
+  if (m.contacts_known) return 1;
+  if (falls && m.may_rest(w.gravity())) return 2;
+  m.contacts.clear();
   return 1;
 }
 
@@ -70,49 +64,27 @@ bool note_link(World& w, int slot, const py::tuple& motion) {
   return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
-bool may_rest(const World& w, int slot) {
-  return slot < static_cast<int>(w.bodies.size()) && w.bodies[slot].n() > 0 &&
-         w.bodies[slot].may_rest(w.gravity());
-}
-
-// Those that it has, or that are told next, are the ones of the step to come.
-void keep_contacts(World& w, int slot) { w.bodies[slot].contacts_kept = true; }
-
 using Links = std::vector<std::pair<int, int>>;
 
-// By p.getContactPoints, those with the links `stays`, which do not move: the normal towards the body, what
-// it makes of its spin, and the distance. where: as of tell_link; bodies: how many there are.
-void tell_contacts(World& w, int slot, const py::tuple& points, const Links& stays, const py::tuple& where,
-                   int bodies) {
+// By p.getContactPoints, those with the links `immovable`: the normal towards the body, what it makes of its
+// spin about its centre of mass, and the distance. keep: they are those of the step to come, whatever
+// pybullet tells then. A body that was never read has none.
+void set_contacts(World& w, int slot, const py::tuple& points, const Links& immovable,
+                  const py::tuple& centre, bool keep) {
+  if (slot >= static_cast<int>(w.bodies.size()) || w.bodies[slot].n() == 0) return;
   GeneralizedBody& m = w.bodies[slot];
-  const Vec3 centre = vector(item(where.ptr(), 0));
-  m.forget_contacts();
+  const Vec3 from = vector(centre.ptr());
+  m.contacts.clear();
+  m.contacts_known = keep;
+  if (keep && !m.may_rest(w.gravity())) return;
   for (const py::handle& point : points) {
     const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
                                     static_cast<int>(number(point.ptr(), 4))};
-    if (std::find(stays.begin(), stays.end(), other) == stays.end()) continue;
-    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
+    if (std::find(immovable.begin(), immovable.end(), other) == immovable.end()) continue;
+    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - from, n);
     const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
     m.contacts.insert(m.contacts.end(), row, row + 7);
   }
-  m.contacts_at = place_of(where);
-  m.rests_on.assign(1, bodies);
-  for (const auto& [body, link] : stays) m.rests_on.push_back(body), m.rests_on.push_back(link);
-}
-
-// Whether what was told of its contacts can be believed once more.
-bool contacts_stand(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
-  const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.bodies[slot].contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z});
-}
-
-// How many bodies there were when its contacts were told, and the links that it rested on.
-py::tuple rests_on(const World& w, int slot) {
-  const GeneralizedBody& m = w.bodies[slot];
-  py::list links;
-  for (size_t k = 1; k < m.rests_on.size(); k += 2)
-    links.append(py::make_tuple(static_cast<int>(m.rests_on[k]), static_cast<int>(m.rests_on[k + 1])));
-  return py::make_tuple(m.rests_on.empty() ? 0 : static_cast<int>(m.rests_on[0]), links);
 }
 
 void clear_link(World& w, int slot) {
@@ -126,11 +98,7 @@ void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
       .def("tell_link", &tell_link)
       .def("note_link", &note_link)
-      .def("may_rest", &may_rest)
-      .def("keep_contacts", &keep_contacts)
-      .def("tell_contacts", &tell_contacts)
-      .def("contacts_stand", &contacts_stand)
-      .def("rests_on", &rests_on);
+      .def("set_contacts", &set_contacts);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
     place(l, info.ptr(), where.ptr());
@@ -358,7 +326,6 @@ void bind_world_bodies(GuardedWorld& world) {
              return w.rewind(dt, vector(gravity.ptr()), pulled);
            })
       .def("pulled_bodies", &World::pulled_bodies)
-      .def("keep_told_contacts", &World::keep_told_contacts)
       .def("any_held", &World::any_held)
       .def("held_bodies",
            [](const World& w) {

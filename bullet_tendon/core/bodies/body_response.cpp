@@ -51,7 +51,7 @@ void GeneralizedBody::sense(Vec3 gravity) {
   // Of several tendons, or what they press at, it cannot be told what they would have done.
   const bool alone = !gravity_response.empty() && n() == 6 && touches == 1;
   observer.see(rates, free, unforced(gravity), alone, told);
-  contacts_kept = false;
+  contacts_known = false;
   gyroscopic_acceleration = gyroscopic();
 }
 

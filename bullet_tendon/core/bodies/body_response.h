@@ -29,11 +29,10 @@ struct GeneralizedBody {
   Numbers free;              // M^-1 (n n)
   Numbers gravity_response;  // acceleration by a unit of gravity (n 3); empty: not known
   Vec3 gyroscopic_acceleration;  // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
-  Numbers limits;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
-  Numbers contacts;     // of a rigid body: direction (6) and distance, below 0 inside, of every contact
-  Numbers contacts_at;  // where it was then: its centre of mass (3) and how it was turned (4)
-  Numbers rests_on;     // how many bodies there were, and body and link of each that it touched
-  bool contacts_kept = false;  // those of a state that was saved: pybullet's own are not restored
+  Numbers limits;  // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  // Of a rigid body: direction (6) and distance, below 0 inside, of every contact with a body without mass.
+  Numbers contacts;
+  bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   Observer observer;
   Numbers root;     // E, without what the stops take away in this step
   Numbers change;   // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
@@ -57,12 +56,8 @@ struct GeneralizedBody {
   }
   bool may_stop() const { return !stops_.empty(); }
   bool is_stopped() const;
-  // Whether contacts could tell something of what it is going to do.
+  // Whether contacts may decide what it is going to do.
   bool may_rest(Vec3 gravity) const;
-  // Whether the contacts that were told last can be believed to be those of now, when it is at `place` with
-  // these rates: it has hardly moved since, and goes on to do what they make it do.
-  bool contacts_stand(const Numbers& place, const Numbers& rates_now) const;
-  void forget_contacts() { contacts.clear(), contacts_at.clear(), rests_on.clear(), pushes_.clear(); }
   int n() const { return static_cast<int>(rates.size()); }
   // One more direction (n) that it can be moved in, of which it gets the part that is new.
   void widen(Numbers direction);

@@ -34,12 +34,6 @@ constexpr double kTakenBack = 0.2;
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
 
-// How far a body may have moved since its contacts were asked for [m], [half a radian], and share of what
-// they held it back by [m/s] by which they may have missed that, for the same ones to hold it now [-].
-// Larger: they are taken for what they no longer are. Smaller: they are asked for in every step.
-constexpr double kContactsStand = 1e-5;
-constexpr double kSteadyContact = 1e-3;
-
 // A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
 constexpr double kLeastPush = 1e-9;
 
@@ -88,25 +82,9 @@ bool GeneralizedBody::is_stopped() const {
 }
 
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
-  if (contacts_kept) return false;
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
-}
-
-bool GeneralizedBody::contacts_stand(const Numbers& place, const Numbers& rates_now) const {
-  if (contacts.empty() || contacts_at.size() != place.size()) return false;
-  for (size_t i = 0; i < place.size(); ++i)
-    if (!(std::fabs(place[i] - contacts_at[i]) <= kContactsStand)) return false;
-  bool any = false;
-  for (size_t k = 0; k < stops_.size(); ++k) {
-    const Stop& s = stops_[k];
-    if (!s.acts || s.coordinate >= 0) continue;
-    any = true;
-    const double missed = rate_along(k, rates_now) - s.wanted;
-    if (!(std::fabs(missed) <= kSteadyContact * std::fabs(s.held_back))) return false;
-  }
-  return any;
 }
 
 double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {

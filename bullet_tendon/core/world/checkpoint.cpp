@@ -155,10 +155,6 @@ struct SizesOfBody {
         fit &= size % 3 == 0;
       else if (field == "contacts")
         fit &= size % 7 == 0;
-      else if (field == "contacts_at")
-        fit &= size == 0 || size == 7;
-      else if (field == "rests_on")
-        fit &= size == 0 || size % 2 == 1;
       else if (field == "directions")
         fit &= n == 0 ? size == 0 : size % n == 0;
       else if (field != "pushes" && field != "doubted")

@@ -133,21 +133,16 @@ std::vector<int> World::pulled_bodies() const {
   return all;
 }
 
-void World::keep_told_contacts() {
-  for (size_t i = 0; i < bodies.size(); ++i)
-    if (i < told_contacts_.size()) bodies[i].contacts = told_contacts_[i], bodies[i].contacts_kept = true;
-}
-
 bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
   std::vector<Link> links_now = links;
   std::vector<GeneralizedBody> bodies_now = bodies;
+  std::vector<dense::Numbers> contacts;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
     context_.dt = dt, context_.gravity = gravity;
     links.swap(links_now), bodies.swap(bodies_now);
-    told_contacts_.clear();
-    for (const GeneralizedBody& m : bodies) told_contacts_.push_back(m.contacts);
+    for (const GeneralizedBody& m : bodies) contacts.push_back(m.contacts);
     const std::vector<Link>& sensed = start_of_last_step().sensed_links;
     std::vector<GeneralizedBody>& sensed_bodies = start_of_last_step().sensed_bodies;
     for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
@@ -160,6 +155,11 @@ bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
     contacts_.clear();
   }
   for (int i : released) let_go(i);
+  // They are the contacts that decide about the step to come. pybullet may list later ones (restoreState).
+  for (size_t i = 0; i < contacts.size(); ++i) {
+    bodies[i].contacts = contacts[i];
+    bodies[i].contacts_known = true;
+  }
   way_back_ = false;
   return back;
 }

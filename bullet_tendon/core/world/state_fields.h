@@ -121,9 +121,7 @@ struct StateFields {
     a("gyration", m.gyroscopic_acceleration);
     a("limits", m.limits);
     a("contacts", m.contacts);
-    a("contacts_at", m.contacts_at);
-    a("rests_on", m.rests_on);
-    a("contacts_kept", m.contacts_kept);
+    a("contacts_known", m.contacts_known);
     of(a, m.observer);
     a("root", m.root);
     a("change", m.change);

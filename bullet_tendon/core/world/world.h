@@ -78,8 +78,6 @@ class World {
   bool note(int body, const dense::Numbers& rates);
   // Nothing can hold the body.
   void let_go(int body);
-  // What bodies rest on is what was told before rewind, though they are told of once more.
-  void keep_told_contacts();
   // Their rates were set from outside, to mend the last step, which is not taken back again.
   void refresh_bodies();
   // One step of dt [s]. whole: not in substeps, whatever happens (for steps whose length means nothing).
@@ -239,10 +237,9 @@ class World {
   std::vector<int> island_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
-  Checkpoint start_, previous_;                // of this step, and of the one before
-  bool stepped_ = false;                       // a step was begun since the checkpoint
-  std::vector<dense::Numbers> told_contacts_;  // by body, at rewind
-  std::vector<KeptEntry> changed_entries_;     // as they were when the step began
+  Checkpoint start_, previous_;             // of this step, and of the one before
+  bool stepped_ = false;                    // a step was begun since the checkpoint
+  std::vector<KeptEntry> changed_entries_;  // as they were when the step began
 };
 
 }  // namespace bt
