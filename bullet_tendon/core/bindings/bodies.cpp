@@ -42,7 +42,7 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
 // not finite; 2: its contacts are needed (set_contacts); else 1.
 int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
-  make_link(w, slot);
+  w.ensure_link(slot);
   Link& l = w.links[slot];
   place(l, info.ptr(), where.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
@@ -88,7 +88,7 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
 }
 
 void clear_link(World& w, int slot) {
-  make_link(w, slot);
+  w.ensure_link(slot);
   w.links[slot] = Link{}, w.bodies[slot] = GeneralizedBody{};
 }
 
@@ -188,7 +188,7 @@ bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const
                const py::list& infos, const py::tuple& base, const py::tuple& motion,
                const py::tuple& joints) {
   const Told told{infos, base, motion, joints};
-  for (int slot : slots) make_link(w, slot);
+  for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.bodies[slots[0]];
   set_mover(m, body, told);
   for (std::size_t i = 0; i < slots.size(); ++i) {
@@ -286,8 +286,8 @@ Array wrenches(const World& w) {
   Array out({static_cast<py::ssize_t>(w.links.size()), static_cast<py::ssize_t>(6)});
   double* p = out.mutable_data();
   for (const Link& l : w.links) {
-    *p++ = l.force.x, *p++ = l.force.y, *p++ = l.force.z;
-    *p++ = l.torque.x, *p++ = l.torque.y, *p++ = l.torque.z;
+    *p++ = l.wrench.force.x, *p++ = l.wrench.force.y, *p++ = l.wrench.force.z;
+    *p++ = l.wrench.torque.x, *p++ = l.wrench.torque.y, *p++ = l.wrench.torque.z;
   }
   return out;
 }
@@ -298,14 +298,14 @@ py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.links.size(); ++i) {
     const Link& l = w.links[i];
-    const double force = norm(l.force), torque = norm(l.torque);
+    const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
     const Vec3 centre = l.turns() ? l.start_centre : l.centre;
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
-    if (std::fabs(dot(l.force, l.torque)) <= kAcross * force * torque && force > 0) {
-      const Vec3 point = centre + (1 / (force * force)) * cross(l.force, l.torque);
-      out.append(py::make_tuple(i, tuple(l.force), tuple(point), py::none()));
+    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kAcross * force * torque && force > 0) {
+      const Vec3 point = centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
+      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
     } else {
-      out.append(py::make_tuple(i, tuple(l.force), tuple(centre), tuple(l.torque)));
+      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(centre), tuple(l.wrench.torque)));
     }
   }
   return out;

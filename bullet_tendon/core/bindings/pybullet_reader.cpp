@@ -16,11 +16,6 @@ void place(Link& l, PyObject* info, PyObject* where) {
   l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(item(info, 3)));
 }
 
-void make_link(World& w, int slot) {
-  if (slot < static_cast<int>(w.links.size())) return;
-  w.links.resize(slot + 1), w.bodies.resize(slot + 1);
-}
-
 void stand_still(World& w, int slot) {
   w.links[slot].body = -1;
   w.links[slot].jacobian.clear();

@@ -30,8 +30,6 @@ inline Rot3 turn_of(PyObject* tuple) {
 
 // Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame).
 void place(Link& l, PyObject* info, PyObject* where);
-// There is a link, and a body, in that slot.
-void make_link(World& w, int slot);
 // Whether all that was told of them is finite.
 bool told_well(const World& w, int slot);
 // Nothing of it moves.

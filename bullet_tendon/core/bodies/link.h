@@ -12,20 +12,26 @@ struct Twist {
   Vec3 at(Vec3 r) const { return linear + cross(angular, r); }
 };
 
+// About the centre of mass [N], [N m].
+struct Wrench {
+  Vec3 force, torque;
+};
+inline Wrench operator+(const Wrench& a, const Wrench& b) { return {a.force + b.force, a.torque + b.torque}; }
+
 struct Link {
   Pose pose;        // of the URDF link frame, at the start of the step, or of a part of it
   Vec3 centre;      // centre of mass, world [m]
   Pose start_pose;  // both as the step began
   Vec3 start_centre;
-  Vec3 now_velocity, now_spin;       // as the step began
-  Vec3 velocity, spin;               // foreseen for its end, but for the tendons [m/s], [rad/s]
-  int body = -1;                     // none: nothing that tendons do moves it
-  bool yielded = false;              // in the last step
-  bool moved = false;                // it has been elsewhere or has a velocity, since the last step began
-  dense::Numbers jacobian;           // (6 n); empty: the identity
-  dense::Numbers root;               // J E (6 n)
-  Vec3 force, torque;                // wrench about the centre of mass [N], [N m]
-  Vec3 before_force, before_torque;  // the same, of the parts before
+  Vec3 now_velocity, now_spin;  // as the step began
+  Vec3 velocity, spin;          // foreseen for its end, but for the tendons [m/s], [rad/s]
+  int body = -1;                // none: nothing that tendons do moves it
+  bool yielded = false;         // in the last step
+  bool moved = false;           // it has been elsewhere or has a velocity, since the last step began
+  dense::Numbers jacobian;      // (6 n); empty: the identity
+  dense::Numbers root;          // J E (6 n)
+  Wrench wrench;                // of the tendons, averaged over the step: of the substeps that are done
+  Wrench part;                  // what the substep that was solved last adds to that
   // In a solution in which its body is unknown: J E Q, what the unknowns and their change make of its place,
   // and the residual.
   dense::Numbers reached;  // (6 freedom)
@@ -49,9 +55,10 @@ struct Link {
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Response of the point p to a force there: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const;
+  // A force at the world point p, in the whole step.
   void apply(Vec3 f, Vec3 p) {
-    force += f;
-    torque += cross(p - centre, f);
+    wrench.force += f;
+    wrench.torque += cross(p - centre, f);
   }
   // Of an attached point, from the centre of mass, as the part begins.
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }

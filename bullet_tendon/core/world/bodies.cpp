@@ -108,14 +108,14 @@ void World::narrow_bodies() {
     if (l.yields() && bodies[l.body].unknown) l.reach(bodies[l.body]);
 }
 
-// Generalized forces of the wrenches on links, of the whole step or of the part that was solved last.
-void World::sum_forces(double scale, bool of_part) {
+// Generalized forces of wrenches on links.
+template <class Of>
+void World::sum_forces(double scale, Of wrench_of) {
   for (GeneralizedBody& m : bodies) m.forces.assign(m.n(), 0.0);
-  for (Link& l : links) {
+  for (const Link& l : links) {
     if (!l.yields()) continue;
-    const Vec3 force = of_part ? l.force - l.before_force : l.force;
-    const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
-    l.add_generalized(l.jacobian, {scale * force, scale * torque}, bodies[l.body].forces);
+    const Wrench w = wrench_of(l);
+    l.add_generalized(l.jacobian, {scale * w.force, scale * w.torque}, bodies[l.body].forces);
   }
 }
 
@@ -125,9 +125,8 @@ bool World::settle_stops() {
   if (whole_ || settlings_ >= kSettlings ||
       std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.may_stop(); }))
     return false;
-  push_links(substeps_.share());
-  sum_forces(1 / substeps_.share_at_end(), false);
-  for (Link& l : links) l.force = l.before_force, l.torque = l.before_torque;
+  measure_wrenches();
+  sum_forces(1 / substeps_.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
   bool other = false;
   for (size_t m = 0; m < bodies.size(); ++m) {
     if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, whole_dt_)) continue;
@@ -138,9 +137,16 @@ bool World::settle_stops() {
   return other;
 }
 
-// What the part that was solved did to the bodies, in the parts to come.
+// The forces of the whole step.
+void World::act_on_bodies() {
+  sum_forces(1, [](const Link& l) { return l.wrench; });
+  for (GeneralizedBody& m : bodies)
+    if (m.n() > 0) m.act(whole_dt_);
+}
+
+// What the substep that was solved did to the bodies, in the substeps to come.
 void World::push_bodies() {
-  sum_forces(whole_dt_, true);
+  sum_forces(whole_dt_, [](const Link& l) { return l.part; });
   for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.push(m.forces);
   for (Link& l : links)

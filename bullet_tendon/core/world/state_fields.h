@@ -158,8 +158,8 @@ void visit(A& a, Link& l) {
   a("moved", l.moved);
   a("jacobian", l.jacobian);
   a("root", l.root);
-  a("force", l.force);
-  a("torque", l.torque);
+  a("force", l.wrench.force);
+  a("torque", l.wrench.torque);
 }
 
 template <class A>

@@ -74,11 +74,10 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   whole_dt_ = dt;
   whole_ = whole;
   stepped_ = true;
-  size_links();
   find_solid_links();
-  substeps_.start(dt, !whole && can_carry());
+  substeps_.start(dt, !whole && carries(options));
   slots_.clear();
-  for (Link& l : links) l.force = l.torque = Vec3{};
+  for (Link& l : links) l.wrench = {};
   way_back_ = !whole && any_moved();
   if (way_back_) {
     start_.sensed_links = links;
@@ -222,28 +221,20 @@ bool World::take_new_contacts() {
   return touches;
 }
 
-// What the substep that was solved does to the links, after those before it.
-void World::push_links(double share) {
-  for (Link& l : links) {
-    l.before_force = l.force;
-    l.before_torque = l.torque;
-  }
-  auto push = [&](Link& link, Vec3 force, Vec3 torque) {
-    link.force += share * force;
-    link.torque += share * torque;
+// What the substep that was solved adds to the wrenches on links.
+void World::measure_wrenches() {
+  const double share = substeps_.share();
+  for (Link& l : links) l.part = {};
+  auto push = [&](Link& link, Vec3 force, Vec3 arm) {
+    link.part.force += share * force;
+    link.part.torque += share * link.torque_of(force, arm);
   };
-  for (const Contact& contact : contacts_) {
-    if (contact.link < 0) continue;
-    Link& link = links[contact.link];
-    const Vec3 force = -contact.mean_force;
-    push(link, force, link.torque_of(force, contact.arm));
-  }
+  for (const Contact& contact : contacts_)
+    if (contact.link >= 0) push(links[contact.link], -contact.mean_force, contact.arm);
   for (const Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link < 0) continue;
-      Link& link = links[h.link];
-      push(link, h.mean_force, link.torque_of(h.mean_force, link.arm_of(h.local)));
+      if (h.link >= 0) push(links[h.link], h.mean_force, links[h.link].arm_of(h.local));
     }
 }
 
@@ -251,7 +242,8 @@ void World::push_links(double share) {
 void World::take_substep() {
   report_.take(attempt_);
   const double share = substeps_.share();
-  push_links(share);
+  measure_wrenches();
+  for (Link& l : links) l.wrench = l.wrench + l.part;
   for (Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       Anchor& h = c->anchors[i];
@@ -281,9 +273,7 @@ void World::finish_step_of_world() {
   report_.reasons = substeps_.reasons();
   report_.linear_solves = budget_.spent();
   report_.over_budget = budget_.exhausted();
-  sum_forces(1, false);
-  for (GeneralizedBody& m : bodies)
-    if (m.n() > 0) m.act(whole_dt_);
+  act_on_bodies();
   for (Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
   push_asleep();

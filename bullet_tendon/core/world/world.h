@@ -54,6 +54,8 @@ class World {
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive, tunnel_alive;
 
+  // Makes the slot of a link. Until the link is read from pybullet, it is one that nothing moves.
+  void ensure_link(int link);
   int add_tendon(std::unique_ptr<Tendon> tendon);
   void remove_tendon(int slot);
   int add_shape(const Shape& shape);
@@ -107,7 +109,6 @@ class World {
   void require_state(const Checkpoint& c) const;
   // Of the last step that was begun.
   Checkpoint& start_of_last_step() { return stepped_ ? start_ : previous_; }
-  void size_links();
   uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
@@ -135,8 +136,7 @@ class World {
   void solve_again(Reason why);
   void take_substep();
   void finish_step_of_world();
-  bool can_carry() const;
-  void push_links(double share);
+  void measure_wrenches();
   bool strayed();
   bool take_new_contacts();
   // integrator/scheme.cpp
@@ -151,7 +151,9 @@ class World {
   void find_unknowns();
   void find_bodies();
   void narrow_bodies();
-  void sum_forces(double scale, bool of_part);
+  template <class Of>
+  void sum_forces(double scale, Of wrench_of);
+  void act_on_bodies();
   void push_bodies();
   bool settle_stops();
   void find_solid_links();
