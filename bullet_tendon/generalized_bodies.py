@@ -66,7 +66,7 @@ class RigidBody:
     def read(self, core) -> bool:
         """Where it is, and how it answers, into the core; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
-        found = core.tell_link(self.slot, info, where, motion, True, self.falls)
+        found = core.read_link(self.slot, info, where, motion, True, self.falls)
         if found == _NEEDS_CONTACTS:
             self._read_contacts(core, where, keep=False)
         return found > 0
@@ -78,7 +78,7 @@ class RigidBody:
 
     def sample(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been released."""
-        return core.note_link(self.slot, read_link(self.body, self.link, self.client)[2])
+        return core.sample_link(self.slot, read_link(self.body, self.link, self.client)[2])
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
@@ -111,13 +111,13 @@ class JointedBody:
         floating = info[0] > 0
         if not self._yields[floating]:
             links = zip(self._slots, self._links, strict=True)
-            found = [core.tell_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
+            found = [core.read_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
             return 0 not in found
         self._tree = tree = self._trees[floating]
         # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago, but
         # for this.
         p.getLinkState(body, 0, 0, 1, client)
-        return core.tell_body(
+        return core.read_body(
             tree,
             self._slots,
             self._links,
@@ -131,7 +131,7 @@ class JointedBody:
         """Its rates right after pybullet's step; whether it seems to have been released."""
         body, client = self.body, self.client
         motion = p.getBaseVelocity(body, client)
-        return core.note_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
+        return core.sample_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

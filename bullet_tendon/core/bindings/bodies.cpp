@@ -40,17 +40,17 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
 // A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
 // alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
 // not finite; 2: its contacts are needed (set_contacts); else 1.
-int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
+int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
   w.ensure_link(slot);
   Link& l = w.links[slot];
   place(l, info.ptr(), where.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
-  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot) ? 1 : 0;
+  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), is_finite(w, slot) ? 1 : 0;
   l.body = slot;
   l.jacobian.clear();
   stand_alone(w.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
-  if (!told_well(w, slot)) return 0;
+  if (!is_finite(w, slot)) return 0;
   GeneralizedBody& m = w.bodies[slot];
   if (m.contacts_known) return 1;
   if (falls && m.may_rest(w.gravity())) return 2;
@@ -59,9 +59,9 @@ int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
 }
 
 // Its velocity and spin right after a step; whether it seems to have been let go.
-bool note_link(World& w, int slot, const py::tuple& motion) {
+bool sample_link(World& w, int slot, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
+  return w.sample(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
 using Links = std::vector<std::pair<int, int>>;
@@ -96,8 +96,8 @@ void clear_link(World& w, int slot) {
 
 void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
-      .def("tell_link", &tell_link)
-      .def("note_link", &note_link)
+      .def("read_link", &read_link)
+      .def("sample_link", &sample_link)
       .def("set_contacts", &set_contacts);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
@@ -115,7 +115,7 @@ namespace {
 
 // What pybullet tells of a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
 // p.getBaseVelocity, p.getJointStatesMultiDof of the joints that move.
-struct Told {
+struct Reading {
   py::list infos;
   py::tuple base, motion, joints;
 };
@@ -124,15 +124,15 @@ void take(PyObject* from, int count, std::vector<double>& numbers) {
   for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
 }
 
-void place(Articulated& body, const Told& told, const std::vector<double>& places) {
-  if (static_cast<int>(told.infos.size()) != body.links()) throw py::value_error("infos");
+void place(Articulated& body, const Reading& reading, const std::vector<double>& places) {
+  if (static_cast<int>(reading.infos.size()) != body.links()) throw py::value_error("infos");
   std::vector<double> inertias, base;
   inertias.reserve(kInertiaWidth * body.links());
-  for (const py::handle& info : told.infos) {
+  for (const py::handle& info : reading.infos) {
     take(info.ptr(), 1, inertias);
     for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), part == 4 ? 4 : 3, inertias);
   }
-  for (int part = 0; part < 2; ++part) take(item(told.base.ptr(), part), 3 + part, base);
+  for (int part = 0; part < 2; ++part) take(item(reading.base.ptr(), part), 3 + part, base);
   body.place(inertias.data(), base.data(), places.data());
 }
 
@@ -151,11 +151,11 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-void set_mover(GeneralizedBody& m, Articulated& body, const Told& told) {
+void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
-  read_joints(body, told.motion, told.joints, m.rates, places);
-  place(body, told, places);
+  read_joints(body, reading.motion, reading.joints, m.rates, places);
+  place(body, reading, places);
   body.mass_matrix(mass.data()), body.weight(weight.data());
   dense::set_identity(static_cast<int>(n), m.free);
   answer(static_cast<int>(n), static_cast<int>(n), mass.data(), m.free.data());
@@ -168,12 +168,12 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Told& told) {
 }
 
 // Velocity and spin of a link by the rates, and by the base's motion where that is moved by hand.
-void set_motion(Link& l, const Articulated& body, const Told& told, const std::vector<double>& rates) {
+void set_motion(Link& l, const Articulated& body, const Reading& reading, const std::vector<double>& rates) {
   l.now_velocity = l.now_spin = {};
   if (!body.floats()) {
-    const Vec3 spin = vector(item(told.motion.ptr(), 1));
+    const Vec3 spin = vector(item(reading.motion.ptr(), 1));
     l.now_velocity =
-        vector(item(told.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(told.base.ptr(), 0)));
+        vector(item(reading.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(reading.base.ptr(), 0)));
     l.now_spin = spin;
   }
   if (l.jacobian.empty()) return;
@@ -184,13 +184,13 @@ void set_motion(Link& l, const Articulated& body, const Told& told, const std::v
 
 // Links of one body, by their slots, in the first of which is the body's body. false: some number is not
 // finite.
-bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
+bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
                const py::list& infos, const py::tuple& base, const py::tuple& motion,
                const py::tuple& joints) {
-  const Told told{infos, base, motion, joints};
+  const Reading reading{infos, base, motion, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.bodies[slots[0]];
-  set_mover(m, body, told);
+  set_mover(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.links[slots[i]];
@@ -199,17 +199,17 @@ bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const
     l.body = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
-    set_motion(l, body, told, m.rates);
+    set_motion(l, body, reading, m.rates);
   }
-  return std::all_of(slots.begin(), slots.end(), [&](int slot) { return told_well(w, slot); });
+  return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 
 // Its rates right after a step; whether it seems to have been let go.
-bool note_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
-               const py::tuple& joints) {
+bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
+                 const py::tuple& joints) {
   std::vector<double> rates, places;
   read_joints(body, motion, joints, rates, places);
-  return w.note(slot, rates);
+  return w.sample(slot, rates);
 }
 
 // J (links, 6, dofs) and the mass matrix.
@@ -217,7 +217,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
                    const py::tuple& joints, const py::list& chosen) {
   std::vector<double> rates, places;
   read_joints(body, motion, joints, rates, places);
-  place(body, Told{infos, base, motion, joints}, places);
+  place(body, Reading{infos, base, motion, joints}, places);
   const py::ssize_t n = body.dofs(), count = chosen.size();
   Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
   for (py::ssize_t i = 0; i < count; ++i) {
@@ -232,7 +232,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  world.def("tell_body", &tell_body).def("note_body", &note_body);
+  world.def("read_body", &read_body).def("sample_body", &sample_body);
   m.def("dynamics", &dynamics);
 }
 

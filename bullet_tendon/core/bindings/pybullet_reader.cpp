@@ -22,7 +22,7 @@ void stand_still(World& w, int slot) {
   if (w.bodies[slot].n() > 0) w.bodies[slot] = GeneralizedBody{};
 }
 
-bool told_well(const World& w, int slot) {
+bool is_finite(const World& w, int slot) {
   const Link& l = w.links[slot];
   const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
                    l.pose.rotation.r1 + l.pose.rotation.r2;

@@ -31,7 +31,7 @@ inline Rot3 turn_of(PyObject* tuple) {
 // Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame).
 void place(Link& l, PyObject* info, PyObject* where);
 // Whether all that was told of them is finite.
-bool told_well(const World& w, int slot);
+bool is_finite(const World& w, int slot);
 // Nothing of it moves.
 void stand_still(World& w, int slot);
 

@@ -26,31 +26,31 @@ Vec3 GeneralizedBody::gyroscopic() const {
 
 // Acceleration without tendons and without what holds it.
 const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
-  known_.assign(n(), 0.0);
-  if (gravity_response.empty()) return known_;
+  work_.known.assign(n(), 0.0);
+  if (gravity_response.empty()) return work_.known;
   for (int i = 0; i < n(); ++i)
-    known_[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
-                gravity_response[3 * i + 2] * gravity.z;
+    work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
+                     gravity_response[3 * i + 2] * gravity.z;
   if (n() == 6)
-    known_[3] += gyroscopic_acceleration.x, known_[4] += gyroscopic_acceleration.y,
-        known_[5] += gyroscopic_acceleration.z;
-  return known_;
+    work_.known[3] += gyroscopic_acceleration.x, work_.known[4] += gyroscopic_acceleration.y,
+        work_.known[5] += gyroscopic_acceleration.z;
+  return work_.known;
 }
 
 // The same, with what stops added in the step before, and the gyroscopic_acceleration of that.
 const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
   known(gravity);
-  if (stopped_by_.size() == known_.size())
-    for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
-  return known_;
+  if (stopped_by_.size() == work_.known.size())
+    for (int i = 0; i < n(); ++i) work_.known[i] += stopped_by_[i];
+  return work_.known;
 }
 
 void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
-  const bool told = !contacts.empty() && !slipped_;  // by contacts
+  const bool stops_known = !contacts.empty() && !slipped_;
   // Of several tendons, or what they press at, it cannot be told what they would have done.
   const bool alone = !gravity_response.empty() && n() == 6 && touches == 1;
-  observer.see(rates, free, unforced(gravity), alone, told);
+  observer.observe(rates, free, unforced(gravity), alone, stops_known);
   contacts_known = false;
   gyroscopic_acceleration = gyroscopic();
 }
@@ -59,19 +59,19 @@ void GeneralizedBody::widen(Numbers direction) {
   const size_t size = direction.size();
   const double whole = dense::dot(direction, direction);
   Numbers along, part;
-  for (int twice = 0; twice < 2 && !basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
-    dense::multiply(basis, direction, along);
-    dense::multiply_transposed(basis, along, part);
+  for (int twice = 0; twice < 2 && !unknowns.basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
+    dense::multiply(unknowns.basis, direction, along);
+    dense::multiply_transposed(unknowns.basis, along, part);
     for (size_t i = 0; i < size; ++i) direction[i] -= part[i];
   }
   const double left = dense::dot(direction, direction);
   if (!(left > kSameDirection * whole)) return;
-  for (double v : direction) basis.push_back(v / std::sqrt(left));
-  ++freedom;
+  for (double v : direction) unknowns.basis.push_back(v / std::sqrt(left));
+  ++unknowns.freedom;
 }
 
-bool GeneralizedBody::note(const Numbers& after, Vec3 gravity) {
-  return observer.note(after, unforced(gravity));
+bool GeneralizedBody::sample(const Numbers& after, Vec3 gravity) {
+  return observer.sample(after, unforced(gravity));
 }
 
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
@@ -86,8 +86,8 @@ void GeneralizedBody::act(double dt) {
   observer.act(forces, dt);
   if (!is_stopped()) return stopped_by_.assign(n(), 0.0);
   auto add_response = [&](const Numbers& of, double sign) {
-    dense::respond(of, forces, half_, known_);
-    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * known_[i];
+    dense::respond(of, forces, work_.half, work_.known);
+    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * work_.known[i];
   };
   add_response(root, 1);
   add_response(observer.root(), -1);
@@ -99,8 +99,8 @@ void GeneralizedBody::push(const Numbers& impulse) {
 }
 
 void GeneralizedBody::push_by(const Numbers& impulse) {
-  dense::respond(root, impulse, half_, known_);
-  for (int i = 0; i < n(); ++i) change[i] += known_[i];
+  dense::respond(root, impulse, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) change[i] += work_.known[i];
 }
 
 }  // namespace bt

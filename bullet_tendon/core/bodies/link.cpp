@@ -49,7 +49,7 @@ void Link::advance_to(double time) {
 // The angular rows of what unknowns make of it are those of its spin, times T.
 void Link::turn(const GeneralizedBody& m, double share) {
   turned.turn_by(share, given.angular);
-  const size_t n = m.freedom;
+  const size_t n = m.unknowns.freedom;
   reached = root;
   for (size_t k = 0; k < n; ++k) {
     const Vec3 d = turned.rate * Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]};
@@ -69,10 +69,10 @@ Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); 
 Twist Link::spin_of(const dense::Numbers& y) const { return times(turns() ? root : reached, y); }
 
 void Link::reach(const GeneralizedBody& m) {
-  if (m.freedom == m.n())
+  if (m.unknowns.freedom == m.n())
     reached = root;
   else
-    dense::product_transposed(m.n(), root, m.basis, reached);
+    dense::product_transposed(m.n(), root, m.unknowns.basis, reached);
 }
 
 dense::Numbers Link::motion_of(int direction, Vec3 arm) const {

@@ -32,24 +32,25 @@ void Observer::start(int n) {
   push_.assign(n, 0.0), forces_.assign(n, 0.0);
 }
 
-void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone, bool told) {
+void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
+                       bool stops_known) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
   if (has_acted()) {
-    sample(noted_.empty() ? rates : noted_, gravity);
+    measure(sampled_.empty() ? rates : sampled_, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    if (!alone || !leave_out_cut(noted_.empty() ? rates : noted_)) {
+    if (!alone || !leave_out_cut(sampled_.empty() ? rates : sampled_)) {
       released_ = held_ && was_released(now_);
-      if (samples_ > 0 && !was_cut() && !told) learn(now_);
+      if (samples_ > 0 && !was_cut() && !stops_known) learn(now_);
     }
     std::swap(before_, last_), std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
-    if (!told) find_push();
+    if (!stops_known) find_push();
   }
   dense::root(n_, free, root_);
-  told ? set_free() : take_effective();
+  stops_known ? set_free() : take_effective();
   refresh(rates);
 }
 
@@ -62,13 +63,13 @@ void Observer::take_effective() {
 
 void Observer::refresh(const Numbers& rates) {
   rates_ = rates, known_ = true, acted_ = false;
-  noted_.clear();
+  sampled_.clear();
 }
 
-bool Observer::note(const Numbers& rates, const Numbers& gravity) {
+bool Observer::sample(const Numbers& rates, const Numbers& gravity) {
   if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
-  noted_ = rates;
-  sample(rates, gravity);
+  sampled_ = rates;
+  measure(rates, gravity);
   compare(now_);
   return was_released(now_);
 }
@@ -79,7 +80,7 @@ bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
 
 }  // namespace
 
-void Observer::sample(const Numbers& rates, const Numbers& gravity) {
+void Observer::measure(const Numbers& rates, const Numbers& gravity) {
   now_.forces = forces_, now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
   now_.limited = std::any_of(rates.begin(), rates.end(), is_cut_off);
@@ -176,7 +177,7 @@ void Observer::limit_share() {
   product_transposed(n_, share_root_, share_root_, share_);
 }
 
-void Observer::believe() { unexplained(last_, push_); }
+void Observer::trust_last() { unexplained(last_, push_); }
 
 void Observer::find_push() {
   if (samples_ < 2) return push_.assign(n_, 0.0);

@@ -171,7 +171,8 @@ double lost(Tendon& c, double& kinetic) {
 double lost_by_bodies(const Island& island, double b) {
   const double reach = island.reach;
   double sum = 0;
-  for (int m : island.bodies) sum += dense::dot((*island.all_bodies)[m].y, (*island.all_bodies)[m].y);
+  for (int m : island.bodies)
+    sum += dense::dot((*island.all_bodies)[m].unknowns.y, (*island.all_bodies)[m].unknowns.y);
   for (const Tendon* c : island.tendons)
     for (const Anchor& h : c->anchors)
       if (h.link >= 0 && !h.rigid) sum += dot(h.force, c->x_new.at(h.particle) - h.aim);

@@ -55,17 +55,17 @@ void World::find_point_masses() {
 void World::find_unknowns() {
   count_touches();
   for (GeneralizedBody& m : bodies)
-    m.unknown = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
+    m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Contact& contact : contacts_)
     contact.moves =
-        contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknown;
+        contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknowns.any;
 }
 
 // The unknown bodies of every island, whose tendons are solved together.
 void World::find_bodies() {
   touches_.assign(bodies.size(), -1);
   each_touch([&](int body, int tendon) {
-    if (!bodies[body].unknown) return;
+    if (!bodies[body].unknowns.any) return;
     if (touches_[body] < 0) touches_[body] = tendon;
     join_islands(touches_[body], tendon);
   });
@@ -83,7 +83,8 @@ void World::find_solid_links() {
 // The unknowns of bodies. A free rigid body has six. The unknowns of a body with joints follow from what can
 // touch it: a link with shapes or tunnels anywhere, other links at their attached points alone.
 void World::narrow_bodies() {
-  if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknown; })) return;
+  if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknowns.any; }))
+    return;
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
     for (size_t l = 0; l < links.size(); ++l)
       if (solid_[l] && links[l].yields()) what(links[l], 6, Vec3{});
@@ -95,17 +96,18 @@ void World::narrow_bodies() {
         what(link, 3, to_world(link.pose, anchor.local) - link.centre);
       }
   };
-  for (GeneralizedBody& m : bodies) m.freedom = 0, m.basis.clear();
+  for (GeneralizedBody& m : bodies) m.unknowns.freedom = 0, m.unknowns.basis.clear();
   each_reached([&](const Link& link, int count, Vec3) {
-    bodies[link.body].freedom += link.turns() ? bodies[link.body].n() : count;
+    bodies[link.body].unknowns.freedom += link.turns() ? bodies[link.body].n() : count;
   });
-  for (GeneralizedBody& m : bodies) m.freedom = !m.unknown || m.freedom >= m.n() ? m.n() : 0;
+  for (GeneralizedBody& m : bodies)
+    m.unknowns.freedom = !m.unknowns.any || m.unknowns.freedom >= m.n() ? m.n() : 0;
   each_reached([&](const Link& link, int count, Vec3 arm) {
     GeneralizedBody& m = bodies[link.body];
-    for (int k = 0; k < count && m.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
+    for (int k = 0; k < count && m.unknowns.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
   });
   for (Link& l : links)
-    if (l.yields() && bodies[l.body].unknown) l.reach(bodies[l.body]);
+    if (l.yields() && bodies[l.body].unknowns.any) l.reach(bodies[l.body]);
 }
 
 // Generalized forces of wrenches on links.
@@ -171,7 +173,9 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     if (l.yields()) l.go_with(bodies[l.body]);
 }
 
-bool World::note(int body, const dense::Numbers& rates) { return bodies[body].note(rates, context_.gravity); }
+bool World::sample(int body, const dense::Numbers& rates) {
+  return bodies[body].sample(rates, context_.gravity);
+}
 
 void World::predict(int body) {
   if (bodies[body].n() == 0) return;
@@ -191,7 +195,7 @@ bool World::any_held() const {
 }
 
 void World::refresh_bodies() {
-  for (GeneralizedBody& m : bodies) m.observer.refresh(m.rates), m.observer.doubt();
+  for (GeneralizedBody& m : bodies) m.observer.refresh(m.rates), m.observer.require_two();
   way_back_ = false;
 }
 

@@ -146,7 +146,7 @@ bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
     const std::vector<Link>& sensed = start_of_last_step().sensed_links;
     std::vector<GeneralizedBody>& sensed_bodies = start_of_last_step().sensed_bodies;
     for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
-    for (int i : pulled) bodies[i].observer.believe();
+    for (int i : pulled) bodies[i].observer.trust_last();
     for (size_t i = 0; i < std::min(bodies.size(), sensed_bodies.size()); ++i) {
       std::swap(bodies[i].observer, sensed_bodies[i].observer);
       bodies[i] = sensed_bodies[i];

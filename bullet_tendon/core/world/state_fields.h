@@ -111,7 +111,7 @@ struct StateFields {
     a("acted", o.acted_);
     a("held", o.held_);
     a("released", o.released_);
-    a("noted", o.noted_);
+    a("sampled", o.sampled_);
   }
   template <class A>
   static void of(A& a, GeneralizedBody& m) {

@@ -77,7 +77,7 @@ class World {
   bool rewind(double dt, Vec3 gravity, const std::vector<int>& pulled);
   bool any_held() const;
   // The rates of a body right after a step; whether it seems to have been let go.
-  bool note(int body, const dense::Numbers& rates);
+  bool sample(int body, const dense::Numbers& rates);
   // Nothing can hold the body.
   void let_go(int body);
   // Their rates were set from outside, to mend the last step, which is not taken back again.
