@@ -1,4 +1,4 @@
-// Python's access to links and bodies, as pybullet tells of them.
+// Python's access to links and bodies, by the tuples that pybullet returns.
 #include <pybind11/stl.h>
 
 #include <algorithm>
@@ -111,9 +111,7 @@ void bind_links(py::module_& m, GuardedWorld& world) {
 
 namespace {
 
-// Bodies with joints, as pybullet tells of them.
-
-// What pybullet tells of a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
+// What pybullet returns about a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
 // p.getBaseVelocity, p.getJointStatesMultiDof of the joints that move.
 struct Reading {
   py::list infos;

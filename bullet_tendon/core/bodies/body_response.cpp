@@ -9,8 +9,8 @@ namespace bt {
 
 namespace {
 
-// A direction that a body can be moved in is a new one where this share of its square is left beside the
-// others [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
+// Share of the square of a direction that has to be left beside the other directions for it to be a new one
+// [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
 constexpr double kSameDirection = 1e-20;
 
 }  // namespace
@@ -24,7 +24,7 @@ Vec3 GeneralizedBody::gyroscopic() const {
   return -(turning * cross(spin, inverse(turning) * spin));
 }
 
-// Acceleration without tendons and without what holds it.
+// Acceleration without tendons and without what holds the body.
 const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   work_.known.assign(n(), 0.0);
   if (gravity_response.empty()) return work_.known;
@@ -37,7 +37,7 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   return work_.known;
 }
 
-// The same, with what stops added in the step before, and the gyroscopic_acceleration of that.
+// The same of the step before, with what its stops added.
 const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
   known(gravity);
   if (stopped_by_.size() == work_.known.size())

@@ -46,7 +46,7 @@ void Link::advance_to(double time) {
   pose.origin = centre + pose.rotation * arm;
 }
 
-// The angular rows of what unknowns make of it are those of its spin, times T.
+// The angular rows of `reached` are those of the root, times Q.
 void Link::turn(const GeneralizedBody& m, double share) {
   turned.turn_by(share, given.angular);
   const size_t n = m.unknowns.freedom;

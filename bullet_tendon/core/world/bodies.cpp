@@ -1,4 +1,4 @@
-// Which bodies' coordinates are unknowns of the solution, and what parts of a step do to them.
+// Bodies in a step: which of them are unknowns of the solution, their prediction, and the forces on them.
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -61,7 +61,7 @@ void World::find_unknowns() {
         contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknowns.any;
 }
 
-// The unknown bodies of every island, whose tendons are solved together.
+// Joins the islands of tendons that touch one unknown body.
 void World::find_bodies() {
   touches_.assign(bodies.size(), -1);
   each_touch([&](int body, int tendon) {
