@@ -68,7 +68,7 @@ class Relaxation:
         iterations, residual, settled = 0, np.inf, not start
         for _ in range(max_steps):
             before = {t: t.positions for t in start}
-            if not stepper.solve(dt, gravity, held=True):
+            if not stepper.hold(dt, gravity):
                 return None, iterations, residual
             report = stepper.report
             iterations += report.iterations

@@ -1,9 +1,8 @@
 """States: a world's state taken out and put back, in memory (save_state) or for a file (snapshot).
 
-Owns: the states saved in memory, and the format of snapshots. The core hands out all that changes in it as
-bytes; beside them go the last step's length and gravity, the anchors, because handles are Python's, and what
-the world is made of, because a state can only be put back where that is the same. Goes with the core's room
-`world` (checkpoint).
+Owns: the states saved in memory, and the format of snapshots. The core gives all that changes in it as bytes.
+Beside them go the anchors, because handles are Python's, and what the world is made of, because a state can
+only be put back where that is the same. Goes with the core's room `world` (checkpoint).
 
 A snapshot is a numpy npz file, versioned and without pickle. Everything in it that Python reads is checked,
 with or without a digest that fits; its core's bytes are checked by the core.
@@ -26,7 +25,7 @@ from .tendon import Tendon
 from .tunnels import Tunnel
 
 _PARTS = ("tendons", "tunnels", "obstacles")
-VERSION = 2  # raised whenever an array, or the core's layout, changes
+VERSION = 3  # raised whenever an array, or the core's layout, changes
 _GRIP, _ATTACHMENT = 0, 1  # kinds of holds
 _NO_LINK = (-1, -2)  # of a slot that is not in use
 _MOST_NUMBER = 2**30  # of a hold; the core's are of 32 bits, and more are going to be made
@@ -35,7 +34,6 @@ _MOST_NUMBER = 2**30  # of a hold; the core's are of 32 bits, and more are going
 _ARRAYS = {
     "version": ("i", ()),
     "core": ("u", (None,)),
-    "last_step": ("f", (4,)),  # length, gravity 3
     "tendons": ("U", (None,)),
     "tendon_slots": ("i", (None,)),
     "tunnels": ("U", (None,)),
@@ -52,13 +50,10 @@ _ARRAYS = {
 class State:
     """What a world was like.
 
-    core: the core's bytes; last_step: length [s] and gravity (3,) [m/s^2] of the last step, with which it is
-    solved again where it has to be; parts, links: what has to be the same; anchors: handles, and what
-    they stood for.
+    core: the core's bytes; parts, links: what has to be the same; anchors: handles, and what they stood for.
     """
 
     core: bytes
-    last_step: tuple[float, tuple]
     parts: tuple
     links: tuple
     anchors: tuple
@@ -101,7 +96,7 @@ class States:
         if gone and self._refers(state, {state.links.index(link) for link in gone}):
             raise StateMismatch("state", number, f"of bodies that are still there, not {gone[0][:2]}")
         self._restore_core(state.core, "state", number)
-        self._restore_rest(state.last_step, state.anchors)
+        self._restore_anchors(state.anchors)
 
     def remove(self, number: int) -> None:
         """See TendonWorld.remove_state."""
@@ -112,12 +107,12 @@ class States:
         self._bodies.keep_contacts()
         anchors = tuple((anchor, anchor._settings()) for t in self._tendons() for anchor in t.holds)
         links = self._bodies.marked_links()
-        return State(self._core.save(), self._stepper.last_step, self._parts(), links, anchors)
+        return State(self._core.save(), self._parts(), links, anchors)
 
     def take_back(self, state: State) -> None:
         """Undo what a call did that is then refused: parts are what they were, whatever pybullet holds."""
         self._restore_core(state.core, "state", "before the call")
-        self._restore_rest(state.last_step, state.anchors)
+        self._restore_anchors(state.anchors)
 
     def hash(self, in_use: set[int]) -> str:
         """See TendonWorld.state_hash. in_use: slots of the links that something refers to."""
@@ -155,8 +150,7 @@ class States:
         for body, link in missing:
             self._bodies.slot(body, link)
         rows = zip(data["hold_places"], data["hold_numbers"], strict=True)
-        dt, *gravity = data["last_step"].tolist()
-        self._restore_rest((dt, tuple(gravity)), [self._anchor(*row) for row in rows])
+        self._restore_anchors([self._anchor(*row) for row in rows])
         for number in data["hold_places"][:, 3].tolist():
             self._numbers.skip(number)
 
@@ -186,9 +180,8 @@ class States:
         except RuntimeError as problem:
             raise StateMismatch(argument, value, str(problem)) from None
 
-    def _restore_rest(self, last_step: tuple[float, tuple], anchors) -> None:
-        """All but the core, which has its part already: anchors (handle, settings) become the tendons'."""
-        self._stepper.last_step = last_step
+    def _restore_anchors(self, anchors) -> None:
+        """Anchors (handle, settings) become the tendons'; the core has them already."""
         for tendon in self._tendons():
             for anchor in tendon.holds:
                 anchor._forget()
@@ -203,7 +196,6 @@ class States:
 
     def _pack(self) -> bytes:
         self._bodies.keep_contacts()
-        dt, gravity = self._stepper.last_step
         tendons, tunnels, obstacles = self._parts()
         links = [key[:2] if key else _NO_LINK for key in self._bodies.marked_links()]
         places, numbers = [], []
@@ -215,7 +207,6 @@ class States:
         arrays = {
             "version": np.array(VERSION),
             "core": np.frombuffer(self._core.save(), np.uint8),
-            "last_step": np.array([dt, *gravity], dtype=float),
             "tendons": np.array([name for _, name in tendons], dtype=str),
             "tendon_slots": np.array([slot for slot, _ in tendons], dtype=int),
             "tunnels": np.array([name for _, name, *_ in tunnels], dtype=str),
@@ -382,8 +373,6 @@ def _consistency(arrays):
     yield "'core' is bytes", arrays["core"].dtype == np.uint8
     for names, rows in (("tendons", "tendon_slots"), ("tunnels", "tunnel_slots")):
         yield f"{rows!r} has a row for each of {names!r}", len(arrays[names]) == len(arrays[rows])
-    step = arrays["last_step"]
-    yield "'last_step' is finite and of a length >= 0", np.isfinite(step).all() and step[0] >= 0
     links = [tuple(row) for row in arrays["links"].tolist() if tuple(row) != _NO_LINK]
     known = all(body >= 0 and link >= -1 for body, link in links)
     yield "'links' are links, each once", known and len(set(links)) == len(links)

@@ -1,13 +1,12 @@
 """Stepper: one step of a world, from what pybullet says of its bodies to what the tendons do to them.
 
-Owns: the solver's options, the last step's length and gravity (with which it is solved again where a body
-turns out to have been released in it), and the last report. A step has five rooms: sense (where links are and
-how they answer), near (distances that could matter), solve (the implicit step), react (wrenches on links) and
-bullet (pybullet's own step). Goes with the core's room `world`, which asks for distances by a callback.
+Owns: the solver's options and the last report. A step has five rooms: sense (where links are and how they
+answer), near (distances that could matter), solve (the implicit step), react (wrenches on links) and bullet
+(pybullet's own step). Goes with the core's room `world`. The core takes a step in one call. It calls back to
+read bodies and to measure distances, and restores its state if anything fails.
 """
 
 import warnings
-from operator import itemgetter
 from time import perf_counter
 
 import numpy as np
@@ -18,11 +17,11 @@ from .bodies import Bodies
 from .errors import InvalidType, StepFailed, StepWarning
 from .obstacles import Obstacles
 from .options import SolverOptions
-from .reports import ROOMS, StepReport
+from .reports import StepReport
 from .tendon import Tendon
 
-_step_and_gravity = itemgetter("fixedTimeStep", *["gravityAcceleration" + axis for axis in "XYZ"])
-_SENSE, _NEAR, _SOLVE, _REACT, _BULLET = range(len(ROOMS))
+_GRAVITY = ["gravityAcceleration" + axis for axis in "XYZ"]
+_FAILED, _SOLVED = 0, 1  # what the core's apply returns; else the parameters are not valid
 
 
 class Stepper:
@@ -40,13 +39,12 @@ class Stepper:
         self._client = client
         self._core = core
         self._bodies = bodies
-        self._obstacles = obstacles
+        self._links = bodies.links
         self._tendons = tendons
         self.options = options
-        self.last_step: tuple[float, tuple] = (0.0, (0.0, 0.0, 0.0))  # length [s], gravity [m/s^2]
-        self._read: tuple = ()  # pybullet's time step and gravity, and what they are when checked
-        self._checked: tuple[float, tuple] = self.last_step
-        self._seconds = [0.0] * len(ROOMS)  # of the last step
+        # Callbacks of the core, bound once.
+        self._read_bodies, self._measure = self._sense, obstacles.measure
+        self._react = self._bullet = 0.0  # seconds of these rooms in the last step
         self._report = StepReport()
         self._is_read = True  # whether _report is what the core reports
 
@@ -69,81 +67,66 @@ class Stepper:
             found = self._core.report()
             worst = self._tendons.get(found.worst_tendon)
             name = "" if worst is None else worst.name
-            self._report, self._is_read = StepReport.read(found, name, self._seconds), True
+            seconds = found.sense_seconds, found.near_seconds, found.solve_seconds, self._react, self._bullet
+            self._report, self._is_read = StepReport.read(found, name, seconds), True
         return self._report
 
     def apply(self) -> None:
         """See TendonWorld.apply."""
-        if self.solve(*self.step_and_gravity()) and self._bodies.links:
+        try:
+            parameters = p.getPhysicsEngineParameters(self._client)
+        except p.error:
+            self._bodies.require_client()
+            raise
+        links = self._links
+        outcome = self._core.apply(parameters, self._read_bodies if links else None, self._measure)
+        self._is_read = False
+        self._bullet = self._react = 0.0
+        if outcome != _SOLVED:
+            if outcome != _FAILED:
+                _checked(parameters)
+            self._give_up()
+        elif links:
             start = perf_counter()
             self._bodies.apply_wrenches()
-            self._seconds[_REACT] += perf_counter() - start
+            self._react = perf_counter() - start
 
     def step(self) -> None:
         """apply, pybullet's step, and what is seen of held bodies right after it."""
         self.apply()
         start = perf_counter()
         p.stepSimulation(self._client)
-        self._seconds[_BULLET] = perf_counter() - start
-        if self._core.any_held() and self._bodies.sample():
-            self._sense(*self.last_step)
+        self._bullet = perf_counter() - start
+        if self._links and self._core.any_held() and self._bodies.sample():
+            self._sense(*self._core.last_step())
+
+    def hold(self, dt: float, gravity: tuple) -> bool:
+        """One step of dt [s] in which bodies neither move nor yield; whether it was solved.
+
+        False only where it could not be solved and the options say to go on. Raises what apply raises.
+        """
+        sense = self._read_bodies if self._links else None
+        solved = self._core.hold(dt, gravity, sense, self._measure)
+        self._is_read, self._react, self._bullet = False, 0.0, 0.0
+        if not solved:
+            self._give_up()
+        return solved
 
     def step_and_gravity(self) -> tuple[float, tuple]:
         """pybullet's time step [s] and gravity (3 numbers) [m/s^2], checked.
 
         Raises UnknownId where the client was disconnected, InvalidValue for what is not finite.
         """
-        try:
-            found = p.getPhysicsEngineParameters(self._client)
-        except p.error:
-            self._bodies.require_client()
-            raise
-        read = _step_and_gravity(found)
-        if read != self._read:
-            step = checks.number("fixedTimeStep", read[0], above=0)
-            self._checked = step, tuple(checks.vector("gravity", read[1:]).tolist())
-            self._read = read
-        return self._checked
+        self._bodies.require_client()
+        return _checked(p.getPhysicsEngineParameters(self._client))
 
-    def solve(self, dt: float, gravity: tuple, held: bool = False) -> bool:
-        """Rooms sense, near and solve of one step of dt [s]; held: bodies neither move nor yield.
-
-        False where it could not be solved and the options say to go on. Raises StepFailed where they do
-        not; then, and where anything else is raised, the tendons are as they were.
-        """
-        self._core.checkpoint()
-        seconds = [0.0, 0.0, 0.0, 0.0, 0.0]
-        try:
-            if self._bodies.links:
-                start = perf_counter()
-                self._sense(dt, gravity, held)
-                seconds[_SENSE] = perf_counter() - start
-            self._solve(dt, gravity, held, seconds)
-        except BaseException as problem:  # an interrupt too
-            self._core.restore_checkpoint()
-            if not isinstance(problem, StepFailed):
-                raise
-            self._seconds, self._is_read = seconds, False
-            self.report.converged = False
-            if self._options.on_failure == "raise":
-                raise
-            warnings.warn(str(problem), StepWarning, stacklevel=5)
-            return False
-        self._seconds, self._is_read = seconds, False
-        if not held:
-            self.last_step = dt, gravity
-        return True
-
-    def _solve(self, dt: float, gravity: tuple, held: bool, seconds: list[float]) -> None:
-        """Rooms near and solve: the core's step, which asks obstacles for the distances that it needs.
-
-        Adds to the seconds of both rooms. Raises StepFailed.
-        """
-        solved, near, solve = self._core.step(dt, gravity, held, self._obstacles.measure)
-        seconds[_NEAR] += near
-        seconds[_SOLVE] += solve
-        if not solved:
-            raise self._failure()
+    def _give_up(self) -> None:
+        """Raise StepFailed for the step that was not solved, or warn, as the options say."""
+        self.report.converged = False
+        problem = self._failure()
+        if self._options.on_failure == "raise":
+            raise problem
+        warnings.warn(str(problem), StepWarning, stacklevel=5)
 
     def _failure(self) -> StepFailed:
         report = self._core.report()
@@ -158,32 +141,32 @@ class Stepper:
             return  # nothing is held that could be released
         for slot in self._bodies.unheld():
             self._core.let_go(slot)
-        self._resolve_previous_step(dt, gravity)
+        if self._resolve_previous_step():
+            self._core.sense(dt, gravity, False)
 
-    def _resolve_previous_step(self, dt: float, gravity: tuple) -> None:
+    def _resolve_previous_step(self) -> bool:
         """Take back a step that did not know of a release, or of a sudden pull at a body, and put it right.
 
         The step is solved again with the free response of the links that were released, and with the motion
         that was seen of bodies pulled at; links get the difference of the impulses, as if that had acted in
         the first place. Where that has no solution, the step stays as it was taken. Bodies whose rates
-        pybullet has cut off, so that the pull is not known, go as was predicted. dt, gravity: of the step to
-        come.
+        pybullet has cut off, so that the pull is not known, go as was predicted. Returns whether motion has
+        changed.
         """
-        last_dt = self.last_step[0]
+        last_dt = self._core.last_step()[0]
         released = self._core.released_bodies()
         pulled = [slot for slot in self._core.pulled_bodies() if self._bodies.was_free(slot)]
         if not released and not pulled:
-            return
+            return False
         cut = [slot for slot in pulled if self._core.was_cut(slot)]
         for slot in cut:
             self._bodies.change_rates(slot, -last_dt * self._core.missed(slot), last_dt)
         pulled = [slot for slot in pulled if slot not in cut]
         if not self._solve_again(released, pulled) and not cut:
-            return
+            return False
         self._bodies.read()
-        self._core.refresh_bodies()
-        self._core.checkpoint()  # where the step to come fails, all stays as it is now
-        self._core.sense(dt, gravity, False)
+        self._core.finish_resolve()
+        return True
 
     def _solve_again(self, released: list[int], pulled: list[int]) -> bool:
         """Solve the last step again, without what held and with what pulled; whether there was a way back."""
@@ -192,20 +175,32 @@ class Stepper:
         core = self._core
         _ = self.report  # of the step as it was taken: the core's is going to be of this solution
         taken, given = core.save(), core.wrenches()
-        if not core.rewind(*self.last_step, pulled):
+        dt, gravity = core.last_step()
+        if not core.rewind(pulled):
             return False
-        try:
-            self._solve(*self.last_step, False, [0.0] * len(ROOMS))  # seconds that nobody reads
-            self._exchange_wrenches(given)
-        except StepFailed:
+        if self._solve(dt, gravity):
+            self._exchange_wrenches(given, dt)
+        else:
             core.restore(taken)
             for mover in released:
                 core.let_go(mover)
         return True
 
-    def _exchange_wrenches(self, before: np.ndarray) -> None:
-        """Give bodies the difference of the last step's impulses to those of wrenches `before` (links, 6)."""
+    def _solve(self, dt: float, gravity: tuple) -> bool:
+        return self._core.step(dt, gravity, False, self._measure)
+
+    def _exchange_wrenches(self, before: np.ndarray, dt: float) -> None:
+        """Give bodies the difference of the last step's impulses to those of wrenches `before` (links, 6).
+
+        dt: length of that step [s].
+        """
         after = self._core.wrenches()
         for slot in self._core.pushable():
             stopped = self._core.stopped(slot)
-            self._bodies.exchange_wrench(slot, before[slot], after[slot], self.last_step[0], stopped)
+            self._bodies.exchange_wrench(slot, before[slot], after[slot], dt, stopped)
+
+
+def _checked(parameters: dict) -> tuple[float, tuple]:
+    """Time step and gravity of pybullet's parameters. Raises InvalidValue for what is not finite."""
+    step = checks.number("fixedTimeStep", parameters["fixedTimeStep"], above=0)
+    return step, tuple(checks.vector("gravity", [parameters[key] for key in _GRAVITY]).tolist())

@@ -12,7 +12,7 @@ from conftest import SANITIZED
 import bullet_tendon as bt
 from bullet_tendon import _core
 
-NAMES = ["apart", "coupling", "heap", "peers", "speed", "work_precision"]
+NAMES = ["apart", "call", "coupling", "heap", "peers", "speed", "work_precision"]
 
 
 def numbers(item):

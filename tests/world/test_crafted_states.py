@@ -50,6 +50,38 @@ def test_changed_bytes(world, client, seed):
     assert refused > 0
 
 
+def tag(name: str) -> bytes:
+    """What stands in a state before the field of that name (world/archive.h)."""
+    value = 2166136261
+    for byte in name.encode():
+        value = (value ^ byte) * 16777619 % 2**32
+    return value.to_bytes(4, "little")
+
+
+@pytest.mark.parametrize(
+    ("fields", "value"),
+    [
+        (("last_step", "dt"), -1.0),
+        (("last_step", "dt"), np.nan),
+        (("last_step", "dt", "gravity"), np.inf),
+        (("model", "force"), np.nan),
+        (("point_mass",), -1.0),
+        (("rest",), 0.0),
+    ],
+)
+def test_numbers_that_cannot_be(world, fields, value):
+    """The first number of a field, in the order in which a state is written."""
+    good = world._core.save()
+    at = 0
+    for name in fields:
+        at = good.index(tag(name), at) + 4
+    at += 0 if "last_step" in fields else 8  # the length of a list comes first
+    data = bytearray(good)
+    data[at : at + 8] = np.float64(value).tobytes()
+    assert not restored(world, bytes(data))
+    assert world._core.save() == good
+
+
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
 def test_cut_off(world, share):
     good = world._core.save()

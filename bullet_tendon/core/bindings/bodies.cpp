@@ -319,10 +319,7 @@ void bind_world_bodies(GuardedWorld& world) {
              return w.any_held() || !w.released_bodies().empty() || !w.pulled_bodies().empty();
            })
       .def("released_bodies", &World::released_bodies)
-      .def("rewind",
-           [](World& w, double dt, const py::tuple& gravity, const std::vector<int>& pulled) {
-             return w.rewind(dt, vector(gravity.ptr()), pulled);
-           })
+      .def("rewind", &World::rewind)
       .def("pulled_bodies", &World::pulled_bodies)
       .def("any_held", &World::any_held)
       .def("held_bodies",
@@ -345,7 +342,7 @@ void bind_world_bodies(GuardedWorld& world) {
                  free.push_back(static_cast<int>(i));
              return free;
            })
-      .def("refresh_bodies", &World::refresh_bodies)
+      .def("finish_resolve", &World::finish_resolve)
       .def("wrenches", &wrenches)
       .def("pushes", &pushes);
 }

@@ -58,7 +58,9 @@ void bind_world_tendon(GuardedWorld& world) {
       .def("set_state",
            [](World& w, int c, const Array& x, const Array& v) {
              Tendon& tendon = stirred(w, c);
-             fill(tendon.x, x), fill(tendon.v, v);
+             w.forbid_resolve();
+             fill(tendon.x, x);
+             fill(tendon.v, v);
              tendon.spread_coincident();
              tendon.find_overlaid();
              tendon.reset_history();
@@ -68,14 +70,16 @@ void bind_world_tendon(GuardedWorld& world) {
            [](World& w, int c, const Array& g) { stirred(w, c).guess_multipliers(vec(g)); })
       .def("masses", [](World& w, int c) { return copy_of(w.tendons[c]->mass); })
       .def("rest", [](World& w, int c) { return copy_of(w.tendons[c]->rest); })
-      .def("set_rest", [](World& w, int c, const Array& rest) { stirred(w, c).set_rest(list_of(rest)); })
+      .def("set_rest",
+           [](World& w, int c, const Array& rest) {
+             w.forbid_resolve();
+             stirred(w, c).set_rest(list_of(rest));
+           })
       .def("set_point_mass",
            [](World& w, int c, int i, double m) {
              stirred(w, c).set_point_mass(i, m);
              w.tendons[c]->smooth = false;
            })
-      .def("set_stiffness_scale",
-           [](World& w, int c, const Array& scale) { stirred(w, c).set_stiffness_scale(list_of(scale)); })
       .def("tension",
            [](World& w, int c) {
              std::vector<double> t;

@@ -1,8 +1,10 @@
 // Python's access to steps, states and reports.
 #include <pybind11/stl.h>
 
+#include <array>
+#include <cmath>
+#include <functional>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "bindings/pybullet_reader.h"
@@ -12,14 +14,10 @@ namespace bt {
 namespace {
 
 // Distances that Python measures, by FCL: measure(shape, a, b) -> (distance, points, u), of queries by shape
-// number and ends (q, 3) [m] in the shape's frame. The interpreter is locked in it alone.
+// number and ends (q, 3) [m] in the shape's frame.
 class PythonOracle : public DistanceOracle {
  public:
-  explicit PythonOracle(py::object measure) : measure_(std::move(measure)) {}
-  ~PythonOracle() override {
-    py::gil_scoped_acquire lock;
-    measure_ = {};
-  }
+  explicit PythonOracle(py::handle measure) : measure_(measure) {}
 
   void measure(const std::vector<Query>& queries, std::vector<double>& distance, std::vector<double>& points,
                std::vector<double>& u) override {
@@ -49,21 +47,69 @@ class PythonOracle : public DistanceOracle {
   }
 
  private:
-  py::object measure_;
+  py::handle measure_;  // the caller keeps it
   std::vector<Vec3> a_, b_;
   std::vector<int> shape_;
 };
 
-// One step: whether it was solved, and the seconds of wall time of distances and of the rest.
-py::tuple step(World& w, double dt, const py::tuple& gravity, bool whole, py::object measure) {
+// The interpreter runs other threads meanwhile: what py::gil_scoped_release does, in half of the time.
+struct Unlocked {
+  PyThreadState* state = PyEval_SaveThread();
+  Unlocked() = default;
+  Unlocked(const Unlocked&) = delete;
+  Unlocked& operator=(const Unlocked&) = delete;
+  ~Unlocked() { PyEval_RestoreThread(state); }
+};
+
+// The step alone. Whether it was solved.
+bool step(World& w, double dt, const py::tuple& gravity, bool whole, const py::object& measure) {
   const Vec3 g = vector(gravity.ptr());
-  PythonOracle oracle(std::move(measure));
-  StepOutcome out;
-  {
-    py::gil_scoped_release release;
-    out = w.step(dt, g, whole, oracle);
+  PythonOracle oracle(measure);
+  Unlocked unlocked;
+  return w.step(dt, g, whole, oracle);
+}
+
+// sense(dt, gravity, whole) reads the bodies, before the step; None: there are none.
+bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& sense,
+             const py::object& measure) {
+  PythonOracle oracle(measure);
+  std::function<void()> read;
+  if (!sense.is_none())
+    read = [&] {
+      py::gil_scoped_acquire lock;
+      sense(dt, tuple(gravity), whole);
+    };
+  Unlocked unlocked;
+  return w.attempt(dt, gravity, whole, oracle, read);
+}
+
+// What an attempt with pybullet's own parameters came to.
+enum Outcome { kFailed = 0, kSolved = 1, kBadParameters = 2 };
+
+// A step of p.getPhysicsEngineParameters' length and gravity.
+int apply(World& w, const py::dict& parameters, const py::object& sense, const py::object& measure) {
+  static const std::array<py::handle, 4> names = [] {
+    std::array<py::handle, 4> keys;
+    const char* const text[] = {"fixedTimeStep", "gravityAccelerationX", "gravityAccelerationY",
+                                "gravityAccelerationZ"};
+    for (size_t k = 0; k < keys.size(); ++k) keys[k] = PyUnicode_InternFromString(text[k]);
+    return keys;
+  }();
+  double values[4];
+  for (size_t k = 0; k < names.size(); ++k) {
+    PyObject* value = PyDict_GetItemWithError(parameters.ptr(), names[k].ptr());
+    if (!value) throw py::key_error("physics engine parameters");
+    values[k] = PyFloat_AsDouble(value);
+    if (values[k] == -1 && PyErr_Occurred()) throw py::error_already_set();
+    if (!std::isfinite(values[k])) return kBadParameters;
   }
-  return py::make_tuple(out.solved, out.near_seconds, out.solve_seconds);
+  if (!(values[0] > 0)) return kBadParameters;
+  return attempt(w, values[0], {values[1], values[2], values[3]}, false, sense, measure) ? kSolved : kFailed;
+}
+
+// A step of another length, in which bodies neither move nor yield, and which is not cut.
+bool hold(World& w, double dt, const py::tuple& gravity, const py::object& sense, const py::object& measure) {
+  return attempt(w, dt, vector(gravity.ptr()), true, sense, measure);
 }
 
 py::dict counts(const Report& r) {
@@ -105,8 +151,10 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
 void bind_world_world(GuardedWorld& world) {
   world.def("set_options", &set_options)
       .def("step", &step)
-      .def("checkpoint", &World::checkpoint)
-      .def("restore_checkpoint", &World::restore_checkpoint)
+      .def("apply", &apply)
+      .def("hold", &hold)
+      .def("last_step",
+           [](const World& w) { return py::make_tuple(w.last_step().dt, tuple(w.last_step().gravity)); })
       .def("save",
            [](World& w) {
              std::vector<char> state = w.save();
@@ -123,6 +171,9 @@ void bind_report(py::module_& m) {
       .def_readonly("converged", &Report::converged)
       .def_readonly("worst_tendon", &Report::worst_tendon)
       .def_readonly("worst_particle", &Report::worst_particle)
+      .def_readonly("sense_seconds", &Report::sense_seconds)
+      .def_readonly("near_seconds", &Report::near_seconds)
+      .def_readonly("solve_seconds", &Report::solve_seconds)
       .def_readonly("search_seconds", &Report::search_seconds)
       .def_readonly("over_budget", &Report::over_budget)
       .def_property_readonly(

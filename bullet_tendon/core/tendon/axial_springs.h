@@ -37,21 +37,23 @@ constexpr double kDegenerateLength = 1e-9;
 // A power law has no stiffness at rest, and a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;
 
-// What of springs is state, or changed by the user.
+// What of springs a step leaves to the next one.
 struct SpringState {
-  std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
-  std::vector<double> inverse_rest;              // [1/m]
-  std::vector<double> lambda;                    // T [N]
-  std::vector<double> elastic;                   // T_e [N]
-  std::vector<double> lighter;                   // smaller mass of its two particles [kg]
-  std::vector<double> start, before;             // lengths at the start of this step and of the last [m]
-  std::vector<double> history;                   // len_h [m]
-  std::vector<double> slope;                     // F' at the linearisation [N/m]
+  std::vector<double> lambda;   // T [N]
+  std::vector<double> elastic;  // T_e [N]
+  std::vector<double> slope;    // F' at the linearisation [N/m]; contacts take their stiffness from it
 };
 
 struct SpringSet : SpringState {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
+  // Follow from the tendon's model (Tendon::set_rest).
+  std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
+  std::vector<double> inverse_rest;              // [1/m]
+  std::vector<double> lighter;                   // smaller mass of its two particles [kg]
+  // Of one substep.
+  std::vector<double> start, before;         // lengths at its start and at the start of the last one [m]
+  std::vector<double> history;               // len_h [m]
   std::vector<double> length, force;         // now: len [m], F [N]
   std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
   std::vector<double> elastic_slope;         // its elastic part of F' [N/m]

@@ -48,7 +48,6 @@ Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_
   if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
   point_mass.assign(n_, 0.0);
-  scale.assign(n_ - 1, 1.0);
   tunnel_of.assign(n_, -1);
   slack.assign(n_, 0.0);
   structure.resize(1, n_);
@@ -85,22 +84,15 @@ void Tendon::set_point_mass(int particle, double kilograms) {
   set_rest(std::vector<double>(rest));
 }
 
-void Tendon::set_stiffness_scale(const std::vector<double>& s) {
-  scale = s;
-  share_out();
-}
-
 // A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
 // where they exist; the structure spring gets what the shear springs leave of the stiffness, so
 // that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
 void Tendon::share_out() {
-  auto shear_at = [&](int k) {
-    return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness * std::min(scale[k], scale[k + 1]);
-  };
+  auto shear_at = [&](int k) { return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness; };
   double share = material.damping / material.stiffness;
   for (int k = 0; k + 1 < n_; ++k) {
     structure.rest[k] = rest[k];
-    structure.stiffness[k] = material.stiffness * scale[k] - shear_at(k - 1) - shear_at(k);
+    structure.stiffness[k] = material.stiffness - shear_at(k - 1) - shear_at(k);
     structure.damping[k] = share * structure.stiffness[k];
   }
   for (SpringSet* s : {&structure, &shear})
@@ -179,7 +171,7 @@ void Tendon::guess_multipliers(Vec3 gravity) {
   for (int i = 0; i < n_; ++i) load += norm(mass[i] * gravity + force.at(i));
   for (SpringSet* s : {&structure, &shear})
     for (int k = 0; k < s->count; ++k) {
-      const double guess = 0.5 * load * s->stiffness[k] / (material.stiffness * scale[std::min(k, n_ - 2)]);
+      const double guess = 0.5 * load * s->stiffness[k] / material.stiffness;
       s->lambda[k] = std::max(s->lambda[k], guess);
       s->elastic[k] = std::max(s->elastic[k], guess);
     }

@@ -14,14 +14,17 @@ namespace bt {
 // more looks.
 constexpr double kSlack = 0.05;
 
-// What of a tendon is state, or changed by the user, beside its springs.
+// What of a tendon only the user changes. A step changes nothing of it.
+struct TendonModel {
+  Field force;                     // constant external force [N]
+  std::vector<double> rest;        // lengths of the segments without load [m]
+  std::vector<double> point_mass;  // added to the particles [kg]
+  std::vector<double> mass;        // of the particles, from rest lengths and point masses [kg]
+};
+
+// What of a tendon a step changes, beside its springs.
 struct TendonState {
   Field x, v;
-  Field force;                     // constant external force [N]
-  std::vector<double> mass;        // of the particles, point masses included
-  std::vector<double> point_mass;  // what was put on them
-  std::vector<double> rest;        // of the segments
-  std::vector<double> scale;
   std::vector<Anchor> anchors;
   std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
   std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
@@ -61,7 +64,7 @@ struct TendonWorkspace : PredictedRegion {
   int worst_particle = 0;
 };
 
-class Tendon : public TendonState, public TendonWorkspace {
+class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
  public:
   // points (n); rest lengths are the distances between them.
   Tendon(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
@@ -73,8 +76,6 @@ class Tendon : public TendonState, public TendonWorkspace {
   void set_rest(const std::vector<double>& rest);
   // A weight on a particle beside the tendon's own mass [kg]; 0: none.
   void set_point_mass(int particle, double kilograms);
-  // Shares of the cross-section's stiffness by segment, 1 where uniform.
-  void set_stiffness_scale(const std::vector<double>& scale);
   // Adds to next, exactly.
   void move(int particle, Vec3 by);
   // At rest where it is, its multipliers kept.

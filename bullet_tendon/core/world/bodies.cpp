@@ -131,7 +131,7 @@ bool World::settle_stops() {
   sum_forces(1 / substeps_.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
   bool other = false;
   for (size_t m = 0; m < bodies.size(); ++m) {
-    if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, whole_dt_)) continue;
+    if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, substeps_.step())) continue;
     other = true;
     lead_links(static_cast<int>(m));
   }
@@ -143,12 +143,12 @@ bool World::settle_stops() {
 void World::act_on_bodies() {
   sum_forces(1, [](const Link& l) { return l.wrench; });
   for (GeneralizedBody& m : bodies)
-    if (m.n() > 0) m.act(whole_dt_);
+    if (m.n() > 0) m.act(substeps_.step());
 }
 
 // What the substep that was solved did to the bodies, in the substeps to come.
 void World::push_bodies() {
-  sum_forces(whole_dt_, [](const Link& l) { return l.part; });
+  sum_forces(substeps_.step(), [](const Link& l) { return l.part; });
   for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.push(m.forces);
   for (Link& l : links)
@@ -194,9 +194,13 @@ bool World::any_held() const {
   return false;
 }
 
-void World::refresh_bodies() {
-  for (GeneralizedBody& m : bodies) m.observer.refresh(m.rates), m.observer.require_two();
-  way_back_ = false;
+void World::finish_resolve() {
+  for (GeneralizedBody& m : bodies) {
+    m.observer.refresh(m.rates);
+    m.observer.require_two();
+  }
+  may_resolve_ = false;
+  capture_now();
 }
 
 }  // namespace bt

@@ -1,8 +1,10 @@
 // Taking a checkpoint and going back to it, and a checkpoint as bytes.
 #include "world/checkpoint.h"
 
+#include <chrono>
 #include <cstdint>
 #include <cstring>
+#include <functional>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -19,8 +21,8 @@ void World::capture(Checkpoint& to) const {
   to.tendons.resize(tendons.size());
   for (size_t c = 0; c < tendons.size(); ++c) {
     TendonCheckpoint& t = to.tendons[c];
-    t.there = tendons[c] != nullptr;
-    if (!t.there) continue;
+    t.alive = tendons[c] != nullptr;
+    if (!t.alive) continue;
     t.state = *tendons[c];
     t.structure = tendons[c]->structure;
     t.shear = tendons[c]->shear;
@@ -31,8 +33,8 @@ void World::capture(Checkpoint& to) const {
   to.contacts = contacts_;
   to.sleeping_contacts = asleep_contacts_;
   to.rest_gravity = rest_gravity_;
-  to.step_length = whole_dt_;
-  to.way_back = way_back_;
+  to.last_step = last_step_;
+  to.may_resolve = may_resolve_;
 }
 
 void World::apply(const Checkpoint& from) {
@@ -51,28 +53,53 @@ void World::apply(const Checkpoint& from) {
   contacts_ = from.contacts;
   asleep_contacts_ = from.sleeping_contacts;
   rest_gravity_ = from.rest_gravity;
-  whole_dt_ = from.step_length;
-  way_back_ = from.way_back;
+  last_step_ = from.last_step;
+  may_resolve_ = from.may_resolve;
   broad_phase_.clear();  // what it finds does not depend on what it has kept
 }
 
-void World::checkpoint() {
-  std::swap(previous_, start_);
-  stepped_ = false;
+void World::capture_now() {
+  capture(now_);
   changed_entries_.clear();
-  capture(start_);
 }
 
-void World::restore_checkpoint() {
-  if (!start_.valid) return;
-  apply(start_);
+void World::go_back() {
+  apply(now_);
   // An entry may have been answered twice in one step: the first of its copies is the old one.
   for (size_t k = changed_entries_.size(); k-- > 0;) {
     const KeptEntry& e = changed_entries_[k];
     caches_[e.tendon][e.shape].entries[e.feature] = e.entry;
   }
   changed_entries_.clear();
-  std::swap(previous_, start_);
+}
+
+bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
+                    const std::function<void()>& sense) {
+  using Clock = std::chrono::steady_clock;
+  capture_now();
+  Clock::duration sensed{};
+  bool solved = false, stepping = false;
+  // start_ belongs to the step to come as soon as that is the last one.
+  auto undo = [&] {
+    if (stepping) std::swap(now_, start_);
+    go_back();
+  };
+  try {
+    if (sense) {
+      const auto begun = Clock::now();
+      sense();
+      sensed = Clock::now() - begun;
+    }
+    std::swap(now_, start_);
+    stepping = true;
+    solved = step(dt, gravity, whole, oracle);
+  } catch (...) {
+    undo();
+    throw;
+  }
+  if (!solved) undo();
+  report_.sense_seconds = std::chrono::duration<double>(sensed).count();
+  return solved;
 }
 
 namespace {
@@ -107,21 +134,23 @@ constexpr const char* kIndices = "with indices of the world's parts";
 bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
 
 void require_springs(const SpringState& s, size_t count) {
-  for (const auto* list : {&s.rest, &s.inverse_rest, &s.stiffness, &s.damping, &s.lambda, &s.elastic,
-                           &s.lighter, &s.start, &s.before, &s.history, &s.slope})
-    require(list->size() == count, kSizes);
+  for (const auto* list : {&s.lambda, &s.elastic, &s.slope}) require(list->size() == count, kSizes);
+}
+
+void require_model(const TendonModel& m, size_t n) {
+  require(static_cast<size_t>(m.force.size()) == n, kSizes);
+  require(m.point_mass.size() == n && m.rest.size() == n - 1, kSizes);
+  for (double length : m.rest) require(length > 0, "with rest lengths above 0");
+  for (double mass : m.point_mass) require(mass >= 0, "with masses of at least 0");
 }
 
 void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
                     const std::vector<char>& tunnels) {
   const TendonState& s = t.state;
   const size_t n = c.n();
-  for (const Field* f : {&s.x, &s.v, &s.force, &s.x_before, &s.v_before, &s.acceleration})
+  for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before, &s.acceleration})
     require(static_cast<size_t>(f->size()) == n, kSizes);
-  require(s.mass.size() == n && s.point_mass.size() == n && s.tunnel_of.size() == n, kSizes);
-  require(s.rest.size() == n - 1 && s.scale.size() == n - 1, kSizes);
-  for (double length : s.rest) require(length > 0, "with rest lengths above 0");
-  for (double mass : s.mass) require(mass > 0, "with masses above 0");
+  require(s.tunnel_of.size() == n, kSizes);
   require_springs(t.structure, c.structure.count);
   require_springs(t.shear, c.shear.count);
   for (int in : s.tunnel_of) require(in == -1 || (within(in, tunnels.size()) && tunnels[in]), kIndices);
@@ -184,8 +213,9 @@ void require_link(const Link& l, const std::vector<GeneralizedBody>& bodies) {
 // Whether all sizes and indices are those of this world. Throws StateMismatch.
 void World::require_state(const Checkpoint& c) const {
   require(c.tendons.size() == tendons.size(), kSizes);
+  require(c.last_step.dt >= 0, "with a last step of a length of at least 0");
   for (size_t t = 0; t < tendons.size(); ++t) {
-    require(c.tendons[t].there == (tendons[t] != nullptr), "of a world that is made of the same parts");
+    require(c.tendons[t].alive == (tendons[t] != nullptr), "of a world that is made of the same parts");
     if (tendons[t])
       require_tendon(c.tendons[t], *tendons[t], std::max(links.size(), c.links.size()), tunnel_alive);
   }
@@ -246,8 +276,10 @@ std::vector<char> World::save() {
   write("structure", mark);
   Checkpoint now, none;
   capture(now);
+  for (auto& c : tendons)
+    if (c) write("model", static_cast<TendonModel&>(*c));
   write("now", now);
-  write("start", way_back_ ? start_ : none);
+  write("start", may_resolve_ ? start_ : none);
   for (auto& of_tendon : caches_)
     for (NearCache& cache : of_tendon) write("planes", cache.entries);
   return out;
@@ -260,6 +292,12 @@ void World::restore(const char* from, size_t size) {
   read("structure", mark);
   require(mark == structure_mark(), "of a world that is made of the same parts");
   Checkpoint now, start;
+  std::vector<TendonModel> models(tendons.size());
+  for (size_t c = 0; c < tendons.size(); ++c) {
+    if (!tendons[c]) continue;
+    read("model", models[c]);
+    require_model(models[c], tendons[c]->n());
+  }
   read("now", now);
   read("start", start);
   require(now.valid, "of a world");
@@ -275,9 +313,14 @@ void World::restore(const char* from, size_t size) {
   read.finish();
   require_state(now);
   if (start.valid) require_state(start);
+  for (size_t c = 0; c < tendons.size(); ++c) {
+    if (!tendons[c]) continue;
+    tendons[c]->force = models[c].force;
+    tendons[c]->point_mass = models[c].point_mass;
+    tendons[c]->set_rest(models[c].rest);
+  }
   apply(now);
   start_ = std::move(start);
-  previous_ = {};
   changed_entries_.clear();
   size_t k = 0;
   for (auto& of_tendon : caches_)

@@ -1,8 +1,8 @@
-// A copy of all state that a step changes: the only way back, for a failed step, a step that is solved again,
-// and a state that a user saves.
+// A copy of all state that a step changes. It is the only way back: for a step that fails, for a step that is
+// solved again, and, with the models of the tendons, for a state that a user saves.
 //
-// Copies go into the vectors that are there, so that a checkpoint in every step allocates nothing. What is
-// not here is made anew from it (the search for tendon pairs), or keeps its own changes (planes,
+// Copies go into existing vectors, so that a checkpoint in every step allocates nothing. What is not in it is
+// made anew from it (the search for pairs of tendons), or keeps its own changes (planes,
 // collision/proximity_cache.h).
 #pragma once
 #include <stdexcept>
@@ -15,9 +15,15 @@
 namespace bt {
 
 struct TendonCheckpoint {
-  bool there = false;
+  bool alive = false;
   TendonState state;
   SpringState structure, shear;
+};
+
+// A step that was taken.
+struct StepRecord {
+  double dt = 0;  // [s]
+  Vec3 gravity;   // [m/s^2]
 };
 
 struct Checkpoint {
@@ -28,9 +34,9 @@ struct Checkpoint {
   std::vector<ContactMemory> memory;
   std::vector<Contact> contacts, sleeping_contacts;
   Vec3 rest_gravity;
-  double step_length = 0;  // of the last step [s]
-  bool way_back = false;   // the last step can be solved again
-  // Links and bodies of the step that begins here, once they were read from pybullet.
+  StepRecord last_step;
+  bool may_resolve = false;  // the last step can be solved again
+  // Links and bodies as they were read from pybullet for the step that begins here.
   std::vector<Link> sensed_links;
   std::vector<GeneralizedBody> sensed_bodies;
 };

@@ -68,7 +68,7 @@ HeldBack held_at(const Tendon& c, int i, bool along, double gravity) {
     if (!along) continue;
     double force, slope;
     elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
-    held.stiffness += std::max(c.structure.slope[k], c.material.stiffness * c.scale[k] * slope / c.rest[k]);
+    held.stiffness += std::max(c.structure.slope[k], c.material.stiffness * slope / c.rest[k]);
   }
   if (gravity > 0) held.hung = tension / gravity / (c.h_eff * c.h_eff);
   return held;

@@ -25,25 +25,24 @@ constexpr double kSubsteps = 0.6;
 // that spin gain energy.
 constexpr double kFarthestTurn = 0.2;
 
-bool same_build(const TendonState& a, const TendonState& b) {
-  if (a.rest != b.rest || a.anchors.size() != b.anchors.size()) return false;
+bool same_anchors(const TendonState& a, const TendonState& b) {
+  if (a.anchors.size() != b.anchors.size()) return false;
   for (size_t h = 0; h < a.anchors.size(); ++h)
     if (a.anchors[h].id != b.anchors[h].id) return false;
   return true;
 }
 
-bool same_build(const Checkpoint& a, const Checkpoint& b) {
+bool same_anchors(const Checkpoint& a, const Checkpoint& b) {
   if (a.tendons.size() != b.tendons.size()) return false;
   for (size_t c = 0; c < a.tendons.size(); ++c) {
-    if (a.tendons[c].there != b.tendons[c].there) return false;
-    if (a.tendons[c].there && !same_build(a.tendons[c].state, b.tendons[c].state)) return false;
+    if (a.tendons[c].alive != b.tendons[c].alive) return false;
+    if (a.tendons[c].alive && !same_anchors(a.tendons[c].state, b.tendons[c].state)) return false;
   }
   return true;
 }
 
 // Keeps what the user has set since then.
 void choose_again(const TendonState& user, TendonState& c) {
-  c.force = user.force;
   for (size_t h = 0; h < c.anchors.size(); ++h) {
     const Anchor& chosen = user.anchors[h];
     Anchor& anchor = c.anchors[h];
@@ -66,15 +65,14 @@ void World::let_go(int body) {
 
 // The checkpoint does not apply where tendons or anchors were made or removed since.
 bool World::take_back() {
-  const Checkpoint& start = start_of_last_step();
-  if (!way_back_ || !start.valid) return false;
-  Checkpoint now;
-  capture(now);
-  if (!same_build(start, now)) return false;
-  apply(start);
+  if (!may_resolve_ || !start_.valid) return false;
+  Checkpoint last;
+  capture(last);
+  if (!same_anchors(start_, last)) return false;
+  apply(start_);
   for (size_t c = 0; c < tendons.size(); ++c) {
     if (!tendons[c]) continue;
-    const TendonState& user = now.tendons[c].state;
+    const TendonState& user = last.tendons[c].state;
     choose_again(user, *tendons[c]);
     if (user.bed < 0) wake_tendon(static_cast<int>(c));
   }
@@ -96,7 +94,7 @@ double World::pulled_away(const Tendon& c, const Anchor& h) const {
   const Link& link = links[h.link];
   const GeneralizedBody& body = bodies[link.body];
   const dense::Numbers& missed = body.observer.missed();
-  const double square = whole_dt_ * whole_dt_;
+  const double square = last_step_.dt * last_step_.dt;
   const Vec3 at = to_world(link.pose, h.local), here = c.x.at(h.particle), gone = at - here;
   const Vec3 linear{missed[0], missed[1], missed[2]}, angular{missed[3], missed[4], missed[5]};
   const Vec3 by_velocity = square * (linear + cross(angular, at - link.centre));
@@ -115,7 +113,7 @@ double World::pulled_away(const Tendon& c, const Anchor& h) const {
 
 std::vector<int> World::pulled_bodies() const {
   std::vector<int> all;
-  if (!way_back_) return all;
+  if (!may_resolve_) return all;
   std::vector<double> most(bodies.size());
   for (const auto& c : tendons)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
@@ -134,18 +132,21 @@ std::vector<int> World::pulled_bodies() const {
   return all;
 }
 
-bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
+bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
+  const StepRecord last = last_step_;
   std::vector<Link> links_now = links;
   std::vector<GeneralizedBody> bodies_now = bodies;
   std::vector<dense::Numbers> contacts;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
-    context_.dt = dt, context_.gravity = gravity;
+    last_step_ = last;
+    context_.dt = last.dt;
+    context_.gravity = last.gravity;
     links.swap(links_now), bodies.swap(bodies_now);
     for (const GeneralizedBody& m : bodies) contacts.push_back(m.contacts);
-    const std::vector<Link>& sensed = start_of_last_step().sensed_links;
-    std::vector<GeneralizedBody>& sensed_bodies = start_of_last_step().sensed_bodies;
+    const std::vector<Link>& sensed = start_.sensed_links;
+    std::vector<GeneralizedBody>& sensed_bodies = start_.sensed_bodies;
     for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
     for (int i : pulled) bodies[i].observer.trust_last();
     for (size_t i = 0; i < std::min(bodies.size(), sensed_bodies.size()); ++i) {
@@ -161,7 +162,7 @@ bool World::rewind(double dt, Vec3 gravity, const std::vector<int>& pulled) {
     bodies[i].contacts = contacts[i];
     bodies[i].contacts_known = true;
   }
-  way_back_ = false;
+  may_resolve_ = false;
   return back;
 }
 

@@ -218,7 +218,7 @@ void World::find_restful() {
 }
 
 void World::fall_asleep() {
-  if (!options.sleep || !substeps_.divisible() || !count_rest(whole_dt_)) return;
+  if (!options.sleep || !substeps_.divisible() || !count_rest(substeps_.step())) return;
   find_restful();
   for (size_t c = 0; c < slots_.size(); ++c) {
     const int root = slots_[c] ? island_root(static_cast<int>(c)) : 0;

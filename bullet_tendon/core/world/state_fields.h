@@ -1,4 +1,4 @@
-// The one list of what a state consists of, by name: visit(archive, struct) for every struct that is saved.
+// The list of all fields of a state, by name: visit(archive, struct) for every struct that is saved.
 //
 // The order of the fields does not matter to anything but the bytes. A name stands in the bytes before its
 // field, so that bytes of another layout are refused, and tell where they differ.
@@ -29,15 +29,18 @@ void visit(A& a, Anchor& h) {
   a("step_force", h.step_force);
 }
 
+// Masses and spring constants follow from the rest.
+template <class A>
+void visit(A& a, TendonModel& m) {
+  a("force", m.force);
+  a("point_mass", m.point_mass);
+  a("rest", m.rest);
+}
+
 template <class A>
 void visit(A& a, TendonState& s) {
   a("x", s.x);
   a("v", s.v);
-  a("force", s.force);
-  a("mass", s.mass);
-  a("point_mass", s.point_mass);
-  a("rest", s.rest);
-  a("scale", s.scale);
   a("anchors", s.anchors);
   a("overlaid", s.overlaid);
   a("tunnel_of", s.tunnel_of);
@@ -54,23 +57,14 @@ void visit(A& a, TendonState& s) {
 
 template <class A>
 void visit(A& a, SpringState& s) {
-  a("rest", s.rest);
-  a("inverse_rest", s.inverse_rest);
-  a("stiffness", s.stiffness);
-  a("damping", s.damping);
   a("carried", s.lambda);
   a("elastic", s.elastic);
-  a("lighter", s.lighter);
-  a("start", s.start);
-  a("before", s.before);
-  a("history", s.history);
-  // What contacts take their stiffness from.
   a("slope", s.slope);
 }
 
 template <class A>
 void visit(A& a, TendonCheckpoint& t) {
-  a("there", t.there);
+  a("alive", t.alive);
   a("state", t.state);
   a("structure", t.structure);
   a("shear", t.shear);
@@ -231,6 +225,12 @@ void visit(A& a, Entry& e) {
 }
 
 template <class A>
+void visit(A& a, StepRecord& s) {
+  a("dt", s.dt);
+  a("gravity", s.gravity);
+}
+
+template <class A>
 void visit(A& a, Checkpoint& c) {
   a("valid", c.valid);
   a("tendons", c.tendons);
@@ -240,8 +240,8 @@ void visit(A& a, Checkpoint& c) {
   a("contacts", c.contacts);
   a("sleeping_contacts", c.sleeping_contacts);
   a("rest_gravity", c.rest_gravity);
-  a("step_length", c.step_length);
-  a("way_back", c.way_back);
+  a("last_step", c.last_step);
+  a("may_resolve", c.may_resolve);
   a("sensed_links", c.sensed_links);
   a("sensed_bodies", c.sensed_bodies);
 }

@@ -39,47 +39,47 @@ void aim_grips(Tendon& c, double share) {
 
 }  // namespace
 
-StepOutcome World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
+bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
   using Clock = std::chrono::steady_clock;
+  auto seconds_since = [](Clock::time_point t) {
+    return std::chrono::duration<double>(Clock::now() - t).count();
+  };
+  const auto start = Clock::now();
   budget_.start(options.max_linear_solves, options.time_budget, [&oracle] { oracle.poll(); });
-  StepOutcome out;
   begin_step_of_world(dt, gravity, whole);
   predict();
   while (!substeps_.done()) {
-    const auto start = Clock::now();
+    const auto asked = Clock::now();
     update_proximity(oracle);
-    const auto measured = Clock::now();
+    report_.near_seconds += seconds_since(asked);
     const std::optional<Reason> again = solve_substep();
-    if (failed_) {
-      report_.take(attempt_);
-      report_.reasons = substeps_.reasons();
-      return out;
-    }
+    if (failed_) break;
     if (again)
       solve_again(*again);
     else
       take_substep();
-    out.near_seconds += std::chrono::duration<double>(measured - start).count();
-    out.solve_seconds += std::chrono::duration<double>(Clock::now() - measured).count();
   }
-  finish_step_of_world();
-  out.solved = true;
-  return out;
+  if (failed_) {
+    report_.take(attempt_);
+    report_.reasons = substeps_.reasons();
+  } else {
+    finish_step_of_world();
+  }
+  report_.solve_seconds = seconds_since(start) - report_.near_seconds;
+  return !failed_;
 }
 
 void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   context_.gravity = gravity;
   context_.options = options;
   context_.budget = &budget_;
-  whole_dt_ = dt;
   whole_ = whole;
-  stepped_ = true;
   find_solid_links();
   substeps_.start(dt, !whole && carries(options));
   slots_.clear();
   for (Link& l : links) l.wrench = {};
-  way_back_ = !whole && any_moved();
-  if (way_back_) {
+  may_resolve_ = !whole && any_moved();
+  if (may_resolve_) {
     start_.sensed_links = links;
     start_.sensed_bodies = bodies;
   }
@@ -276,6 +276,7 @@ void World::finish_step_of_world() {
   act_on_bodies();
   for (Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
+  if (!whole_) last_step_ = {substeps_.step(), context_.gravity};
   push_asleep();
   report_.asleep = std::count_if(tendons.begin(), tendons.end(), [](auto& c) { return c && c->bed >= 0; });
   fall_asleep();

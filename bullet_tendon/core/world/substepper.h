@@ -40,6 +40,7 @@ class Substepper {
   // divisible: whether substeps may be shorter than the step.
   void start(double dt, bool divisible);
   bool done() const { return done_ == kUnits; }
+  double step() const { return dt_; }                            // length of the whole step [s]
   double h() const { return dt_ * size_ / kUnits; }              // of this substep [s]
   double end() const { return dt_ * (done_ + size_) / kUnits; }  // of it, from the start of the step [s]
   double share() const { return static_cast<double>(size_) / kUnits; }

@@ -19,7 +19,7 @@ int World::add_tendon(std::unique_ptr<Tendon> tendon) {
   if (slot == static_cast<int>(tendons.size())) tendons.emplace_back();
   tendons[slot] = std::move(tendon);
   broad_phase_.clear();
-  way_back_ = false;
+  may_resolve_ = false;
   return slot;
 }
 
@@ -27,7 +27,7 @@ void World::remove_tendon(int slot) {
   wake_tendon(slot);
   tendons[slot].reset();
   broad_phase_.clear();
-  way_back_ = false;
+  may_resolve_ = false;
   while (!tendons.empty() && !tendons.back()) tendons.pop_back();
   contacts_.clear();
   if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();

@@ -6,8 +6,7 @@
 //   solve_islands    each group of touching tendons by itself
 //   take_substep     new states, memories, and one wrench per touched link
 //
-// world/step.cpp has the loop. Whoever calls it makes a checkpoint before, and goes back to it where the step
-// fails.
+// world/step.cpp has the loop, and world/checkpoint.cpp the way back where a step fails.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -33,11 +32,6 @@ class DistanceOracle {
                        std::vector<double>& points, std::vector<double>& u) = 0;
   // Called now and then in a step. It may throw, which ends the step.
   virtual void poll() {}
-};
-
-struct StepOutcome {
-  bool solved = false;                         // else some solution is not finite
-  double near_seconds = 0, solve_seconds = 0;  // of wall time
 };
 
 class World {
@@ -72,23 +66,30 @@ class World {
   // Free rigid bodies that something unforeseen pulled at in the last step, so that their tendons are
   // stretched by what these have not answered to.
   std::vector<int> pulled_bodies() const;
-  // What was let go is free from now on, and everything is taken back to before that step, of dt, in which
-  // `pulled` go as was seen. false: there is no way back.
-  bool rewind(double dt, Vec3 gravity, const std::vector<int>& pulled);
+  // What was let go is free from now on, and everything goes back to before the last step, in which `pulled`
+  // go as was seen. false: there is no way back.
+  bool rewind(const std::vector<int>& pulled);
   bool any_held() const;
   // The rates of a body right after a step; whether it seems to have been let go.
   bool sample(int body, const dense::Numbers& rates);
   // Nothing can hold the body.
   void let_go(int body);
-  // Their rates were set from outside, to mend the last step, which is not taken back again.
-  void refresh_bodies();
-  // One step of dt [s]. whole: not in substeps, whatever happens (for steps whose length means nothing).
-  StepOutcome step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
+  // The last step is put right: the rates of bodies were set from outside, it is not solved again, and the
+  // attempt goes back to here.
+  void finish_resolve();
+  // The last step is not solved again: something that it began from was changed.
+  void forbid_resolve() { may_resolve_ = false; }
+  // One step of dt [s], after `sense` (if any) has read the bodies. false: some solution is not finite. Then,
+  // and where it throws, all state is that of before. whole: not in substeps, whatever happens (for steps
+  // whose length means nothing); bodies neither move nor yield.
+  bool attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
+               const std::function<void()>& sense);
+  // The step alone. Where it fails, the state is undefined.
+  bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
+  // The last step that is not whole.
+  const StepRecord& last_step() const { return last_step_; }
   // Called after every substep, for tests.
   std::function<void()> after_substep;
-  // All that a step changes is copied, before links are sensed; and put back.
-  void checkpoint();
-  void restore_checkpoint();
 
   // All state as bytes (world/state_fields.h lists it), and back. restore throws StateMismatch, and changes
   // nothing, unless the bytes are a state of a world that is made of the same parts.
@@ -107,8 +108,8 @@ class World {
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
-  // Of the last step that was begun.
-  Checkpoint& start_of_last_step() { return stepped_ ? start_ : previous_; }
+  void capture_now();
+  void go_back();
   uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
@@ -203,8 +204,7 @@ class World {
                         const ContactKey& key, double friction);
 
   StepContext context_;
-  double whole_dt_ = 0;  // of the step that begin was asked for [s]
-  bool whole_ = false;   // it must not be taken in parts
+  bool whole_ = false;  // it must not be taken in parts
   Substepper substeps_;
   Budget budget_;
   int substeps_parts_ = 1;   // that a step whose segments turn far is begun with
@@ -215,7 +215,6 @@ class World {
   bool stray_ = false;       // an island was left because its particles end elsewhere than foreseen
   bool unsettled_ = false;   // an island with contacts did not converge
   int settlings_ = 0;        // of this part, because other stops act than foreseen
-  bool way_back_ = false;    // the last step can be taken back: bodies had a part in it
   std::vector<Tendon*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [tendon][shape]
   std::vector<Query> queries_;
@@ -239,8 +238,10 @@ class World {
   std::vector<int> island_of_;
   Report report_, attempt_;  // of the step, and of the last try at a part of it
 
-  Checkpoint start_, previous_;             // of this step, and of the one before
-  bool stepped_ = false;                    // a step was begun since the checkpoint
+  Checkpoint start_;                        // of the last step
+  Checkpoint now_;                          // of an attempt whose step has not begun
+  StepRecord last_step_;                    // that is not whole
+  bool may_resolve_ = false;                // the last step can be solved again: bodies had a part in it
   std::vector<KeptEntry> changed_entries_;  // as they were when the step began
 };
 
