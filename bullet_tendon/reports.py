@@ -26,6 +26,7 @@ REASONS = (
     "woken",
     "step_weights",
     "joint_stops",
+    "body_rotation",
 )
 
 CONTACT = np.dtype(
@@ -67,7 +68,7 @@ class StepReport:
     by more than its radius), "turn" (a segment turns far), "growth" (the last step was much shorter),
     "not_converged", "left_prediction" (particles ended where contacts were not looked for), "woken" (tendons
     at rest were reached), "step_weights" (tendons that press on each other had other methods),
-    "joint_stops" (joint limits act otherwise than predicted).
+    "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far).
     over_budget: whether max_linear_solves or time_budget was used up.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
     group reached the tolerance, or its rounding level (always True of methods that do not iterate).

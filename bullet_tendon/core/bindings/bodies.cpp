@@ -297,7 +297,7 @@ py::list pushes(const World& w) {
   for (std::size_t i = 0; i < w.links.size(); ++i) {
     const Link& l = w.links[i];
     const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
-    const Vec3 centre = l.turns() ? l.start_centre : l.centre;
+    const Vec3 centre = l.turned.far ? l.start_centre : l.centre;
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
     if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kAcross * force * torque && force > 0) {
       const Vec3 point = centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);

@@ -9,6 +9,14 @@ namespace bt {
 
 namespace {
 
+// Square of the angle by which a body turns in a step from which arms are taken at the end of the step
+// [rad^2]. Larger: attached points lag behind. Smaller: the swing of what hangs on an arm is damped.
+constexpr double kFarTurn = 0.01;
+// The same of dt^2 |f| |r| / (moment of inertia), the share of a turn by which the arm r would swing under
+// the pull f [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: the swing
+// of what hangs on an arm is damped.
+constexpr double kFarSwing = 0.25;
+
 // Share of the square of a direction that has to be left beside the other directions for it to be a new one
 // [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
 constexpr double kSameDirection = 1e-20;
@@ -49,7 +57,7 @@ void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
   const bool stops_known = !contacts.empty() && !slipped_;
   // Of several tendons, or what they press at, it cannot be told what they would have done.
-  const bool alone = !gravity_response.empty() && n() == 6 && touches == 1;
+  const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turns);
   observer.observe(rates, free, unforced(gravity), alone, stops_known);
   contacts_known = false;
   gyroscopic_acceleration = gyroscopic();
@@ -80,6 +88,18 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
   root = observer.root();
   find_stops(dt);
   settle_stops(observer.forces(), dt);
+}
+
+bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
+  Vec3 by;
+  double light = 0;
+  for (int k = 0; k < 6; ++k) {
+    const Vec3 e{root[18 + k], root[24 + k], root[30 + k]};
+    by += dot(e, tendon_torque) * e;
+    light += dot(e, e);
+  }
+  const Vec3 turn = dt * (spin + dt * by);
+  return dot(turn, turn) > kFarTurn || dt * dt * light * tendon_pull > kFarSwing;
 }
 
 void GeneralizedBody::act(double dt) {

@@ -51,10 +51,13 @@ struct GeneralizedBody {
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   Observer observer;
-  Numbers root;     // E, without what the stops take away in this step
-  Numbers change;   // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
-  Numbers forces;   // generalized, of the tendons in this step
-  int touches = 0;  // attachments and contacts of tendons
+  Numbers root;        // E, without what the stops take away in this step
+  Numbers change;      // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
+  Numbers forces;      // generalized, of the tendons in this step
+  bool turns = false;  // far in this step, so that arms are not those at its start
+  Vec3 tendon_torque;  // of the tendons, by the last solution [N m]
+  double tendon_pull = 0;   // sum of their forces times arms [N m]
+  int touches = 0;          // attachments and contacts of tendons
   bool point_mass = false;  // it is a spring in the solution (World::aim_attachments)
   BodyUnknowns unknowns;
 
@@ -79,6 +82,8 @@ struct GeneralizedBody {
   bool sample(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.
   void act(double dt);
+  // Whether it turns far within dt with this predicted spin, or its arms would under the tendons' pulls.
+  bool turns_far(Vec3 spin, double dt) const;
   // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
   bool settle_stops(const Numbers& forces, double dt);
   // An impulse, generalized, changes its motion.

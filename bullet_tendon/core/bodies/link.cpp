@@ -58,7 +58,7 @@ void Link::turn(const GeneralizedBody& m, double share) {
 }
 
 Vec3 Link::displaced(Vec3 arm) const {
-  if (!turns()) return given.at(arm);
+  if (!turned.far) return given.at(arm);
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
 }
 
@@ -66,7 +66,7 @@ Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.ra
 
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
-Twist Link::spin_of(const dense::Numbers& y) const { return times(turns() ? root : reached, y); }
+Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
 
 void Link::reach(const GeneralizedBody& m) {
   if (m.unknowns.freedom == m.n())

@@ -39,8 +39,6 @@ struct Link {
   FiniteRotation turned;
 
   bool yields() const { return body >= 0; }
-  // A free rigid body. Its rotation in a step is finite. Links on joints turn to first order.
-  bool turns() const { return yields() && jacobian.empty(); }
   // Keeps `moved`, after the link was read and before start_pose is set.
   void note_motion();
   // Velocity and spin predicted by the change of the body's rates.
@@ -69,13 +67,13 @@ struct Link {
   Vec3 now(Vec3 arm) const { return turned.rotation * arm; }
   // Sets the finite rotation by a share of the predicted one and by the unknowns.
   void turn(const GeneralizedBody& m, double share);
-  // Displacement of the point at the arm by the unknowns; of what turns, also from its straight path.
+  // Displacement of the point at the arm by the unknowns; of what turns far, also from its straight path.
   Vec3 displaced(Vec3 arm) const;
   // Torque of a force at the arm, on the rotation vector of the step.
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
   // The twist of unknowns (or their change), over s.
   Twist twist_of(const dense::Numbers& y) const;
-  // The same; of what turns, its change of theta (bodies/finite_rotation.h).
+  // The same; of what turns far, its change of theta (bodies/finite_rotation.h).
   Twist spin_of(const dense::Numbers& y) const;
   // Adds through^T wrench, a generalized force.
   void add_generalized(const dense::Numbers& through, const Twist& wrench, dense::Numbers& to) const;

@@ -83,7 +83,6 @@ bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
 void Observer::measure(const Numbers& rates, const Numbers& gravity) {
   now_.forces = forces_, now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
-  now_.limited = std::any_of(rates.begin(), rates.end(), is_cut_off);
 }
 
 void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }

@@ -56,16 +56,14 @@ class Observer {
   const Numbers& push() const { return push_; }            // acceleration
   const Numbers& forces() const { return forces_; }        // of the last step
   const Numbers& missed() const { return missed_; }  // acceleration that was not predicted; empty: not known
-  // Whether pybullet cut off some rate in the last two steps; and in the last one, of a body on one tendon.
-  bool was_limited() const { return last_.limited || before_.limited; }
+  // Whether pybullet cut off some rate in the last step.
   bool was_cut() const { return !last_.cut.empty() && dense::dot(last_.cut, last_.cut) > 0; }
 
  private:
   friend struct StateFields;  // world/state_fields.h
   struct Sample {
     Numbers forces, acceleration;
-    Numbers cut;           // by rate: its sign where pybullet cut it off, else 0
-    bool limited = false;  // pybullet cut some rate off
+    Numbers cut;  // by rate: its sign where pybullet cut it off, else 0
   };
   void start(int n);
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }

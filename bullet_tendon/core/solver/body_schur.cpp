@@ -47,7 +47,7 @@ void each_carried(Island& island, Do what) {
 void add_load(Link& link, Vec3 force, Vec3 arm) {
   const Vec3 now = link.now(arm);
   link.load.linear += force, link.load.angular += cross(now, force);
-  if (link.turns()) link.turned.add_pull(now, force);
+  if (link.turned.far) link.turned.add_pull(now, force);
 }
 
 // B^T of the loads on links, added to the numbers of their bodies.
@@ -71,7 +71,7 @@ void place(Island& island) {
     Link& link = (*island.links)[l];
     const GeneralizedBody& m = (*island.all_bodies)[link.body];
     link.given = scaled(reach_of(island), link.spin_of(m.unknowns.y));
-    if (link.turns()) link.turn(m, 1);
+    if (link.turned.far) link.turn(m, 1);
   }
   each_carried(island, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     c.x_new.set(h.particle, h.aim), c.x_new_tail.set(h.particle, Vec3{});
@@ -429,7 +429,7 @@ void stiffen_turned(Island& island, bool definite) {
   const int n = island.freedom;
   for (int l : island.carried) {
     const Link& link = (*island.links)[l];
-    if (!link.turns()) continue;
+    if (!link.turned.far) continue;
     const GeneralizedBody& m = (*island.all_bodies)[link.body];
     const double reach = island.reach;
     const Sym3 k =

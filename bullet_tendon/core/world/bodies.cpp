@@ -42,9 +42,9 @@ void World::find_point_masses() {
   for (const Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link < 0 || solid_[h.link] || !links[h.link].turns()) continue;
+      if (h.link < 0 || solid_[h.link] || !links[h.link].yields()) continue;
       GeneralizedBody& m = bodies[links[h.link].body];
-      if (m.touches > 1 || m.observer.held() || m.is_stopped()) continue;
+      if (!links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped()) continue;
       const double of_mass = 3 * m.free[0],
                    of_point = trace(links[h.link].mobility(to_world(links[h.link].pose, h.local)));
       m.point_mass = of_point - of_mass <= kAtCentre * of_mass;
@@ -56,6 +56,7 @@ void World::find_unknowns() {
   count_touches();
   for (GeneralizedBody& m : bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
+  for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknowns.any && bodies[l.body].turns;
   for (Contact& contact : contacts_)
     contact.moves =
         contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknowns.any;
@@ -80,8 +81,8 @@ void World::find_solid_links() {
     if (tunnel_alive[t]) solid_[tunnels[t].link] = 1;
 }
 
-// The unknowns of bodies. A free rigid body has six. The unknowns of a body with joints follow from what can
-// touch it: a link with shapes or tunnels anywhere, other links at their attached points alone.
+// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, other links at
+// their attached points alone. A body that turns far has all.
 void World::narrow_bodies() {
   if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknowns.any; }))
     return;
@@ -97,11 +98,11 @@ void World::narrow_bodies() {
       }
   };
   for (GeneralizedBody& m : bodies) m.unknowns.freedom = 0, m.unknowns.basis.clear();
-  each_reached([&](const Link& link, int count, Vec3) {
-    bodies[link.body].unknowns.freedom += link.turns() ? bodies[link.body].n() : count;
-  });
-  for (GeneralizedBody& m : bodies)
-    m.unknowns.freedom = !m.unknowns.any || m.unknowns.freedom >= m.n() ? m.n() : 0;
+  each_reached([&](const Link& link, int count, Vec3) { bodies[link.body].unknowns.freedom += count; });
+  for (GeneralizedBody& m : bodies) {
+    const bool all = !m.unknowns.any || m.turns || m.unknowns.freedom >= m.n();
+    m.unknowns.freedom = all ? m.n() : 0;
+  }
   each_reached([&](const Link& link, int count, Vec3 arm) {
     GeneralizedBody& m = bodies[link.body];
     for (int k = 0; k < count && m.unknowns.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
@@ -119,6 +120,31 @@ void World::sum_forces(double scale, Of wrench_of) {
     const Wrench w = wrench_of(l);
     l.add_generalized(l.jacobian, {scale * w.force, scale * w.torque}, bodies[l.body].forces);
   }
+}
+
+// Marks bodies that turn far, by the forces of the last solution. Returns whether there is a new one.
+bool World::find_turning() {
+  if (whole_ || options.integrator == Integrator::explicit_euler || options.iteration == Iteration::single)
+    return false;
+  for (GeneralizedBody& m : bodies) m.tendon_torque = {}, m.tendon_pull = 0;
+  auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
+    if (link < 0 || !links[link].yields() || !links[link].jacobian.empty()) return;
+    GeneralizedBody& m = bodies[links[link].body];
+    m.tendon_torque += cross(arm, force);
+    m.tendon_pull += norm(arm) * norm(force);
+  };
+  for (const Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i)
+      if (const Anchor& h = c->anchors[i]; h.link >= 0)
+        add_pull(h.link, links[h.link].arm_of(h.local), h.force);
+  for (const Contact& contact : contacts_) add_pull(contact.link, contact.arm, -contact.mean_force);
+  bool any = false;
+  for (const Link& l : links) {
+    if (!l.yields() || !(bodies[l.body].tendon_pull > 0) || bodies[l.body].turns) continue;
+    bodies[l.body].turns = bodies[l.body].turns_far(l.spin, substeps_.step());
+    any |= bodies[l.body].turns;
+  }
+  return any;
 }
 
 // Whether limits and contacts act with the forces of this solution that were not foreseen to, or the other

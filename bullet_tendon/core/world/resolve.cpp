@@ -121,8 +121,6 @@ std::vector<int> World::pulled_bodies() const {
       if (h.link < 0 || !links[h.link].yields() || !links[h.link].jacobian.empty()) continue;
       const Observer& seen = bodies[links[h.link].body].observer;
       if (seen.missed().empty() || seen.held()) continue;
-      // What several tendons would have done is not known.
-      if (seen.was_limited() && bodies[links[h.link].body].touches > 1) continue;
       double& of_body = most[links[h.link].body];
       const double away = pulled_away(*c, h);
       of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);

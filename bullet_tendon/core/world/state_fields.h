@@ -85,7 +85,6 @@ struct StateFields {
     a("forces", s.forces);
     a("acceleration", s.acceleration);
     a("cut", s.cut);
-    a("limited", s.limited);
   }
   template <class A>
   static void of(A& a, Observer& o) {
@@ -120,6 +119,7 @@ struct StateFields {
     a("root", m.root);
     a("change", m.change);
     a("touches", m.touches);
+    a("turns", m.turns);
     a("stopped_by", m.stopped_by_);
     a("stops", m.stops_);
     a("directions", m.directions_);

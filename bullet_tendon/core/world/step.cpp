@@ -79,6 +79,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   slots_.clear();
   for (Link& l : links) l.wrench = {};
   may_resolve_ = !whole && any_moved();
+  for (GeneralizedBody& m : bodies) m.turns = false;
   if (may_resolve_) {
     start_.sensed_links = links;
     start_.sensed_bodies = bodies;
@@ -97,6 +98,7 @@ void World::predict() {
   context_.may_halve = substeps_.may_halve();
   looks_ = 0;
   looking_ = false;
+  find_turning();
   find_point_masses();
   context_.reach = std::sqrt(substeps_.end() * context_.dt);
   for (Link& l : links) {
@@ -130,6 +132,7 @@ std::optional<Reason> World::solve_substep() {
   }
   if (!substeps_.may_repeat() || budget_.exhausted()) return {};
   if (settle_stops()) return Reason::joint_stops;
+  if (find_turning()) return Reason::body_rotation;
   return {};
 }
 

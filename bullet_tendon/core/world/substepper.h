@@ -31,8 +31,9 @@ enum class Reason : int {
   woken,            // an island at rest was reached
   step_weights,     // tendons that press on each other had step weights of different methods
   joint_stops,      // joint limits or contacts of a body act otherwise than predicted
+  body_rotation,    // a body turns far that was taken to turn little
 };
-constexpr int kReasons = 8;
+constexpr int kReasons = 9;
 using ReasonCounts = std::array<int, kReasons>;
 
 class Substepper {

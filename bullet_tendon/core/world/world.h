@@ -155,6 +155,7 @@ class World {
   template <class Of>
   void sum_forces(double scale, Of wrench_of);
   void act_on_bodies();
+  bool find_turning();
   void push_bodies();
   bool settle_stops();
   void find_solid_links();
