@@ -74,6 +74,7 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
   if (slot >= static_cast<int>(w.bodies.size()) || w.bodies[slot].n() == 0) return;
   GeneralizedBody& m = w.bodies[slot];
   const Vec3 from = vector(centre.ptr());
+  if (keep && m.contacts_known) return;
   m.contacts.clear();
   m.contacts_known = keep;
   if (keep && !m.may_rest(w.gravity())) return;
