@@ -21,7 +21,7 @@ from .reports import StepReport
 from .tendon import Tendon
 
 _GRAVITY = ["gravityAcceleration" + axis for axis in "XYZ"]
-_FAILED, _SOLVED = 0, 1  # what the core's apply returns; else the parameters are not valid
+_FAILED, _SOLVED = 0, 1  # what the core's apply returns; 2 where the parameters are not valid
 
 
 class Stepper:
@@ -42,8 +42,7 @@ class Stepper:
         self._links = bodies.links
         self._tendons = tendons
         self.options = options
-        # Callbacks of the core, bound once.
-        self._read_bodies, self._measure = self._sense, obstacles.measure
+        self._measure = obstacles.measure  # what the core calls; bound once
         self._react = self._bullet = 0.0  # seconds of these rooms in the last step
         self._report = StepReport()
         self._is_read = True  # whether _report is what the core reports
@@ -62,7 +61,7 @@ class Stepper:
 
     @property
     def report(self) -> StepReport:
-        """What the last step did and what it skipped; made when it is asked for."""
+        """What the last step did and what it skipped; read from the core when it is first asked for."""
         if not self._is_read:
             found = self._core.report()
             worst = self._tendons.get(found.worst_tendon)
@@ -79,12 +78,12 @@ class Stepper:
             self._bodies.require_client()
             raise
         links = self._links
-        outcome = self._core.apply(parameters, self._read_bodies if links else None, self._measure)
+        outcome = self._core.apply(parameters, self._sense if links else None, self._measure)
+        if outcome > _SOLVED:
+            _checked(parameters)
         self._is_read = False
         self._bullet = self._react = 0.0
-        if outcome != _SOLVED:
-            if outcome != _FAILED:
-                _checked(parameters)
+        if outcome == _FAILED:
             self._give_up()
         elif links:
             start = perf_counter()
@@ -92,7 +91,7 @@ class Stepper:
             self._react = perf_counter() - start
 
     def step(self) -> None:
-        """apply, pybullet's step, and what is seen of held bodies right after it."""
+        """apply, pybullet's step, and the observation of held bodies right after it."""
         self.apply()
         start = perf_counter()
         p.stepSimulation(self._client)
@@ -105,9 +104,10 @@ class Stepper:
 
         False only where it could not be solved and the options say to go on. Raises what apply raises.
         """
-        sense = self._read_bodies if self._links else None
+        sense = self._sense if self._links else None
         solved = self._core.hold(dt, gravity, sense, self._measure)
-        self._is_read, self._react, self._bullet = False, 0.0, 0.0
+        self._is_read = False
+        self._bullet = self._react = 0.0
         if not solved:
             self._give_up()
         return solved
@@ -121,7 +121,7 @@ class Stepper:
         return _checked(p.getPhysicsEngineParameters(self._client))
 
     def _give_up(self) -> None:
-        """Raise StepFailed for the step that was not solved, or warn, as the options say."""
+        """The step has no solution: raises StepFailed, or warns, as the options say."""
         self.report.converged = False
         problem = self._failure()
         if self._options.on_failure == "raise":
@@ -135,7 +135,7 @@ class Stepper:
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
 
     def _sense(self, dt: float, gravity: tuple, held: bool = False) -> None:
-        """Where links are and how they answer; a last step with a release or a sudden pull is put right."""
+        """Read where links are and how they respond; correct a last step with a release or a sudden pull."""
         self._bodies.read()
         if not self._core.sense(dt, gravity, held) or held:
             return  # nothing is held that could be released
@@ -145,13 +145,12 @@ class Stepper:
             self._core.sense(dt, gravity, False)
 
     def _resolve_previous_step(self) -> bool:
-        """Take back a step that did not know of a release, or of a sudden pull at a body, and put it right.
+        """Correct a step in which a body was released, or pulled by a force that was not predicted.
 
-        The step is solved again with the free response of the links that were released, and with the motion
-        that was seen of bodies pulled at; links get the difference of the impulses, as if that had acted in
-        the first place. Where that has no solution, the step stays as it was taken. Bodies whose rates
-        pybullet has cut off, so that the pull is not known, go as was predicted. Returns whether motion has
-        changed.
+        The step is solved again with the free response of the released links, and with the observed motion of
+        the pulled bodies. The links get the difference of the impulses, as if that had acted in the step. If
+        this has no solution, the step stays as it was taken. Bodies whose rates pybullet has cut off, so that
+        the pull is not known, move as predicted. Returns whether any motion has changed.
         """
         last_dt = self._core.last_step()[0]
         released = self._core.released_bodies()
@@ -169,11 +168,11 @@ class Stepper:
         return True
 
     def _solve_again(self, released: list[int], pulled: list[int]) -> bool:
-        """Solve the last step again, without what held and with what pulled; whether there was a way back."""
+        """Solve the last step again, with released and pulled bodies; whether that step could be undone."""
         if not released and not pulled:
             return False
         core = self._core
-        _ = self.report  # of the step as it was taken: the core's is going to be of this solution
+        _ = self.report  # of the step as it was taken, before the core's is of this solution
         taken, given = core.save(), core.wrenches()
         dt, gravity = core.last_step()
         if not core.rewind(pulled):

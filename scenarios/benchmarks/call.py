@@ -1,11 +1,11 @@
 """Time of a step as the user calls it, world.apply(), beside the core's step within that call.
 
-A tendon of PARTICLES particles, held at one end, swings with a weight at the other, and nothing else is in the
+A tendon of PARTICLES particles, held at one end, swings with a weight at the other. Nothing else is in the
 scene. "Point mass": the weight is a mass on the last particle, and there are no bodies. "Body": it is a
 pybullet body to which the tendon is attached. pybullet takes a step after every call, outside the time.
 "Core" is the rooms near and solve of the world's report: the whole implicit step of the compiled core.
-"Beyond" is the rest of the call: pybullet's parameters, the copy of the state, reading and pushing bodies, and
-Python. "Parameters" is p.getPhysicsEngineParameters() by itself, which gives the time step and gravity.
+"Beyond" is the rest of the call: pybullet's parameters, the copy of the state, reading and pushing bodies,
+and Python. "Parameters" is p.getPhysicsEngineParameters() by itself, which gives the time step and gravity.
 "Sense" and "react" are these rooms of the report: the reading of bodies, and the forces on them. Both scenes
 are measured by turns in rounds; a figure is the median over the rounds of the rounds' medians.
 """

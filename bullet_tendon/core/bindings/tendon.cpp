@@ -88,7 +88,6 @@ void bind_world_tendon(GuardedWorld& world) {
            })
       .def("is_asleep", [](World& w, int c) { return w.tendons[c]->bed >= 0; })
       .def("energy", [](World& w, int c) { return w.tendons[c]->energy(); })
-      .def("tunnel_of", [](World& w, int c) { return w.tendons[c]->tunnel_of; })
       .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.tendons[c]->force.at(i)); })
       .def("add_grip",

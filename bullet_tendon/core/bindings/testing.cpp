@@ -47,11 +47,14 @@ Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& befor
   SpringSet s = shear ? c.shear : c.structure;
   measure(s, before);
   s.start = s.history = s.length;
-  evaluate(s, c.material.law, x, Field(c.n()), before, b);
+  Field displacement(c.n());
+  for (int i = 0; i < c.n(); ++i) displacement.set(i, x.at(i) - before.at(i));
+  const Motion motion{before, displacement, before, 0, b};
+  evaluate(s, c.material.law, motion);
   term.gradient.resize(c.n());
   scatter_forces(s, term.gradient);
   term.energy = stored_energy(s, c.material.law);
-  linearise(s, c.material.law, Linearisation::position, 0, b, false);
+  linearise(s, c.material.law, Linearisation::position, 0, motion, false);
   Band matrix;
   matrix.resize(c.n(), c.matrix.half);
   scatter_blocks(s, matrix);
@@ -124,13 +127,27 @@ py::tuple pair_term(const Array& ends, double offset, double stiffness, double c
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
   row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
-  row.follow_pair(x, 1e300);
+  row.follow_pair(x);
   const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
   row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
   row.add_pair_sliding_terms(x, false);
   Field force(4);
   for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.total_force);
   return py::make_tuple(row.gap, rows_of(force), full_block(row, P, 4));
+}
+
+// Parameters (k, 2) of the ends of the stretch along which two segments (4, 3) touch
+// (geometry/segment_distance.h).
+Array touching_parameters(const Array& ends, double sag) {
+  const Field x = field_of(ends);
+  PairParameters found[2];
+  const int count = touching_stretch(x.at(0), x.at(1), x.at(2), x.at(3), sag, found);
+  Array out({static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(2)});
+  for (int k = 0; k < count; ++k) {
+    out.mutable_at(k, 0) = found[k].u;
+    out.mutable_at(k, 1) = found[k].w;
+  }
+  return out;
 }
 
 // Triangles (t, 3, 3) listed for a segment (2, 3), and what is nearest of them to that segment after it has
@@ -178,6 +195,7 @@ void bind_terms(py::module_& testing) {
   testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);
   testing.def("pair_term", &pair_term);
+  testing.def("touching_parameters", &touching_parameters);
   testing.def("listed_nearest", &listed_nearest);
   testing.def("searched_nearest", &searched_nearest);
   testing.def("spring_term", &spring_term_of);
@@ -222,9 +240,9 @@ struct Probe {
     Array rows({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(7)});
     double* to = rows.mutable_data();
     for (const SegmentPair& s : found)
-      for (const double value :
-           {static_cast<double>(s.tendon_a), static_cast<double>(s.segment_a),
-            static_cast<double>(s.tendon_b), static_cast<double>(s.segment_b), s.u, s.w, s.distance})
+      for (const double value : {static_cast<double>(s.tendon_a), static_cast<double>(s.segment_a),
+                                 static_cast<double>(s.tendon_b), static_cast<double>(s.segment_b),
+                                 s.nearest.u, s.nearest.w, s.nearest.distance})
         *to++ = value;
     return py::make_tuple(rows, counts.searches, counts.skipped);
   }

@@ -218,7 +218,8 @@ double arc_to(const Tendon& c, int particle, int k, double u) {
 
 }  // namespace
 
-double kept_apart(const SegmentPair& p, const Tendon& a, const Tendon& b, const std::vector<Link>& links) {
+double kept_apart(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
+                  const std::vector<Link>& links) {
   double apart = a.radius + b.radius;
   for (const Anchor& h : a.anchors)
     for (const Anchor& g : b.anchors) {
@@ -229,7 +230,7 @@ double kept_apart(const SegmentPair& p, const Tendon& a, const Tendon& b, const 
       // Of one tendon, two holds side by side do not contradict a contact: what is between them is none.
       const auto [first, last] = std::minmax(h.particle, g.particle);
       if (&a == &b && arc_between(a, first, last) < kSelfContactArc * a.radius) continue;
-      const double arcs = arc_to(a, h.particle, p.segment_a, p.u) + arc_to(b, g.particle, p.segment_b, p.w);
+      const double arcs = arc_to(a, h.particle, p.segment_a, at.u) + arc_to(b, g.particle, p.segment_b, at.w);
       apart = std::min(apart, d + kParting * arcs);
     }
   return apart;

@@ -15,10 +15,11 @@ constexpr double kStraight = 0.75;
 // Stretches of eight segments that are looked at for being straight together at most [-].
 constexpr int kFarthestStretch = 64;
 
-// What the ends of two nearly parallel segments may be farther apart by than their nearest points to draw the
-// contact towards them, in sums of radii [-]. Larger: the nearer end goes deeper. Smaller: what lies side by
-// side is pushed at one end in one step and at the other in the next.
-constexpr double kPairEnds = 5e-3;
+// What nearly parallel segments may be nearer to each other between their contacts than there, in sums of
+// radii
+// [-]. Larger: they go deeper. Smaller: contacts of segments that cross lie nearer together, and hold them
+// less against turning.
+constexpr double kSag = 2e-3;
 
 BT_VECTOR bool runs_straight(const Field& at) {
   const int m = at.size() - 1;
@@ -94,6 +95,35 @@ Sweep NarrowPhase::sweep(int k, int m) const {
   return s;
 }
 
+PairPoint NarrowPhase::point(int k, int m, double u, double w) const {
+  const Field &x = a.tendon().x, &y = b.tendon().x;
+  PairPoint at;
+  at.u = u;
+  at.w = w;
+  at.apart = (1 - u) * x.at(k) + u * x.at(k + 1) - ((1 - w) * y.at(m) + w * y.at(m + 1));
+  at.distance = norm(at.apart);
+  return at;
+}
+
+// Where two segments touch that are nearest as found.
+void NarrowPhase::find_points(SegmentPair& s, double reach) const {
+  const Tendon &p = a.tendon(), &q = b.tendon();
+  const int k = s.segment_a, m = s.segment_b;
+  PairParameters ends[2];
+  const int count = touching_stretch(p.x.at(k), p.x.at(k + 1), q.x.at(m), q.x.at(m + 1),
+                                     kSag * (p.radius + q.radius), ends);
+  s.parallel = count > 0;
+  if (!s.parallel) s.points[s.count++] = s.nearest;
+  auto is_pair = [&](int i, int j) { return !straight || (!a.joins(i, j) && !p.is_overlaid(i, j)); };
+  const bool next_a = k + 2 < p.n() && is_pair(k + 1, m), next_b = m + 2 < q.n() && is_pair(k, m + 1);
+  for (int end = 0; end < count; ++end) {
+    if (count == 1 && ((ends[end].u == 1 && next_a) || (ends[end].w == 1 && next_b))) continue;
+    PairPoint at = point(k, m, ends[end].u, ends[end].w);
+    at.end = end;
+    if (at.distance < reach) s.points[s.count++] = at;
+  }
+}
+
 void NarrowPhase::test(int k, int m) {
   const Tendon &p = a.tendon(), &q = b.tendon();
   // Two tendons may move towards each other as wholes.
@@ -109,19 +139,19 @@ void NarrowPhase::test(int k, int m) {
   const double reach = skins + slack + std::min(moves, most);
   const double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
   if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
-  SegmentPair s{slot_a, k, slot_b, m, 0, 0, {}, 0, false};
-  nearest_parameters(p0, p1, q0, q1, s.u, s.w);  // step 2
-  between_ends(p0, p1, q0, q1, kPairEnds * radii, s.u, s.w);
-  s.apart = (1 - s.u) * p0 + s.u * p1 - ((1 - s.w) * q0 + s.w * q1);
-  s.distance = norm(s.apart);
-  if (s.distance >= reach) return;
+  SegmentPair s{slot_a, k, slot_b, m};
+  double u, w;
+  nearest_parameters(p0, p1, q0, q1, u, w);  // step 2
+  s.nearest = point(k, m, u, w);
+  if (s.nearest.distance >= reach) return;
+  find_points(s, reach);
   if (foresight == Foresight::swept && moves > kFarthestMove * radii) {
     const Sweep swept = sweep(k, m);
     if (swept.share_apart(skins + slack) == 1) return;
     const double share = swept.share_apart(skins);
     counts.room = std::min(counts.room, std::max(share, kFarthestMove * radii / moves));
     s.passes = share == 1;
-    s.apart = swept.turned(s.apart);
+    for (PairPoint& at : s.points) at.apart = swept.turned(at.apart);
   }
   ++counts.near;
   out.push_back(s);

@@ -8,17 +8,28 @@
 
 namespace bt {
 
+// A point of each segment: x_a + u (x_a+1 - x_a) and x_b + w (x_b+1 - x_b).
+struct PairPoint {
+  double u = 0, w = 0;
+  Vec3 apart;  // from b to a [m], turned as they are predicted to turn together within the step
+  double distance = 0;
+  int end = 0;  // of the stretch along which they touch
+};
+
 struct SegmentPair {
   int tendon_a, segment_a, tendon_b, segment_b;
-  double u, w;  // nearest points: x_a + u (x_a+1 - x_a), x_b + w (x_b+1 - x_b)
-  Vec3 apart;   // from b to a [m], turned as they are foreseen to turn together within the step
-  double distance;
-  bool passes = false;  // as foreseen they do not touch
+  PairPoint nearest;
+  bool passes = false;    // as predicted they do not touch
+  bool parallel = false;  // nearly: they touch at the ends of a stretch, else where they are nearest
+  // Where they touch. An end at the second particle of a segment is left to the next segment.
+  int count = 0;
+  PairPoint points[2];
 };
 
 // Distance that the centrelines of a pair are kept at [m]: the sum of their radii, or less near held
 // particles that are nearer than that (collision/broad_phase.cpp).
-double kept_apart(const SegmentPair& p, const Tendon& a, const Tendon& b, const std::vector<Link>& links);
+double kept_apart(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
+                  const std::vector<Link>& links);
 
 // What a search for pairs did.
 struct PairCounts {
@@ -65,6 +76,8 @@ struct NarrowPhase {
   void test(int k, int m);
 
  private:
+  PairPoint point(int k, int m, double u, double w) const;
+  void find_points(SegmentPair& s, double reach) const;
   double motion(int k, int m) const;
   Sweep sweep(int k, int m) const;
 };

@@ -18,8 +18,7 @@ constexpr int kOldest = 24;
 constexpr double kFresh = 1e-2;
 
 // Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
-// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
-// queries.
+// [-]. Larger: lists cost more. Smaller: more searches.
 constexpr double kListed = 0.05;
 
 }  // namespace
@@ -72,7 +71,7 @@ Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, const Pose& pose, const std
   return plane_at((1 - found.u) * a + found.u * b, found.point, found.u, 1, pose, bores, fallback);
 }
 
-// The same whether it was measured or known to be: what is too far away makes no row either way.
+// What is too far away makes no contact, also where it was measured.
 bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.reach; }
 
 // Decides for one feature between skipping, reusing and querying.
@@ -105,7 +104,6 @@ struct Considering {
     }
     ++counts.queried;
     if (!shape.primitive) return queries.push_back(query);
-    context.kept->push_back({query.tendon, query.shape, query.feature, e});
     const PrimitiveNearest found = shape.primitive.nearest(query.a, query.b);
     answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
   }
@@ -131,7 +129,6 @@ struct Considering {
     const Nearest found = surface.search(q.a, q.b, within);
     if (found.distance == 0) return false;
     e.nearby.clear();  // the list can be made again
-    context.kept->push_back({q.tendon, q.shape, q.feature, e});
     e.a = q.a, e.b = q.b, e.distance = found.distance, e.listed = (1 + 2 * kListed) * found.distance;
     e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
     e.now = e.asked, e.clearance = e.distance;

@@ -1,21 +1,24 @@
 // Which particles and segments of a tendon need a distance to a bone, and what was last answered.
 //
-// A feature is a particle or the inside of a segment. Its entry keeps the plane of the last query
-// (point and normal on the shape, in the shape's frame) and where the feature was then. With m the
-// motion since, relative to the shape:
-//   skipped  while d - m > reach, because the feature cannot have come within reach,
-//   reused   while the list of triangles that were near then still has the nearest one
-//   (geometry/triangle_bvh.h), or, of
-//            a shape without triangles, while the plane's error is under the reuse tolerance,
-//   searched for the nearest triangle from where the last one bounds its distance, by the core,
-//   queried  otherwise: of what is not known yet, and of what has gone through a surface or crosses it;
-//            answered by closed forms here (geometry/primitive_distance.h).
-// Triangles are measured anew, so that friction is led over the true surface, at any tolerance but 0.
-// Without them: distance to a convex body at a displacement from distance d is at least the plane's value;
-// with m the displacement's part along the plane and d' >= d - |displacement| the plane's value there, it is
+// A feature is a particle or the inside of a segment. Its entry has the plane of the last measurement (point
+// and normal on the shape, in the shape's frame) and where the feature was then. With d the distance then,
+// and m the motion since, relative to the shape, the feature is
+//   skipped  while d - m > reach, because it cannot have come within reach,
+//   reused   while the list of triangles that were near then contains the nearest one
+//            (geometry/triangle_bvh.h): these triangles are measured again. Of a primitive, while the error
+//            of the plane is below the reuse tolerance,
+//   searched for its nearest triangle, whose distance the last one bounds,
+//   queried  otherwise: where nothing is known, or the feature crosses the surface or has passed through it.
+//            Primitives are measured by closed forms here (geometry/primitive_distance.h).
+// All of this is checked against the feature's present place. Therefore entries are not put back where a step
+// is.
+//
+// The distance to a convex primitive at a displacement from distance d is at least the plane's value. With m
+// the part of the displacement along the plane, and d' >= d - |displacement| the plane's value there, it is
 // at most sqrt(d'^2 + m^2) - d' <= m^2/(2 d') more. Hence reuse up to m = sqrt(2 d' tolerance). The normal
-// lags behind by the same token, up to sqrt(2 tolerance/d'), while a feature slides, and for some steps
-// after. Tolerance 0 is for what must slide without any loss.
+// lags behind by up to sqrt(2 tolerance/d') while a feature slides, and for some steps after. What rests on a
+// curved primitive rests on a plane that stands still; measured in each step, it would go on trembling by
+// about 1e-6 m/s.
 #pragma once
 #include <vector>
 
@@ -65,12 +68,6 @@ struct NearCounts {
        tunnels_culled = 0;  // pairs of tendons and tunnels, and those of them that are too far apart
 };
 
-// An entry as it was, of the tendon, shape and feature.
-struct KeptEntry {
-  int tendon, shape, feature;
-  Entry entry;
-};
-
 struct NearCache {
   std::vector<Entry> entries;  // n particles, then n - 1 segments; empty until the shape was near
   std::vector<Vec3> local;     // particles in the shape's frame
@@ -80,7 +77,6 @@ struct NearCache {
 struct NearContext {
   double dt = 0, threshold = 0, reuse_tolerance = 0;
   const std::vector<Bore>* bores = nullptr;  // those of the shape's link
-  std::vector<KeptEntry>* kept = nullptr;    // what is changed by a search
 };
 
 // Appends the queries needed for one tendon and one shape, and marks the entries that are to make rows.

@@ -1,5 +1,5 @@
-// A contact contact: one temporary constraint spring between a point of a tendon and a body, a tunnel
-// or a point of a tendon (paper, section 4.1), with its friction.
+// A contact: one temporary constraint spring between a point of a tendon and a body, a tunnel or a point of a
+// tendon (paper, section 4.1), with its friction.
 //
 //   g = n.(x_a - x_b) - c                  gap of a plane contact [m]
 //   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore contact: n points to the axis
@@ -8,12 +8,11 @@
 //   z = xi + across(n)(x_a - x_b - ref)    displacement from where it stuck [m]
 //   F_t = -k_t z, at most mu N along z       Coulomb's return map [N]
 //
-//
-// With N_0 = 0 it is the paper's spring. With N_0 carried (N_0 <- N after every step) a resting
-// contact has no depth, whatever its load; k only sets how fast that is reached. Carried is what two steps
-// agree on: the force of an impact, repeated by the next step, would push off what it has stopped. Where
-// depth is left by the end of a step, N_0 <- N, k grows and the step is solved on (augmented Lagrangian,
-// Hestenes 1969).
+// With N_0 = 0 it is the paper's spring. With a carried multiplier (N_0 <- N after every step) a contact at
+// rest has no depth, whatever its load, and k sets only how fast that is reached. N_0 is the smaller one of
+// the forces of the last two steps: the force of an impact, if it were repeated, would throw off what it has
+// stopped. Where depth remains at the end of a step, N_0 <- N, k grows, and the step is solved further
+// (augmented Lagrangian, Hestenes 1969).
 #pragma once
 #include <cmath>
 #include <cstdint>
@@ -28,24 +27,24 @@ namespace bt {
 // at once [-]. Larger: limits follow wild forces. Smaller: rounds of solutions do what iterations could.
 constexpr double kAgreed = 0.3;
 
-// Distance of centrelines, in sums of radii, under which their own direction is not believed any more [-].
+// Distance of centrelines, in sums of radii, below which the direction between them is not used as a normal
+// [-].
 constexpr double kNearlyMet = 0.2;
 
 enum class ContactKind : int { bone = 0, bore = 1, mouth = 2, tendon = 3 };
 
-// Which contact it is, the same in every step for as long as it lasts.
+// Identifies a contact in every step for as long as it lasts.
 struct ContactKey {
-  int extra = 0;  // 1: a contact that was added in the same step to the one with the rest of the key
-                  // (solver/missed_contacts.cpp)
   ContactKind kind = ContactKind::bone;
   int tendon = 0, feature = 0;  // of a bone: particle i, or n + k for segment k; else particle or segment
   int other = 0;                // shape, tunnel, of a mouth 2 tunnel + mouth, or the other tendon
   int other_feature = 0;        // of the other tendon: its segment
+  int end = 0;                  // of the stretch along which nearly parallel segments touch
 };
 
 inline bool operator<(const ContactKey& a, const ContactKey& b) {
-  return std::tie(a.extra, a.kind, a.tendon, a.feature, a.other, a.other_feature) <
-         std::tie(b.extra, b.kind, b.tendon, b.feature, b.other, b.other_feature);
+  return std::tie(a.kind, a.tendon, a.feature, a.other, a.other_feature, a.end) <
+         std::tie(b.kind, b.tendon, b.feature, b.other, b.other_feature, b.end);
 }
 
 inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < b) && !(b < a); }
@@ -55,8 +54,8 @@ struct Contact {
   ContactKind kind = ContactKind::bone;
   SegmentPoint a, b;  // b.tendon = -1: against a link
   int link = -1;
-  bool moves = false;          // the link goes with its body's unknowns,
-  Vec3 arm;                    // by its point at this from the centre of mass [m]
+  bool moves = false;          // the link moves with its body's unknowns
+  Vec3 arm;                    // of the contact's point on the link from its centre of mass [m]
   Vec3 normal;                 // n, of a plane contact; of a bore contact as last evaluated
   double offset = 0;           // c; of a mouth contact, the distance kept from the circle
   double depth_allowance = 0;  // gap, negative, that may be left at the end of a part of a step [m]
@@ -76,9 +75,9 @@ struct Contact {
   double anchored_at = 0;               // the point of the segment that ref is of, where that moves
   double anchored_at_other = 0;         // the same of b
   Vec3 side;                            // of a pair: n as the step began
-  bool follows = false;                 // a pair whose points are the nearest ones
-  bool stays = false;    // but would have jumped, as between both ends of a segment that touch alike
-  double limit = 0;      // mu N that friction is limited to [N]
+  bool parallel = false;                // a pair of nearly parallel segments, whose points do not move
+  bool follows = false;                 // a pair whose points are the nearest ones now
+  double limit = 0;                     // mu N that friction is limited to [N]
   bool direct = false;   // constrained on the particle (Baraff and Witkin) instead of by a spring
   bool held = false;     // a direct contact that holds now
   bool joins = false;    // two tendons, in the pattern of their matrix
@@ -128,9 +127,8 @@ struct Contact {
   void predict(Vec3 moved);
   // Whether a force that is foreseen is nearly the present one.
   bool agrees(double foreseen) const { return std::fabs(foreseen - normal_force) <= kAgreed * normal_force; }
-  // The same of a pair of segments, x their ends (see contact/segment_pair.cpp). most: by which its force may
-  // change [N].
-  void follow_pair(const Vec3 (&x)[4], double most);
+  // The same of a pair of segments, x their ends (see contact/segment_pair.cpp).
+  void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
   // Gap and normal against the circle of a mouth, and its curvatures (see contact/mouth_edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
@@ -152,7 +150,7 @@ struct HeldBack {
 inline uint64_t hash_of(const ContactKey& key) {
   uint64_t hash = 14695981039346656037ull;
   for (const int part :
-       {key.extra, static_cast<int>(key.kind), key.tendon, key.feature, key.other, key.other_feature})
+       {static_cast<int>(key.kind), key.tendon, key.feature, key.other, key.other_feature, key.end})
     hash = (hash ^ static_cast<uint32_t>(part)) * 1099511628211ull;
   return (hash ^ hash >> 32) * 0x9e3779b97f4a7c15ull;
 }

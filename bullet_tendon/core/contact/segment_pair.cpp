@@ -9,8 +9,8 @@
 //
 // As at an edge (contact/mouth_edge.cpp), points that stay where the step began would be turned about or left
 // by what slides. A point at its segment's end stays there, and has no part in V. Nearly parallel segments
-// have no point that is nearest: theirs stay. So do those that would jump, and the iterations between two
-// solutions with them: what is touched besides gets a contact of its own (solver/missed_contacts.cpp).
+// have no point that is nearest: they have a contact at each end of the stretch along which they touch
+// (geometry/segment_distance.h), and the points of these contacts stay.
 #include <algorithm>
 #include <cmath>
 
@@ -19,11 +19,10 @@
 
 namespace bt {
 
-void Contact::follow_pair(const Vec3 (&x)[4], double most) {
+void Contact::follow_pair(const Vec3 (&x)[4]) {
+  follows = false;
+  if (parallel) return;
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
-  const double square = dot(along, along) * dot(other, other), turned = dot(along, other);
-  follows = !stays && square > 0 && square - turned * turned > kCrossing * square;
-  if (!follows) return;
   double u, w;
   nearest_parameters(x[0], x[1], x[2], x[3], u, w);
   const Vec3 apart = x[0] + u * along - (x[2] + w * other);
@@ -34,12 +33,6 @@ void Contact::follow_pair(const Vec3 (&x)[4], double most) {
     normal = side;
     return;
   }
-  auto force_at = [&](double d) {
-    return std::max(0.0, lambda - stiffness * (d - offset - depth_allowance));
-  };
-  const double here = dot(normal, a.w0 * x[0] + a.w1 * x[1] - b.w0 * x[2] - b.w1 * x[3]);
-  stays = std::fabs(force_at(distance) - force_at(here)) > most, follows = !stays;
-  if (stays) return;
   a.w0 = 1 - u, a.w1 = u, b.w0 = 1 - w, b.w1 = w;
   point_shift = (u - anchored_at) * along - (w - anchored_at_other) * other;
   normal = (1 / distance) * apart;
@@ -47,9 +40,9 @@ void Contact::follow_pair(const Vec3 (&x)[4], double most) {
 
 void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
   sliding_terms = 0;
-  if (definite || !follows || !pressed || lambda_predicted <= 0) return;
+  if (!follows || !pressed || lambda_predicted <= 0) return;
   const double D = gap + depth_allowance + offset;
-  block += (-lambda_predicted / D) * across(normal);
+  if (!definite) block += (-lambda_predicted / D) * across(normal);
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   const bool inside_a = a.w0 > 0 && a.w1 > 0, inside_b = b.w0 > 0 && b.w1 > 0;
   const double P[4] = {a.w0, a.w1, -b.w0, -b.w1};

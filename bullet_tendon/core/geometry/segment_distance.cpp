@@ -1,6 +1,7 @@
 #include "geometry/segment_distance.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace bt {
 
@@ -13,6 +14,11 @@ constexpr int kAdvances = 8;
 // One and the cosine of a turn, up to which it may as well be about any axis [-].
 constexpr double kHalfTurn = 1e-9;
 
+// Square of the sine between segments under which they are nearly parallel, and under which the crossing of
+// their lines is lost in rounding [-].
+constexpr double kNearlyParallel = 0.12;
+constexpr double kParallel = 1e-10;
+
 double clamp01(double t) { return std::min(std::max(t, 0.0), 1.0); }
 
 }  // namespace
@@ -24,7 +30,7 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
   double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), dr = dot(d, r), er = dot(e, r);
   double det = dd * ee - de * de;
   // Parallel segments have a whole interval of nearest points: take its middle.
-  if (det <= 1e-10 * dd * ee) {
+  if (det <= kParallel * dd * ee) {
     double w0 = ee > 0 ? clamp01(er / ee) : 0, w1 = ee > 0 ? clamp01((er + de) / ee) : 0;
     w = 0.5 * (w0 + w1);
   } else {
@@ -41,22 +47,34 @@ double segment_distance(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1) {
   return norm((1 - u) * p0 + u * p1 - ((1 - w) * q0 + w * q1));
 }
 
-void between_ends(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double enough, double& u, double& w) {
-  const Vec3 d = p1 - p0, e = q1 - q0;
-  const double dd = dot(d, d), ee = dot(e, e), de = dot(d, e);
-  if (dd == 0 || ee == 0 || dd * ee - de * de > kCrossing * dd * ee) return;
-  auto on_b = [&](double at) { return clamp01(dot(p0 + at * d - q0, e) / ee); };
-  auto distance = [&](double at, double other) { return norm(p0 + at * d - q0 - other * e); };
-  const double least = distance(u, w);
-  double end[2], near[2];
-  for (int k : {0, 1}) {
-    end[k] = clamp01(dot((k ? q1 : q0) - p0, d) / dd);
-    near[k] = 1 - (distance(end[k], on_b(end[k])) - least) / enough;
+// With the lines of both segments at the distance h, the distance of a point of p from the line of q is
+// sqrt(h^2 + t^2), t its distance from the crossing of the lines times the sine of their angle. So it is at
+// most h + sag where |t| <= sqrt(2 h sag + sag^2).
+int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParameters (&ends)[2]) {
+  const Vec3 d = p1 - p0, e = q1 - q0, r = p0 - q0;
+  const double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), det = dd * ee - de * de;
+  if (dd == 0 || ee == 0 || det > kNearlyParallel * dd * ee) return 0;
+  const double first = clamp01(dot(q0 - p0, d) / dd), second = clamp01(dot(q1 - p0, d) / dd);
+  double from = std::min(first, second), to = std::max(first, second);
+  if (det > kParallel * dd * ee) {
+    const double dr = dot(d, r), er = dot(e, r), crossing = (de * er - ee * dr) / det;
+    const Vec3 apart = r + crossing * d - ((de * crossing + er) / ee) * e;
+    const double side = std::sqrt(det / ee);  // |p1 - p0| times the sine
+    const double before = (crossing - from) * side, after = (to - crossing) * side;
+    if (before > 0 && after > 0) {
+      const double most = std::sqrt((2 * norm(apart) + sag) * sag);
+      // One end is within `most`. The other one need not be, if that one is so anyway.
+      auto limited = [most](double own, double other) {
+        return own <= most ? own : most + (own - most) * clamp01(2 - other / most);
+      };
+      from = clamp01(crossing - limited(before, after) / side);
+      to = clamp01(crossing + limited(after, before) / side);
+    }
   }
-  const double share = std::min(1.0, std::min(near[0], near[1]));
-  if (share <= 0) return;
-  u = (1 - share) * u + share * (near[0] * end[0] + near[1] * end[1]) / (near[0] + near[1]);
-  w = on_b(u);
+  auto on_q = [&](double u) { return clamp01(dot(p0 + u * d - q0, e) / ee); };
+  ends[0] = {from, on_q(from)};
+  ends[1] = {to, on_q(to)};
+  return to > from ? 2 : 1;
 }
 
 namespace {

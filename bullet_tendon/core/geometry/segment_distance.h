@@ -4,19 +4,22 @@
 
 namespace bt {
 
-// Square of the sine between two segments over which their nearest points are followed [-]. Smaller: those of
-// nearly parallel ones run to and fro.
-constexpr double kCrossing = 3e-2;
-
 // Nearest parameters of segments p0-p1 and q0-q1: p0 + u (p1 - p0) and q0 + w (q1 - q0).
 void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w);
 
 double segment_distance(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1);
 
-// Of nearly parallel segments, what is nearest jumps from one end of their overlap to the other as they turn
-// by nothing, and they with it. Ends that are farther apart than the nearest points by less than `enough` [m]
-// draw these towards them, so that they move as the segments turn.
-void between_ends(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double enough, double& u, double& w);
+// Parameters of a pair of points, as in nearest_parameters.
+struct PairParameters {
+  double u = 0, w = 0;
+};
+
+// Nearly parallel segments touch along a stretch, and their nearest points jump from one of its ends to the
+// other when the segments turn by rounding. Gives the ends of this stretch, in the order of p, and returns
+// how many there are: 2, or 1 where they coincide, or 0 if the segments are not nearly parallel. Where the
+// segments cross within the stretch, its ends lie so near to the crossing that at least one of them is not
+// farther apart than the nearest points by more than `sag` [m].
+int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParameters (&ends)[2]);
 
 // Two segments whose ends move along straight lines.
 struct Sweep {

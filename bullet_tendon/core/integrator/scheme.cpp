@@ -11,7 +11,7 @@ namespace {
 
 // What a touched tendon's velocities are off by from where their last change led, squared, as a share of
 // their own squares, above which its next step is taken by implicit Euler [-]. Larger: heaps go on vibrating
-// by methods of second order. Smaller: what swings beside a contact in more than about 12 steps loses their
+// by methods of second order. Smaller: what swings beside a contact in more than about 17 steps loses their
 // order.
 constexpr double kRough = 0.01;
 // Speed, in radii a second, up to which what touches something takes all its steps by implicit Euler [1/s].
@@ -28,73 +28,58 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   const bool second_order = is_second_order(method) && !(context.part && c.touched);
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
-  const double last = two ? -growth * growth / (1 + 2 * growth) : 0, now = 1 - last;
+  const double last = two ? -growth * growth / (1 + 2 * growth) : 0;
+  c.history = last;
   c.h_eff = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
   // Where the method's own velocity would take it; of the second order, where the motion does.
   const double ahead = history ? (two ? 0.5 : 1.0) * dt * std::min(1.0, dt / c.dt_before) : 0;
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
-    double *xh = c.x_history[k], *vh = c.v_history[k], *y = c.inertial_target[k], *next = c.x_new[k];
-    double *inertial_target_tail = c.inertial_target_tail[k], *x_new_tail = c.x_new_tail[k];
+    double *y = c.inertial_displacement[k], *u = c.displacement[k], *x_new = c.x_new[k];
     const double* mass = c.mass.data();
     const double b = c.h_eff;
     const int n = c.n();
 #pragma GCC ivdep
     for (int i = 0; i < n; ++i) {
-      xh[i] = x[i] + last * (xb[i] - x[i]), vh[i] = v[i] + last * (vb[i] - v[i]);
-      double goal = xh[i], tail = 0;
-      add_exactly(goal, tail, b * vh[i] + b * b * (g[k] + f[i] / mass[i]));
-      y[i] = goal, inertial_target_tail[i] = tail;
-      next[i] = x[i] + dt * v[i] + ahead * (v[i] - vb[i]), x_new_tail[i] = 0;
+      const double vh = v[i] + last * (vb[i] - v[i]);
+      y[i] = last * (xb[i] - x[i]) + b * vh + b * b * (g[k] + f[i] / mass[i]);
+      u[i] = dt * v[i] + ahead * (v[i] - vb[i]);
+      x_new[i] = x[i] + u[i];
     }
   }
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0 || c.material.damping == 0) continue;
-    if (two) measure(*s, c.x_before), s->before = s->length;
     measure(*s, c.x);
-    for (int k = 0; k < s->count; ++k) {
-      s->start[k] = s->length[k];
-      s->history[k] = now * s->start[k] + (two ? last * s->before[k] : 0);
-    }
+    s->start = s->history = s->length;
+    if (!two) continue;
+    measure(*s, c.x_before);
+    for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
   }
   for (const Anchor& h : c.anchors)
-    if (h.rigid) c.x_new.set(h.particle, h.aim);
+    if (h.rigid) c.place(h.particle, h.aim);
 }
 
-namespace {
-
-BT_VECTOR void read_acceleration(Tendon& c) {
+BT_VECTOR void find_velocities(Tendon& c) {
   for (int k = 0; k < 3; ++k) {
-    double* a = c.acceleration[k];
-    const double *v = c.v[k], *vh = c.v_history[k];
+    const double *x = c.x[k], *u = c.displacement[k], *xb = c.x_before[k];
+    double* v = c.v_new[k];
 #pragma GCC ivdep
-    for (int i = 0; i < c.n(); ++i) a[i] = (v[i] - vh[i]) / c.h_eff;
+    for (int i = 0; i < c.n(); ++i) v[i] = (u[i] - c.history * (xb[i] - x[i])) / c.h_eff;
   }
 }
 
-}  // namespace
-
-BT_VECTOR void finish_step(Tendon& c, const StepContext& context) {
-  // Explicit Euler and the energy projection leave their velocities in `step`.
-  const bool made_known = c.braked || context.options.integrator == Integrator::explicit_euler;
-  for (int k = 0; k < 3; ++k) {
-    double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k];
-    const double *next = c.x_new[k], *tail = c.x_new_tail[k], *xh = c.x_history[k], *made = c.dx[k];
-#pragma GCC ivdep
-    for (int i = 0; i < c.n(); ++i) {
-      xb[i] = x[i], vb[i] = v[i];
-      v[i] = made_known ? made[i] : (next[i] - xh[i] + tail[i]) / c.h_eff;
-      x[i] = next[i];
-    }
-  }
-  for (Anchor& h : c.anchors) h.target_before = h.aim;
-  if (is_second_order(context.options.integrator)) {
-    c.smooth &= !c.touched || goes_smoothly(c, context.dt);
-    read_acceleration(c);
+void finish_step(Tendon& c, const StepContext& context) {
+  if (is_second_order(context.options.integrator)) c.smooth &= !c.touched || goes_smoothly(c, context.dt);
+  c.x_before = c.x;
+  c.v_before = c.v;
+  c.x = c.x_new;
+  c.v = c.v_new;
+  for (Anchor& h : c.anchors) {
+    if (h.rigid && !h.moves) c.x.set(h.particle, h.aim);  // without the rounding of the displacement
+    h.target_before = h.aim;
   }
   c.dt_before = context.dt;
-  c.braked = false;
 }
 
 // Where methods of second order begin anew, by a step of implicit Euler, beside contacts.
@@ -109,13 +94,14 @@ BT_VECTOR void finish_step(Tendon& c, const StepContext& context) {
 // comes back one step after motion is smooth again, so that the order of smooth motion beside contacts stays.
 
 bool goes_smoothly(const Tendon& c, double dt) {
-  const double creep = kCreep * c.radius;
+  const double creep = kCreep * c.radius, growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   double jump = 0, all = 0, least = 0;
   for (int k = 0; k < 3; ++k) {
-    const double *v = c.v[k], *before = c.v_before[k], *a = c.acceleration[k];
+    const double *now = c.v_new[k], *v = c.v[k], *before = c.v_before[k];
     for (int i = 0; i < c.n(); ++i) {
-      const double off = v[i] - before[i] - dt * a[i];
-      jump += c.mass[i] * off * off, all += c.mass[i] * (v[i] * v[i] + before[i] * before[i]);
+      const double off = now[i] - v[i] - growth * (v[i] - before[i]);
+      jump += c.mass[i] * off * off;
+      all += c.mass[i] * (now[i] * now[i] + v[i] * v[i]);
     }
   }
   for (double m : c.mass) least += 2 * m * creep * creep;

@@ -40,10 +40,12 @@ struct StepContext {
 // History, goal y, starting guess and held particles of a tendon.
 void begin_step(Tendon& c, const StepContext& context);
 
-// Whether two-step methods may go on with what touches something, after its step of dt; acceleration is that
-// of the step before (integrator/scheme.cpp).
+// tendon.v_new, from the displacement.
+void find_velocities(Tendon& c);
+// Whether two-step methods may continue with a tendon that touches something, after a step of dt
+// (integrator/scheme.cpp).
 bool goes_smoothly(const Tendon& c, double dt);
-// Takes tendon.x_new as the new state.
+// Takes tendon.x_new and v_new as the new state.
 void finish_step(Tendon& c, const StepContext& context);
 
 }  // namespace bt

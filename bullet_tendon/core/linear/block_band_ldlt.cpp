@@ -215,7 +215,6 @@ bool BandFactor::factorise_ends(const Band& a) {
 }
 
 bool BandFactor::factorise_middle(const Band& a) {
-  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   const int w = middle_, m = 3 * w;
   auto at = [&](int i, int j) -> double& { return dense_[9 * i + j]; };
   for (int i = 0; i < m; ++i)

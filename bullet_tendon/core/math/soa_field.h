@@ -40,13 +40,6 @@ class Field : public Planes {
   void add(int i, Vec3 v) { (*this)[0][i] += v.x, (*this)[1][i] += v.y, (*this)[2][i] += v.z; }
 };
 
-// a += by, and `tail` what rounding takes off that (two-sum, Knuth 1969).
-inline void add_exactly(double& a, double& tail, double by) {
-  const double sum = a + by, added = sum - a;
-  tail += (a - (sum - added)) + (by - added);
-  a = sum;
-}
-
 // The sum of a_i . b_i.
 double inner(const Field& a, const Field& b);
 

@@ -27,15 +27,14 @@ double tendon_residual(Tendon& c) {
   const double inverse = 1 / (c.h_eff * c.h_eff);
   const double* mass = c.mass.data();
   for (int k = 0; k < 3; ++k) {
-    const double *x = c.x_new[k], *y = c.inertial_target[k], *tx = c.x_new_tail[k],
-                 *ty = c.inertial_target_tail[k];
+    const double *u = c.displacement[k], *y = c.inertial_displacement[k];
     double* r = c.residual[k];
-    for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (x[i] - y[i] + (tx[i] - ty[i]));
+    for (int i = 0; i < c.n(); ++i) r[i] = mass[i] * inverse * (u[i] - y[i]);
   }
   double largest = c.residual.largest();
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
-    largest = std::max(largest, evaluate(*s, c.material.law, c.x_new, c.x_new_tail, c.x_history, c.h_eff));
+    largest = std::max(largest, evaluate(*s, c.material.law, c.motion()));
     scatter_forces(*s, c.residual);
   }
   add_bending_forces(c, c.x_new);
@@ -59,13 +58,13 @@ bool update_direct(Island& island, Contact& contact) {
   contact.normal_force = 0;
   if (contact.gap >= 0 || contact.changes >= kMostChanges) return false;
   contact.held = true;
-  c.x_new.add(i, (-contact.gap) * contact.normal);
+  c.move(i, (-contact.gap) * contact.normal);
   return true;
 }
 
 // A contact at tendon.x_new, where its points follow what they touch.
 void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
-  if (island.follows && (contact.kind == ContactKind::mouth || !definite)) follow(island, contact);
+  if (island.follows) follow(island, contact);
   contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
 }
 
@@ -110,7 +109,7 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
     const double inverse = 1 / (c->h_eff * c->h_eff), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      linearise(*s, c->material.law, how, floor_force, c->h_eff, definite);
+      linearise(*s, c->material.law, how, floor_force, c->motion(), definite);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);
@@ -144,7 +143,7 @@ double stiffness_at_hand(Tendon& c) {
   return 2 * most;
 }
 
-// The same of what is evaluated at positions without their tails.
+// The same of what is evaluated at rounded positions.
 double stiffness_beside(const Tendon& c) {
   double most = 0;
   for (const Anchor& h : c.anchors)
@@ -155,13 +154,17 @@ double stiffness_beside(const Tendon& c) {
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
 }
 
-// Force that one rounding makes: of a coordinate, or where positions have tails, of a segment's length [N].
-double force_of_rounding(Tendon& c, double contact_stiffness, bool tails) {
+// Force that one rounding makes [N]: of the coordinates at the start of the step, as long as the displacement
+// is the guess; then of the displacements.
+double force_of_rounding(Tendon& c, double contact_stiffness, bool at_guess) {
   const double coordinate = c.x_new.largest();
-  const double length = tails ? largest_of(c.structure.length.data(), c.structure.count) : coordinate;
-  const double springs = stiffness_at_hand(c) * std::min(length, coordinate);
+  const double length = largest_of(c.structure.length.data(), c.structure.count);
+  const double displacement = c.displacement.largest();
+  const double fine = at_guess ? coordinate : std::max(length, displacement);
+  const double springs = stiffness_at_hand(c) * std::min(fine, coordinate);
+  const double inertia = largest_of(c.mass.data(), c.n()) / (c.h_eff * c.h_eff) * displacement;
   return std::numeric_limits<double>::epsilon() *
-         (springs + (stiffness_beside(c) + contact_stiffness) * coordinate);
+         (springs + inertia + (stiffness_beside(c) + contact_stiffness) * coordinate);
 }
 
 }  // namespace
@@ -177,12 +180,12 @@ void measure_residual(Island& island, Assembly& a) {
   a.residual = worse(a.residual, a.of_bodies);
 }
 
-double in_roundings(Island& island, const Assembly& a, bool tails) {
+double in_roundings(Island& island, const Assembly& a, bool at_guess) {
   double contact_stiffness = 0, most = 0, finest = std::numeric_limits<double>::infinity();
   for (const Contact* contact : island.contacts)
     if (contact->normal_force > 0) contact_stiffness = std::max(contact_stiffness, contact->stiffness);
   for (Tendon* c : island.tendons) {
-    const double one = force_of_rounding(*c, contact_stiffness, tails);
+    const double one = force_of_rounding(*c, contact_stiffness, at_guess);
     most = worse(most, c->residual_norm / one);
     finest = std::min(finest, one);
   }
@@ -259,9 +262,7 @@ void follow(Island& island, Contact& contact) {
   } else if (contact.b.tendon >= 0) {
     Vec3 x[4];
     ends_of(island, contact, x);
-    const bool stayed = contact.stays;
-    contact.follow_pair(x, island.most_jump);
-    island.stayed |= contact.stays && !stayed;
+    contact.follow_pair(x);
   }
 }
 
@@ -289,8 +290,7 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
       c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.h_eff));
       continue;
     }
-    Vec3 moved = x.at(h.particle) - c.x_history.at(h.particle);
-    h.force = h.stiffness * (x.at(h.particle) - h.aim) + (h.viscosity / c.h_eff) * moved;
+    h.force = h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * c.motion().velocity(h.particle);
     c.residual.add(h.particle, h.force);
   }
 }

@@ -24,8 +24,9 @@ void measure_residual(Island& island, Assembly& a);
 void predict_contacts(Island& island);
 // The springs' multipliers go along with the step: the forces that the linearisation foresees.
 void carry_springs(Island& island);
-// Residual over the force of one rounding, largest of the tendons [-]. tails: positions have theirs.
-double in_roundings(Island& island, const Assembly& a, bool tails);
+// Residual over the force of one rounding, largest of the tendons [-]: of the displacements, or (at_guess) of
+// the positions at the start of the step.
+double in_roundings(Island& island, const Assembly& a, bool at_guess);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the contacts'
 // blocks alone.
 void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts);

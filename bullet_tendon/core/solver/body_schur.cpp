@@ -74,7 +74,7 @@ void place(Island& island) {
     if (link.turned.far) link.turn(m, 1);
   }
   each_carried(island, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
-    c.x_new.set(h.particle, h.aim), c.x_new_tail.set(h.particle, Vec3{});
+    c.place(h.particle, h.aim);
     c.move(h.particle, link.displaced(arm));
   });
 }

@@ -1,10 +1,10 @@
-// Energy that a solution made out of nothing is taken from its velocities.
+// Removal of the energy that a solution creates.
 #pragma once
 #include "solver/island.h"
 
 namespace bt {
 
-// Takes energy that a solution made out of nothing from its velocities.
-void project_energy(Island& island);
+// Takes the energy that a step of implicit Euler created from tendon.v_new.
+void project_energy(Island& island, Vec3 gravity);
 
 }  // namespace bt

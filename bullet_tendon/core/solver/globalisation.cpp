@@ -7,15 +7,13 @@
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/missed_contacts.h"
 
 namespace bt {
 
 namespace {
 
 // A step is solved again at most this often, because friction limits moved with the normal forces by
-// more than the share [-] given, or pairs were missed. Fewer: such changes lag by a step. Larger share: what
-// slides is off by as much, and rounding decides by how much.
+// more than the share [-] given. Larger: what slides is off by as much, and rounding decides by how much.
 constexpr double kFrictionAccuracy = 1e-6;
 
 double slope_along(Island& island) {
@@ -27,13 +25,12 @@ double slope_along(Island& island) {
 BT_VECTOR void advance_particles(Tendon& c, double alpha) {
   const int n = c.n();
   for (int k = 0; k < 3; ++k) {
-    double *x = c.x_new[k], *tail = c.x_new_tail[k];
-    const double* d = c.dx[k];
+    double *u = c.displacement[k], *x_new = c.x_new[k];
+    const double *d = c.dx[k], *x = c.x[k];
 #pragma GCC ivdep
     for (int i = 0; i < n; ++i) {
-      double at = x[i], rest = tail[i];
-      add_exactly(at, rest, alpha * d[i]);
-      x[i] = at, tail[i] = rest;
+      u[i] += alpha * d[i];
+      x_new[i] = x[i] + u[i];
     }
   }
 }
@@ -79,9 +76,10 @@ void line_search(Island& island) {
 
 void restart_from_now(Island& island) {
   for (Tendon* c : island.tendons) {
-    c->x_new = c->x, c->x_new_tail.zero();
+    c->x_new = c->x;
+    c->displacement.zero();
     for (const Anchor& h : c->anchors)
-      if (h.rigid) c->x_new.set(h.particle, h.aim);
+      if (h.rigid) c->place(h.particle, h.aim);
   }
   forget_bodies(island);
 }
@@ -113,9 +111,8 @@ bool stiffen(Island& island) {
 
 bool Rounds::next(Island& island, int iteration, double enough) {
   const bool slid = update_friction(island, enough);
-  const bool missed = add_missed(island);
   const bool deep = stiffen(island);
-  if (!slid && !missed && !deep) return false;
+  if (!slid && !deep) return false;
   ++count_, begun_ = iteration, fresh_ = true;
   return true;
 }

@@ -10,16 +10,6 @@
 
 namespace bt {
 
-// Two points that act on each other: by a spring, or by a contact, of a tendon (b.tendon = -1: with a link).
-struct Push {
-  SegmentPoint a, b;
-  Vec3 along;                 // unit, from b to a
-  Vec3 of_link;               // velocity of the link there [m/s]
-  double energy_created = 0;  // energy that it made out of nothing [J]
-  Contact* contact = nullptr;
-  double light = 0;  // inverse mass that an impulse between them meets [1/kg]
-};
-
 // Tendons joined by tendon-tendon contacts, with the contacts that touch them.
 struct Island {
   const std::vector<Tendon*>* slots = nullptr;  // all tendons of the world, as spots name them
@@ -32,9 +22,8 @@ struct Island {
   std::vector<Link>* links = nullptr;
   std::vector<int> bodies, carried;
   int freedom = 0;
-  double reach = 0;            // s of bodies/body_response.h [s]
-  std::vector<Contact> extra;  // found while solving; kMostExtraContacts at most, so that pointers stay
-  bool coupled = false;        // some contact joins two tendons, or two places of one
+  double reach = 0;      // s of bodies/body_response.h [s]
+  bool coupled = false;  // some contact joins two tendons, or two places of one
   // Of the matrix of tendons that touch each other (solver/linear_solve.cpp): the factors and the pattern,
   // where each tendon's particles begin, by slot, and by block what holds leave free and the right-hand side.
   SparseFactor factor;
@@ -42,9 +31,7 @@ struct Island {
   std::vector<int> offset;
   bool patterned = false;        // the pattern is of this island
   std::vector<Contact*> acting;  // in the matrix that is being made
-  bool follows = true;           // points of contacts move along with what they touch,
-  double most_jump = 0;          // but for pairs whose force that would change by more than this [N],
-  bool stayed = false;           // of which there are some that have not been looked at
+  bool follows = true;           // points of contacts move along with what they touch
   std::vector<Sym3> free;
   std::vector<Vec3> right_hand;
   int iterations = 0;
@@ -59,8 +46,6 @@ struct Island {
   std::vector<int> place_of;
   std::vector<LinkColumns> of_links;
   dense::Numbers corner, corner_root, corner_side;
-
-  std::vector<Push> pushes;  // of solver/energy_projection.cpp
 
   Tendon& at(const SegmentPoint& s) const { return *(*slots)[s.tendon]; }
 };

@@ -23,14 +23,11 @@ Vec3 step_mean(const Tendon& c, const StepContext& context, Vec3 last_mean, Vec3
 
 // Finite, and not so far away that lengths could no longer be told from rounding.
 bool is_sane(const Tendon& c, const StepContext& context) {
-  // Explicit Euler leaves its velocities in `step`: where they lead is the next step's matter.
-  const bool ahead = context.options.integrator == Integrator::explicit_euler;
-  double length = 0;
-  for (double l : c.rest) length += l;
+  const double length = c.rest_length();
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < c.n(); ++i)
       if (!(std::fabs(c.x_new[k][i] - c.x[k][i]) <= kRunaway * length) ||
-          (ahead && !(context.dt * std::fabs(c.dx[k][i]) <= kRunaway * length)))
+          !(context.dt * std::fabs(c.v_new[k][i]) <= kRunaway * length))
         return false;
   return true;
 }
@@ -38,7 +35,6 @@ bool is_sane(const Tendon& c, const StepContext& context) {
 }  // namespace
 
 void solve(Island& island, const StepContext& context) {
-  for (Tendon* c : island.tendons) c->braked = false;
   if (context.options.integrator == Integrator::explicit_euler)
     explicit_euler(island, context);
   else if (context.options.iteration == Iteration::single)

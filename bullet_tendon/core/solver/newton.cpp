@@ -13,7 +13,6 @@
 #include "solver/globalisation.h"
 #include "solver/island_step.h"
 #include "solver/linear_solve.h"
-#include "solver/missed_contacts.h"
 #include "tendon/segment_rotation.h"
 
 namespace bt {
@@ -27,19 +26,12 @@ constexpr double kNear = 0.2;
 // The same from which it is not believed any more.
 constexpr double kLost = 0.5;
 
-// Force, as a share of the forces at hand, by which following its points may change a pair's, and the share
-// of it that is left once iterations have been thrown off by it [-]: pairs that jump more keep their points.
-// Larger: more iterations until they do. Smaller: more pairs do, and get contacts at their other points
-// besides.
-constexpr double kMostJump = 0.02;
-constexpr double kLessJump = 0.25;
-
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
-// Coordinates of iterates, in those that the step begins with or aims at, beyond which they have run away
-// [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so far in a
-// long step.
+// Displacements of iterates, in those that the step aims at or lengths of the tendon, beyond which they have
+// run away [-]. Larger: a residual there passes for rounding. Smaller: a taut tendon let go may snap back so
+// far in a long step.
 constexpr double kFarOff = 1e3;
 
 // Rounding allowance on a force, in units of (machine epsilon x stiffness x coordinate) [-].
@@ -59,7 +51,7 @@ struct Solution {
   bool turns = false;    // was far from it at some time, so that segments turn
   bool changed = false;  // what constrains particles directly
   bool circles = false;
-  int iteration = 0, lost = 0;
+  int iteration = 0;
   Rounds rounds;
   Progress progress{0};
   // Of the last iteration; none where it was not a whole one, so that what is left is not taken for rounding.
@@ -80,25 +72,21 @@ bool any_left_predicted_region(const Island& island) {
 bool ran_away(const Island& island) {
   for (const Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k) {
-      const double meant = std::max(largest_of(c->x[k], c->n()), largest_of(c->inertial_target[k], c->n()));
-      const double length = c->rest_length();
-      if (!(largest_of(c->x_new[k], c->n()) <= kFarOff * std::max(meant, length))) return true;
+      const double meant = std::max(c->rest_length(), largest_of(c->inertial_displacement[k], c->n()));
+      if (!(largest_of(c->displacement[k], c->n()) <= kFarOff * meant)) return true;
     }
   return false;
 }
 
 // Within a few roundings, what does not shrink any more is rounding.
-bool is_rounding(Island& island, const Assembly& a, double last_residual, bool tails) {
+bool is_rounding(Island& island, const Assembly& a, double last_residual, bool at_guess) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
-  return in_roundings(island, a, tails) <= most && !ran_away(island);
+  return in_roundings(island, a, at_guess) <= most && !ran_away(island);
 }
 
 Solution begin(Island& island, const StepContext& context, bool safeguarded) {
-  island.most_jump = kNone, island.stayed = island.left_predicted_region = false;
-  for (Contact* contact : island.contacts) {
-    contact->held = false, contact->changes = 0;
-    contact->stays &= context.warm;
-  }
+  island.left_predicted_region = false;
+  for (Contact* contact : island.contacts) contact->held = false, contact->changes = 0;
   start_bodies(island);
   island.follows = context.options.linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
   Solution s{island, context, safeguarded};
@@ -119,8 +107,6 @@ void note_distance(Solution& s, const Assembly& a) {
   const bool was_far = s.far;
   s.far = !(a.residual <= (was_far ? kNear : kLost) * a.scale);
   s.turns |= s.far;  // a guess that was near is corrected along lines
-  s.lost += s.far && !was_far;
-  s.island.most_jump = kMostJump * std::pow(kLessJump, s.lost) * a.scale;
 }
 
 // The residual, and whether it is small enough.
@@ -131,9 +117,9 @@ Assembly judge(Solution& s) {
   measure_residual(island, a);
   island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // What rests is where its rounded positions leave it.
-  const bool tails = s.iteration > 0 || s.context.warm;
+  const bool at_guess = s.iteration == 0 && !s.context.warm;
   const bool enough =
-      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, tails);
+      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
   island.converged = !s.changed && enough;
   s.last_residual = a.residual;
   note_distance(s, a);
@@ -166,15 +152,10 @@ Next guard(Solution& s, bool anew) {
 }
 
 Next watch(Solution& s, const Assembly& a) {
-  Island& island = s.island;
   if (s.iteration - s.rounds.begun() >= s.options().max_iterations) return Next::stop;
   if (s.context.budget->exhausted() && s.iteration > 0) return Next::stop;
   const bool finite = std::isfinite(a.residual);
   if (!s.safe && (s.progress.stalled(a.residual) || !finite)) return guard(s, !finite);
-  if (island.stayed && add_missed(island)) {
-    island.stayed = false, s.start_anew();
-    return Next::iterate;
-  }
   s.circles = !s.safe && s.progress.circles(a.residual);
   return Next::step;
 }
@@ -261,8 +242,9 @@ bool by_euler(const Island& island, const StepContext& context) {
 
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context, !context.may_halve);
+  for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
-    project_energy(island);
+    project_energy(island, context.gravity);
 }
 
 }  // namespace bt

@@ -6,6 +6,7 @@
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
+#include "solver/globalisation.h"
 #include "solver/linear_solve.h"
 #include "tendon/bending.h"
 
@@ -65,7 +66,7 @@ void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
 // The force of a contact after the displacements, by its own linearisation: what the solution used.
 void predict(Island& island, Contact& contact) {
   if (contact.normal_force <= 0) return;
-  contact.total_force -= contact.block * relative_position(island, contact, &Tendon::dx);
+  contact.total_force -= contact.block * relative_position(island, contact, &Tendon::displacement);
   contact.normal_force = dot(contact.total_force, contact.normal);
   contact.tangent_force = without(contact.total_force, contact.normal);
 }
@@ -83,7 +84,7 @@ Vec3 spring_forces_after(const Tendon& c, int i) {
       if (k < 0 || k >= s->count) continue;
       Sym3 b{s->block[0][k], s->block[1][k], s->block[2][k], s->block[3][k], s->block[4][k], s->block[5][k]};
       Vec3 f{s->vector[0][k], s->vector[1][k], s->vector[2][k]};
-      sum += (end ? -1.0 : 1.0) * f + b * (c.dx.at(other) - c.dx.at(i));
+      sum += (end ? -1.0 : 1.0) * f + b * (c.displacement.at(other) - c.displacement.at(i));
     }
   return sum;
 }
@@ -92,11 +93,11 @@ Vec3 spring_forces_after(const Tendon& c, int i) {
 Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor& h,
                             const StepContext& context) {
   const int i = h.particle;
-  const Vec3 u = c.dx.at(i);
+  const Vec3 u = c.displacement.at(i);
   if (!h.rigid) return h.stiffness * (c.x.at(i) + u - h.aim) + (h.viscosity / context.dt) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
-             bending_force_after(c, c.x, c.dx, i);
+             bending_force_after(c, c.x, c.displacement, i);
   for (const Contact* contact : island.contacts)
     for (const auto& [spot, sign] : {std::pair{contact->a, 1.0}, std::pair{contact->b, -1.0}}) {
       if (spot.tendon < 0 || contact->normal_force <= 0 || &island.at(spot) != &c) continue;
@@ -108,7 +109,7 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
 
 }  // namespace
 
-// (6): (dx, dv) = dt (v_0, M^-1 f_0). tendon.dx carries the new velocities.
+// (6): (dx, dv) = dt (v_0, M^-1 f_0).
 void explicit_euler(Island& island, const StepContext& context) {
   const double dt = context.dt;
   for (Tendon* c : island.tendons) forces_now(*c, context, false, 1);
@@ -122,13 +123,14 @@ void explicit_euler(Island& island, const StepContext& context) {
     }
     for (int i = 0; i < c->n(); ++i) {
       c->x_new.set(i, c->x.at(i) + dt * c->v.at(i));
-      c->dx.set(i, c->v.at(i) - (dt / c->mass[i]) * c->residual.at(i));
+      c->v_new.set(i, c->v.at(i) - (dt / c->mass[i]) * c->residual.at(i));
     }
     for (Anchor& h : c->anchors) {
       if (!h.rigid) continue;
       Vec3 v = anchor_velocity(*c, h, dt), before = c->v.at(h.particle);
       h.force = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
-      c->x_new.set(h.particle, h.aim), c->dx.set(h.particle, v);
+      c->place(h.particle, h.aim);
+      c->v_new.set(h.particle, v);
     }
   }
   settle_contacts(island);
@@ -154,7 +156,7 @@ void single_linearisation(Island& island, const StepContext& context) {
   }
   contacts_now(island, true);
   for (Tendon* c : island.tendons) {
-    c->x_history = c->x;
+    c->history = 0;
     add_stiff_anchors_and_inertia(*c, dt);
     for (int k = 0; k < 3; ++k) std::fill_n(c->cg_direction[k], c->n(), 0.0);
     for (const Anchor& h : c->anchors)
@@ -164,29 +166,23 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < c->n(); ++i) c->residual[k][i] += c->cg_image[k][i];
-  for (Tendon* c : island.tendons) c->inertial_target = c->cg_direction;  // u_0
+  for (Tendon* c : island.tendons) c->displacement = c->cg_direction;  // u_0
   load_carried(island, &Tendon::residual);
   for (Contact* contact : island.contacts)
     if (contact->moves && contact->normal_force > 0)
       load_body(island, *contact,
-                -1.0 * (contact->block * contact->a.of(island.at(contact->a).inertial_target)));
+                -1.0 * (contact->block * contact->a.of(island.at(contact->a).displacement)));
   start_body_residual(island, 1);
   make_border(island, true);
   project_anchors(island, &Tendon::residual);
   fix_in_matrix(island);
   solve_linear(island, context, true);
-  advance_bodies(island, 1);
-  for (Tendon* c : island.tendons) {
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i) {
-        c->dx[k][i] += c->inertial_target[k][i];
-        c->x_new[k][i] = c->x[k][i] + c->dx[k][i];
-      }
-  }
+  advance(island, 1);
   for (Contact* contact : island.contacts) predict(island, *contact);
   settle_contacts(island);
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.force = predicted_anchor_force(island, *c, h, context);
+  for (Tendon* c : island.tendons) find_velocities(*c);
   island.iterations = 1, island.converged = true;
 }
 

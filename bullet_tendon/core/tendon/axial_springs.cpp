@@ -15,8 +15,8 @@ namespace {
 // squares: below 1/8 the matrix stays definite whatever the compression.
 constexpr double kInertiaShare = 0.12;
 
-// Stands for an inertia that outweighs every compression [1/s^2].
-constexpr double kNoCut = 1e300;
+// Plane of entry (row, column) of a symmetric block.
+constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
 
 }  // namespace
 
@@ -24,8 +24,8 @@ void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
   for (auto* v :
-       {&rest, &inverse_rest, &stiffness, &damping, &lambda, &elastic, &lighter, &start, &before, &history,
-        &length, &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
+       {&rest, &inverse_rest, &stiffness, &damping, &lambda, &elastic, &lighter, &start, &history, &length,
+        &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -34,17 +34,21 @@ void SpringSet::resize(int reach_, int particles) {
 
 namespace {
 
-// The differences of neighbours are exact, and so is what tails add to them but for its own rounding.
-template <bool Tail>
-BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& tail) {
+// The differences of neighbours' positions are exact.
+template <bool Displaced>
+BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& displacement) {
   const int m = s.count, reach = s.reach;
   double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2], *len = s.length.data();
   const double *px = x[0], *py = x[1], *pz = x[2], *rest = s.rest.data();
-  const double *tx = tail[0], *ty = tail[1], *tz = tail[2];
+  const double *ux = displacement[0], *uy = displacement[1], *uz = displacement[2];
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double dx = px[k + reach] - px[k], dy = py[k + reach] - py[k], dz = pz[k + reach] - pz[k];
-    if (Tail) dx += tx[k + reach] - tx[k], dy += ty[k + reach] - ty[k], dz += tz[k + reach] - tz[k];
+    if (Displaced) {
+      dx += ux[k + reach] - ux[k];
+      dy += uy[k + reach] - uy[k];
+      dz += uz[k + reach] - uz[k];
+    }
     double length = std::sqrt(dx * dx + dy * dy + dz * dz);
     bool degenerate = length < kDegenerateLength * rest[k];
     double inv = degenerate ? 0.0 : 1 / length;
@@ -57,7 +61,9 @@ BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& tail
 
 BT_VECTOR void measure(SpringSet& s, const Field& x) { measure_at<false>(s, x, x); }
 
-BT_VECTOR void measure(SpringSet& s, const Field& x, const Field& tail) { measure_at<true>(s, x, tail); }
+BT_VECTOR void measure(SpringSet& s, const Field& x, const Field& displacement) {
+  measure_at<true>(s, x, displacement);
+}
 
 namespace {
 
@@ -197,33 +203,30 @@ void take_true_multipliers(SpringSet& s) {
 
 }  // namespace
 
-BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh,
-                          double b) {
-  measure_at<true>(s, x, tail);
+BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Motion& motion) {
+  const double b = motion.h_eff;
+  measure_at<true>(s, motion.x, motion.displacement);
   by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
   if (s.damped && !law.whole_velocity)
     add_axial_damping(s, law, s.start.data(), b, 1,
                       [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
   vectors(s);
-  if (s.damped && law.whole_velocity) {
-    s.whole_position = &x, s.whole_history = &xh;
-    add_whole_damping(s, law, b, 1, false, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
-  }
+  if (s.damped && law.whole_velocity)
+    add_whole_damping(s, law, b, 1, false, [&](int i) { return motion.velocity(i); });
   return largest_of(s.force.data(), s.count);
 }
 
-BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b,
-                         bool definite) {
+BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force,
+                         const Motion& motion, bool definite) {
+  const double b = motion.h_eff;
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
     by_exponent(law, [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
-  blocks(s, definite ? 1 / (b * b) : kNoCut);
-  if (s.damped && law.whole_velocity) {
-    const Field &x = *s.whole_position, &xh = *s.whole_history;
-    add_whole_damping(s, law, b, 1, true, [&](int i) { return (1 / b) * (x.at(i) - xh.at(i)); });
-  }
+  blocks(s, definite ? 1 / (b * b) : std::numeric_limits<double>::infinity());
+  if (s.damped && law.whole_velocity)
+    add_whole_damping(s, law, b, 1, true, [&](int i) { return motion.velocity(i); });
 }
 
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
@@ -275,10 +278,13 @@ BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
   return largest_of(now, s.count);
 }
 
+double stored_energy(const SpringSet& s, const Law& law, int k, double length) {
+  return s.stiffness[k] * s.rest[k] * elastic_energy(law, length / s.rest[k] - 1);
+}
+
 double stored_energy(const SpringSet& s, const Law& law) {
   double sum = 0;
-  for (int k = 0; k < s.count; ++k)
-    sum += s.stiffness[k] * s.rest[k] * elastic_energy(law, s.length[k] / s.rest[k] - 1);
+  for (int k = 0; k < s.count; ++k) sum += stored_energy(s, law, k, s.length[k]);
   return sum;
 }
 
@@ -322,7 +328,6 @@ BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, con
 }
 
 BT_WITHIN inline void start_below(const SpringSet& s, Planes& below) {
-  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   for (int c = 0; c < 9; ++c) {
     const double* b = s.block[kFull[c]];
     double* e = below[c];
@@ -358,7 +363,6 @@ BT_VECTOR void start_matrix(const SpringSet& s, const SpringSet& shear, const st
 
 BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
   const int m = s.count, reach = s.reach;
-  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   for (int c = 0; c < 6; ++c) {
     const double* b = s.block[c];
     double* d = matrix.diagonal[c];

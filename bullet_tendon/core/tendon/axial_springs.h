@@ -47,14 +47,15 @@ struct SpringState {
 struct SpringSet : SpringState {
   int reach = 1;  // joins particle k with k + reach
   int count = 0;
-  // Follow from the tendon's model (Tendon::set_rest).
+  // From the tendon's rest lengths, masses and material (Tendon::set_rest).
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
   std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
-  // Of one substep.
-  std::vector<double> start, before;         // lengths at its start and at the start of the last one [m]
-  std::vector<double> history;               // len_h [m]
-  std::vector<double> length, force;         // now: len [m], F [N]
+  bool damped = false;                           // some C is not 0
+  // Of damped springs, in this step: lengths at its start, and len_h [m].
+  std::vector<double> start, history;
+  // As last evaluated or linearised.
+  std::vector<double> length, force;         // len [m], F [N]
   std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
   std::vector<double> elastic_slope;         // its elastic part of F' [N/m]
   std::vector<double> damping_slope;         // and its damping part [N/m]
@@ -62,10 +63,6 @@ struct SpringSet : SpringState {
   Planes direction;                          // n
   Planes block;                              // B, symmetric, six planes
   Planes vector;                             // force vector on the first particle
-
-  bool damped = false;  // some C is not 0
-  // State that a whole-velocity damping was evaluated at, for its blocks.
-  const Field *whole_position = nullptr, *whole_history = nullptr;
 
   void resize(int reach_, int particles);
 };
@@ -75,17 +72,33 @@ enum class Linearisation {
   position,    // at the present positions (plain Newton, true multipliers)
 };
 
-// Lengths and directions at x; with a tail, at the sum of both.
+// A step of the integrator. The unknown of a step is the displacement from its start: differences of
+// displacements are more exact than differences of positions, whose rounding alone makes forces of K eps
+// |x|/l.
+struct Motion {
+  const Field &x, &displacement;  // at the start of the step, and since then
+  const Field& x_before;          // one step before the start
+  double history;                 // xh = x + history (x_before - x)
+  double h_eff;                   // b [s]
+
+  // At the end of the step: (x + displacement - xh)/b.
+  Vec3 velocity(int i) const {
+    return (1 / h_eff) * (displacement.at(i) - history * (x_before.at(i) - x.at(i)));
+  }
+};
+
+// Lengths and directions at x, or at x + displacement.
 void measure(SpringSet& s, const Field& x);
-void measure(SpringSet& s, const Field& x, const Field& tail);
-// True forces at x + tail, with the rates of the step: (len - len_h)/(b l), or (x - xh)/b where the damping
-// takes the whole velocity. Returns the largest |F| [N].
-double evaluate(SpringSet& s, const Law& law, const Field& x, const Field& tail, const Field& xh, double b);
+void measure(SpringSet& s, const Field& x, const Field& displacement);
+// True forces at the end of the step, with its rates: (len - len_h)/(b l), or the velocities where the
+// damping takes the whole velocity. Returns the largest |F| [N].
+double evaluate(SpringSet& s, const Law& law, const Motion& motion);
 // Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
 // floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
 // nothing where forces are larger, and couples a slack tendon at once. definite: compressed springs are
 // cut off at what inertia outweighs; else they enter in full.
-void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, double b, bool definite);
+void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, const Motion& motion,
+               bool definite);
 // Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
 // linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
@@ -104,8 +117,9 @@ void scatter_blocks(const SpringSet& s, Band& matrix);
 void carry(SpringSet& s, const Law& law, const Field& dx);
 // Largest stiffness at the present state, along and across a spring [N/m].
 double largest_stiffness(SpringSet& s, const Law& law, double b);
-// Elastic energy [J] at the lengths last measured.
+// Elastic energy [J] at the lengths last measured; of spring k at a length.
 double stored_energy(const SpringSet& s, const Law& law);
+double stored_energy(const SpringSet& s, const Law& law, int k, double length);
 
 // What springs carry over from one step to the next.
 struct Multipliers {

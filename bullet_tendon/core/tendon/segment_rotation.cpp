@@ -23,8 +23,8 @@ namespace {
 // By how much the end of each segment has to shift relative to its start.
 BT_VECTOR void measure_shifts(const Tendon& c, Field& shift) {
   const SpringSet& s = c.structure;
-  const double *x = c.x_new[0], *y = c.x_new[1], *z = c.x_new[2];
-  const double *tx = c.x_new_tail[0], *ty = c.x_new_tail[1], *tz = c.x_new_tail[2];
+  const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
+  const double *tx = c.displacement[0], *ty = c.displacement[1], *tz = c.displacement[2];
   const double *dx = c.dx[0], *dy = c.dx[1], *dz = c.dx[2];
   const double *ux = s.direction[0], *uy = s.direction[1], *uz = s.direction[2], *length = s.length.data();
   double *sx = shift[0], *sy = shift[1], *sz = shift[2];

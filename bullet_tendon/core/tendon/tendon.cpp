@@ -21,27 +21,9 @@ constexpr double kLeastShear = 1e-12;
 
 Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x,
-                   &v,
-                   &force,
-                   &x_before,
-                   &v_before,
-                   &x_new,
-                   &dx,
-                   &residual,
-                   &x_history,
-                   &v_history,
-                   &inertial_target,
-                   &x_new_tail,
-                   &inertial_target_tail,
-                   &cg_remainder,
-                   &cg_preconditioned,
-                   &cg_direction,
-                   &cg_image,
-                   &column,
-                   &solved,
-                   &predicted,
-                   &acceleration})
+  for (Field* f : {&x, &v, &force, &x_before, &v_before, &x_new, &dx, &residual, &v_new, &displacement,
+                   &inertial_displacement, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image,
+                   &column, &solved, &predicted})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
@@ -123,9 +105,13 @@ void Tendon::restore_multipliers(const Multipliers& from) {
 }
 
 void Tendon::move(int i, Vec3 by) {
-  add_exactly(x_new[0][i], x_new_tail[0][i], by.x);
-  add_exactly(x_new[1][i], x_new_tail[1][i], by.y);
-  add_exactly(x_new[2][i], x_new_tail[2][i], by.z);
+  displacement.add(i, by);
+  x_new.set(i, x.at(i) + displacement.at(i));
+}
+
+void Tendon::place(int i, Vec3 at) {
+  displacement.set(i, at - x.at(i));
+  x_new.set(i, at);
 }
 
 void Tendon::predict() {
@@ -160,9 +146,8 @@ void Tendon::spread_coincident() {
 void Tendon::reset_history() {
   dt_before = 0;
   for (SpringSet* s : {&structure, &shear}) {
-    if (s->count == 0) continue;
-    evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
-    s->start = s->before = s->history = s->length;
+    if (s->count > 0)
+      evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
   }
 }
 

@@ -30,7 +30,6 @@ struct TendonState {
   std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
   // History of the integrator.
   Field x_before, v_before;  // one step back (bdf2, starting guess)
-  Field acceleration;        // at x and v (methods of second order)
   double dt_before = 0;      // 0: no history
   bool smooth = true;        // nothing was made, lost, changed or struck since: two-step methods may go on
   double quiet = 0;          // for how long it has been at rest, up to the last step [s]
@@ -47,16 +46,16 @@ struct PredictedRegion {
   double most_slack = 0;
 };
 
-// Work space of a step: nothing of it outlasts one. Positions and goal are sums with their tails, what
-// rounding takes off them: of a stiff segment, a rounding of a coordinate is more than the residual that is
-// left.
+// Work space of a step: nothing of it outlasts one. The unknown is the displacement from the start of the
+// step; the positions at its end, x_new, are x + displacement, rounded.
 struct TendonWorkspace : PredictedRegion {
   double h_eff = 0;               // step weight of this step (integrator/scheme.h)
   Multipliers start_multipliers;  // at the start of the substep
-  bool braked = false;            // step holds the velocities at the end (solver/energy_projection.cpp)
-  Field x_new_tail, inertial_target_tail;
-  Field x_new, dx, residual, x_history, v_history, inertial_target, cg_remainder, cg_preconditioned,
-      cg_direction, cg_image, column, solved;
+  double history = 0;             // share of the step before in the history: xh = x + history (x_before - x)
+  Field displacement, x_new;
+  Field v_new;                  // at the end of the step
+  Field inertial_displacement;  // y - x, where the particles would be without forces of springs and contacts
+  Field dx, residual, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved;
   Band matrix;
   BandFactor factor;
   Planes inverse_blocks;
@@ -76,8 +75,10 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void set_rest(const std::vector<double>& rest);
   // A weight on a particle beside the tendon's own mass [kg]; 0: none.
   void set_point_mass(int particle, double kilograms);
-  // Adds to next, exactly.
+  Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
+  // Changes the displacement of a particle, and x_new.
   void move(int particle, Vec3 by);
+  void place(int particle, Vec3 at);
   // At rest where it is, its multipliers kept.
   void stop();
   void keep_multipliers(Multipliers& to) const;

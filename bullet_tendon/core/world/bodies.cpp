@@ -226,7 +226,7 @@ void World::finish_resolve() {
     m.observer.require_two();
   }
   may_resolve_ = false;
-  capture_now();
+  capture(now_);
 }
 
 }  // namespace bt

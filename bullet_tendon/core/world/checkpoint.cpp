@@ -58,31 +58,16 @@ void World::apply(const Checkpoint& from) {
   broad_phase_.clear();  // what it finds does not depend on what it has kept
 }
 
-void World::capture_now() {
-  capture(now_);
-  changed_entries_.clear();
-}
-
-void World::go_back() {
-  apply(now_);
-  // An entry may have been answered twice in one step: the first of its copies is the old one.
-  for (size_t k = changed_entries_.size(); k-- > 0;) {
-    const KeptEntry& e = changed_entries_[k];
-    caches_[e.tendon][e.shape].entries[e.feature] = e.entry;
-  }
-  changed_entries_.clear();
-}
-
 bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                     const std::function<void()>& sense) {
   using Clock = std::chrono::steady_clock;
-  capture_now();
+  capture(now_);
   Clock::duration sensed{};
   bool solved = false, stepping = false;
   // start_ belongs to the step to come as soon as that is the last one.
   auto undo = [&] {
     if (stepping) std::swap(now_, start_);
-    go_back();
+    apply(now_);
   };
   try {
     if (sense) {
@@ -148,7 +133,7 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
                     const std::vector<char>& tunnels) {
   const TendonState& s = t.state;
   const size_t n = c.n();
-  for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before, &s.acceleration})
+  for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before})
     require(static_cast<size_t>(f->size()) == n, kSizes);
   require(s.tunnel_of.size() == n, kSizes);
   require_springs(t.structure, c.structure.count);
@@ -321,7 +306,6 @@ void World::restore(const char* from, size_t size) {
   }
   apply(now);
   start_ = std::move(start);
-  changed_entries_.clear();
   size_t k = 0;
   for (auto& of_tendon : caches_)
     for (NearCache& cache : of_tendon) cache.entries = std::move(planes[k++]);

@@ -2,7 +2,7 @@
 // solved again, and, with the models of the tendons, for a state that a user saves.
 //
 // Copies go into existing vectors, so that a checkpoint in every step allocates nothing. What is not in it is
-// made anew from it (the search for pairs of tendons), or keeps its own changes (planes,
+// made anew from it (the search for pairs of tendons), or checks by itself whether it holds (distances,
 // collision/proximity_cache.h).
 #pragma once
 #include <stdexcept>

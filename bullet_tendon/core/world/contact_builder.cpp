@@ -274,7 +274,7 @@ void World::bone_contacts() {
         lean_ahead(caches_[c][s], f, to_local(pose, ahead - links[shape.link].drift(here, context_.dt)),
                    point, normal);
         point = to_world(pose, point), normal = pose.rotation * normal;
-        const ContactKey key{0, ContactKind::bone, tendon, f, static_cast<int>(s)};
+        const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         Contact contact =
             plane_contact(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
         contact.direct =
@@ -299,7 +299,7 @@ void World::half_space_contacts(int tendon, int s) {
     const int first = std::min(i, c.n() - 2);
     SegmentPoint spot{tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     Contact contact = plane_contact(ContactKind::bone, spot, shape.link, x - height * normal, normal,
-                                    {0, ContactKind::bone, tendon, i, s}, shape.friction);
+                                    {ContactKind::bone, tendon, i, s}, shape.friction);
     contact.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_contact(contact);
   }
@@ -313,27 +313,33 @@ void World::tendon_contacts() {
   report_.pairs = broad_phase_.find(slots_, options.contact_threshold, foresight, pairs_);
   report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   motion_limit_ = std::min(motion_limit_, report_.pairs.room);
-  for (const SegmentPair& p : pairs_) {
-    const Tendon &a = *slots_[p.tendon_a], &b = *slots_[p.tendon_b];
-    Contact contact;
-    contact.kind = ContactKind::tendon;
-    contact.key = {0, contact.kind, p.tendon_a, p.segment_a, p.tendon_b, p.segment_b};
-    contact.a = {p.tendon_a, p.segment_a, 1 - p.u, p.u};
-    contact.b = {p.tendon_b, p.segment_b, 1 - p.w, p.w};
-    Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
-    contact.normal = p.distance > 1e-9 * a.radius ? (1 / p.distance) * p.apart
-                                                  : any_perpendicular(unit_or(along, {1, 0, 0}));
-    const double radii = a.radius + b.radius, apart = kept_apart(p, a, b, links);
-    if (apart < kNearlyMet * radii) continue;
-    contact.offset = apart + options.contact_threshold;
-    contact.margin = contact.offset - radii;
-    contact.friction = a.friction * b.friction;
-    contact.relative_start = p.apart, contact.side = contact.normal, contact.anchored_at = p.u,
-    contact.anchored_at_other = p.w;
-    contact.passes = p.passes;
-    finish_pair(contact);
-    add_contact(contact);
-  }
+  for (const SegmentPair& p : pairs_)
+    for (int k = 0; k < p.count; ++k) pair_contact(p, p.points[k]);
+}
+
+void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
+  const Tendon &a = *slots_[p.tendon_a], &b = *slots_[p.tendon_b];
+  const double radii = a.radius + b.radius, apart = kept_apart(p, at, a, b, links);
+  if (apart < kNearlyMet * radii) return;
+  Contact contact;
+  contact.kind = ContactKind::tendon;
+  contact.key = {contact.kind, p.tendon_a, p.segment_a, p.tendon_b, p.segment_b, at.end};
+  contact.a = {p.tendon_a, p.segment_a, 1 - at.u, at.u};
+  contact.b = {p.tendon_b, p.segment_b, 1 - at.w, at.w};
+  const Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
+  contact.normal = at.distance > 1e-9 * a.radius ? (1 / at.distance) * at.apart
+                                                 : any_perpendicular(unit_or(along, {1, 0, 0}));
+  contact.offset = apart + options.contact_threshold;
+  contact.margin = contact.offset - radii;
+  contact.friction = a.friction * b.friction;
+  contact.relative_start = at.apart;
+  contact.side = contact.normal;
+  contact.anchored_at = at.u;
+  contact.anchored_at_other = at.w;
+  contact.parallel = p.parallel;
+  contact.passes = p.passes;
+  finish_pair(contact);
+  add_contact(contact);
 }
 
 // Algorithm 2: which stretch of a tendon is in which tunnel, and the contacts of bores and mouths.
@@ -419,7 +425,7 @@ void World::bore_contacts(int tendon, int t) {
     Contact contact;
     const int first = std::min(i, c.n() - 2);
     contact.kind = ContactKind::bore, contact.link = tunnels[t].link;
-    contact.key = {0, contact.kind, tendon, i, t};
+    contact.key = {contact.kind, tendon, i, t};
     contact.a = {tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     contact.axis_point = on_axis + link.drift(on_axis, dt);
     contact.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
@@ -488,7 +494,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Contact contact;
   contact.kind = ContactKind::mouth, contact.link = tunnels[t].link;
-  contact.key = {0, contact.kind, tendon, k, 2 * t + mouth};
+  contact.key = {contact.kind, tendon, k, 2 * t + mouth};
   contact.a = {tendon, k, 1 - u, u}, contact.anchored_at = u;
   contact.axis_point = centre + link.drift(centre, dt);
   contact.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);

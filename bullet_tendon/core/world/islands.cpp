@@ -29,16 +29,31 @@ void World::make_islands() {
   islands_.resize(count);
   for (int c = 0; c < count; ++c) {
     Island& g = islands_[c];
-    g.tendons.clear(), g.numbers.clear(), g.contacts.clear(), g.extra.clear();
-    g.slots = &slots_, g.coupled = false, g.finite = true, g.converged = true, g.iterations = 0,
-    g.residual = 0, g.left_predicted_region = false;
-    g.linear_tolerance = 0, g.patterned = false;
-    g.all_bodies = &bodies, g.links = &links, g.reach = context_.reach, g.freedom = 0;
-    g.bodies.clear(), g.carried.clear();
+    g.tendons.clear();
+    g.numbers.clear();
+    g.contacts.clear();
+    g.bodies.clear();
+    g.carried.clear();
+    g.slots = &slots_;
+    g.all_bodies = &bodies;
+    g.links = &links;
+    g.reach = context_.reach;
+    g.freedom = 0;
+    g.coupled = false;
+    g.patterned = false;
+    g.finite = true;
+    g.converged = true;
+    g.left_predicted_region = false;
+    g.iterations = 0;
+    g.residual = 0;
+    g.linear_tolerance = 0;
   }
-  for (int c = 0; c < count; ++c)
-    if (slots_[c])
-      islands_[island_root(c)].tendons.push_back(slots_[c]), islands_[island_root(c)].numbers.push_back(c);
+  for (int c = 0; c < count; ++c) {
+    if (!slots_[c]) continue;
+    Island& g = islands_[island_root(c)];
+    g.tendons.push_back(slots_[c]);
+    g.numbers.push_back(c);
+  }
   for (Contact& contact : contacts_) {
     Island& g = islands_[island_root(contact.a.tendon)];
     g.contacts.push_back(&contact);
@@ -59,22 +74,18 @@ void World::make_islands() {
 bool World::solve_each_island() {
   bool finite = true;
   attempt_ = Report{};
-  unsettled_ = stray_ = false;
-  found_.clear();
+  unsettled_ = false;
   for (Island& g : islands_) {
     if (g.tendons.empty()) continue;
     bt::solve(g, context_);
-    found_.insert(found_.end(), g.extra.begin(), g.extra.end());
     if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
     finite &= g.finite;
-    stray_ |= g.left_predicted_region;
     unsettled_ |= !g.converged && !g.left_predicted_region;
     attempt_.iterations = std::max(attempt_.iterations, g.iterations);
     ++attempt_.islands;
     attempt_.converged &= g.converged;
     if (!(g.residual <= attempt_.residual) || attempt_.worst_tendon < 0) read_worst(g);
   }
-  contacts_.insert(contacts_.end(), found_.begin(), found_.end());
   attempt_.contacts = static_cast<long>(contacts_.size());
   report_.iterations += attempt_.iterations;
   return finite;

@@ -89,7 +89,8 @@ bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec
 // History of a tendon at rest, for two-step methods.
 void lie_still(Tendon& c) {
   c.x_before = c.x;
-  c.v.zero(), c.v_before.zero(), c.acceleration.zero();
+  c.v.zero();
+  c.v_before.zero();
 }
 
 double skin_of(const Tendon& c, double threshold) { return (1 + kSlack) * c.radius + threshold; }

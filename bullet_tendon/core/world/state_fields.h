@@ -46,7 +46,6 @@ void visit(A& a, TendonState& s) {
   a("tunnel_of", s.tunnel_of);
   a("x_before", s.x_before);
   a("v_before", s.v_before);
-  a("acceleration", s.acceleration);
   a("dt_before", s.dt_before);
   a("smooth", s.smooth);
   a("quiet", s.quiet);
@@ -158,12 +157,12 @@ void visit(A& a, Link& l) {
 
 template <class A>
 void visit(A& a, ContactKey& k) {
-  a("extra", k.extra);
   a("kind", k.kind);
   a("tendon", k.tendon);
   a("feature", k.feature);
   a("other", k.other);
   a("other_feature", k.other_feature);
+  a("end", k.end);
 }
 
 template <class A>

@@ -1,7 +1,9 @@
 // One step of a world, by its stages, in substeps where it would outrun its contacts or does not converge.
 //
-// Contacts are planes at the nearest points at the start of a substep, looked for as far around as particles
-// are predicted to move. The solution tells whether that was right (Reason, world/substepper.h).
+// Contacts are detected at the start of a substep, in the region where particles are predicted to move. A
+// solution that leaves this region is predicted where it is, and contacts are detected again: those that it
+// had go on from its multipliers, and it is the starting guess. What presses in a solution is within the new
+// region, so that two detections cannot take turns.
 //
 // A substep is a step of its own, with contacts of its own. Links go as they were going, and as earlier
 // substeps have pushed them, from the start of the step on: pybullet moves them by the step's length times
@@ -26,10 +28,6 @@ namespace {
 // Sine of the angle that a segment is predicted to turn by in a step above which BDF2 takes it in substeps
 // [-]. Larger: the crack of a whip is lost. Smaller: fast spinning costs more.
 constexpr double kTurn = 0.6;
-
-// A step looks again for contacts at most this often. Fewer: contacts that appear one after another
-// are met a step late.
-constexpr int kLooks = 6;
 
 // Where a grip leads its particle by the end of a substep: straight to its goal.
 void aim_grips(Tendon& c, double share) {
@@ -96,8 +94,7 @@ void World::predict() {
   context_.whole = whole_;
   context_.part = !substeps_.is_whole();
   context_.may_halve = substeps_.may_halve();
-  looks_ = 0;
-  looking_ = false;
+  detections_ = 0;
   find_turning();
   find_point_masses();
   context_.reach = std::sqrt(substeps_.end() * context_.dt);
@@ -120,12 +117,12 @@ void World::predict() {
 std::optional<Reason> World::solve_substep() {
   failed_ = false;
   if (const auto why = outlast_history()) return why;
-  if (looking_) contacts_.swap(before_);
+  contacts_.swap(solved_contacts_);
   collect_contacts();
   if (wake_met()) return Reason::woken;
   if (motion_limit_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
-  const bool left = looking_ && stray_;
-  if (!looking_ || take_new_contacts() || left) {
+  if (detections_ == 0 || !contacts_.empty() || !solved_contacts_.empty()) {
+    if (detections_ > 0) inherit_multipliers();
     if (substeps_.may_repeat() && share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (failed_) return {};
@@ -140,7 +137,8 @@ std::optional<Reason> World::solve_substep() {
 // beside contacts, where each takes more iterations; and with two where the last step was so short that BDF2
 // would begin anew.
 std::optional<Reason> World::outlast_history() {
-  if (!is_second_order(options.integrator) || !substeps_.divisible() || !substeps_.is_whole() || looking_)
+  if (!is_second_order(options.integrator) || !substeps_.divisible() || !substeps_.is_whole() ||
+      detections_ > 0)
     return {};
   bool turns = false, touched = false, grows = false;
   for (const Tendon* c : slots_) {
@@ -158,27 +156,26 @@ std::optional<Reason> World::outlast_history() {
 std::optional<Reason> World::solve_islands() {
   find_unknowns();
   make_islands();
-  context_.warm = looking_;
-  const bool may_look = substeps_.divisible() && looks_ < kLooks && !budget_.exhausted();
-  context_.may_look = may_look;
+  context_.warm = detections_ > 0;
+  const bool may_detect = detections_ < kMostDetections || substeps_.may_halve();
+  context_.may_look = substeps_.divisible() && may_detect && !budget_.exhausted();
   const bool finite = solve_each_island();
   if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.exhausted()) return Reason::not_converged;
   failed_ = !finite;
   if (failed_ || budget_.exhausted()) return {};
-  if (may_look && (strayed() || stray_)) return Reason::left_prediction;
+  if (context_.may_look && predict_at_solution()) return Reason::left_prediction;
   return {};
 }
 
 void World::solve_again(Reason why) {
-  if (why == Reason::left_prediction) {
+  if (why == Reason::left_prediction && detections_ < kMostDetections) {
     substeps_.repeat(why);
-    ++looks_;
-    looking_ = true;
+    ++detections_;
     return;
   }
   if (why == Reason::motion)
     substeps_.cut(why, motion_limit_, budget_);
-  else if (why == Reason::not_converged)
+  else if (why == Reason::not_converged || why == Reason::left_prediction)
     substeps_.cut(why, 0.5, budget_);
   else if (why == Reason::turn || why == Reason::growth)
     substeps_.divide(why, why == Reason::turn ? substeps_parts_ : 2);
@@ -189,15 +186,15 @@ void World::solve_again(Reason why) {
   predict();
 }
 
-// Particles that end elsewhere than predicted are predicted where they end.
-bool World::strayed() {
+// Particles that left their predicted region are predicted where the solution has them. true: some did.
+bool World::predict_at_solution() {
   bool any = false;
   for (Tendon* c : slots_) {
     if (!c || !leaves_predicted_region(*c)) continue;
+    any = true;
     for (int i = 0; i < c->n(); ++i) {
       const double off = norm(c->x_new.at(i) - c->predicted.at(i));
       if (!(off > c->slack[i])) continue;
-      any = true;
       c->slack[i] = kSlack * c->radius + 0.5 * off;
       c->most_slack = std::max(c->most_slack, c->slack[i]);
       c->predicted.set(i, c->x_new.at(i));
@@ -206,22 +203,19 @@ bool World::strayed() {
   return any;
 }
 
-// rows_ becomes what was there, solved for, and what is there now besides. false: there is nothing new that
-// touches.
-bool World::take_new_contacts() {
-  keys_.clear();
-  for (const Contact& contact : before_) keys_.push_back(contact.key);
-  std::sort(keys_.begin(), keys_.end());
-  const size_t known = before_.size();
-  bool touches = false;
-  for (const Contact& contact : contacts_)
-    if (!std::binary_search(keys_.begin(), keys_.end(), contact.key)) {
-      before_.push_back(contact);
-      touches |= !contact.passes;
-    }
-  if (!touches) before_.resize(known);
-  contacts_.swap(before_);
-  return touches;
+// Contacts that the last solution had go on from it.
+void World::inherit_multipliers() {
+  auto by_key = [](const Contact& a, const Contact& b) { return a.key < b.key; };
+  std::sort(solved_contacts_.begin(), solved_contacts_.end(), by_key);
+  for (Contact& contact : contacts_) {
+    const auto found = std::lower_bound(solved_contacts_.begin(), solved_contacts_.end(), contact, by_key);
+    if (found == solved_contacts_.end() || !(found->key == contact.key)) continue;
+    contact.stiffness = found->stiffness;
+    contact.lambda = found->lambda;
+    contact.lambda_predicted = found->lambda_predicted;
+    contact.limit = found->limit;
+    contact.sliding = found->sliding;
+  }
 }
 
 // What the substep that was solved adds to the wrenches on links.
@@ -241,7 +235,7 @@ void World::measure_wrenches() {
     }
 }
 
-// The substep that was solved becomes the state, and the links feel it.
+// The solution of the substep becomes the state, and its wrenches act on the links.
 void World::take_substep() {
   report_.take(attempt_);
   const double share = substeps_.share();

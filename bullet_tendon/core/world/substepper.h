@@ -20,6 +20,9 @@ constexpr int kMostSubsteps = 2048;
 constexpr int kMostOverBudget = 64;
 // Times that a substep of one length is solved again at most, whatever the reason [-].
 constexpr int kMostRepeats = 64;
+// Times that contacts are detected again for a substep before it is halved [-]. Fewer: more substeps where
+// contacts appear one after another.
+constexpr int kMostDetections = 6;
 
 // Why a substep was solved again.
 enum class Reason : int {
@@ -27,7 +30,8 @@ enum class Reason : int {
   turn,             // a segment turns far in a step of second order: cut in three, or beside contacts in two
   growth,           // BDF2 would begin anew, because the last step was so much shorter: cut in two
   not_converged,    // an island has no solution within its iterations: halved
-  left_prediction,  // particles ended where contacts were not looked for: contacts are detected again
+  left_prediction,  // particles ended where contacts were not looked for: contacts are detected again, then
+                    // halved
   woken,            // an island at rest was reached
   step_weights,     // tendons that press on each other had step weights of different methods
   joint_stops,      // joint limits or contacts of a body act otherwise than predicted

@@ -40,16 +40,24 @@ namespace {
 template <class Part>
 int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
   const size_t slot = std::find(alive.begin(), alive.end(), 0) - alive.begin();
-  if (slot == alive.size()) parts.emplace_back(), alive.push_back(0);
-  parts[slot] = part, alive[slot] = 1;
+  if (slot == alive.size()) {
+    parts.emplace_back();
+    alive.push_back(0);
+  }
+  parts[slot] = part;
+  alive[slot] = 1;
   return static_cast<int>(slot);
 }
 
-// Leaves no trace: as if the part had never been there.
+// As if the part had never been there.
 template <class Part>
 void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
-  parts[slot] = Part{}, alive[slot] = 0;
-  while (!alive.empty() && !alive.back()) parts.pop_back(), alive.pop_back();
+  parts[slot] = Part{};
+  alive[slot] = 0;
+  while (!alive.empty() && !alive.back()) {
+    parts.pop_back();
+    alive.pop_back();
+  }
 }
 
 }  // namespace
@@ -102,13 +110,13 @@ void World::forget_memory_of(int tendon) {
   });
 }
 
-// What was bone may be bore now, and the other way round.
+// The surface inside a bore does not count, so a change of bores changes the nearest points.
 void World::forget_planes() {
   for (auto& tendon_caches : caches_)
     for (auto& cache : tendon_caches) cache.entries.clear();
 }
 
-// What it has come near to instead wakes when it is met (wake_met).
+// Tendons that it is near now wake when it reaches them (wake_met).
 void World::forget_contacts(int tendon) {
   wake_tendon(tendon);
   auto touches = [&](const Contact& contact) {
@@ -127,7 +135,7 @@ void World::size_caches() {
   for (size_t c = 0; c < tendons.size(); ++c) caches_[c].resize(tendons[c] ? shapes.size() : 0);
 }
 
-// Of which nothing is known as of those that were never near: equal states have equal bytes.
+// A cache without known entries equals one of a shape that was never near: equal states have equal bytes.
 void World::empty_caches() {
   auto known = [](const Entry& e) { return e.known || e.inside; };
   for (auto& of_tendon : caches_)
@@ -143,8 +151,8 @@ void World::update_proximity(DistanceOracle& oracle) {
     if (!slots_[c]) continue;
     for (size_t s = 0; s < shapes.size(); ++s) {
       if (!shape_alive[s] || shapes[s].half_space) continue;
-      NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
-                       &bores_of(shapes[s].link), &changed_entries_};
+      const NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
+                             &bores_of(shapes[s].link)};
       ask(*tendons[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near,
           caches_[c][s], queries_, report_.near);
     }
@@ -155,7 +163,6 @@ void World::update_proximity(DistanceOracle& oracle) {
     const Query& query = queries_[q];
     const Shape& shape = shapes[query.shape];
     Entry& entry = caches_[query.tendon][query.shape].entries[query.feature];
-    changed_entries_.push_back({query.tendon, query.shape, query.feature, entry});
     answer(query, distances_[q], vec3_at(points_, q), parameters_[q], shape,
            in_world(shape, links[shape.link]), bores_of(shape.link), entry);
   }

@@ -1,10 +1,10 @@
 // The core's world: tendons, links, shapes and tunnels, and one step of them in named stages.
 //
-//   predict          history, inertial targets and starting guess of every tendon
-//   update_proximity which distances are needed, and the answers to them
-//   collect_rows     contacts from planes, bores, mouths and tendon pairs, with what they remember
-//   solve_islands    each group of touching tendons by itself
-//   take_substep     new states, memories, and one wrench per touched link
+//   predict           history, inertial targets and starting guess of every tendon
+//   update_proximity  which distances are needed, and their values
+//   collect_contacts  contacts from planes, bores, mouths and pairs of tendons, warm started
+//   solve_islands     each island by itself
+//   take_substep      new states, contact memories, and one wrench per touched link
 //
 // world/step.cpp has the loop, and world/checkpoint.cpp the way back where a step fails.
 #pragma once
@@ -22,7 +22,7 @@
 
 namespace bt {
 
-// Who knows distances to shapes that the core cannot measure by itself.
+// Measures distances to shapes that the core cannot measure by itself.
 class DistanceOracle {
  public:
   virtual ~DistanceOracle() = default;
@@ -42,8 +42,8 @@ class World {
   // Slots keep their numbers; a removed one is empty, and the next addition takes it.
   std::vector<std::unique_ptr<Tendon>> tendons;
   std::vector<Link> links;
-  std::vector<GeneralizedBody>
-      bodies;  // of the bodies, each in the slot of one of its links; empty in the others
+  // Each in the slot of one of its links; empty in the other slots.
+  std::vector<GeneralizedBody> bodies;
   std::vector<Shape> shapes;
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive, tunnel_alive;
@@ -59,23 +59,25 @@ class World {
   // Forgets contacts, planes and tunnels of one tendon, after it was moved from outside.
   void forget_contacts(int tendon);
 
-  // Looks at what links did since the last step. held: nothing moves them, and nothing is learned.
+  // Observes how links moved since the last step, and predicts how they will move in the next one, of dt.
+  // held: nothing moves them, and nothing is learned.
   void sense(double dt, Vec3 gravity, bool held);
-  // Movers that were let go in the last step, which was solved as if they were held.
+  // Bodies that were released in the last step, which was solved as if they were held.
   std::vector<int> released_bodies() const;
-  // Free rigid bodies that something unforeseen pulled at in the last step, so that their tendons are
-  // stretched by what these have not answered to.
+  // Free rigid bodies that an unpredicted force moved in the last step, so far that it stretches their
+  // tendons.
   std::vector<int> pulled_bodies() const;
-  // What was let go is free from now on, and everything goes back to before the last step, in which `pulled`
-  // go as was seen. false: there is no way back.
+  // Goes back to before the last step, to solve it again. Released bodies are free from now on, and the
+  // observed motion of the bodies `pulled` is their predicted motion in that step. false: it cannot be solved
+  // again, and only the released bodies have changed.
   bool rewind(const std::vector<int>& pulled);
   bool any_held() const;
-  // The rates of a body right after a step; whether it seems to have been let go.
+  // Records the rates of a body right after a step; whether it seems to have been released.
   bool sample(int body, const dense::Numbers& rates);
-  // Nothing can hold the body.
+  // The body is free: nothing can hold it.
   void let_go(int body);
-  // The last step is put right: the rates of bodies were set from outside, it is not solved again, and the
-  // attempt goes back to here.
+  // Ends the correction of the last step, in which the rates of bodies were set from outside. That step is
+  // not solved again, and an attempt that fails goes back to this state.
   void finish_resolve();
   // The last step is not solved again: something that it began from was changed.
   void forbid_resolve() { may_resolve_ = false; }
@@ -99,7 +101,7 @@ class World {
   const Report& report() const { return report_; }
   Vec3 gravity() const { return context_.gravity; }  // of the last step
   std::vector<ContactRecord> contacts() const;
-  // The tendon steps again, with all that rest with it: something about it has changed (world/sleeping.cpp).
+  // The tendon steps again, with all that sleep with it, because something about it has changed.
   void wake_tendon(int tendon);
   void wake_all();
 
@@ -108,8 +110,6 @@ class World {
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
-  void capture_now();
-  void go_back();
   uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
@@ -120,11 +120,11 @@ class World {
   bool any_moved() const;
   double pulled_away(const Tendon& c, const Anchor& anchor) const;
   bool take_back();
-  // How a body is going to move in this step.
+  // Predicts how a body will move in this step.
   void predict(int body);
   void lead_links(int body);
-  // A jump in the motion of a link: two-step methods start again, of all tendons, because those that share
-  // forces have to share their means.
+  // The motion of a link has a jump: two-step methods restart in all tendons, because tendons that share
+  // forces must have the same step weights.
   void interrupt();
   void aim_attachments(Tendon& c);
   // world/step.cpp
@@ -138,11 +138,11 @@ class World {
   void take_substep();
   void finish_step_of_world();
   void measure_wrenches();
-  bool strayed();
-  bool take_new_contacts();
+  bool predict_at_solution();
+  void inherit_multipliers();
   // integrator/scheme.cpp
-  // What is to press on each other takes steps of the same weight, so that its impulses are equal and
-  // opposite. true: some had begun with another.
+  // Tendons that press on each other get the same step weight, so that their impulses are equal and opposite.
+  // true: some tendons had another one.
   bool share_weights();
   // world/bodies.cpp
   template <class Do>
@@ -167,6 +167,7 @@ class World {
   void bone_contacts();
   void half_space_contacts(int tendon, int shape);
   void tendon_contacts();
+  void pair_contact(const SegmentPair& pair, const PairPoint& at);
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
   void finish_pair(Contact& contact);
@@ -205,31 +206,28 @@ class World {
                         const ContactKey& key, double friction);
 
   StepContext context_;
-  bool whole_ = false;  // it must not be taken in parts
+  bool whole_ = false;  // it must not be cut
   Substepper substeps_;
   Budget budget_;
   int substeps_parts_ = 1;   // that a step whose segments turn far is begun with
   bool failed_ = false;      // a solution is not finite
-  int looks_ = 0;            // for contacts, in this substep
-  double motion_limit_ = 1;  // share of the part that can be gone before something unforeseen touches
-  bool looking_ = false;     // rows_ are solved for, and are only to be added to
-  bool stray_ = false;       // an island was left because its particles end elsewhere than foreseen
-  bool unsettled_ = false;   // an island with contacts did not converge
-  int settlings_ = 0;        // of this part, because other stops act than foreseen
+  int detections_ = 0;       // of contacts, after a solution of this substep
+  double motion_limit_ = 1;  // share of the substep that can pass before something unpredicted touches
+  bool unsettled_ = false;   // an island did not converge
+  int settlings_ = 0;        // times that this substep was solved again for other joint stops
   std::vector<Tendon*> slots_;
   std::vector<std::vector<NearCache>> caches_;  // [tendon][shape]
   std::vector<Query> queries_;
   std::vector<double> distances_, points_, parameters_;  // the answers to them
   BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
-  std::vector<int> touches_;  // by body, one of the tendons that touch it
-  std::vector<char> solid_;   // by link: it has a shape or a tunnel
-  std::vector<Contact> contacts_, found_, before_;
-  std::vector<Contact> asleep_contacts_;  // of tendons that sleep
-  Vec3 rest_gravity_;                     // when the last of them fell asleep
-  std::vector<char> restful_, restless_;  // by root of an island
-  std::vector<Box> reach_;                // of tendons that do not, by slot
-  std::vector<ContactKey> keys_;
+  std::vector<int> touches_;                         // by body, one of the tendons that touch it
+  std::vector<char> solid_;                          // by link: it has a shape or a tunnel
+  std::vector<Contact> contacts_, solved_contacts_;  // of this detection, and of the last solution
+  std::vector<Contact> asleep_contacts_;             // of tendons that sleep
+  Vec3 rest_gravity_;                                // when the last of them fell asleep
+  std::vector<char> restful_, restless_;             // by root of an island
+  std::vector<Box> reach_;                           // of tendons that do not, by slot
   std::vector<ContactMemory> memory_;
   std::vector<uint64_t> touching_;
   std::vector<Bore> bores_;  // by tunnel
@@ -237,13 +235,12 @@ class World {
   std::vector<std::vector<Bore>> bores_by_link_;
   std::vector<Island> islands_;
   std::vector<int> island_of_;
-  Report report_, attempt_;  // of the step, and of the last try at a part of it
+  Report report_, attempt_;  // of the step, and of the last solution of a substep
 
-  Checkpoint start_;                        // of the last step
-  Checkpoint now_;                          // of an attempt whose step has not begun
-  StepRecord last_step_;                    // that is not whole
-  bool may_resolve_ = false;                // the last step can be solved again: bodies had a part in it
-  std::vector<KeptEntry> changed_entries_;  // as they were when the step began
+  Checkpoint start_;          // of the last step
+  Checkpoint now_;            // of an attempt whose step has not begun
+  StepRecord last_step_;      // that is not whole
+  bool may_resolve_ = false;  // the last step can be solved again: bodies had a part in it
 };
 
 }  // namespace bt
