@@ -30,8 +30,7 @@ _KINDS = {
     p.JOINT_FIXED: _core.FIXED,
 }
 _LIMITED = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
-# What the core answers where contacts could say more of what a body is going to do; known ones may stand.
-_MAY_REST, _MAY_STAND = 2, 3
+_NEEDS_CONTACTS = 2  # what the core answers where contacts may decide what a body is going to do
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 _IMMOVABLE = 1e12  # times its mass: what a limit stops answers by nothing
 
@@ -67,43 +66,30 @@ class RigidBody:
     def read(self, core) -> bool:
         """Where it is, and how it answers, into the core; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
-        found = core.tell_link(self.slot, info, where, motion, True, self.falls)
-        if found == _MAY_REST or (found == _MAY_STAND and not self._is_carried(core)):
-            self._read_contacts(core, where)
+        found = core.read_link(self.slot, info, where, motion, True, self.falls)
+        if found == _NEEDS_CONTACTS:
+            self._read_contacts(core, where, keep=False)
         return found > 0
 
     def keep_contacts(self, core) -> None:
         """Into the state that is going to be saved: after restoreState pybullet has later contacts."""
-        if self.falls and core.may_rest(self.slot):
-            where, motion = read_link(self.body, self.link, self.client)[1:]
-            if not (core.contacts_stand(self.slot, where, motion) and self._is_carried(core)):
-                self._read_contacts(core, where)
-            core.keep_contacts(self.slot)
+        if self.falls:
+            self._read_contacts(core, read_link(self.body, self.link, self.client)[1], keep=True)
 
     def sample(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been released."""
-        return core.note_link(self.slot, read_link(self.body, self.link, self.client)[2])
+        return core.sample_link(self.slot, read_link(self.body, self.link, self.client)[2])
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
 
-    def _is_carried(self, core) -> bool:
-        """Whether what it rested on when its contacts were read is still there, and nothing else."""
-        bodies, links = core.rests_on(self.slot)
-        if bodies != p.getNumBodies(self.client):
-            return False
-        try:
-            return all(_has_no_mass(link, self.client) for link in links)
-        except p.error:  # it was removed
-            return False
-
-    def _read_contacts(self, core, where) -> None:
+    def _read_contacts(self, core, where, keep: bool) -> None:
         """What it rests on: contacts with bodies without mass."""
         client = self.client
         points = p.getContactPoints(bodyA=self.body, physicsClientId=client)
-        stays = [other for other in {(c[2], c[4]): None for c in points} if _has_no_mass(other, client)]
-        core.tell_contacts(self.slot, points, stays, where, p.getNumBodies(client))
+        immovable = [other for other in {(c[2], c[4]): None for c in points} if _has_no_mass(other, client)]
+        core.set_contacts(self.slot, points, immovable, where[0], keep)
 
 
 class JointedBody:
@@ -125,13 +111,13 @@ class JointedBody:
         floating = info[0] > 0
         if not self._yields[floating]:
             links = zip(self._slots, self._links, strict=True)
-            found = [core.tell_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
+            found = [core.read_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
             return 0 not in found
         self._tree = tree = self._trees[floating]
         # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago, but
         # for this.
         p.getLinkState(body, 0, 0, 1, client)
-        return core.tell_body(
+        return core.read_body(
             tree,
             self._slots,
             self._links,
@@ -145,7 +131,7 @@ class JointedBody:
         """Its rates right after pybullet's step; whether it seems to have been released."""
         body, client = self.body, self.client
         motion = p.getBaseVelocity(body, client)
-        return core.note_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
+        return core.sample_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

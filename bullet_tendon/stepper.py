@@ -179,7 +179,6 @@ class Stepper:
             return False
         if self._solve(dt, gravity):
             self._exchange_wrenches(given, dt)
-            core.keep_told_contacts()  # after restoreState, pybullet lists contacts of a later time
         else:
             core.restore(taken)
             for mover in released:

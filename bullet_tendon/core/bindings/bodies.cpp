@@ -1,4 +1,4 @@
-// Python's access to links and bodies, as pybullet tells of them.
+// Python's access to links and bodies, by the tuples that pybullet returns.
 #include <pybind11/stl.h>
 
 #include <algorithm>
@@ -37,86 +37,59 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   }
 }
 
-std::vector<double> place_of(const py::tuple& where) {
-  PyObject *centre = item(where.ptr(), 0), *turn = item(where.ptr(), 1);
-  return {number(centre, 0), number(centre, 1), number(centre, 2), number(turn, 0),
-          number(turn, 1),   number(turn, 2),   number(turn, 3)};
-}
-
 // A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
 // alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
-// not finite; 2: contacts could tell more; 3: so they could, but those that were told last can be believed
-// once more, if what it rests on is still there; else 1.
-int tell_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
+// not finite; 2: its contacts are needed (set_contacts); else 1.
+int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
-  make_link(w, slot);
+  w.ensure_link(slot);
   Link& l = w.links[slot];
   place(l, info.ptr(), where.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
-  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), told_well(w, slot) ? 1 : 0;
+  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), is_finite(w, slot) ? 1 : 0;
   l.body = slot;
   l.jacobian.clear();
   stand_alone(w.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
-  if (!told_well(w, slot)) return 0;
-  if (falls && w.bodies[slot].may_rest(w.gravity()))
-    return w.bodies[slot].contacts_stand(place_of(where), w.bodies[slot].rates) ? 3 : 2;
-  if (!w.bodies[slot].contacts_kept) w.bodies[slot].forget_contacts();
+  if (!is_finite(w, slot)) return 0;
+  GeneralizedBody& m = w.bodies[slot];
+  if (m.contacts_known) return 1;
+  if (falls && m.may_rest(w.gravity())) return 2;
+  m.contacts.clear();
   return 1;
 }
 
 // Its velocity and spin right after a step; whether it seems to have been let go.
-bool note_link(World& w, int slot, const py::tuple& motion) {
+bool sample_link(World& w, int slot, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.note(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
+  return w.sample(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
 }
-
-bool may_rest(const World& w, int slot) {
-  return slot < static_cast<int>(w.bodies.size()) && w.bodies[slot].n() > 0 &&
-         w.bodies[slot].may_rest(w.gravity());
-}
-
-// Those that it has, or that are told next, are the ones of the step to come.
-void keep_contacts(World& w, int slot) { w.bodies[slot].contacts_kept = true; }
 
 using Links = std::vector<std::pair<int, int>>;
 
-// By p.getContactPoints, those with the links `stays`, which do not move: the normal towards the body, what
-// it makes of its spin, and the distance. where: as of tell_link; bodies: how many there are.
-void tell_contacts(World& w, int slot, const py::tuple& points, const Links& stays, const py::tuple& where,
-                   int bodies) {
+// By p.getContactPoints, those with the links `immovable`: the normal towards the body, what it makes of its
+// spin about its centre of mass, and the distance. keep: they are those of the step to come, whatever
+// pybullet tells then. A body that was never read has none.
+void set_contacts(World& w, int slot, const py::tuple& points, const Links& immovable,
+                  const py::tuple& centre, bool keep) {
+  if (slot >= static_cast<int>(w.bodies.size()) || w.bodies[slot].n() == 0) return;
   GeneralizedBody& m = w.bodies[slot];
-  const Vec3 centre = vector(item(where.ptr(), 0));
-  m.forget_contacts();
+  const Vec3 from = vector(centre.ptr());
+  if (keep && m.contacts_known) return;
+  m.contacts.clear();
+  m.contacts_known = keep;
+  if (keep && !m.may_rest(w.gravity())) return;
   for (const py::handle& point : points) {
     const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
                                     static_cast<int>(number(point.ptr(), 4))};
-    if (std::find(stays.begin(), stays.end(), other) == stays.end()) continue;
-    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
+    if (std::find(immovable.begin(), immovable.end(), other) == immovable.end()) continue;
+    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - from, n);
     const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
     m.contacts.insert(m.contacts.end(), row, row + 7);
   }
-  m.contacts_at = place_of(where);
-  m.rests_on.assign(1, bodies);
-  for (const auto& [body, link] : stays) m.rests_on.push_back(body), m.rests_on.push_back(link);
-}
-
-// Whether what was told of its contacts can be believed once more.
-bool contacts_stand(const World& w, int slot, const py::tuple& where, const py::tuple& motion) {
-  const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.bodies[slot].contacts_stand(place_of(where), {v.x, v.y, v.z, s.x, s.y, s.z});
-}
-
-// How many bodies there were when its contacts were told, and the links that it rested on.
-py::tuple rests_on(const World& w, int slot) {
-  const GeneralizedBody& m = w.bodies[slot];
-  py::list links;
-  for (size_t k = 1; k < m.rests_on.size(); k += 2)
-    links.append(py::make_tuple(static_cast<int>(m.rests_on[k]), static_cast<int>(m.rests_on[k + 1])));
-  return py::make_tuple(m.rests_on.empty() ? 0 : static_cast<int>(m.rests_on[0]), links);
 }
 
 void clear_link(World& w, int slot) {
-  make_link(w, slot);
+  w.ensure_link(slot);
   w.links[slot] = Link{}, w.bodies[slot] = GeneralizedBody{};
 }
 
@@ -124,13 +97,9 @@ void clear_link(World& w, int slot) {
 
 void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
-      .def("tell_link", &tell_link)
-      .def("note_link", &note_link)
-      .def("may_rest", &may_rest)
-      .def("keep_contacts", &keep_contacts)
-      .def("tell_contacts", &tell_contacts)
-      .def("contacts_stand", &contacts_stand)
-      .def("rests_on", &rests_on);
+      .def("read_link", &read_link)
+      .def("sample_link", &sample_link)
+      .def("set_contacts", &set_contacts);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
     place(l, info.ptr(), where.ptr());
@@ -143,11 +112,9 @@ void bind_links(py::module_& m, GuardedWorld& world) {
 
 namespace {
 
-// Bodies with joints, as pybullet tells of them.
-
-// What pybullet tells of a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
+// What pybullet returns about a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
 // p.getBaseVelocity, p.getJointStatesMultiDof of the joints that move.
-struct Told {
+struct Reading {
   py::list infos;
   py::tuple base, motion, joints;
 };
@@ -156,15 +123,15 @@ void take(PyObject* from, int count, std::vector<double>& numbers) {
   for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
 }
 
-void place(Articulated& body, const Told& told, const std::vector<double>& places) {
-  if (static_cast<int>(told.infos.size()) != body.links()) throw py::value_error("infos");
+void place(Articulated& body, const Reading& reading, const std::vector<double>& places) {
+  if (static_cast<int>(reading.infos.size()) != body.links()) throw py::value_error("infos");
   std::vector<double> inertias, base;
   inertias.reserve(kInertiaWidth * body.links());
-  for (const py::handle& info : told.infos) {
+  for (const py::handle& info : reading.infos) {
     take(info.ptr(), 1, inertias);
     for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), part == 4 ? 4 : 3, inertias);
   }
-  for (int part = 0; part < 2; ++part) take(item(told.base.ptr(), part), 3 + part, base);
+  for (int part = 0; part < 2; ++part) take(item(reading.base.ptr(), part), 3 + part, base);
   body.place(inertias.data(), base.data(), places.data());
 }
 
@@ -183,11 +150,11 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-void set_mover(GeneralizedBody& m, Articulated& body, const Told& told) {
+void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
-  read_joints(body, told.motion, told.joints, m.rates, places);
-  place(body, told, places);
+  read_joints(body, reading.motion, reading.joints, m.rates, places);
+  place(body, reading, places);
   body.mass_matrix(mass.data()), body.weight(weight.data());
   dense::set_identity(static_cast<int>(n), m.free);
   answer(static_cast<int>(n), static_cast<int>(n), mass.data(), m.free.data());
@@ -200,12 +167,12 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Told& told) {
 }
 
 // Velocity and spin of a link by the rates, and by the base's motion where that is moved by hand.
-void set_motion(Link& l, const Articulated& body, const Told& told, const std::vector<double>& rates) {
+void set_motion(Link& l, const Articulated& body, const Reading& reading, const std::vector<double>& rates) {
   l.now_velocity = l.now_spin = {};
   if (!body.floats()) {
-    const Vec3 spin = vector(item(told.motion.ptr(), 1));
+    const Vec3 spin = vector(item(reading.motion.ptr(), 1));
     l.now_velocity =
-        vector(item(told.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(told.base.ptr(), 0)));
+        vector(item(reading.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(reading.base.ptr(), 0)));
     l.now_spin = spin;
   }
   if (l.jacobian.empty()) return;
@@ -216,13 +183,13 @@ void set_motion(Link& l, const Articulated& body, const Told& told, const std::v
 
 // Links of one body, by their slots, in the first of which is the body's body. false: some number is not
 // finite.
-bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
+bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
                const py::list& infos, const py::tuple& base, const py::tuple& motion,
                const py::tuple& joints) {
-  const Told told{infos, base, motion, joints};
-  for (int slot : slots) make_link(w, slot);
+  const Reading reading{infos, base, motion, joints};
+  for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.bodies[slots[0]];
-  set_mover(m, body, told);
+  set_mover(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.links[slots[i]];
@@ -231,17 +198,17 @@ bool tell_body(World& w, Articulated& body, const std::vector<int>& slots, const
     l.body = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
-    set_motion(l, body, told, m.rates);
+    set_motion(l, body, reading, m.rates);
   }
-  return std::all_of(slots.begin(), slots.end(), [&](int slot) { return told_well(w, slot); });
+  return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 
 // Its rates right after a step; whether it seems to have been let go.
-bool note_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
-               const py::tuple& joints) {
+bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
+                 const py::tuple& joints) {
   std::vector<double> rates, places;
   read_joints(body, motion, joints, rates, places);
-  return w.note(slot, rates);
+  return w.sample(slot, rates);
 }
 
 // J (links, 6, dofs) and the mass matrix.
@@ -249,7 +216,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
                    const py::tuple& joints, const py::list& chosen) {
   std::vector<double> rates, places;
   read_joints(body, motion, joints, rates, places);
-  place(body, Told{infos, base, motion, joints}, places);
+  place(body, Reading{infos, base, motion, joints}, places);
   const py::ssize_t n = body.dofs(), count = chosen.size();
   Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
   for (py::ssize_t i = 0; i < count; ++i) {
@@ -264,7 +231,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  world.def("tell_body", &tell_body).def("note_body", &note_body);
+  world.def("read_body", &read_body).def("sample_body", &sample_body);
   m.def("dynamics", &dynamics);
 }
 
@@ -318,8 +285,8 @@ Array wrenches(const World& w) {
   Array out({static_cast<py::ssize_t>(w.links.size()), static_cast<py::ssize_t>(6)});
   double* p = out.mutable_data();
   for (const Link& l : w.links) {
-    *p++ = l.force.x, *p++ = l.force.y, *p++ = l.force.z;
-    *p++ = l.torque.x, *p++ = l.torque.y, *p++ = l.torque.z;
+    *p++ = l.wrench.force.x, *p++ = l.wrench.force.y, *p++ = l.wrench.force.z;
+    *p++ = l.wrench.torque.x, *p++ = l.wrench.torque.y, *p++ = l.wrench.torque.z;
   }
   return out;
 }
@@ -330,14 +297,14 @@ py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.links.size(); ++i) {
     const Link& l = w.links[i];
-    const double force = norm(l.force), torque = norm(l.torque);
+    const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
     const Vec3 centre = l.turned.far ? l.start_centre : l.centre;
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
-    if (std::fabs(dot(l.force, l.torque)) <= kAcross * force * torque && force > 0) {
-      const Vec3 point = centre + (1 / (force * force)) * cross(l.force, l.torque);
-      out.append(py::make_tuple(i, tuple(l.force), tuple(point), py::none()));
+    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kAcross * force * torque && force > 0) {
+      const Vec3 point = centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
+      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
     } else {
-      out.append(py::make_tuple(i, tuple(l.force), tuple(centre), tuple(l.torque)));
+      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(centre), tuple(l.wrench.torque)));
     }
   }
   return out;
@@ -355,7 +322,6 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("released_bodies", &World::released_bodies)
       .def("rewind", &World::rewind)
       .def("pulled_bodies", &World::pulled_bodies)
-      .def("keep_told_contacts", &World::keep_told_contacts)
       .def("any_held", &World::any_held)
       .def("held_bodies",
            [](const World& w) {

@@ -16,18 +16,13 @@ void place(Link& l, PyObject* info, PyObject* where) {
   l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(item(info, 3)));
 }
 
-void make_link(World& w, int slot) {
-  if (slot < static_cast<int>(w.links.size())) return;
-  w.links.resize(slot + 1), w.bodies.resize(slot + 1);
-}
-
 void stand_still(World& w, int slot) {
   w.links[slot].body = -1;
   w.links[slot].jacobian.clear();
   if (w.bodies[slot].n() > 0) w.bodies[slot] = GeneralizedBody{};
 }
 
-bool told_well(const World& w, int slot) {
+bool is_finite(const World& w, int slot) {
   const Link& l = w.links[slot];
   const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
                    l.pose.rotation.r1 + l.pose.rotation.r2;

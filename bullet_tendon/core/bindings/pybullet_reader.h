@@ -1,5 +1,4 @@
-// What pybullet tells of bodies: nested tuples of numbers, read here because it takes less than making arrays
-// of them.
+// Reads pybullet's answers about bodies: nested tuples of numbers. This is faster than making arrays of them.
 #pragma once
 #include "bindings/arrays.h"
 
@@ -30,11 +29,9 @@ inline Rot3 turn_of(PyObject* tuple) {
 
 // Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame).
 void place(Link& l, PyObject* info, PyObject* where);
-// There is a link, and a body, in that slot.
-void make_link(World& w, int slot);
-// Whether all that was told of them is finite.
-bool told_well(const World& w, int slot);
-// Nothing of it moves.
+// Whether all numbers of a link and its body are finite.
+bool is_finite(const World& w, int slot);
+// The link is one that nothing moves.
 void stand_still(World& w, int slot);
 
 }  // namespace bt

@@ -102,6 +102,7 @@ void bind_world_tendon(GuardedWorld& world) {
            [](World& w, int c, int id, int particle, int link, const Array& local) {
              Anchor h;
              h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
+             w.ensure_link(link);
              stirred(w, c).anchors.push_back(h);
              w.tendons[c]->smooth = false;
            })

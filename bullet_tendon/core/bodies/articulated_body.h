@@ -20,8 +20,8 @@ struct Joint {
   double lower = 1, upper = 0;  // limits of a hinge [rad] or slider [m]; none where lower > upper
 };
 
-// What is read of a link, one number after the other: mass 1, principal moments 3, its inertial frame in its
-// own frame, whose origin is the joint, 3 and 4 (quaternion x, y, z, w).
+// Numbers that are read of a link: mass 1, principal moments 3, and its inertial frame in its own frame,
+// whose origin is the joint: 3 and 4 (quaternion x, y, z, w).
 constexpr int kInertiaWidth = 11;
 
 class Articulated {
@@ -35,7 +35,7 @@ class Articulated {
   // inertias: kInertiaWidth of every link. base: its centre of mass 3 and inertial frame 4 in the world.
   // places: of the joints that move, a ball's 4 (quaternion).
   void place(const double* inertias, const double* base, const double* places);
-  // Where that takes a link: its centre of mass, and its own frame.
+  // Centre of mass and frame of a link, once it was placed.
   Vec3 centre(int link) const { return base_at_ + links_[link].centre; }
   Pose frame(int link) const { return {links_[link].frame, base_at_ + links_[link].joint}; }
   // out (6, dofs): velocity of the link's centre of mass, then its spin, world axes.

@@ -9,17 +9,16 @@ namespace bt {
 
 namespace {
 
-// Square of the angle that a body turns by in a step [rad^2] from which it is solved for with arms as they
-// are at the end of the step. Larger: what is attached lags behind. Smaller: three more unknowns for what
-// hardly turns, and its swinging is damped.
+// Square of the angle by which a body turns in a step from which arms are taken at the end of the step
+// [rad^2]. Larger: attached points lag behind. Smaller: the swing of what hangs on an arm is damped.
 constexpr double kFarTurn = 0.01;
-// The same of the share of a turn that the arm of a pull would swing by in it, dt^2 |f| |r| / (moment of
-// inertia) [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: bodies that
-// hardly turn are pushed by other torques than arms at the start of the step have.
+// The same of dt^2 |f| |r| / (moment of inertia), the share of a turn by which the arm r would swing under
+// the pull f [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: the swing
+// of what hangs on an arm is damped.
 constexpr double kFarSwing = 0.25;
 
-// A direction that a body can be moved in is a new one where this share of its square is left beside the
-// others [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
+// Share of the square of a direction that has to be left beside the other directions for it to be a new one
+// [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
 constexpr double kSameDirection = 1e-20;
 
 }  // namespace
@@ -33,34 +32,34 @@ Vec3 GeneralizedBody::gyroscopic() const {
   return -(turning * cross(spin, inverse(turning) * spin));
 }
 
-// Acceleration without tendons and without what holds it.
+// Acceleration without tendons and without what holds the body.
 const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
-  known_.assign(n(), 0.0);
-  if (gravity_response.empty()) return known_;
+  work_.known.assign(n(), 0.0);
+  if (gravity_response.empty()) return work_.known;
   for (int i = 0; i < n(); ++i)
-    known_[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
-                gravity_response[3 * i + 2] * gravity.z;
+    work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
+                     gravity_response[3 * i + 2] * gravity.z;
   if (n() == 6)
-    known_[3] += gyroscopic_acceleration.x, known_[4] += gyroscopic_acceleration.y,
-        known_[5] += gyroscopic_acceleration.z;
-  return known_;
+    work_.known[3] += gyroscopic_acceleration.x, work_.known[4] += gyroscopic_acceleration.y,
+        work_.known[5] += gyroscopic_acceleration.z;
+  return work_.known;
 }
 
-// The same, with what stops added in the step before, and the gyroscopic_acceleration of that.
+// The same of the step before, with what its stops added.
 const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
   known(gravity);
-  if (stopped_by_.size() == known_.size())
-    for (int i = 0; i < n(); ++i) known_[i] += stopped_by_[i];
-  return known_;
+  if (stopped_by_.size() == work_.known.size())
+    for (int i = 0; i < n(); ++i) work_.known[i] += stopped_by_[i];
+  return work_.known;
 }
 
 void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
+  const bool stops_known = !contacts.empty() && !slipped_;
   // Of several tendons, or what they press at, it cannot be told what they would have done.
-  const bool told = !contacts.empty() && !slipped_;  // by contacts
-  observer.see(rates, free, unforced(gravity), !gravity_response.empty() && n() == 6 && (!unknown || turns),
-               told);
-  contacts_kept = false;
+  const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turns);
+  observer.observe(rates, free, unforced(gravity), alone, stops_known);
+  contacts_known = false;
   gyroscopic_acceleration = gyroscopic();
 }
 
@@ -68,19 +67,19 @@ void GeneralizedBody::widen(Numbers direction) {
   const size_t size = direction.size();
   const double whole = dense::dot(direction, direction);
   Numbers along, part;
-  for (int twice = 0; twice < 2 && !basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
-    dense::multiply(basis, direction, along);
-    dense::multiply_transposed(basis, along, part);
+  for (int twice = 0; twice < 2 && !unknowns.basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
+    dense::multiply(unknowns.basis, direction, along);
+    dense::multiply_transposed(unknowns.basis, along, part);
     for (size_t i = 0; i < size; ++i) direction[i] -= part[i];
   }
   const double left = dense::dot(direction, direction);
   if (!(left > kSameDirection * whole)) return;
-  for (double v : direction) basis.push_back(v / std::sqrt(left));
-  ++freedom;
+  for (double v : direction) unknowns.basis.push_back(v / std::sqrt(left));
+  ++unknowns.freedom;
 }
 
-bool GeneralizedBody::note(const Numbers& after, Vec3 gravity) {
-  return observer.note(after, unforced(gravity));
+bool GeneralizedBody::sample(const Numbers& after, Vec3 gravity) {
+  return observer.sample(after, unforced(gravity));
 }
 
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
@@ -96,18 +95,19 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
   double light = 0;
   for (int k = 0; k < 6; ++k) {
     const Vec3 e{root[18 + k], root[24 + k], root[30 + k]};
-    by += dot(e, torque) * e, light += dot(e, e);
+    by += dot(e, tendon_torque) * e;
+    light += dot(e, e);
   }
   const Vec3 turn = dt * (spin + dt * by);
-  return dot(turn, turn) > kFarTurn || dt * dt * light * pull > kFarSwing;
+  return dot(turn, turn) > kFarTurn || dt * dt * light * tendon_pull > kFarSwing;
 }
 
 void GeneralizedBody::act(double dt) {
   observer.act(forces, dt);
   if (!is_stopped()) return stopped_by_.assign(n(), 0.0);
   auto add_response = [&](const Numbers& of, double sign) {
-    dense::respond(of, forces, half_, known_);
-    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * known_[i];
+    dense::respond(of, forces, work_.half, work_.known);
+    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * work_.known[i];
   };
   add_response(root, 1);
   add_response(observer.root(), -1);
@@ -119,8 +119,8 @@ void GeneralizedBody::push(const Numbers& impulse) {
 }
 
 void GeneralizedBody::push_by(const Numbers& impulse) {
-  dense::respond(root, impulse, half_, known_);
-  for (int i = 0; i < n(); ++i) change[i] += known_[i];
+  dense::respond(root, impulse, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) change[i] += work_.known[i];
 }
 
 }  // namespace bt

@@ -1,18 +1,18 @@
-// What moves of a pybullet body: its coordinates, and how they answer to forces.
+// A pybullet body by its generalized coordinates, and its response to forces.
 //
-// The links of a body share them. With J the Jacobian of a link (velocity of its centre of mass, spin) and E
-// the root of the response (bodies/response_observer.h), a force f at the point p of a link, r from its
-// centre of mass, displaces every point of the body within a step by
+// The links of a body share its coordinates. With J the Jacobian of a link (velocity of its centre of mass,
+// spin) and E the root of the response (bodies/response_observer.h), a force f at the point p of a link, at
+// the arm r from its centre of mass, displaces every point of the body within a step by
 //
 //   B = s [I, -[r]] J E,     u = B y,     y = B^T f,     s^2 = (time since the step began) (length of the
-//   part),
+//   substep),
 //
 // so that y, of energy |y|^2/2, are the body's unknowns in the solution (solver/body_schur.cpp), whatever
-// holds it. What touches the body gives y in the span of all B^T only: with an orthonormal basis Q of that, y
-// = Q z with fewer unknowns z, three for a single attachment (world/bodies.cpp).
+// holds it. Only the span of all B^T of touched points is reached: with an orthonormal basis Q of it, y = Q z
+// with fewer unknowns z (World::narrow_bodies).
 //
-// Joint limits and contacts with bodies that do not move are foreseen: where the rate along a direction d
-// would go on through one, pybullet gives it what takes back a share of the depth
+// Joint limits and contacts with bodies that do not move are predicted: where the rate along a direction d
+// would pass through one, pybullet gives it a rate that takes back a share of the depth
 // (bodies/unilateral_stops.cpp).
 #pragma once
 #include <vector>
@@ -23,32 +23,43 @@
 
 namespace bt {
 
+// The unknowns of a body in the solution of an island.
+struct BodyUnknowns {
+  using Numbers = dense::Numbers;
+  bool any = false;
+  int freedom = 0;          // how many
+  Numbers basis;            // Q^T (freedom n), where they are fewer than n
+  Numbers y, dy, residual;  // z, its change, and the residual
+  int first = 0;            // their place among those of the island
+  double lever = 0;         // largest |B| of its touched points
+};
+
+// Space for intermediate results. Of it, only `through` (D E) and `within` (D R D^T), of all stops, last for
+// a step.
+struct BodyWorkspace {
+  dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along;
+};
+
 struct GeneralizedBody {
   using Numbers = dense::Numbers;
   Numbers rates;             // now: velocity of the centre of mass and spin, of the base, and of the joints
   Numbers free;              // M^-1 (n n)
   Numbers gravity_response;  // acceleration by a unit of gravity (n 3); empty: not known
   Vec3 gyroscopic_acceleration;  // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
-  Numbers limits;       // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
-  Numbers contacts;     // of a rigid body: direction (6) and distance, below 0 inside, of every contact
-  Numbers contacts_at;  // where it was then: its centre of mass (3) and how it was turned (4)
-  Numbers rests_on;     // how many bodies there were, and body and link of each that it touched
-  bool contacts_kept = false;  // those of a state that was saved: pybullet's own are not restored
+  Numbers limits;  // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
+  // Of a rigid body: direction (6) and distance, below 0 inside, of every contact with a body without mass.
+  Numbers contacts;
+  bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   Observer observer;
-  Numbers root;    // E, without what the stops take away in this step
-  Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
-  Numbers forces;  // generalized, of the tendons in this step
-  // Whether it turns far in this step, by the tendons' torque and pulls times arms [N m].
-  bool turns = false;
-  Vec3 torque;
-  double pull = 0;
-  // In a solution.
-  bool unknown = false;
-  int freedom = 0;          // how many unknowns it has
-  Numbers basis;            // Q^T (freedom n), where they are fewer than n
-  Numbers y, dy, residual;  // z, its change, and the residual
-  int first = 0;            // of its unknowns among those of its group
-  double lever = 0;         // largest |B| of its touched points
+  Numbers root;        // E, without what the stops take away in this step
+  Numbers change;      // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
+  Numbers forces;      // generalized, of the tendons in this step
+  bool turns = false;  // far in this step, so that arms are not those at its start
+  Vec3 tendon_torque;  // of the tendons, by the last solution [N m]
+  double tendon_pull = 0;   // sum of their forces times arms [N m]
+  int touches = 0;          // attachments and contacts of tendons
+  bool point_mass = false;  // it is a spring in the solution (World::aim_attachments)
+  BodyUnknowns unknowns;
 
   // Coordinates that a limit stops in this step.
   std::vector<int> stopped() const {
@@ -59,23 +70,19 @@ struct GeneralizedBody {
   }
   bool may_stop() const { return !stops_.empty(); }
   bool is_stopped() const;
-  // Whether contacts could tell something of what it is going to do.
+  // Whether contacts may decide what it is going to do.
   bool may_rest(Vec3 gravity) const;
-  // Whether the contacts that were told last can be believed to be those of now, when it is at `place` with
-  // these rates: it has hardly moved since, and goes on to do what they make it do.
-  bool contacts_stand(const Numbers& place, const Numbers& rates_now) const;
-  void forget_contacts() { contacts.clear(), contacts_at.clear(), rests_on.clear(), pushes_.clear(); }
   int n() const { return static_cast<int>(rates.size()); }
   // One more direction (n) that it can be moved in, of which it gets the part that is new.
   void widen(Numbers direction);
   // What it did since the last step, and what it is going to do.
   void sense(Vec3 gravity);
   void predict(double dt, Vec3 gravity);
-  // Its rates right after the step; whether it seems to have been let go (Observer::note).
-  bool note(const Numbers& after, Vec3 gravity);
+  // Its rates right after the step; whether it seems to have been let go (Observer::sample).
+  bool sample(const Numbers& after, Vec3 gravity);
   // The tendons' forces of a step of dt.
   void act(double dt);
-  // Whether it turns by far within dt, or its arms would under their pulls, with that spin foreseen.
+  // Whether it turns far within dt with this predicted spin, or its arms would under the tendons' pulls.
   bool turns_far(Vec3 spin, double dt) const;
   // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
   bool settle_stops(const Numbers& forces, double dt);
@@ -106,9 +113,7 @@ struct GeneralizedBody {
   Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
   bool rested_ = false;   // on contacts, in the last step
   bool slipped_ = false;  // through them
-  // Among it D E and D R D^T of all stops, found once in a step.
-  dense::Scratch known_, half_, direction_, through_, within_, within_acting_, within_root_, missing_, given_,
-      along_;
+  BodyWorkspace work_;
   friend struct StateFields;  // world/state_fields.h
 };
 

@@ -9,9 +9,9 @@ namespace bt {
 
 namespace {
 
-// pybullet turns a body by the whole of its spin over a step up to this angle, and then by less [rad].
-constexpr double kTurnsAsTold = 0.78539816339744831;
-// Square of an angle under which its functions are taken by their series [rad^2].
+// pybullet turns a body by the spin times the step up to this angle, beyond it by less [rad].
+constexpr double kWholeTurn = 0.78539816339744831;
+// Square of an angle below which A and B are evaluated by their series [rad^2].
 constexpr double kSmallTurn = 1e-3;
 
 // A, B and their derivatives by t over t.
@@ -35,9 +35,8 @@ struct Slowing {
 };
 
 Slowing slowing_of(double t) {
-  constexpr double kHalf = kTurnsAsTold / 2;
-  if (t <= kTurnsAsTold) return {1, 0, 0};
-  const double c = std::tan(kHalf) / kTurnsAsTold, d = 1 + c * c * t * t;
+  if (t <= kWholeTurn) return {1, 0, 0};
+  const double c = std::tan(0.5 * kWholeTurn) / kWholeTurn, d = 1 + c * c * t * t;
   const double share = 2 * std::atan(c * t) / t, slope = (2 * c / d - share) / t;
   const double curve = (-4 * c * c * c * t / (d * d) - 2 * slope) / t;
   return {share, slope / t, (curve - slope / t) / (t * t)};

@@ -1,4 +1,4 @@
-// How a body that turns far in a step is turned at its end.
+// The finite rotation of a free rigid body that turns far in a step.
 //
 // pybullet turns a body by the rotation vector psi = g(t) theta, theta = dt w, t = |theta|, w its spin at the
 // end of the step: g = 1, but beyond pi/4 g = 2 atan(c t)/t, c = 4/pi tan(pi/8) (btMultiBody). A point at the
@@ -18,11 +18,11 @@
 namespace bt {
 
 struct FiniteRotation {
-  bool far = false;  // so far that arms are not what they were
-  // Rotation vectors: foreseen from the start of the step to that of the part, and in the part; of that as
-  // much as has gone; and theta, with what the tendons make of it.
+  bool far = false;  // else arms are those at the start of the substep
+  // Rotation vectors: predicted from the start of the step to that of the substep, and within the substep;
+  // the share of the latter that is taken; and theta, with what the tendons add.
   Vec3 begun, more, straight, theta;
-  Rot3 rotation, rate;  // since the part began; Q
+  Rot3 rotation, rate;  // since the substep began; Q
   Rot3 pulls;           // sum of outer products r' f over the points that are touched
 
   void turn_by(double share, Vec3 by);

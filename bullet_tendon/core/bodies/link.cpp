@@ -46,10 +46,10 @@ void Link::advance_to(double time) {
   pose.origin = centre + pose.rotation * arm;
 }
 
-// The angular rows of what unknowns make of it are those of its spin, times T.
+// The angular rows of `reached` are those of the root, times Q.
 void Link::turn(const GeneralizedBody& m, double share) {
   turned.turn_by(share, given.angular);
-  const size_t n = m.freedom;
+  const size_t n = m.unknowns.freedom;
   reached = root;
   for (size_t k = 0; k < n; ++k) {
     const Vec3 d = turned.rate * Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]};
@@ -62,20 +62,17 @@ Vec3 Link::displaced(Vec3 arm) const {
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
 }
 
-Vec3 Link::torque_of(Vec3 f, Vec3 arm) const {
-  const Vec3 by = cross(now(arm), f);
-  return turned.far ? transposed_times(turned.rate, by) : by;
-}
+Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
 
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
 Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
 
 void Link::reach(const GeneralizedBody& m) {
-  if (m.freedom == m.n())
+  if (m.unknowns.freedom == m.n())
     reached = root;
   else
-    dense::product_transposed(m.n(), root, m.basis, reached);
+    dense::product_transposed(m.n(), root, m.unknowns.basis, reached);
 }
 
 dense::Numbers Link::motion_of(int direction, Vec3 arm) const {

@@ -8,17 +8,17 @@ namespace bt {
 
 namespace {
 
-// Share of a held link's free answer, along the wrench, by which it has to exceed what was foreseen for
-// it to have been let go [-]. Larger: light bodies are shot off. Smaller: held ones are solved twice.
+// Share of a held body's free response to the forces by which its motion along them has to exceed the
+// predicted one for the body to have been released [-]. Larger: light bodies are shot off. Smaller: held ones
+// are solved twice.
 constexpr double kReleased = 0.2;
 
-// Share of a wrench by which it has to change for something to be learned of its change, the same for the
-// link to be thought to yield more than before, share of the free answer to the change by which the link has
-// to miss what was foreseen, and least cosine between both for the one to explain the other [-].
+// Share of the forces by which they have to change for anything to be learned [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
-constexpr double kYieldNews = 0.1;
-constexpr double kLeastMiss = 0.1;
-constexpr double kLeastCosine = 0.1;
+// What is evidence that the response is another one [-]: the share of the free response to the change of the
+// forces by which the motion missed the prediction, the cosine between both, and, for more response than
+// before, the share of the forces that has changed.
+constexpr double kEvidence = 0.1;
 
 }  // namespace
 
@@ -32,24 +32,25 @@ void Observer::start(int n) {
   push_.assign(n, 0.0), forces_.assign(n, 0.0);
 }
 
-void Observer::see(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone, bool told) {
+void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
+                       bool stops_known) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
   if (has_acted()) {
-    sample(noted_.empty() ? rates : noted_, gravity);
+    measure(sampled_.empty() ? rates : sampled_, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    if (!alone || !leave_out_cut(noted_.empty() ? rates : noted_)) {
+    if (!alone || !leave_out_cut(sampled_.empty() ? rates : sampled_)) {
       released_ = held_ && was_released(now_);
-      if (samples_ > 0 && !was_cut() && !told) learn(now_);
+      if (samples_ > 0 && !was_cut() && !stops_known) learn(now_);
     }
     std::swap(before_, last_), std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
-    if (!told) find_push();
+    if (!stops_known) find_push();
   }
   dense::root(n_, free, root_);
-  told ? set_free() : take_effective();
+  stops_known ? set_free() : take_effective();
   refresh(rates);
 }
 
@@ -62,18 +63,24 @@ void Observer::take_effective() {
 
 void Observer::refresh(const Numbers& rates) {
   rates_ = rates, known_ = true, acted_ = false;
-  noted_.clear();
+  sampled_.clear();
 }
 
-bool Observer::note(const Numbers& rates, const Numbers& gravity) {
+bool Observer::sample(const Numbers& rates, const Numbers& gravity) {
   if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
-  noted_ = rates;
-  sample(rates, gravity);
+  sampled_ = rates;
+  measure(rates, gravity);
   compare(now_);
   return was_released(now_);
 }
 
-void Observer::sample(const Numbers& rates, const Numbers& gravity) {
+namespace {
+
+bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
+
+}  // namespace
+
+void Observer::measure(const Numbers& rates, const Numbers& gravity) {
   now_.forces = forces_, now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
@@ -105,15 +112,9 @@ void Observer::compare(const Sample& now) {
   for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
 }
 
-namespace {
-
-bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
-
-}  // namespace
-
-// A rate that pybullet has cut off would have gone farther: what is missing to what was foreseen is nothing,
-// and what is more is the least that it can have been. Whether there is one, that nothing can be learned of.
-// Of rigid bodies, but what spins so fast: there arms are not what they were.
+// A rate that pybullet has cut off would have gone farther. A motion short of the predicted one is taken for
+// the predicted one. A motion beyond it is the least possible one. Returns whether there is such a rate:
+// nothing is learned from it. Bodies whose spin is cut off are left alone, because their arms are not known.
 bool Observer::leave_out_cut(const Numbers& rates) {
   bool any = false;
   for (int i = 3; i < n_; ++i)
@@ -128,7 +129,7 @@ bool Observer::leave_out_cut(const Numbers& rates) {
   return any;
 }
 
-// It went along the forces, by more of its free answer than it was thought to.
+// The body moved along the forces by more of its free response than predicted.
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);
   multiply_transposed(root_, now.forces, one_);
@@ -149,11 +150,11 @@ void Observer::learn(const Sample& now) {
   multiply(share_, s_, other_);
   for (int i = 0; i < n_; ++i) e_[i] -= other_[i];
   const double es = dot(e_, s_), ee = dot(e_, e_);
-  if (ee <= kLeastMiss * kLeastMiss * news) return;
-  // What the change of the forces does not explain, something else did.
-  if (es * es <= kLeastCosine * kLeastCosine * ee * news) return;
-  // What is moved by hand changes its motion whatever the forces do, by little from step to step.
-  if (es > 0 && news <= kYieldNews * kYieldNews * whole) return;
+  if (ee <= kEvidence * kEvidence * news) return;
+  // A difference that is not along the change of the forces has another cause.
+  if (es * es <= kEvidence * kEvidence * ee * news) return;
+  // A body that is moved by hand changes its motion a little in every step, whatever the forces do.
+  if (es > 0 && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
   limit_share();
@@ -175,7 +176,7 @@ void Observer::limit_share() {
   product_transposed(n_, share_root_, share_root_, share_);
 }
 
-void Observer::believe() { unexplained(last_, push_); }
+void Observer::trust_last() { unexplained(last_, push_); }
 
 void Observer::find_push() {
   if (samples_ < 2) return push_.assign(n_, 0.0);

@@ -34,12 +34,6 @@ constexpr double kTakenBack = 0.2;
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
 
-// How far a body may have moved since its contacts were asked for [m], [half a radian], and share of what
-// they held it back by [m/s] by which they may have missed that, for the same ones to hold it now [-].
-// Larger: they are taken for what they no longer are. Smaller: they are asked for in every step.
-constexpr double kContactsStand = 1e-5;
-constexpr double kSteadyContact = 1e-3;
-
 // A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
 constexpr double kLeastPush = 1e-9;
 
@@ -88,25 +82,9 @@ bool GeneralizedBody::is_stopped() const {
 }
 
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
-  if (contacts_kept) return false;
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
-}
-
-bool GeneralizedBody::contacts_stand(const Numbers& place, const Numbers& rates_now) const {
-  if (contacts.empty() || contacts_at.size() != place.size()) return false;
-  for (size_t i = 0; i < place.size(); ++i)
-    if (!(std::fabs(place[i] - contacts_at[i]) <= kContactsStand)) return false;
-  bool any = false;
-  for (size_t k = 0; k < stops_.size(); ++k) {
-    const Stop& s = stops_[k];
-    if (!s.acts || s.coordinate >= 0) continue;
-    any = true;
-    const double missed = rate_along(k, rates_now) - s.wanted;
-    if (!(std::fabs(missed) <= kSteadyContact * std::fabs(s.held_back))) return false;
-  }
-  return any;
 }
 
 double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
@@ -116,33 +94,33 @@ double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
   return sum;
 }
 
-// Along direction_.
+// Along work_.direction.
 void GeneralizedBody::add_stop(double wanted, int coordinate) {
-  dense::multiply_transposed(root, direction_, half_);
-  dense::multiply(free, direction_, known_);
-  if (!(dense::dot(half_, half_) > kRank * dense::dot(direction_, known_))) return;
-  const double foreseen = dense::dot(direction_, rates) + dense::dot(direction_, change);
+  dense::multiply_transposed(root, work_.direction, work_.half);
+  dense::multiply(free, work_.direction, work_.known);
+  if (!(dense::dot(work_.half, work_.half) > kRank * dense::dot(work_.direction, work_.known))) return;
+  const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
   stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false});
-  directions_.insert(directions_.end(), direction_.begin(), direction_.end());
-  through_.insert(through_.end(), half_.begin(), half_.end());
+  directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
+  work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
 }
 
 void GeneralizedBody::find_stops(double dt) {
-  stops_.clear(), directions_.clear(), through_.clear(), within_.clear();
+  stops_.clear(), directions_.clear(), work_.through.clear(), work_.within.clear();
   unstopped_ = change;
   pushed_.assign(n(), 0.0);
   doubted_.resize(n());
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
     if (doubted_[i] != 0) continue;
-    direction_.assign(n(), 0.0);
-    direction_[i] = limits[s + 1];
+    work_.direction.assign(n(), 0.0);
+    work_.direction[i] = limits[s + 1];
     add_stop(rate_at_limit(limits[s + 2], dt), i);
   }
   for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
-    direction_.assign(&contacts[c], &contacts[c] + 6);
+    work_.direction.assign(&contacts[c], &contacts[c] + 6);
     // What it rests on gives way slowly and steadily.
-    const double now = dense::dot(direction_, rates);
+    const double now = dense::dot(work_.direction, rates);
     add_stop(rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
   }
 }
@@ -155,10 +133,10 @@ void GeneralizedBody::find_pushes(double dt) {
   for (int sweep = 0; sweep < kStopSweeps && !settled; ++sweep) {
     settled = true;
     for (size_t a = 0; a < m; ++a) {
-      double left = stops_[a].missing - dt * given_[a];
-      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * given_[a]);
-      for (size_t b = 0; b < m; ++b) left -= within_[a * m + b] * pushes_[b];
-      const double before = pushes_[a], own = within_[a * m + a];
+      double left = stops_[a].missing - dt * work_.given[a];
+      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
+      for (size_t b = 0; b < m; ++b) left -= work_.within[a * m + b] * pushes_[b];
+      const double before = pushes_[a], own = work_.within[a * m + a];
       pushes_[a] = std::max(0.0, before + left / own);
       settled &= own * std::fabs(pushes_[a] - before) <= kStopSettled * whole;
     }
@@ -169,15 +147,15 @@ void GeneralizedBody::find_pushes(double dt) {
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   bool other = false;
-  if (within_.empty()) dense::product_transposed(n(), through_, through_, within_);
-  dense::multiply_transposed(observer.root(), forces, half_);
-  dense::multiply(through_, half_, given_);
+  if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
+  dense::multiply_transposed(observer.root(), forces, work_.half);
+  dense::multiply(work_.through, work_.half, work_.given);
   find_pushes(dt);
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
-    s.held_back = s.missing - dt * given_[a];
-    const double size = std::fabs(s.missing) + dt * std::fabs(given_[a]);
-    const bool acts = pushes_[a] * within_[a * m + a] > kLeastPush * size;
+    s.held_back = s.missing - dt * work_.given[a];
+    const double size = std::fabs(s.missing) + dt * std::fabs(work_.given[a]);
+    const bool acts = pushes_[a] * work_.within[a * m + a] > kLeastPush * size;
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;
@@ -192,23 +170,24 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
 
 void GeneralizedBody::stop(double dt) {
   change = unstopped_, root = observer.root();
-  missing_.clear();
+  work_.missing.clear();
   for (const Stop& s : stops_)
-    if (s.acts) missing_.push_back(s.missing);
+    if (s.acts) work_.missing.push_back(s.missing);
   stopped_by_.assign(n(), 0.0);
-  if (!missing_.empty()) take_away(dt);
+  if (!work_.missing.empty()) take_away(dt);
   if (dense::dot(pushed_, pushed_) > 0) push_by(pushed_);
 }
 
-// S E, in half_, and S R S^T, of those that act.
+// S E, in work_.half, and S R S^T, of those that act.
 void GeneralizedBody::gather_acting() {
-  half_.clear(), within_acting_.clear();
+  work_.half.clear(), work_.within_acting.clear();
   const size_t m = stops_.size();
   for (size_t a = 0; a < m; ++a) {
     if (!stops_[a].acts) continue;
-    half_.insert(half_.end(), through_.begin() + a * n(), through_.begin() + (a + 1) * n());
+    work_.half.insert(work_.half.end(), work_.through.begin() + a * n(),
+                      work_.through.begin() + (a + 1) * n());
     for (size_t b = 0; b < m; ++b)
-      if (stops_[b].acts) within_acting_.push_back(within_[a * m + b]);
+      if (stops_[b].acts) work_.within_acting.push_back(work_.within[a * m + b]);
   }
 }
 
@@ -216,19 +195,19 @@ void GeneralizedBody::gather_acting() {
 //
 //   change += E W^T L^-1 missing,     E -= E W^T W.
 void GeneralizedBody::take_away(double dt) {
-  const size_t m = missing_.size(), width = n();
+  const size_t m = work_.missing.size(), width = n();
   const double rate = 1 / dt;
   gather_acting();
-  dense::root(static_cast<int>(m), within_acting_, within_root_);
-  dense::forward(within_root_, missing_);
-  dense::forward_rows(within_root_, n(), half_);
-  dense::product_transposed(n(), root, half_, along_);  // E W^T
+  dense::root(static_cast<int>(m), work_.within_acting, work_.within_root);
+  dense::forward(work_.within_root, work_.missing);
+  dense::forward_rows(work_.within_root, n(), work_.half);
+  dense::product_transposed(n(), root, work_.half, work_.along);  // E W^T
   for (size_t i = 0; i < width; ++i)
     for (size_t a = 0; a < m; ++a) {
-      const double by = along_[i * m + a] * missing_[a];
+      const double by = work_.along[i * m + a] * work_.missing[a];
       change[i] += by, stopped_by_[i] += rate * by;
     }
-  dense::subtract_product(n(), along_, half_, root);
+  dense::subtract_product(n(), work_.along, work_.half, root);
 }
 
 }  // namespace bt

@@ -112,6 +112,7 @@ struct Contact {
   void take_over(double force);
   // What Coulomb's law asks of the friction limit, mu N, less the limit [N].
   double limit_error() const { return friction * normal_force - limit; }
+  void limit_friction() { limit = direct ? limit : friction * normal_force; }
   // The normal force that the linearisation foresees there; below 0 where it lets go.
   double force_after(Vec3 moved) const { return lambda - stiffness * (gap + dot(normal, moved)); }
   // The normal force, the friction limit, and whether the contact slides, in the next iteration, from the

@@ -63,18 +63,18 @@ bool update_direct(Island& island, Contact& contact) {
 }
 
 // A contact at tendon.x_new, where its points follow what they touch.
-void evaluate(Island& island, Contact& contact, bool definite) {
+void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
   if (island.follows) follow(island, contact);
-  contact.evaluate(relative_position(island, contact, &Tendon::x_new), false, definite);
+  contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
 }
 
 // True residual of the island at tendon.x_new; what holds supply is still in it.
-Assembly residual_of(Island& island, bool definite) {
+Assembly residual_of(Island& island, bool definite, bool at_position) {
   Assembly a;
   clear_loads(island), clear_pulls(island);
   for (Tendon* c : island.tendons) a.scale = std::max(a.scale, tendon_residual(*c));
   for (Contact* contact : island.contacts) {
-    evaluate(island, *contact, definite);
+    evaluate(island, *contact, at_position, definite);
     if (!contact->acts()) continue;
     a.scale = std::max(a.scale, max_abs(contact->total_force));
     add_contact_force(island, *contact);

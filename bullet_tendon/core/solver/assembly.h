@@ -17,7 +17,7 @@ bool update_direct(Island& island, Contact& contact);
 // A contact at tendon.x_new, its points where they are nearest.
 void evaluate(Island& island, Contact& contact, bool definite);
 // True residual of the island at tendon.x_new; what holds supply is still in it.
-Assembly residual_of(Island& island, bool definite);
+Assembly residual_of(Island& island, bool definite, bool at_position = false);
 // Its norms, once what holds supply has been taken out.
 void measure_residual(Island& island, Assembly& a);
 // The contacts' multipliers and friction limits from the step, before it is taken.

@@ -70,7 +70,7 @@ void place(Island& island) {
   for (int l : island.carried) {
     Link& link = (*island.links)[l];
     const GeneralizedBody& m = (*island.all_bodies)[link.body];
-    link.given = scaled(reach_of(island), link.spin_of(m.y));
+    link.given = scaled(reach_of(island), link.spin_of(m.unknowns.y));
     if (link.turned.far) link.turn(m, 1);
   }
   each_carried(island, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
@@ -81,31 +81,32 @@ void place(Island& island) {
 
 // The last step's forces are the first guess at this one's.
 void guess(const Island& island, GeneralizedBody& m) {
-  m.y.assign(m.freedom, 0.0), m.dy.assign(m.freedom, 0.0), m.residual.assign(m.freedom, 0.0);
+  m.unknowns.y.assign(m.unknowns.freedom, 0.0), m.unknowns.dy.assign(m.unknowns.freedom, 0.0),
+      m.unknowns.residual.assign(m.unknowns.freedom, 0.0);
   if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
   dense::Numbers all;
   dense::multiply_transposed(m.root, m.observer.forces(), all);
-  if (m.freedom == m.n())
-    m.y = all;
+  if (m.unknowns.freedom == m.n())
+    m.unknowns.y = all;
   else
-    dense::multiply(m.basis, all, m.y);
-  for (double& v : m.y) v *= reach_of(island);
+    dense::multiply(m.unknowns.basis, all, m.unknowns.y);
+  for (double& v : m.unknowns.y) v *= reach_of(island);
 }
 
 // A guess that moves the body by more than a segment could turn the segment over.
 void shorten(GeneralizedBody& m, double most) {
-  const double moved = m.lever * std::sqrt(dense::dot(m.y, m.y));
+  const double moved = m.unknowns.lever * std::sqrt(dense::dot(m.unknowns.y, m.unknowns.y));
   if (moved > most)
-    for (double& v : m.y) v *= most / moved;
+    for (double& v : m.unknowns.y) v *= most / moved;
 }
 
 }  // namespace
 
 void start_bodies(Island& island) {
   if (island.bodies.empty()) return;
-  each_body(island, [&](GeneralizedBody& m) { guess(island, m), m.lever = 0; });
+  each_body(island, [&](GeneralizedBody& m) { guess(island, m), m.unknowns.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
-    double& lever = (*island.all_bodies)[link.body].lever;
+    double& lever = (*island.all_bodies)[link.body].unknowns.lever;
     lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
   each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
@@ -119,14 +120,14 @@ void start_bodies(Island& island) {
 
 void forget_bodies(Island& island) {
   if (island.bodies.empty()) return;
-  each_body(island, [](GeneralizedBody& m) { m.y.assign(m.freedom, 0.0); });
+  each_body(island, [](GeneralizedBody& m) { m.unknowns.y.assign(m.unknowns.freedom, 0.0); });
   place(island);
 }
 
-void advance_bodies(Island& island) {
+void advance_bodies(Island& island, double alpha) {
   if (island.bodies.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
-    for (int k = 0; k < m.freedom; ++k) m.y[k] += m.dy[k];
+    for (int k = 0; k < m.unknowns.freedom; ++k) m.unknowns.y[k] += alpha * m.unknowns.dy[k];
   });
   place(island);
 }
@@ -134,18 +135,14 @@ void advance_bodies(Island& island) {
 void move_bodies(Island& island, double share, Which x) {
   if (island.bodies.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
-    for (int k = 0; k < m.freedom; ++k) m.dy[k] = share * island.corner_side[m.first + k];
+    for (int k = 0; k < m.unknowns.freedom; ++k)
+      m.unknowns.dy[k] = share * island.corner_side[m.unknowns.first + k];
   });
   for (int l : island.carried) {
     Link& link = (*island.links)[l];
-    link.stepped = scaled(reach_of(island), link.twist_of((*island.all_bodies)[link.body].dy));
+    link.stepped = scaled(reach_of(island), link.twist_of((*island.all_bodies)[link.body].unknowns.dy));
   }
   carry_steps(island, x);
-}
-
-Vec3 torque_of(const Island& island, const Anchor& h, Vec3 force) {
-  const Link& link = (*island.links)[h.link];
-  return link.torque_of(force, link.arm_of(h.local));
 }
 
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
@@ -173,23 +170,30 @@ void load_carried(Island& island, Which forces) {
 
 void start_body_residual(Island& island, double share) {
   each_body(island, [share](GeneralizedBody& m) {
-    for (int k = 0; k < m.freedom; ++k) m.residual[k] = share * m.y[k];
+    for (int k = 0; k < m.unknowns.freedom; ++k) m.unknowns.residual[k] = share * m.unknowns.y[k];
   });
   add_body_residual(island);
 }
 
 void add_body_residual(Island& island) {
-  add_generalized_loads(island, [&](int m) -> dense::Numbers& { return (*island.all_bodies)[m].residual; });
+  add_generalized_loads(island,
+                        [&](int m) -> dense::Numbers& { return (*island.all_bodies)[m].unknowns.residual; });
 }
 
 double body_residual(const Island& island) {
   double most = 0;
   each_body(island, [&](const GeneralizedBody& m) {
-    const double size = std::sqrt(dense::dot(m.residual, m.residual));
-    const double force = m.lever > 0 ? size / m.lever : 0 * size;
+    const double size = std::sqrt(dense::dot(m.unknowns.residual, m.unknowns.residual));
+    const double force = m.unknowns.lever > 0 ? size / m.unknowns.lever : 0 * size;
     if (!(force <= most)) most = force;
   });
   return most;
+}
+
+double body_slope(const Island& island) {
+  double sum = 0;
+  each_body(island, [&](const GeneralizedBody& m) { sum += dense::dot(m.unknowns.residual, m.unknowns.dy); });
+  return sum;
 }
 
 namespace {
@@ -367,11 +371,11 @@ void move_links(Island& island, int column) {
     const GeneralizedBody& m = (*island.all_bodies)[link.body];
     LinkColumns& of = island.of_links[l];
     of = {};
-    for (int k = 0; k < m.freedom; ++k) {
-      const int lane = m.first + k - column;
+    for (int k = 0; k < m.unknowns.freedom; ++k) {
+      const int lane = m.unknowns.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
-      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.reach * link.reached[r * m.freedom + k];
+      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.reach * link.reached[r * m.unknowns.freedom + k];
     }
   }
 }
@@ -409,11 +413,11 @@ BT_VECTOR void fill_corner(Island& island, int column) {
   for (int l : island.carried) {
     const Link& link = (*island.links)[l];
     const GeneralizedBody& m = (*island.all_bodies)[link.body];
-    for (int i = 0; i < m.freedom; ++i) {
+    for (int i = 0; i < m.unknowns.freedom; ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (island.reach * link.reached[r * m.freedom + i]) * island.of_links[l].load[r];
-      double* to = &island.corner[static_cast<size_t>(m.first + i) * n + column];
+        sum += (island.reach * link.reached[r * m.unknowns.freedom + i]) * island.of_links[l].load[r];
+      double* to = &island.corner[static_cast<size_t>(m.unknowns.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
   }
@@ -431,11 +435,13 @@ void stiffen_turned(Island& island, bool definite) {
     const Sym3 k =
         (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
     auto spin = [&](int i) {
-      return Vec3{link.root[3 * m.freedom + i], link.root[4 * m.freedom + i], link.root[5 * m.freedom + i]};
+      return Vec3{link.root[3 * m.unknowns.freedom + i], link.root[4 * m.unknowns.freedom + i],
+                  link.root[5 * m.unknowns.freedom + i]};
     };
-    for (int i = 0; i < m.freedom; ++i)
-      for (int j = 0; j < m.freedom; ++j)
-        island.corner[static_cast<size_t>(m.first + i) * n + m.first + j] += dot(spin(i), k * spin(j));
+    for (int i = 0; i < m.unknowns.freedom; ++i)
+      for (int j = 0; j < m.unknowns.freedom; ++j)
+        island.corner[static_cast<size_t>(m.unknowns.first + i) * n + m.unknowns.first + j] +=
+            dot(spin(i), k * spin(j));
   }
 }
 

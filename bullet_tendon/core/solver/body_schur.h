@@ -9,7 +9,9 @@ namespace bt {
 // Bodies that are unknown (solver/body_schur.cpp). Their first guess, and where they take tendons by y:
 void start_bodies(Island& island);
 void forget_bodies(Island& island);  // y = 0
-void advance_bodies(Island& island);
+void advance_bodies(Island& island, double alpha);
+// Their part of r.d, the slope along the direction.
+double body_slope(const Island& island);
 // The step of the unknowns, a share of corner_side, and where it takes the particles, in x.
 void move_bodies(Island& island, double share, Which x);
 // Forces on them: of a contact, more than those known before; and those on the particles they carry.
@@ -32,8 +34,6 @@ void take_complement(Island& island, size_t p, size_t q);
 void take_steps(Island& island, size_t p, Which x);
 // tendon.column = b - C corner_side: what the bodies' step leaves for the tendons.
 void answer_bodies(Island& island, Which b);
-// Torque of a force at an attachment, as the solution turns the body.
-Vec3 torque_of(const Island& island, const Anchor& h, Vec3 force);
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
 
 }  // namespace bt

@@ -44,10 +44,7 @@ void solve(Island& island, const StepContext& context) {
   for (Contact* contact : island.contacts)
     contact->mean_force = step_mean(island.at(contact->a), context, contact->last_mean, contact->total_force);
   for (Tendon* c : island.tendons)
-    for (Anchor& h : c->anchors) {
-      h.mean_force = step_mean(*c, context, h.last_mean, h.force);
-      if (h.link >= 0) h.mean_torque = torque_of(island, h, h.mean_force);
-    }
+    for (Anchor& h : c->anchors) h.mean_force = step_mean(*c, context, h.last_mean, h.force);
   island.finite &= std::isfinite(island.residual);
   for (Tendon* c : island.tendons) island.finite &= is_sane(*c, context);
 }

@@ -189,7 +189,8 @@ bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
   island.corner_side.resize(island.freedom);
   for (int m : island.bodies) {
     const GeneralizedBody& body = (*island.all_bodies)[m];
-    std::copy(body.residual.begin(), body.residual.end(), island.corner_side.begin() + body.first);
+    std::copy(body.unknowns.residual.begin(), body.unknowns.residual.end(),
+              island.corner_side.begin() + body.unknowns.first);
   }
   for (size_t p = 0; p < panels_of(island); ++p) take_steps(island, p, x);
   dense::solve(island.corner_root, island.corner_side);

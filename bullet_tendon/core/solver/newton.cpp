@@ -40,6 +40,9 @@ constexpr int kMostStiffened = 8;
 // would converge, because the mixed method may raise the residual on its way. More: violent steps are slower.
 constexpr int kPatience = 20;
 
+// Points that a line search tries. Fewer: a step along a wild direction is not shortened enough.
+constexpr int kMostTrials = 24;
+
 // Loosest relative accuracy of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
@@ -59,6 +62,7 @@ enum class Next { step, judge, stop };
 struct Solution {
   Island& island;
   const StepContext& context;
+  bool descends = false;  // along directions of descent, by steps that a line search shortens
   bool far = true;       // the residual is larger than kNear
   bool changed = false;  // a direct contact began or ceased to hold in this iteration
   int iteration = 0;
@@ -132,7 +136,7 @@ void note_progress(Solution& s, double residual) {
 // The residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
-  Assembly a = residual_of(island, s.far);
+  Assembly a = residual_of(island, s.descends || s.far, s.descends);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
@@ -167,14 +171,14 @@ Next refine(Solution& s) {
   return island.left_predicted_region ? Next::stop : Next::step;
 }
 
-Next decide(Solution& s, const Assembly& a) {
+Next decide(Solution& s, const Assembly& a, int start) {
   Island& island = s.island;
   const bool near = s.iteration > 0 && !s.changed && a.residual <= kStiffened * a.scale;
   if (island.converged || near) {
     const Next next = refine(s);
     if (next != Next::step) return next;
   }
-  if (s.iteration >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
+  if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (s.iteration > 0 && s.context.budget->refuses()) return Next::stop;
   return Next::step;
@@ -186,27 +190,71 @@ bool find_step(Solution& s, const Assembly& a) {
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
   island.linear_tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
-  assemble(island, false, s.far);
-  if (solve_linear(island, s.context, false)) {
-    if (!s.far) solve_limits(island, s.context, enough);
-    return true;
+  if (!s.descends) {
+    assemble(island, false, s.far);
+    if (solve_linear(island, s.context, false)) {
+      if (!s.far) solve_limits(island, s.context, enough);
+      return true;
+    }
+    // The matrix is indefinite: once more, by plain Newton with compression cut off.
+    residual_of(island, true);
   }
-  // The matrix is indefinite: once more, by plain Newton with compression cut off.
-  residual_of(island, true);
   assemble(island, true, true);
   return solve_linear(island, s.context, true);
 }
 
-void take_step(Island& island) {
+// r.d, the slope of the step's potential along the direction.
+double slope_along(Island& island) {
+  double sum = body_slope(island);
+  for (Tendon* c : island.tendons) sum += inner(c->residual, c->dx);
+  return sum;
+}
+
+void advance(Island& island, double alpha) {
+  for (Tendon* c : island.tendons) c->advance(alpha);
+  advance_bodies(island, alpha);
+}
+
+// To where the slope has at least halved, by regula falsi: without a potential, so without cancellation.
+void line_search(Island& island) {
+  const double start = slope_along(island);
+  double lo = 0, hi = 0, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
+  for (int trial = 0; trial < kMostTrials; ++trial) {
+    advance(island, alpha - at);
+    at = alpha;
+    Assembly a = residual_of(island, true, true);
+    measure_residual(island, a);
+    const double slope = slope_along(island);
+    const bool finite = std::isfinite(slope);
+    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
+    if (finite && slope < 0) {
+      lo = alpha;
+      slope_lo = slope;
+    } else {
+      hi = alpha;
+      slope_hi = finite ? slope : 1e3 * std::fabs(start);
+    }
+    const double guess = hi > lo ? lo - slope_lo * (hi - lo) / (slope_hi - slope_lo) : 2 * alpha;
+    const double width = hi - lo;
+    alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
+  }
+}
+
+void take_step(Solution& s) {
+  Island& island = s.island;
+  if (s.descends) {
+    line_search(island);
+    for (Contact* contact : island.contacts) contact->limit_friction();
+    return;
+  }
   carry_springs(island);
   predict_contacts(island);
-  for (Tendon* c : island.tendons) c->advance();
-  advance_bodies(island);
+  advance(island, 1);
 }
 
 // The particles and bodies do not move in this step.
-void stay(Solution& s) {
-  Island& island = s.island;
+void stay(Island& island) {
   for (Tendon* c : island.tendons) {
     c->displacement.zero();
     c->x_new = c->x;
@@ -214,8 +262,17 @@ void stay(Solution& s) {
       if (h.rigid) c->place(h.particle, h.aim);
   }
   forget_bodies(island);
-  judge(s);
-  island.converged = false;
+}
+
+// Returns the last residual [N].
+double iterate(Solution& s) {
+  for (const int start = s.iteration;; ++s.iteration) {
+    const Assembly a = judge(s);
+    const Next next = decide(s, a, start);
+    if (next == Next::judge) continue;
+    if (next == Next::stop || !find_step(s, a)) return a.residual;
+    take_step(s);
+  }
 }
 
 void end(Solution& s) {
@@ -232,16 +289,22 @@ void end(Solution& s) {
 void newton(Island& island, const StepContext& context) {
   Solution s{island, context};
   begin(s);
-  double residual = kNone;
-  for (;; ++s.iteration) {
-    const Assembly a = judge(s);
-    residual = a.residual;
-    const Next next = decide(s, a);
-    if (next == Next::judge) continue;
-    if (next == Next::stop || !find_step(s, a)) break;
-    take_step(island);
+  double residual = iterate(s);
+  const auto failed = [&] { return !island.converged && !island.left_predicted_region; };
+  // Where the substep cannot be cut: from its start, along directions of descent.
+  if (failed() && !context.may_halve && !context.budget->refused()) {
+    stay(island);
+    s.descends = true;
+    s.start_anew();
+    residual = iterate(s);
   }
-  if (!island.converged && !island.left_predicted_region && !(residual < s.first_residual)) stay(s);
+  // An iterate that is worse than the guess is not taken.
+  if (failed() && !(residual < s.first_residual) &&
+      (std::isfinite(residual) || context.budget->refused())) {
+    stay(island);
+    judge(s);
+    island.converged = false;
+  }
   end(s);
 }
 

@@ -148,7 +148,7 @@ void single_linearisation(Island& island, const StepContext& context) {
   const double dt = context.dt;
   start_bodies(island);
   forget_bodies(island);
-  clear_loads(island);
+  clear_loads(island), clear_pulls(island);
   for (Tendon* c : island.tendons) {
     c->h_eff = dt;
     forces_now(*c, context, true, 1 - c->material.law.damping_exponent);
@@ -176,8 +176,8 @@ void single_linearisation(Island& island, const StepContext& context) {
   project_anchors(island, &Tendon::residual);
   fix_in_matrix(island);
   solve_linear(island, context, true);
-  for (Tendon* c : island.tendons) c->advance();
-  advance_bodies(island);
+  for (Tendon* c : island.tendons) c->advance(1);
+  advance_bodies(island, 1);
   for (Contact* contact : island.contacts) predict(island, *contact);
   settle_contacts(island);
   for (Tendon* c : island.tendons)

@@ -114,13 +114,13 @@ void Tendon::place(int i, Vec3 at) {
   x_new.set(i, at);
 }
 
-BT_VECTOR void Tendon::advance() {
+BT_VECTOR void Tendon::advance(double alpha) {
   for (int k = 0; k < 3; ++k) {
     double *u = displacement[k], *at = x_new[k];
     const double *d = dx[k], *start = x[k];
 #pragma GCC ivdep
     for (int i = 0; i < n_; ++i) {
-      u[i] += d[i];
+      u[i] += alpha * d[i];
       at[i] = start[i] + u[i];
     }
   }

@@ -76,10 +76,10 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   // A weight on a particle beside the tendon's own mass [kg]; 0: none.
   void set_point_mass(int particle, double kilograms);
   Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
-  // Change the displacement of a particle, and x_new; of all particles, by dx.
+  // Change the displacement of a particle, and x_new; of all particles, by alpha dx.
   void move(int particle, Vec3 by);
   void place(int particle, Vec3 at);
-  void advance();
+  void advance(double alpha);
   // At rest where it is, its multipliers kept.
   void stop();
   void keep_multipliers(Multipliers& to) const;

@@ -1,4 +1,4 @@
-// Which bodies' coordinates are unknowns of the solution, and what parts of a step do to them.
+// Bodies in a step: which of them are unknowns of the solution, their prediction, and the forces on them.
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -11,115 +11,127 @@ namespace {
 
 // A part of a step is solved again at most this often because other limits and contacts act than foreseen.
 constexpr int kSettlings = 8;
+// Share of a body's mobility at an attachment that its rotation adds, under which the attachment is at the
+// centre of mass: rounding [-].
+constexpr double kAtCentre = 1e-12;
 
 }  // namespace
 
-// what(body, weight, tendon) for every attachment and every contact of a body that yields. An attachment of
-// a rigid body that nothing holds weighs 1, all else 2.
+// what(body, tendon) for every attachment and every contact of a body that yields.
 template <class Do>
 void World::each_touch(Do what) const {
   for (size_t c = 0; c < slots_.size(); ++c)
     for (size_t i = 0; slots_[c] && i < slots_[c]->anchors.size(); ++i) {
       const Anchor& h = slots_[c]->anchors[i];
-      if (h.link < 0 || !links[h.link].yields()) continue;
-      const int body = links[h.link].body;
-      const GeneralizedBody& m = bodies[body];
-      const bool loose = links[h.link].jacobian.empty() && !m.observer.held() && !m.is_stopped() && !m.turns;
-      what(body, loose ? 1 : 2, static_cast<int>(c));
+      if (h.link >= 0 && links[h.link].yields()) what(links[h.link].body, static_cast<int>(c));
     }
   for (const Contact& contact : contacts_)
-    if (contact.link >= 0 && links[contact.link].yields())
-      what(links[contact.link].body, 2, contact.a.tendon);
+    if (contact.link >= 0 && links[contact.link].yields()) what(links[contact.link].body, contact.a.tendon);
 }
 
-// All that tendons touch, but free rigid bodies that one attachment has for itself, which a spring stands for
-// exactly (aim_attachments). What joints or else block would make that spring stiff without end. true: these
-// are other ones than before, and attachments have to be aimed anew.
-bool World::find_unknowns() {
-  touches_.assign(bodies.size(), 0);
-  each_touch([&](int body, int weight, int) { touches_[body] += weight; });
-  bool other = false;
-  for (size_t m = 0; m < bodies.size(); ++m) {
-    const bool unknown = touches_[m] > 1 && options.integrator != Integrator::explicit_euler;
-    other |= unknown != bodies[m].unknown;
-    bodies[m].unknown = unknown;
-  }
-  for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknown && bodies[l.body].turns;
+void World::count_touches() {
+  for (GeneralizedBody& m : bodies) m.touches = 0;
+  each_touch([&](int body, int) { ++bodies[body].touches; });
+}
+
+// A free rigid body on one attachment at its centre of mass, which nothing else can touch, is a point mass.
+void World::find_point_masses() {
+  count_touches();
+  for (GeneralizedBody& m : bodies) m.point_mass = false;
+  if (options.integrator == Integrator::explicit_euler) return;
+  for (const Tendon* c : slots_)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
+      const Anchor& h = c->anchors[i];
+      if (h.link < 0 || solid_[h.link] || !links[h.link].yields()) continue;
+      GeneralizedBody& m = bodies[links[h.link].body];
+      if (!links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped()) continue;
+      const double of_mass = 3 * m.free[0],
+                   of_point = trace(links[h.link].mobility(to_world(links[h.link].pose, h.local)));
+      m.point_mass = of_point - of_mass <= kAtCentre * of_mass;
+    }
+}
+
+// All bodies that tendons touch are unknowns of an implicit step, but for point masses.
+void World::find_unknowns() {
+  count_touches();
+  for (GeneralizedBody& m : bodies)
+    m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
+  for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknowns.any && bodies[l.body].turns;
   for (Contact& contact : contacts_)
     contact.moves =
-        contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknown;
-  return other;
+        contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknowns.any;
 }
 
-// The unknown bodies of every island, whose tendons are solved together.
+// Joins the islands of tendons that touch one unknown body.
 void World::find_bodies() {
   touches_.assign(bodies.size(), -1);
-  each_touch([&](int body, int, int tendon) {
-    if (!bodies[body].unknown) return;
+  each_touch([&](int body, int tendon) {
+    if (!bodies[body].unknowns.any) return;
     if (touches_[body] < 0) touches_[body] = tendon;
     join_islands(touches_[body], tendon);
   });
 }
 
 // Links that tendons can touch anywhere.
-std::vector<char> World::solid_links() const {
-  std::vector<char> solid(links.size());
+void World::find_solid_links() {
+  solid_.assign(links.size(), 0);
   for (size_t s = 0; s < shapes.size(); ++s)
-    if (shape_alive[s]) solid[shapes[s].link] = 1;
+    if (shape_alive[s]) solid_[shapes[s].link] = 1;
   for (size_t t = 0; t < tunnels.size(); ++t)
-    if (tunnel_alive[t]) solid[tunnels[t].link] = 1;
-  for (const Contact& contact : contacts_)
-    if (contact.link >= 0) solid[contact.link] = 1;
-  return solid;
+    if (tunnel_alive[t]) solid_[tunnels[t].link] = 1;
 }
 
-// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, else its attached
-// points alone.
+// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, other links at
+// their attached points alone. A body that turns far has all.
 void World::narrow_bodies() {
-  if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknown; })) return;
-  const std::vector<char> solid = solid_links();
+  if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknowns.any; }))
+    return;
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
     for (size_t l = 0; l < links.size(); ++l)
-      if (solid[l] && links[l].yields()) what(links[l], 6, Vec3{});
+      if (solid_[l] && links[l].yields()) what(links[l], 6, Vec3{});
     for (const Tendon* c : slots_)
       for (size_t h = 0; c && h < c->anchors.size(); ++h) {
         const Anchor& anchor = c->anchors[h];
-        if (anchor.link < 0 || solid[anchor.link] || !links[anchor.link].yields()) continue;
+        if (anchor.link < 0 || solid_[anchor.link] || !links[anchor.link].yields()) continue;
         const Link& link = links[anchor.link];
         what(link, 3, to_world(link.pose, anchor.local) - link.centre);
       }
   };
-  for (GeneralizedBody& m : bodies) m.freedom = 0, m.basis.clear();
-  each_reached([&](const Link& link, int count, Vec3) { bodies[link.body].freedom += count; });
-  for (GeneralizedBody& m : bodies) m.freedom = !m.unknown || m.turns || m.freedom >= m.n() ? m.n() : 0;
+  for (GeneralizedBody& m : bodies) m.unknowns.freedom = 0, m.unknowns.basis.clear();
+  each_reached([&](const Link& link, int count, Vec3) { bodies[link.body].unknowns.freedom += count; });
+  for (GeneralizedBody& m : bodies) {
+    const bool all = !m.unknowns.any || m.turns || m.unknowns.freedom >= m.n();
+    m.unknowns.freedom = all ? m.n() : 0;
+  }
   each_reached([&](const Link& link, int count, Vec3 arm) {
     GeneralizedBody& m = bodies[link.body];
-    for (int k = 0; k < count && m.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
+    for (int k = 0; k < count && m.unknowns.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
   });
   for (Link& l : links)
-    if (l.yields() && bodies[l.body].unknown) l.reach(bodies[l.body]);
+    if (l.yields() && bodies[l.body].unknowns.any) l.reach(bodies[l.body]);
 }
 
-// Generalized forces of the wrenches on links, of the whole step or of the part that was solved last.
-void World::sum_forces(double scale, bool of_part) {
+// Generalized forces of wrenches on links.
+template <class Of>
+void World::sum_forces(double scale, Of wrench_of) {
   for (GeneralizedBody& m : bodies) m.forces.assign(m.n(), 0.0);
-  for (Link& l : links) {
+  for (const Link& l : links) {
     if (!l.yields()) continue;
-    const Vec3 force = of_part ? l.force - l.before_force : l.force;
-    const Vec3 torque = of_part ? l.torque - l.before_torque : l.torque;
-    l.add_generalized(l.jacobian, {scale * force, scale * torque}, bodies[l.body].forces);
+    const Wrench w = wrench_of(l);
+    l.add_generalized(l.jacobian, {scale * w.force, scale * w.torque}, bodies[l.body].forces);
   }
 }
 
-// Marks bodies that turn far, by the forces of the last solution. true: one that was not marked.
+// Marks bodies that turn far, by the forces of the last solution. Returns whether there is a new one.
 bool World::find_turning() {
   if (whole_ || options.integrator == Integrator::explicit_euler || options.iteration == Iteration::single)
     return false;
-  for (GeneralizedBody& m : bodies) m.torque = {}, m.pull = 0;
+  for (GeneralizedBody& m : bodies) m.tendon_torque = {}, m.tendon_pull = 0;
   auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
     if (link < 0 || !links[link].yields() || !links[link].jacobian.empty()) return;
     GeneralizedBody& m = bodies[links[link].body];
-    m.torque += cross(arm, force), m.pull += norm(arm) * norm(force);
+    m.tendon_torque += cross(arm, force);
+    m.tendon_pull += norm(arm) * norm(force);
   };
   for (const Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
@@ -128,8 +140,8 @@ bool World::find_turning() {
   for (const Contact& contact : contacts_) add_pull(contact.link, contact.arm, -contact.mean_force);
   bool any = false;
   for (const Link& l : links) {
-    if (!l.yields() || !(bodies[l.body].pull > 0) || bodies[l.body].turns) continue;
-    bodies[l.body].turns = bodies[l.body].turns_far(l.spin, whole_dt_);
+    if (!l.yields() || !(bodies[l.body].tendon_pull > 0) || bodies[l.body].turns) continue;
+    bodies[l.body].turns = bodies[l.body].turns_far(l.spin, substeps_.step());
     any |= bodies[l.body].turns;
   }
   return any;
@@ -141,12 +153,11 @@ bool World::settle_stops() {
   if (whole_ || settlings_ >= kSettlings ||
       std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.may_stop(); }))
     return false;
-  push_links(substeps_.share());
-  sum_forces(1 / substeps_.share_at_end(), false);
-  for (Link& l : links) l.force = l.before_force, l.torque = l.before_torque;
+  measure_wrenches();
+  sum_forces(1 / substeps_.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
   bool other = false;
   for (size_t m = 0; m < bodies.size(); ++m) {
-    if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, whole_dt_)) continue;
+    if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, substeps_.step())) continue;
     other = true;
     lead_links(static_cast<int>(m));
   }
@@ -154,9 +165,16 @@ bool World::settle_stops() {
   return other;
 }
 
-// What the part that was solved did to the bodies, in the parts to come.
+// The forces of the whole step.
+void World::act_on_bodies() {
+  sum_forces(1, [](const Link& l) { return l.wrench; });
+  for (GeneralizedBody& m : bodies)
+    if (m.n() > 0) m.act(substeps_.step());
+}
+
+// What the substep that was solved did to the bodies, in the substeps to come.
 void World::push_bodies() {
-  sum_forces(whole_dt_, true);
+  sum_forces(substeps_.step(), [](const Link& l) { return l.part; });
   for (GeneralizedBody& m : bodies)
     if (m.n() > 0) m.push(m.forces);
   for (Link& l : links)
@@ -181,7 +199,9 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     if (l.yields()) l.go_with(bodies[l.body]);
 }
 
-bool World::note(int body, const dense::Numbers& rates) { return bodies[body].note(rates, context_.gravity); }
+bool World::sample(int body, const dense::Numbers& rates) {
+  return bodies[body].sample(rates, context_.gravity);
+}
 
 void World::predict(int body) {
   if (bodies[body].n() == 0) return;
@@ -203,7 +223,7 @@ bool World::any_held() const {
 void World::finish_resolve() {
   for (GeneralizedBody& m : bodies) {
     m.observer.refresh(m.rates);
-    m.observer.doubt();
+    m.observer.require_two();
   }
   may_resolve_ = false;
   capture(now_);

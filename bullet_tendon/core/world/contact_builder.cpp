@@ -130,8 +130,6 @@ void World::collect_contacts() {
   tendon_contacts();
 }
 
-bool World::can_carry() const { return carries(options); }
-
 // A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
 Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal,
                              const ContactKey& key, double friction) {
@@ -163,13 +161,13 @@ double World::depth_to_leave(const Contact& contact, double most) const {
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *slots_[tendon_slot];
   contact.radius = c.radius;
-  finish_contact(contact, held_at(c, particle, !can_carry(), norm(context_.gravity)), c.radius,
+  finish_contact(contact, held_at(c, particle, !carries(options), norm(context_.gravity)), c.radius,
                  c.h_eff < context_.dt);
 }
 
 void World::finish_pair(Contact& contact) {
   const Tendon &a = *slots_[contact.a.tendon], &b = *slots_[contact.b.tendon];
-  const bool along = !can_carry();
+  const bool along = !carries(options);
   const double gravity = norm(context_.gravity);
   contact.radius = a.radius + b.radius;
   finish_contact(contact,
@@ -178,7 +176,7 @@ void World::finish_pair(Contact& contact) {
 }
 
 void World::finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step) {
-  const bool carries = can_carry(), chosen = options.contact_stiffness > 0;
+  const bool carries = bt::carries(options), chosen = options.contact_stiffness > 0;
   if (chosen)
     contact.stiffness = options.contact_stiffness;
   else if (!carries)  // without multipliers, contacts have to be stiff by themselves
@@ -190,8 +188,8 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   // A particle that lies loose is gripped before it gathers speed.
   contact.tangent_stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                       : kSpringTangentRatio * held.stiffness;
-  if (contact.link >= 0 && links[contact.link].yields())
-    contact.arm = contact.a.of(slots_[contact.a.tendon]->x) - links[contact.link].centre;
+  // Friction and normal force act on the point of the centreline: particles do not spin.
+  if (contact.link >= 0) contact.arm = contact.a.of(slots_[contact.a.tendon]->x) - links[contact.link].centre;
   contact.softest = carries && !chosen ? contact.stiffness : 0;
   contact.depth_allowance = depth_to_leave(contact, kPushOut * radius);
   recall(contact, held.inertia);
@@ -206,7 +204,8 @@ void World::recall(Contact& contact, double inertia) {
                                 [](const ContactMemory& m, const ContactKey& key) { return m.key < key; });
   if (found == memory_.end() || !(found->key == contact.key)) return;
   const Rot3 turn = turn_of(contact.link >= 0 ? &links[contact.link] : nullptr);
-  const bool carries = can_carry() && options.contact_stiffness == 0;  // a spring as published has no memory
+  const bool carries =
+      bt::carries(options) && options.contact_stiffness == 0;  // a spring as published has no memory
   contact.tangent_anchor = without(turn * found->tangent_anchor, contact.normal);
   // What sticks goes on with its force where its stiffness changes with the step's weight.
   if (carries && found->h_eff != slots_[contact.a.tendon]->h_eff) {

@@ -59,15 +59,14 @@ void World::make_islands() {
     g.contacts.push_back(&contact);
     g.coupled |= contact.b.tendon >= 0;
   }
-  for (size_t m = 0; m < bodies.size(); ++m) {
-    if (!bodies[m].unknown) continue;
-    Island& g = islands_[island_root(touches_[m])];
-    g.bodies.push_back(static_cast<int>(m));
-    bodies[m].first = g.freedom;
-    g.freedom += bodies[m].freedom;
-  }
+  for (size_t m = 0; m < bodies.size(); ++m)
+    if (bodies[m].unknowns.any) {
+      Island& g = islands_[island_root(touches_[m])];
+      g.bodies.push_back(static_cast<int>(m));
+      bodies[m].unknowns.first = g.freedom, g.freedom += bodies[m].unknowns.freedom;
+    }
   for (size_t l = 0; l < links.size(); ++l)
-    if (links[l].yields() && bodies[links[l].body].unknown)
+    if (links[l].yields() && bodies[links[l].body].unknowns.any)
       islands_[island_root(touches_[links[l].body])].carried.push_back(static_cast<int>(l));
 }
 

@@ -1,9 +1,10 @@
-// A step that pulled at bodies as held which had been let go in it, or in which something pulled at a body
-// that nobody told of, is taken back, to be solved again.
+// The previous step is solved again where a body was released in it that was predicted as held, or where a
+// push acted on a body that was not predicted.
 //
-// pybullet tells a force of the user's, or a blow, by what it has done. By then the body has gone F dt^2/m,
-// and with it the end of a tendon that had no part in that; what brings it back within a step gives it a
-// velocity of that over dt. So the step is solved again with the acceleration that was seen.
+// pybullet reports a force of the user, or an impact, by the motion that it has caused. Until then the body,
+// and the end of a tendon on it, have moved by F dt^2/m. The tendon had no part in that motion. To undo it
+// within one step would take a velocity of the distance over dt. So the step is solved again with the
+// acceleration that was observed.
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -14,14 +15,14 @@ namespace bt {
 
 namespace {
 
-// Stretch of a tendon by what pulled its body away unforeseen, in lengths of the tendon, from which the step
-// is mended [-], and share of that motion by which it may differ from what the velocity makes of a step, as
-// where pybullet takes substeps. Larger: a sudden pull is answered to a step late. Smaller: blows that do not
-// matter are solved for twice.
+// Stretch of a tendon by the motion of its body that was not predicted, over the tendon's length, from which
+// the step is solved again [-]; and share of that motion by which the velocity times the step may miss it,
+// where pybullet takes substeps. Larger: the response to a sudden push is a step late. Smaller: small impacts
+// are solved twice.
 constexpr double kSuddenPull = 1e-4;
 constexpr double kSubsteps = 0.6;
-// Farthest that it may have turned the body for the step to be mended, which takes arms as they were [rad].
-// Larger: what is thrown about is thrown back.
+// Rotation by which the body may miss the prediction, which takes arms at the start [rad]. Larger: bodies
+// that spin gain energy.
 constexpr double kFarthestTurn = 0.2;
 
 bool same_anchors(const TendonState& a, const TendonState& b) {
@@ -40,7 +41,7 @@ bool same_anchors(const Checkpoint& a, const Checkpoint& b) {
   return true;
 }
 
-// What the user chose since then stays.
+// Keeps what the user has set since then.
 void choose_again(const TendonState& user, TendonState& c) {
   for (size_t h = 0; h < c.anchors.size(); ++h) {
     const Anchor& chosen = user.anchors[h];
@@ -62,7 +63,7 @@ void World::let_go(int body) {
   interrupt();
 }
 
-// Where tendons or holds were made or lost since, there is no way back.
+// The checkpoint does not apply where tendons or anchors were made or removed since.
 bool World::take_back() {
   if (!may_resolve_ || !start_.valid) return false;
   Checkpoint last;
@@ -85,10 +86,10 @@ std::vector<int> World::released_bodies() const {
   return released;
 }
 
-// By how much an attachment's point has gone on from its particle in a way that stretches the tendon, over
-// the tendon's length; -1 where the body turned too far for that to be taken back, or where pybullet cut its
-// speed off and not just along the tendon. By the body's velocity: what was moved by hand has no such
-// velocity, and one that was set has not moved.
+// Motion of an attachment's point away from its particle that stretches the tendon, over the tendon's length.
+// -1 where the body turned too far, or where pybullet cut its speed off other than along the tendon. 0 where
+// the motion is not that of the velocity: what was moved by hand has no such velocity, and a body whose
+// velocity was set has not moved.
 double World::pulled_away(const Tendon& c, const Anchor& h) const {
   const Link& link = links[h.link];
   const GeneralizedBody& body = bodies[link.body];
@@ -129,28 +130,23 @@ std::vector<int> World::pulled_bodies() const {
   return all;
 }
 
-void World::keep_told_contacts() {
-  for (size_t i = 0; i < bodies.size(); ++i)
-    if (i < told_contacts_.size()) bodies[i].contacts = told_contacts_[i], bodies[i].contacts_kept = true;
-}
-
 bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
   const StepRecord last = last_step_;
   std::vector<Link> links_now = links;
   std::vector<GeneralizedBody> bodies_now = bodies;
+  std::vector<dense::Numbers> contacts;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
     last_step_ = last;
     context_.dt = last.dt;
     context_.gravity = last.gravity;
     links.swap(links_now), bodies.swap(bodies_now);
-    told_contacts_.clear();
-    for (const GeneralizedBody& m : bodies) told_contacts_.push_back(m.contacts);
+    for (const GeneralizedBody& m : bodies) contacts.push_back(m.contacts);
     const std::vector<Link>& sensed = start_.sensed_links;
     std::vector<GeneralizedBody>& sensed_bodies = start_.sensed_bodies;
     for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
-    for (int i : pulled) bodies[i].observer.believe();
+    for (int i : pulled) bodies[i].observer.trust_last();
     for (size_t i = 0; i < std::min(bodies.size(), sensed_bodies.size()); ++i) {
       std::swap(bodies[i].observer, sensed_bodies[i].observer);
       bodies[i] = sensed_bodies[i];
@@ -159,6 +155,11 @@ bool World::rewind(const std::vector<int>& pulled) {
     contacts_.clear();
   }
   for (int i : released) let_go(i);
+  // They are the contacts that decide about the step to come. pybullet may list later ones (restoreState).
+  for (size_t i = 0; i < contacts.size(); ++i) {
+    bodies[i].contacts = contacts[i];
+    bodies[i].contacts_known = true;
+  }
   may_resolve_ = false;
   return back;
 }

@@ -1,13 +1,13 @@
-// Tendons at rest are left out of steps for as long as what they could feel stays as it is.
+// Tendons at rest are left out of steps until something that acts on them changes.
 //
-// A island falls asleep where all its tendons have been at rest for a while, so that a swing's turning points
-// do not count; where something of the world holds or carries it; and where no body that yields is touched by
-// it, whose rest pybullet decides about. Its tendons keep their state, but for their velocities, which are
-// zero from then on, and the forces on what holds them; its contacts are kept to be read out.
+// An island falls asleep where all its tendons have been at rest for a while (turning points of a swing do
+// not count), where something of the world holds or carries it, and where it touches no body that yields,
+// because pybullet decides about the rest of bodies. Its tendons keep their state and the forces on what
+// holds them. Their velocities are zero. Its contacts are kept for reports.
 //
-// It is roused, all of it, by what is changed about one of its tendons, options or gravity, by a link that
-// moves and has a shape, a tunnel or an attachment within reach, and by another tendon within reach. What is
-// added to the world or taken away rouses all.
+// The whole island wakes when one of its tendons, the options or gravity are changed, when a link moves that
+// has a shape, a tunnel or an attachment within reach, and when another tendon comes within reach. Additions
+// to the world and removals wake all islands.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -20,17 +20,14 @@ namespace bt {
 
 namespace {
 
-// Speed up to which a tendon is at rest, in radii a second [1/s], for how long until it sleeps [s], and in
-// how many steps at least (world/sleeping.cpp). Faster, or sooner: what creeps, or turns back, is stopped.
-// Slower, or later: heaps, which settle ever more slowly, are solved for longer.
+// Speed up to which a tendon is at rest, in radii a second [1/s]; time of rest after which it sleeps [s], and
+// least number of steps. Larger speed, or less time: motion that creeps, or turns back, is stopped. Smaller
+// speed, or more time: heaps, which settle ever more slowly, are solved for longer.
 constexpr double kRestSpeed = 1e-5;
 constexpr double kRestTime = 0.5;
 // Share of its largest force, or of its weight, that a tendon's dampers carry at most when it is at rest [-].
 constexpr double kRestDamped = 1e-4;
 constexpr int kRestSteps = 30;
-
-// Segments of a tendon that sleeps in a box [-]. More: what passes by rouses it. Fewer: more boxes.
-constexpr int kBoxedSegments = 4;
 
 // Whether the last step, of dt, took no particle farther than kRestSpeed allows.
 bool rests(const Tendon& c, double dt) {
@@ -43,7 +40,7 @@ bool rests(const Tendon& c, double dt) {
   return true;
 }
 
-// What is far from its rest creeps there where dampers carry its load.
+// Whether dampers carry no load. A tendon whose dampers carry its load creeps towards its rest.
 bool unloads_dampers(const Tendon& c, double gravity) {
   if (!c.structure.damped && !c.shear.damped) return true;
   if (c.material.law.whole_velocity) return false;
@@ -89,7 +86,7 @@ bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec
   return overlap(box, around, reach + moves);
 }
 
-// As if it had been there before: two-step methods go on from that.
+// History of a tendon at rest, for two-step methods.
 void lie_still(Tendon& c) {
   c.x_before = c.x;
   c.v.zero();
@@ -138,7 +135,7 @@ bool World::feels(const Tendon& c, int slot, double dt) const {
   return false;
 }
 
-// By what has changed since the last step.
+// Wakes islands by what has changed since the last step.
 void World::wake_disturbed(double dt) {
   if (any_asleep()) {
     if (whole_ || !options.sleep || !same(context_.gravity, rest_gravity_)) wake_all();
@@ -157,16 +154,16 @@ bool World::is_met(const Tendon& asleep) const {
   for (size_t a = 0; a < slots_.size(); ++a) {
     if (!slots_[a] || !overlap(reach_[a], all)) continue;
     const Tendon& awake = *slots_[a];
-    for (int k = 0; k < segments; k += kBoxedSegments) {
-      const Box leaf = box_of(asleep, k, std::min(k + kBoxedSegments, segments) - 1, skin);
-      for (int m = 0; overlap(reach_[a], leaf) && m < awake.n() - 1; ++m)
-        if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), leaf)) return true;
+    for (int k = 0; k < segments; ++k) {
+      const Box segment = box_of(asleep, k, k, skin);
+      for (int m = 0; overlap(reach_[a], segment) && m < awake.n() - 1; ++m)
+        if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), segment)) return true;
     }
   }
   return false;
 }
 
-// true: tendons that step have come within reach of some that sleep, which step from now on too.
+// Wakes tendons that others have come within reach of. Returns whether there are any.
 bool World::wake_met() {
   if (!any_asleep()) return false;
   bool any = false;
@@ -180,7 +177,7 @@ bool World::wake_met() {
   return any;
 }
 
-// Tendons that are awake and not in the step yet; their forces were the same all the time.
+// Adds the tendons that are awake to the step. Of those that slept until now, forces were constant.
 void World::join_step() {
   slots_.resize(tendons.size());
   for (size_t c = 0; c < tendons.size(); ++c) {
@@ -194,7 +191,7 @@ void World::join_step() {
   }
 }
 
-// For how long each has been at rest [s]. false: none long enough.
+// Counts for how long each tendon has been at rest [s]. false: none long enough.
 bool World::count_rest(double dt) {
   const bool solved = substeps_.taken() == 1 && report_.converged;
   bool any = false;
@@ -207,7 +204,7 @@ bool World::count_rest(double dt) {
   return any;
 }
 
-// Groups of which some tendon is held or carried, and none pulls at what yields.
+// Islands that something holds or carries, and of which nothing touches a body that yields.
 void World::find_restful() {
   restful_.assign(slots_.size(), 0), restless_.assign(slots_.size(), 0);
   auto by = [&](int root, int link) { (link >= 0 && links[link].yields() ? restless_ : restful_)[root] = 1; };
@@ -222,7 +219,7 @@ void World::find_restful() {
 }
 
 void World::fall_asleep() {
-  if (!options.sleep || !substeps_.divisible() || !count_rest(whole_dt_)) return;
+  if (!options.sleep || !substeps_.divisible() || !count_rest(substeps_.step())) return;
   find_restful();
   for (size_t c = 0; c < slots_.size(); ++c) {
     const int root = slots_[c] ? island_root(static_cast<int>(c)) : 0;
@@ -234,7 +231,7 @@ void World::fall_asleep() {
   rest_gravity_ = context_.gravity;
 }
 
-// What sleeps goes on pushing and pulling at what holds it.
+// Adds the constant forces of tendons at rest to the wrenches on links.
 void World::push_asleep() {
   if (!any_asleep()) return;
   for (const Contact& contact : asleep_contacts_)

@@ -15,7 +15,6 @@ void visit(A& a, Anchor& h) {
   a("link", h.link);
   a("local", h.local);
   a("rigid", h.rigid);
-  a("moves", h.moves);
   a("clamped", h.clamped);
   a("direction", h.direction);
   a("stiffness", h.stiffness);
@@ -104,7 +103,7 @@ struct StateFields {
     a("acted", o.acted_);
     a("held", o.held_);
     a("released", o.released_);
-    a("noted", o.noted_);
+    a("sampled", o.sampled_);
   }
   template <class A>
   static void of(A& a, GeneralizedBody& m) {
@@ -114,14 +113,12 @@ struct StateFields {
     a("gyration", m.gyroscopic_acceleration);
     a("limits", m.limits);
     a("contacts", m.contacts);
-    a("contacts_at", m.contacts_at);
-    a("rests_on", m.rests_on);
-    a("contacts_kept", m.contacts_kept);
+    a("contacts_known", m.contacts_known);
     of(a, m.observer);
     a("root", m.root);
     a("change", m.change);
+    a("touches", m.touches);
     a("turns", m.turns);
-    a("unknown", m.unknown);
     a("stopped_by", m.stopped_by_);
     a("stops", m.stops_);
     a("directions", m.directions_);
@@ -154,8 +151,8 @@ void visit(A& a, Link& l) {
   a("moved", l.moved);
   a("jacobian", l.jacobian);
   a("root", l.root);
-  a("force", l.force);
-  a("torque", l.torque);
+  a("force", l.wrench.force);
+  a("torque", l.wrench.torque);
 }
 
 template <class A>

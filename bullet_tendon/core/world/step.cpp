@@ -71,12 +71,11 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   context_.gravity = gravity;
   context_.options = options;
   context_.budget = &budget_;
-  whole_dt_ = dt;
   whole_ = whole;
-  size_links();
-  substeps_.start(dt, !whole && can_carry());
+  find_solid_links();
+  substeps_.start(dt, !whole && carries(options));
   slots_.clear();
-  for (Link& l : links) l.force = l.torque = Vec3{};
+  for (Link& l : links) l.wrench = {};
   may_resolve_ = !whole && any_moved();
   for (GeneralizedBody& m : bodies) m.turns = false;
   if (may_resolve_) {
@@ -97,8 +96,10 @@ void World::predict() {
   context_.may_halve = substeps_.may_halve();
   detections_ = 0;
   find_turning();
+  find_point_masses();
   context_.reach = std::sqrt(substeps_.end() * context_.dt);
   for (Link& l : links) {
+    l.turned = {};
     l.turned.begun = (substeps_.end() - context_.dt) * l.spin;
     l.turned.more = context_.dt * l.spin;
   }
@@ -159,15 +160,9 @@ std::optional<Reason> World::outlast_history() {
 }
 
 std::optional<Reason> World::solve_islands() {
-  const bool other_unknowns = find_unknowns();
-  for (Tendon* c : slots_) {
-    if (!c || !other_unknowns) continue;
-    aim_attachments(*c);
-    c->restore_multipliers(c->start_multipliers);
-    begin_step(*c, context_);
-  }
+  find_unknowns();
   make_islands();
-  context_.warm = detections_ > 0 && !other_unknowns;
+  context_.warm = detections_ > 0;
   const bool may_detect = substeps_.divisible() && (detections_ < kMostDetections || substeps_.may_halve());
   context_.may_look = may_detect && !budget_.exhausted();
   const bool finite = solve_each_island();
@@ -229,30 +224,20 @@ void World::inherit_multipliers() {
   }
 }
 
-// Adds the wrenches of the substep that was solved to those of the substeps before it.
-void World::push_links(double share) {
-  for (Link& l : links) {
-    l.before_force = l.force;
-    l.before_torque = l.torque;
-  }
-  auto push = [&](Link& link, Vec3 force, Vec3 torque) {
-    link.force += share * force;
-    link.torque += share * torque;
+// What the substep that was solved adds to the wrenches on links.
+void World::measure_wrenches() {
+  const double share = substeps_.share();
+  for (Link& l : links) l.part = {};
+  auto push = [&](Link& link, Vec3 force, Vec3 arm) {
+    link.part.force += share * force;
+    link.part.torque += share * link.torque_of(force, arm);
   };
-  for (const Contact& contact : contacts_) {
-    if (contact.link < 0) continue;
-    Link& link = links[contact.link];
-    // On the centreline's point, not on the surface: particles do not spin.
-    const Vec3 point = contact.a.of(slots_[contact.a.tendon]->x_new), force = -contact.mean_force;
-    push(link, force,
-         link.turned.far ? link.torque_of(force, contact.arm) : cross(point - link.centre, force));
-  }
+  for (const Contact& contact : contacts_)
+    if (contact.link >= 0) push(links[contact.link], -contact.mean_force, contact.arm);
   for (const Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link < 0) continue;
-      Link& link = links[h.link];
-      push(link, h.mean_force, link.turned.far ? h.mean_torque : cross(link.arm_of(h.local), h.mean_force));
+      if (h.link >= 0) push(links[h.link], h.mean_force, links[h.link].arm_of(h.local));
     }
 }
 
@@ -260,7 +245,8 @@ void World::push_links(double share) {
 void World::take_substep() {
   report_.take(attempt_);
   const double share = substeps_.share();
-  push_links(share);
+  measure_wrenches();
+  for (Link& l : links) l.wrench = l.wrench + l.part;
   for (Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       Anchor& h = c->anchors[i];
@@ -291,12 +277,10 @@ void World::finish_step_of_world() {
   report_.linear_solves = budget_.spent();
   report_.over_budget = budget_.refused();
   report_.converged &= !report_.over_budget;
-  sum_forces(1, false);
-  for (GeneralizedBody& m : bodies)
-    if (m.n() > 0) m.act(whole_dt_);
+  act_on_bodies();
   for (Tendon* c : slots_)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
-  if (!whole_) last_step_ = {whole_dt_, context_.gravity};
+  if (!whole_) last_step_ = {substeps_.step(), context_.gravity};
   push_asleep();
   report_.asleep = std::count_if(tendons.begin(), tendons.end(), [](auto& c) { return c && c->bed >= 0; });
   fall_asleep();
@@ -315,24 +299,22 @@ bool World::share_weights() {
   return changed;
 }
 
-// An attachment's point goes where the link takes it but for the tendons' forces, and yields to them as
-// the link does: with W its mobility, a force F moves it by s^2 W F (bodies/body_response.h). Where the
-// body's unknowns are solved for, the particle goes with them; an attachment that has a free rigid body for
-// itself is a spring. What a particle is away from its point, as pybullet moved the body otherwise, is made
-// up for evenly.
+// An attached particle follows its point on the link. The point is predicted without the tendons' forces in
+// this substep. The unknowns of its body move it from there (solver/body_schur.cpp). A point mass on a tendon
+// has no unknowns: with s^2 = (time since the step began) (length of the substep), the force F on the mass m
+// moves it by s^2 F/m, so that the particle is held by a spring of the stiffness m/s^2. Explicit steps have
+// no unknowns of bodies. pybullet may have moved the body otherwise than predicted in the last step: the
+// distance that this leaves between particle and point is closed evenly over the substeps.
 void World::aim_attachments(Tendon& c) {
   for (Anchor& h : c.anchors) {
     if (h.link < 0) continue;
     const Link& link = links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
     h.aim = p + link.drift(p, context_.dt);
-    h.moves = link.yields() && bodies[link.body].unknown;
-    // Explicit steps cannot take a stiff spring: there the particle goes with the link as it is.
-    h.rigid = h.moves || !link.yields() || options.integrator == Integrator::explicit_euler;
     h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
-    if (h.rigid) continue;
-    h.stiffness = (context_.reach * context_.reach) * link.mobility(p);
-    invert_definite(h.stiffness);
+    h.rigid = !link.yields() || !bodies[link.body].point_mass;
+    h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;
+    if (!h.rigid) h.stiffness = identity(1 / (context_.reach * context_.reach * bodies[link.body].free[0]));
   }
 }
 

@@ -35,7 +35,7 @@ enum class Reason : int {
   woken,            // an island at rest was reached
   step_weights,     // tendons that press on each other had step weights of different methods
   joint_stops,      // joint limits or contacts of a body act otherwise than predicted
-  body_rotation,    // a body turns far that was taken not to
+  body_rotation,    // a body turns far that was taken to turn little
 };
 constexpr int kReasons = 9;
 using ReasonCounts = std::array<int, kReasons>;
@@ -45,6 +45,7 @@ class Substepper {
   // divisible: whether substeps may be shorter than the step.
   void start(double dt, bool divisible);
   bool done() const { return done_ == kUnits; }
+  double step() const { return dt_; }                            // length of the whole step [s]
   double h() const { return dt_ * size_ / kUnits; }              // of this substep [s]
   double end() const { return dt_ * (done_ + size_) / kUnits; }  // of it, from the start of the step [s]
   double share() const { return static_cast<double>(size_) / kUnits; }

@@ -8,6 +8,12 @@
 
 namespace bt {
 
+void World::ensure_link(int link) {
+  if (link < static_cast<int>(links.size())) return;
+  links.resize(link + 1);
+  bodies.resize(link + 1);
+}
+
 int World::add_tendon(std::unique_ptr<Tendon> tendon) {
   const int slot = static_cast<int>(std::find(tendons.begin(), tendons.end(), nullptr) - tendons.begin());
   if (slot == static_cast<int>(tendons.size())) tendons.emplace_back();
@@ -58,6 +64,7 @@ void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
 
 int World::add_shape(const Shape& shape) {
   wake_all();
+  ensure_link(shape.link);
   return put(shapes, shape_alive, shape);
 }
 
@@ -72,6 +79,7 @@ void World::remove_shape(int slot) {
 
 int World::add_tunnel(const Tunnel& tunnel) {
   wake_all();
+  ensure_link(tunnel.link);
   const int slot = put(tunnels, tunnel_alive, tunnel);
   forget_planes();
   return slot;
@@ -119,21 +127,6 @@ void World::forget_contacts(int tendon) {
   if (tendon < static_cast<int>(caches_.size()))
     for (NearCache& cache : caches_[tendon]) cache.entries.clear();
   std::fill(tendons[tendon]->tunnel_of.begin(), tendons[tendon]->tunnel_of.end(), -1);
-}
-
-// A link that does not move for each number that something refers to: links are made when they are first
-// read.
-void World::size_links() {
-  size_t count = links.size();
-  auto need = [&](int link) { count = std::max(count, static_cast<size_t>(link + 1)); };
-  for (const auto& c : tendons)
-    for (size_t h = 0; c && h < c->anchors.size(); ++h) need(c->anchors[h].link);
-  for (size_t s = 0; s < shapes.size(); ++s)
-    if (shape_alive[s]) need(shapes[s].link);
-  for (size_t t = 0; t < tunnels.size(); ++t)
-    if (tunnel_alive[t]) need(tunnels[t].link);
-  links.resize(count);
-  bodies.resize(std::max(bodies.size(), count));
 }
 
 // A cache for every tendon and shape that are there.

@@ -48,6 +48,8 @@ class World {
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive, tunnel_alive;
 
+  // Makes the slot of a link. Until the link is read from pybullet, it is one that nothing moves.
+  void ensure_link(int link);
   int add_tendon(std::unique_ptr<Tendon> tendon);
   void remove_tendon(int slot);
   int add_shape(const Shape& shape);
@@ -71,11 +73,9 @@ class World {
   bool rewind(const std::vector<int>& pulled);
   bool any_held() const;
   // Records the rates of a body right after a step; whether it seems to have been released.
-  bool note(int body, const dense::Numbers& rates);
+  bool sample(int body, const dense::Numbers& rates);
   // The body is free: nothing can hold it.
   void let_go(int body);
-  // The contacts of bodies at rest become those that were read before rewind.
-  void keep_told_contacts();
   // Ends the correction of the last step, in which the rates of bodies were set from outside. That step is
   // not solved again, and an attempt that fails goes back to this state.
   void finish_resolve();
@@ -110,7 +110,6 @@ class World {
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
-  void size_links();
   uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
@@ -138,8 +137,7 @@ class World {
   void solve_again(Reason why);
   void take_substep();
   void finish_step_of_world();
-  bool can_carry() const;
-  void push_links(double share);
+  void measure_wrenches();
   bool predict_at_solution();
   void inherit_multipliers();
   // integrator/scheme.cpp
@@ -149,14 +147,18 @@ class World {
   // world/bodies.cpp
   template <class Do>
   void each_touch(Do what) const;
-  bool find_unknowns();
+  void count_touches();
+  void find_point_masses();
+  void find_unknowns();
   void find_bodies();
   void narrow_bodies();
-  void sum_forces(double scale, bool of_part);
-  void push_bodies();
+  template <class Of>
+  void sum_forces(double scale, Of wrench_of);
+  void act_on_bodies();
   bool find_turning();
+  void push_bodies();
   bool settle_stops();
-  std::vector<char> solid_links() const;
+  void find_solid_links();
   // world/islands.cpp
   bool solve_each_island();
   void read_worst(const Island& island);
@@ -204,8 +206,7 @@ class World {
                         const ContactKey& key, double friction);
 
   StepContext context_;
-  double whole_dt_ = 0;  // of the whole step [s]
-  bool whole_ = false;   // it must not be cut
+  bool whole_ = false;  // it must not be cut
   Substepper substeps_;
   Budget budget_;
   int substeps_parts_ = 1;   // that a step whose segments turn far is begun with
@@ -220,7 +221,8 @@ class World {
   std::vector<double> distances_, points_, parameters_;  // the answers to them
   BroadPhase broad_phase_;
   std::vector<SegmentPair> pairs_;
-  std::vector<int> touches_;                         // by body
+  std::vector<int> touches_;                         // by body, one of the tendons that touch it
+  std::vector<char> solid_;                          // by link: it has a shape or a tunnel
   std::vector<Contact> contacts_, solved_contacts_;  // of this detection, and of the last solution
   std::vector<Contact> asleep_contacts_;             // of tendons that sleep
   Vec3 rest_gravity_;                                // when the last of them fell asleep
@@ -235,11 +237,10 @@ class World {
   std::vector<int> island_of_;
   Report report_, attempt_;  // of the step, and of the last solution of a substep
 
-  Checkpoint start_;                           // of the last step
-  Checkpoint now_;                             // of an attempt whose step has not begun
-  StepRecord last_step_;                       // that is not whole
-  bool may_resolve_ = false;                   // the last step can be solved again: bodies had a part in it
-  std::vector<dense::Numbers> told_contacts_;  // by body, at rewind
+  Checkpoint start_;          // of the last step
+  Checkpoint now_;            // of an attempt whose step has not begun
+  StepRecord last_step_;      // that is not whole
+  bool may_resolve_ = false;  // the last step can be solved again: bodies had a part in it
 };
 
 }  // namespace bt
