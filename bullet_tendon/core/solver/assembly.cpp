@@ -103,13 +103,12 @@ void carry_springs(Island& island) {
 
 // The matrix, and the residual of the linearisation in place of the true one.
 // definite_rows: the contacts' blocks alone.
-void assemble(Island& island, bool definite, bool definite_contacts) {
+void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts) {
   clear_loads(island);
   for (Tendon* c : island.tendons) {
     const double inverse = 1 / (c->h_eff * c->h_eff), floor_force = kFloorShare * c->residual_norm;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      const Linearisation how = definite ? Linearisation::position : Linearisation::multiplier;
       linearise(*s, c->material.law, how, floor_force, c->motion(), definite);
       scatter_linearisation(*s, c->material.law, c->residual);
     }

@@ -14,8 +14,6 @@ struct Assembly {
 // A contact that constrains its particle directly: it starts to hold when the particle is inside, and lets go
 // when it would have to pull. true: it has changed.
 bool update_direct(Island& island, Contact& contact);
-// A contact at tendon.x_new, its points where they are nearest.
-void evaluate(Island& island, Contact& contact, bool definite);
 // True residual of the island at tendon.x_new; what holds supply is still in it.
 Assembly residual_of(Island& island, bool definite, bool at_position = false);
 // Its norms, once what holds supply has been taken out.
@@ -29,7 +27,7 @@ void carry_springs(Island& island);
 double in_roundings(Island& island, const Assembly& a, bool at_guess);
 // The matrix, and the residual of the linearisation in place of the true one. definite_rows: the contacts'
 // blocks alone.
-void assemble(Island& island, bool definite, bool definite_contacts);
+void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts);
 // The particle of every tendon with the largest residual.
 void find_worst(Island& island);
 

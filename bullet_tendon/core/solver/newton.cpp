@@ -190,16 +190,17 @@ bool find_step(Solution& s, const Assembly& a) {
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
   island.linear_tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
+  const Linearisation how = s.descends ? Linearisation::position : Linearisation::multiplier;
   if (!s.descends) {
-    assemble(island, false, s.far);
+    assemble(island, how, false, s.far);
     if (solve_linear(island, s.context, false)) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
     }
-    // The matrix is indefinite: once more, by plain Newton with compression cut off.
+    // The matrix is indefinite: once more, with compression cut off.
     residual_of(island, true);
   }
-  assemble(island, true, true);
+  assemble(island, how, true, true);
   return solve_linear(island, s.context, true);
 }
 
