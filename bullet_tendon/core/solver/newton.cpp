@@ -20,6 +20,7 @@
 #include "solver/friction_limits.h"
 #include "solver/island_step.h"
 #include "solver/linear_solve.h"
+#include "tendon/segment_rotation.h"
 
 namespace bt {
 
@@ -47,8 +48,8 @@ constexpr int kMostTrials = 24;
 constexpr double kLoosest = 1e-2;
 
 // Displacement of an iterate, relative to that of the inertial target or to the length of the tendon, beyond
-// which it has run away [-]. Larger: its residual passes for rounding. Smaller: a taut tendon that is released
-// may move so far in a long step.
+// which it has run away [-]. Larger: its residual passes for rounding. Smaller: a taut tendon that is
+// released may move so far in a long step.
 constexpr double kFarOff = 1e3;
 
 // Largest residual that counts as rounding, in units of machine epsilon x stiffness x coordinate [-].
@@ -63,8 +64,9 @@ struct Solution {
   Island& island;
   const StepContext& context;
   bool descends = false;  // along directions of descent, by steps that a line search shortens
-  bool far = true;       // the residual is larger than kNear
-  bool changed = false;  // a direct contact began or ceased to hold in this iteration
+  bool far = true;        // the residual is larger than kNear
+  bool turns = false;     // it was far at some time, so that segments turn
+  bool changed = false;   // a direct contact began or ceased to hold in this iteration
   int iteration = 0;
   int stiffened = 0;  // how often contacts were stiffened
   // Smallest residual since contacts were stiffened, and how many iterations ago.
@@ -122,6 +124,7 @@ bool update_directs(Island& island) {
 
 void note_distance(Solution& s, const Assembly& a) {
   s.far = !(a.residual <= kNear * a.scale);
+  s.turns |= s.far;
 }
 
 void note_progress(Solution& s, double residual) {
@@ -252,6 +255,10 @@ void take_step(Solution& s) {
   carry_springs(island);
   predict_contacts(island);
   advance(island, 1);
+  // Contacts are stiff across the tendon: there the places of particles matter more than the lengths of
+  // segments.
+  if (!s.turns || touches(island)) return;
+  for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
 // The particles and bodies do not move in this step.
@@ -300,8 +307,7 @@ void newton(Island& island, const StepContext& context) {
     residual = iterate(s);
   }
   // An iterate that is worse than the guess is not taken.
-  if (failed() && !(residual < s.first_residual) &&
-      (std::isfinite(residual) || context.budget->refused())) {
+  if (failed() && !(residual < s.first_residual) && (std::isfinite(residual) || context.budget->refused())) {
     stay(island);
     judge(s);
     island.converged = false;

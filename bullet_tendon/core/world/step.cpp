@@ -291,7 +291,9 @@ bool World::share_weights() {
   for (bool any = is_second_order(options.integrator); any; changed |= any) {
     any = false;
     for (const Contact& contact : contacts_) {
-      if (contact.b.tendon < 0 || contact.passes) continue;
+      // The history of both tendons has the force that the contact had in the last step.
+      const bool acts = !contact.passes || norm(contact.last_mean) > 0;
+      if (contact.b.tendon < 0 || !acts) continue;
       Tendon &a = *slots_[contact.a.tendon], &b = *slots_[contact.b.tendon];
       if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) a.smooth = b.smooth = false, any = true;
     }
