@@ -144,7 +144,7 @@ void bind_sparse(py::module_& testing);
 // A tendon about which something is going to change.
 inline Tendon& stirred(World& w, int tendon) {
   w.wake_tendon(tendon);
-  return *w.tendons[tendon];
+  return *w.scene.tendons[tendon];
 }
 
 void bind_report(py::module_& m);

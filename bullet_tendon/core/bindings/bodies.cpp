@@ -43,15 +43,15 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
 int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
   w.ensure_link(slot);
-  Link& l = w.links[slot];
+  Link& l = w.scene.links[slot];
   place(l, info.ptr(), where.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
   if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), is_finite(w, slot) ? 1 : 0;
   l.body = slot;
   l.jacobian.clear();
-  stand_alone(w.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
+  stand_alone(w.scene.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!is_finite(w, slot)) return 0;
-  GeneralizedBody& m = w.bodies[slot];
+  GeneralizedBody& m = w.scene.bodies[slot];
   if (m.contacts_known) return 1;
   if (falls && m.may_rest(w.gravity())) return 2;
   m.contacts.clear();
@@ -71,8 +71,8 @@ using Links = std::vector<std::pair<int, int>>;
 // pybullet tells then. A body that was never read has none.
 void set_contacts(World& w, int slot, const py::tuple& points, const Links& immovable,
                   const py::tuple& centre, bool keep) {
-  if (slot >= static_cast<int>(w.bodies.size()) || w.bodies[slot].n() == 0) return;
-  GeneralizedBody& m = w.bodies[slot];
+  if (slot >= static_cast<int>(w.scene.bodies.size()) || w.scene.bodies[slot].n() == 0) return;
+  GeneralizedBody& m = w.scene.bodies[slot];
   const Vec3 from = vector(centre.ptr());
   if (keep && m.contacts_known) return;
   m.contacts.clear();
@@ -90,7 +90,7 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
 
 void clear_link(World& w, int slot) {
   w.ensure_link(slot);
-  w.links[slot] = Link{}, w.bodies[slot] = GeneralizedBody{};
+  w.scene.links[slot] = Link{}, w.scene.bodies[slot] = GeneralizedBody{};
 }
 
 }  // namespace
@@ -188,11 +188,11 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
                const py::tuple& joints) {
   const Reading reading{infos, base, motion, joints};
   for (int slot : slots) w.ensure_link(slot);
-  GeneralizedBody& m = w.bodies[slots[0]];
+  GeneralizedBody& m = w.scene.bodies[slots[0]];
   set_mover(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
-    Link& l = w.links[slots[i]];
+    Link& l = w.scene.links[slots[i]];
     l.centre = body.centre(link), l.pose = body.frame(link);
     if (i > 0) stand_still(w, slots[i]);
     l.body = body.moves(link) ? slots[0] : -1;
@@ -282,9 +282,9 @@ void bind_articulated(py::module_& m) {
 namespace {
 
 Array wrenches(const World& w) {
-  Array out({static_cast<py::ssize_t>(w.links.size()), static_cast<py::ssize_t>(6)});
+  Array out({static_cast<py::ssize_t>(w.scene.links.size()), static_cast<py::ssize_t>(6)});
   double* p = out.mutable_data();
-  for (const Link& l : w.links) {
+  for (const Link& l : w.scene.links) {
     *p++ = l.wrench.force.x, *p++ = l.wrench.force.y, *p++ = l.wrench.force.z;
     *p++ = l.wrench.torque.x, *p++ = l.wrench.torque.y, *p++ = l.wrench.torque.z;
   }
@@ -295,8 +295,8 @@ Array wrenches(const World& w) {
 // the force is all, as of one attachment.
 py::list pushes(const World& w) {
   py::list out;
-  for (std::size_t i = 0; i < w.links.size(); ++i) {
-    const Link& l = w.links[i];
+  for (std::size_t i = 0; i < w.scene.links.size(); ++i) {
+    const Link& l = w.scene.links[i];
     const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
     const Vec3 centre = l.turned.far ? l.start_centre : l.centre;
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
@@ -326,20 +326,21 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("held_bodies",
            [](const World& w) {
              std::vector<int> held;
-             for (size_t i = 0; i < w.bodies.size(); ++i)
-               if (w.bodies[i].observer.held() && !w.bodies[i].observer.released())
+             for (size_t i = 0; i < w.scene.bodies.size(); ++i)
+               if (w.scene.bodies[i].observer.held() && !w.scene.bodies[i].observer.released())
                  held.push_back(static_cast<int>(i));
              return held;
            })
       .def("let_go", &World::let_go)
-      .def("stopped", [](const World& w, int link) { return w.bodies[w.links[link].body].stopped(); })
-      .def("missed", [](const World& w, int body) { return copy_of(w.bodies[body].observer.missed()); })
-      .def("was_cut", [](const World& w, int body) { return w.bodies[body].observer.was_cut(); })
+      .def("stopped",
+           [](const World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
+      .def("missed", [](const World& w, int body) { return copy_of(w.scene.bodies[body].observer.missed()); })
+      .def("was_cut", [](const World& w, int body) { return w.scene.bodies[body].observer.was_cut(); })
       .def("pushable",
            [](const World& w) {
              std::vector<int> free;
-             for (size_t i = 0; i < w.links.size(); ++i)
-               if (w.links[i].yields() && !w.bodies[w.links[i].body].observer.held())
+             for (size_t i = 0; i < w.scene.links.size(); ++i)
+               if (w.scene.links[i].yields() && !w.scene.bodies[w.scene.links[i].body].observer.held())
                  free.push_back(static_cast<int>(i));
              return free;
            })

@@ -17,17 +17,17 @@ void place(Link& l, PyObject* info, PyObject* where) {
 }
 
 void stand_still(World& w, int slot) {
-  w.links[slot].body = -1;
-  w.links[slot].jacobian.clear();
-  if (w.bodies[slot].n() > 0) w.bodies[slot] = GeneralizedBody{};
+  w.scene.links[slot].body = -1;
+  w.scene.links[slot].jacobian.clear();
+  if (w.scene.bodies[slot].n() > 0) w.scene.bodies[slot] = GeneralizedBody{};
 }
 
 bool is_finite(const World& w, int slot) {
-  const Link& l = w.links[slot];
+  const Link& l = w.scene.links[slot];
   const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
                    l.pose.rotation.r1 + l.pose.rotation.r2;
   bool well = max_abs(0 * sum) == 0;
-  for (const dense::Numbers* numbers : {&w.bodies[slot].rates, &w.bodies[slot].free})
+  for (const dense::Numbers* numbers : {&w.scene.bodies[slot].rates, &w.scene.bodies[slot].free})
     for (double v : *numbers) well &= std::fabs(v) <= std::numeric_limits<double>::max();
   return well;
 }

@@ -26,14 +26,14 @@ int add_tendon(World& w, const Array& points, double radius, double friction, do
 }
 
 Anchor& anchor_of(World& w, int tendon, int id) {
-  for (Anchor& h : w.tendons[tendon]->anchors)
+  for (Anchor& h : w.scene.tendons[tendon]->anchors)
     if (h.id == id) return h;
   throw py::key_error("no such hold");
 }
 
 void remove_anchor(World& w, int tendon, int id) {
   auto& anchors = stirred(w, tendon).anchors;
-  w.tendons[tendon]->smooth = false;
+  w.scene.tendons[tendon]->smooth = false;
   anchors.erase(std::remove_if(anchors.begin(), anchors.end(), [&](const Anchor& h) { return h.id == id; }),
                 anchors.end());
 }
@@ -53,8 +53,8 @@ void set_grip(World& w, int tendon, int id, const Array& target, double stiffnes
 void bind_world_tendon(GuardedWorld& world) {
   world.def("add_tendon", &add_tendon)
       .def("remove_tendon", &World::remove_tendon)
-      .def("positions", [](World& w, int c) { return rows_of(w.tendons[c]->x); })
-      .def("velocities", [](World& w, int c) { return rows_of(w.tendons[c]->v); })
+      .def("positions", [](World& w, int c) { return rows_of(w.scene.tendons[c]->x); })
+      .def("velocities", [](World& w, int c) { return rows_of(w.scene.tendons[c]->v); })
       .def("set_state",
            [](World& w, int c, const Array& x, const Array& v) {
              Tendon& tendon = stirred(w, c);
@@ -68,8 +68,8 @@ void bind_world_tendon(GuardedWorld& world) {
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
       .def("guess_multipliers",
            [](World& w, int c, const Array& g) { stirred(w, c).guess_multipliers(vec(g)); })
-      .def("masses", [](World& w, int c) { return copy_of(w.tendons[c]->mass); })
-      .def("rest", [](World& w, int c) { return copy_of(w.tendons[c]->rest); })
+      .def("masses", [](World& w, int c) { return copy_of(w.scene.tendons[c]->mass); })
+      .def("rest", [](World& w, int c) { return copy_of(w.scene.tendons[c]->rest); })
       .def("set_rest",
            [](World& w, int c, const Array& rest) {
              w.forbid_resolve();
@@ -78,24 +78,24 @@ void bind_world_tendon(GuardedWorld& world) {
       .def("set_point_mass",
            [](World& w, int c, int i, double m) {
              stirred(w, c).set_point_mass(i, m);
-             w.tendons[c]->smooth = false;
+             w.scene.tendons[c]->smooth = false;
            })
       .def("tension",
            [](World& w, int c) {
              std::vector<double> t;
-             w.tendons[c]->tension(t);
+             w.scene.tendons[c]->tension(t);
              return copy_of(t);
            })
-      .def("is_asleep", [](World& w, int c) { return w.tendons[c]->bed >= 0; })
-      .def("energy", [](World& w, int c) { return w.tendons[c]->energy(); })
+      .def("is_asleep", [](World& w, int c) { return w.scene.tendons[c]->bed >= 0; })
+      .def("energy", [](World& w, int c) { return w.scene.tendons[c]->energy(); })
       .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
-      .def("force", [](World& w, int c, int i) { return tuple(w.tendons[c]->force.at(i)); })
+      .def("force", [](World& w, int c, int i) { return tuple(w.scene.tendons[c]->force.at(i)); })
       .def("add_grip",
            [](World& w, int c, int id, int particle) {
              Anchor h;
              h.id = id, h.particle = particle;
              stirred(w, c).anchors.push_back(h);
-             w.tendons[c]->smooth = false;
+             w.scene.tendons[c]->smooth = false;
            })
       .def("set_grip", &set_grip)
       .def("add_attachment",
@@ -104,7 +104,7 @@ void bind_world_tendon(GuardedWorld& world) {
              h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
              w.ensure_link(link);
              stirred(w, c).anchors.push_back(h);
-             w.tendons[c]->smooth = false;
+             w.scene.tendons[c]->smooth = false;
            })
       .def("set_clamp",
            [](World& w, int c, int id, const Array& direction) {

@@ -65,7 +65,7 @@ Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& befor
 namespace {
 
 py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
-  return term_of(spring_term(*w.tendons[c], shear, field_of(x), field_of(before), b));
+  return term_of(spring_term(*w.scene.tendons[c], shear, field_of(x), field_of(before), b));
 }
 
 // A contact row at a position, as the position has it.
@@ -200,7 +200,7 @@ void bind_terms(py::module_& testing) {
   testing.def("searched_nearest", &searched_nearest);
   testing.def("spring_term", &spring_term_of);
   testing.def("bending_term", [](const World& w, int c, const Array& x) {
-    return term_of(bending_term(*w.tendons[c], field_of(x)));
+    return term_of(bending_term(*w.scene.tendons[c], field_of(x)));
   });
 }
 

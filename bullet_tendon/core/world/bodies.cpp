@@ -20,33 +20,36 @@ constexpr double kAtCentre = 1e-12;
 // what(body, tendon) for every attachment and every contact of a body that yields.
 template <class Do>
 void World::each_touch(Do what) const {
-  for (size_t c = 0; c < slots_.size(); ++c)
-    for (size_t i = 0; slots_[c] && i < slots_[c]->anchors.size(); ++i) {
-      const Anchor& h = slots_[c]->anchors[i];
-      if (h.link >= 0 && links[h.link].yields()) what(links[h.link].body, static_cast<int>(c));
+  for (size_t c = 0; c < step_.slots.size(); ++c)
+    for (size_t i = 0; step_.slots[c] && i < step_.slots[c]->anchors.size(); ++i) {
+      const Anchor& h = step_.slots[c]->anchors[i];
+      if (h.link >= 0 && scene.links[h.link].yields()) what(scene.links[h.link].body, static_cast<int>(c));
     }
-  for (const Contact& contact : contacts_)
-    if (contact.link >= 0 && links[contact.link].yields()) what(links[contact.link].body, contact.a.tendon);
+  for (const Contact& contact : contacts_.all)
+    if (contact.link >= 0 && scene.links[contact.link].yields())
+      what(scene.links[contact.link].body, contact.a.tendon);
 }
 
 void World::count_touches() {
-  for (GeneralizedBody& m : bodies) m.touches = 0;
-  each_touch([&](int body, int) { ++bodies[body].touches; });
+  for (GeneralizedBody& m : scene.bodies) m.touches = 0;
+  each_touch([&](int body, int) { ++scene.bodies[body].touches; });
 }
 
 // A free rigid body on one attachment at its centre of mass, which nothing else can touch, is a point mass.
 void World::find_point_masses() {
   count_touches();
-  for (GeneralizedBody& m : bodies) m.point_mass = false;
+  for (GeneralizedBody& m : scene.bodies) m.point_mass = false;
   if (options.integrator == Integrator::explicit_euler) return;
-  for (const Tendon* c : slots_)
+  for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link < 0 || solid_[h.link] || !links[h.link].yields()) continue;
-      GeneralizedBody& m = bodies[links[h.link].body];
-      if (!links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped()) continue;
+      if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) continue;
+      GeneralizedBody& m = scene.bodies[scene.links[h.link].body];
+      if (!scene.links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped())
+        continue;
       const double of_mass = 3 * m.free[0],
-                   of_point = trace(links[h.link].mobility(to_world(links[h.link].pose, h.local)));
+                   of_point =
+                       trace(scene.links[h.link].mobility(to_world(scene.links[h.link].pose, h.local)));
       m.point_mass = of_point - of_mass <= kAtCentre * of_mass;
     }
 }
@@ -54,95 +57,98 @@ void World::find_point_masses() {
 // All bodies that tendons touch are unknowns of an implicit step, but for point masses.
 void World::find_unknowns() {
   count_touches();
-  for (GeneralizedBody& m : bodies)
+  for (GeneralizedBody& m : scene.bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
-  for (Link& l : links) l.turned.far = l.yields() && bodies[l.body].unknowns.any && bodies[l.body].turns;
-  for (Contact& contact : contacts_)
-    contact.moves =
-        contact.link >= 0 && links[contact.link].yields() && bodies[links[contact.link].body].unknowns.any;
+  for (Link& l : scene.links)
+    l.turned.far = l.yields() && scene.bodies[l.body].unknowns.any && scene.bodies[l.body].turns;
+  for (Contact& contact : contacts_.all)
+    contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&
+                    scene.bodies[scene.links[contact.link].body].unknowns.any;
 }
 
 // Joins the islands of tendons that touch one unknown body.
 void World::find_bodies() {
-  touches_.assign(bodies.size(), -1);
+  islands_.touches.assign(scene.bodies.size(), -1);
   each_touch([&](int body, int tendon) {
-    if (!bodies[body].unknowns.any) return;
-    if (touches_[body] < 0) touches_[body] = tendon;
-    join_islands(touches_[body], tendon);
+    if (!scene.bodies[body].unknowns.any) return;
+    if (islands_.touches[body] < 0) islands_.touches[body] = tendon;
+    join_islands(islands_.touches[body], tendon);
   });
 }
 
 // Links that tendons can touch anywhere.
 void World::find_solid_links() {
-  solid_.assign(links.size(), 0);
-  for (size_t s = 0; s < shapes.size(); ++s)
-    if (shape_alive[s]) solid_[shapes[s].link] = 1;
-  for (size_t t = 0; t < tunnels.size(); ++t)
-    if (tunnel_alive[t]) solid_[tunnels[t].link] = 1;
+  islands_.solid.assign(scene.links.size(), 0);
+  for (size_t s = 0; s < scene.shapes.size(); ++s)
+    if (scene.shape_alive[s]) islands_.solid[scene.shapes[s].link] = 1;
+  for (size_t t = 0; t < scene.tunnels.size(); ++t)
+    if (scene.tunnel_alive[t]) islands_.solid[scene.tunnels[t].link] = 1;
 }
 
 // The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, other links at
 // their attached points alone. A body that turns far has all.
 void World::narrow_bodies() {
-  if (std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.unknowns.any; }))
+  if (std::none_of(scene.bodies.begin(), scene.bodies.end(),
+                   [](const GeneralizedBody& m) { return m.unknowns.any; }))
     return;
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
-    for (size_t l = 0; l < links.size(); ++l)
-      if (solid_[l] && links[l].yields()) what(links[l], 6, Vec3{});
-    for (const Tendon* c : slots_)
+    for (size_t l = 0; l < scene.links.size(); ++l)
+      if (islands_.solid[l] && scene.links[l].yields()) what(scene.links[l], 6, Vec3{});
+    for (const Tendon* c : step_.slots)
       for (size_t h = 0; c && h < c->anchors.size(); ++h) {
         const Anchor& anchor = c->anchors[h];
-        if (anchor.link < 0 || solid_[anchor.link] || !links[anchor.link].yields()) continue;
-        const Link& link = links[anchor.link];
+        if (anchor.link < 0 || islands_.solid[anchor.link] || !scene.links[anchor.link].yields()) continue;
+        const Link& link = scene.links[anchor.link];
         what(link, 3, to_world(link.pose, anchor.local) - link.centre);
       }
   };
-  for (GeneralizedBody& m : bodies) m.unknowns.freedom = 0, m.unknowns.basis.clear();
-  each_reached([&](const Link& link, int count, Vec3) { bodies[link.body].unknowns.freedom += count; });
-  for (GeneralizedBody& m : bodies) {
+  for (GeneralizedBody& m : scene.bodies) m.unknowns.freedom = 0, m.unknowns.basis.clear();
+  each_reached([&](const Link& link, int count, Vec3) { scene.bodies[link.body].unknowns.freedom += count; });
+  for (GeneralizedBody& m : scene.bodies) {
     const bool all = !m.unknowns.any || m.turns || m.unknowns.freedom >= m.n();
     m.unknowns.freedom = all ? m.n() : 0;
   }
   each_reached([&](const Link& link, int count, Vec3 arm) {
-    GeneralizedBody& m = bodies[link.body];
+    GeneralizedBody& m = scene.bodies[link.body];
     for (int k = 0; k < count && m.unknowns.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
   });
-  for (Link& l : links)
-    if (l.yields() && bodies[l.body].unknowns.any) l.reach(bodies[l.body]);
+  for (Link& l : scene.links)
+    if (l.yields() && scene.bodies[l.body].unknowns.any) l.reach(scene.bodies[l.body]);
 }
 
 // Generalized forces of wrenches on links.
 template <class Of>
 void World::sum_forces(double scale, Of wrench_of) {
-  for (GeneralizedBody& m : bodies) m.forces.assign(m.n(), 0.0);
-  for (const Link& l : links) {
+  for (GeneralizedBody& m : scene.bodies) m.forces.assign(m.n(), 0.0);
+  for (const Link& l : scene.links) {
     if (!l.yields()) continue;
     const Wrench w = wrench_of(l);
-    l.add_generalized(l.jacobian, {scale * w.force, scale * w.torque}, bodies[l.body].forces);
+    l.add_generalized(l.jacobian, {scale * w.force, scale * w.torque}, scene.bodies[l.body].forces);
   }
 }
 
 // Marks bodies that turn far, by the forces of the last solution. Returns whether there is a new one.
 bool World::find_turning() {
-  if (whole_ || options.integrator == Integrator::explicit_euler || options.iteration == Iteration::single)
+  if (step_.whole || options.integrator == Integrator::explicit_euler ||
+      options.iteration == Iteration::single)
     return false;
-  for (GeneralizedBody& m : bodies) m.tendon_torque = {}, m.tendon_pull = 0;
+  for (GeneralizedBody& m : scene.bodies) m.tendon_torque = {}, m.tendon_pull = 0;
   auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
-    if (link < 0 || !links[link].yields() || !links[link].jacobian.empty()) return;
-    GeneralizedBody& m = bodies[links[link].body];
+    if (link < 0 || !scene.links[link].yields() || !scene.links[link].jacobian.empty()) return;
+    GeneralizedBody& m = scene.bodies[scene.links[link].body];
     m.tendon_torque += cross(arm, force);
     m.tendon_pull += norm(arm) * norm(force);
   };
-  for (const Tendon* c : slots_)
+  for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
       if (const Anchor& h = c->anchors[i]; h.link >= 0)
-        add_pull(h.link, links[h.link].arm_of(h.local), h.force);
-  for (const Contact& contact : contacts_) add_pull(contact.link, contact.arm, -contact.mean_force);
+        add_pull(h.link, scene.links[h.link].arm_of(h.local), h.force);
+  for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.mean_force);
   bool any = false;
-  for (const Link& l : links) {
-    if (!l.yields() || !(bodies[l.body].tendon_pull > 0) || bodies[l.body].turns) continue;
-    bodies[l.body].turns = bodies[l.body].turns_far(l.spin, substeps_.step());
-    any |= bodies[l.body].turns;
+  for (const Link& l : scene.links) {
+    if (!l.yields() || !(scene.bodies[l.body].tendon_pull > 0) || scene.bodies[l.body].turns) continue;
+    scene.bodies[l.body].turns = scene.bodies[l.body].turns_far(l.spin, step_.substeps.step());
+    any |= scene.bodies[l.body].turns;
   }
   return any;
 }
@@ -150,40 +156,43 @@ bool World::find_turning() {
 // Whether limits and contacts act with the forces of this solution that were not foreseen to, or the other
 // way.
 bool World::settle_stops() {
-  if (whole_ || settlings_ >= kSettlings ||
-      std::none_of(bodies.begin(), bodies.end(), [](const GeneralizedBody& m) { return m.may_stop(); }))
+  if (step_.whole || step_.stop_changes >= kSettlings ||
+      std::none_of(scene.bodies.begin(), scene.bodies.end(),
+                   [](const GeneralizedBody& m) { return m.may_stop(); }))
     return false;
   measure_wrenches();
-  sum_forces(1 / substeps_.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
+  sum_forces(1 / step_.substeps.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
   bool other = false;
-  for (size_t m = 0; m < bodies.size(); ++m) {
-    if (!bodies[m].may_stop() || !bodies[m].settle_stops(bodies[m].forces, substeps_.step())) continue;
+  for (size_t m = 0; m < scene.bodies.size(); ++m) {
+    if (!scene.bodies[m].may_stop() ||
+        !scene.bodies[m].settle_stops(scene.bodies[m].forces, step_.substeps.step()))
+      continue;
     other = true;
     lead_links(static_cast<int>(m));
   }
-  settlings_ += other;
+  step_.stop_changes += other;
   return other;
 }
 
 // The forces of the whole step.
 void World::act_on_bodies() {
   sum_forces(1, [](const Link& l) { return l.wrench; });
-  for (GeneralizedBody& m : bodies)
-    if (m.n() > 0) m.act(substeps_.step());
+  for (GeneralizedBody& m : scene.bodies)
+    if (m.n() > 0) m.act(step_.substeps.step());
 }
 
 // What the substep that was solved did to the bodies, in the substeps to come.
 void World::push_bodies() {
-  sum_forces(substeps_.step(), [](const Link& l) { return l.part; });
-  for (GeneralizedBody& m : bodies)
+  sum_forces(step_.substeps.step(), [](const Link& l) { return l.part; });
+  for (GeneralizedBody& m : scene.bodies)
     if (m.n() > 0) m.push(m.forces);
-  for (Link& l : links)
-    if (l.yields()) l.follow(bodies[l.body]);
+  for (Link& l : scene.links)
+    if (l.yields()) l.follow(scene.bodies[l.body]);
 }
 
 void World::sense(double dt, Vec3 gravity, bool held) {
-  context_.dt = dt, context_.gravity = gravity;
-  for (Link& l : links) {
+  step_.context.dt = dt, step_.context.gravity = gravity;
+  for (Link& l : scene.links) {
     l.note_motion();
     l.start_pose = l.pose, l.start_centre = l.centre;
     if (held) l.body = -1;
@@ -191,42 +200,42 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
   }
   if (held) return;
-  for (Link& l : links)
+  for (Link& l : scene.links)
     if (std::exchange(l.yielded, l.yields()) != l.yields()) interrupt();
-  for (GeneralizedBody& m : bodies)
+  for (GeneralizedBody& m : scene.bodies)
     if (m.n() > 0) m.sense(gravity), m.predict(dt, gravity);
-  for (Link& l : links)
-    if (l.yields()) l.go_with(bodies[l.body]);
+  for (Link& l : scene.links)
+    if (l.yields()) l.go_with(scene.bodies[l.body]);
 }
 
 bool World::sample(int body, const dense::Numbers& rates) {
-  return bodies[body].sample(rates, context_.gravity);
+  return scene.bodies[body].sample(rates, step_.context.gravity);
 }
 
 void World::predict(int body) {
-  if (bodies[body].n() == 0) return;
-  bodies[body].predict(context_.dt, context_.gravity);
+  if (scene.bodies[body].n() == 0) return;
+  scene.bodies[body].predict(step_.context.dt, step_.context.gravity);
   lead_links(body);
 }
 
 void World::lead_links(int body) {
-  for (Link& l : links)
-    if (l.body == body) l.go_with(bodies[body]);
+  for (Link& l : scene.links)
+    if (l.body == body) l.go_with(scene.bodies[body]);
 }
 
 bool World::any_held() const {
-  for (const GeneralizedBody& m : bodies)
+  for (const GeneralizedBody& m : scene.bodies)
     if (m.observer.held()) return true;
   return false;
 }
 
 void World::finish_resolve() {
-  for (GeneralizedBody& m : bodies) {
+  for (GeneralizedBody& m : scene.bodies) {
     m.observer.refresh(m.rates);
     m.observer.require_two();
   }
-  may_resolve_ = false;
-  capture(now_);
+  history_.may_resolve = false;
+  capture(history_.now);
 }
 
 }  // namespace bt

@@ -18,56 +18,56 @@ namespace bt {
 
 void World::capture(Checkpoint& to) const {
   to.valid = true;
-  to.tendons.resize(tendons.size());
-  for (size_t c = 0; c < tendons.size(); ++c) {
+  to.tendons.resize(scene.tendons.size());
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
     TendonCheckpoint& t = to.tendons[c];
-    t.alive = tendons[c] != nullptr;
+    t.alive = scene.tendons[c] != nullptr;
     if (!t.alive) continue;
-    t.state = *tendons[c];
-    t.structure = tendons[c]->structure;
-    t.shear = tendons[c]->shear;
+    t.state = *scene.tendons[c];
+    t.structure = scene.tendons[c]->structure;
+    t.shear = scene.tendons[c]->shear;
   }
-  to.links = links;
-  to.bodies = bodies;
-  to.memory = memory_;
-  to.contacts = contacts_;
-  to.sleeping_contacts = asleep_contacts_;
-  to.rest_gravity = rest_gravity_;
-  to.last_step = last_step_;
-  to.may_resolve = may_resolve_;
+  to.links = scene.links;
+  to.bodies = scene.bodies;
+  to.memory = contacts_.memory;
+  to.contacts = contacts_.all;
+  to.sleeping_contacts = contacts_.asleep;
+  to.rest_gravity = sleep_.gravity;
+  to.last_step = history_.last_step;
+  to.may_resolve = history_.may_resolve;
 }
 
 void World::apply(const Checkpoint& from) {
-  for (size_t c = 0; c < tendons.size(); ++c) {
-    if (!tendons[c]) continue;
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
+    if (!scene.tendons[c]) continue;
     const TendonCheckpoint& t = from.tendons[c];
-    static_cast<TendonState&>(*tendons[c]) = t.state;
-    static_cast<SpringState&>(tendons[c]->structure) = t.structure;
-    static_cast<SpringState&>(tendons[c]->shear) = t.shear;
+    static_cast<TendonState&>(*scene.tendons[c]) = t.state;
+    static_cast<SpringState&>(scene.tendons[c]->structure) = t.structure;
+    static_cast<SpringState&>(scene.tendons[c]->shear) = t.shear;
   }
-  const int count = static_cast<int>(links.size());
-  links = from.links;
-  bodies = from.bodies;
+  const int count = static_cast<int>(scene.links.size());
+  scene.links = from.links;
+  scene.bodies = from.bodies;
   ensure_link(count - 1);  // what was added since then refers to it
-  memory_ = from.memory;
-  contacts_ = from.contacts;
-  asleep_contacts_ = from.sleeping_contacts;
-  rest_gravity_ = from.rest_gravity;
-  last_step_ = from.last_step;
-  may_resolve_ = from.may_resolve;
-  broad_phase_.clear();  // what it finds does not depend on what it has kept
+  contacts_.memory = from.memory;
+  contacts_.all = from.contacts;
+  contacts_.asleep = from.sleeping_contacts;
+  sleep_.gravity = from.rest_gravity;
+  history_.last_step = from.last_step;
+  history_.may_resolve = from.may_resolve;
+  detection_.broad_phase.clear();  // what it finds does not depend on what it has kept
 }
 
 bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                     const std::function<void()>& sense) {
   using Clock = std::chrono::steady_clock;
-  capture(now_);
+  capture(history_.now);
   Clock::duration sensed{};
   bool solved = false, stepping = false;
-  // start_ belongs to the step to come as soon as that is the last one.
+  // start belongs to the step to come as soon as that is the last one.
   auto undo = [&] {
-    if (stepping) std::swap(now_, start_);
-    apply(now_);
+    if (stepping) std::swap(history_.now, history_.start);
+    apply(history_.now);
   };
   try {
     if (sense) {
@@ -75,7 +75,7 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
       sense();
       sensed = Clock::now() - begun;
     }
-    std::swap(now_, start_);
+    std::swap(history_.now, history_.start);
     stepping = true;
     solved = step(dt, gravity, whole, oracle);
   } catch (...) {
@@ -83,7 +83,7 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
     throw;
   }
   if (!solved) undo();
-  report_.sense_seconds = std::chrono::duration<double>(sensed).count();
+  step_.report.sense_seconds = std::chrono::duration<double>(sensed).count();
   return solved;
 }
 
@@ -197,12 +197,13 @@ void require_link(const Link& l, const std::vector<GeneralizedBody>& bodies) {
 
 // Whether all sizes and indices are those of this world. Throws StateMismatch.
 void World::require_state(const Checkpoint& c) const {
-  require(c.tendons.size() == tendons.size(), kSizes);
+  require(c.tendons.size() == scene.tendons.size(), kSizes);
   require(c.last_step.dt >= 0, "with a last step of a length of at least 0");
-  for (size_t t = 0; t < tendons.size(); ++t) {
-    require(c.tendons[t].alive == (tendons[t] != nullptr), "of a world that is made of the same parts");
-    if (tendons[t])
-      require_tendon(c.tendons[t], *tendons[t], std::max(links.size(), c.links.size()), tunnel_alive);
+  for (size_t t = 0; t < scene.tendons.size(); ++t) {
+    require(c.tendons[t].alive == (scene.tendons[t] != nullptr), "of a world that is made of the same parts");
+    if (scene.tendons[t])
+      require_tendon(c.tendons[t], *scene.tendons[t], std::max(scene.links.size(), c.links.size()),
+                     scene.tunnel_alive);
   }
   for (const GeneralizedBody& body : c.bodies) require_body(body);
   for (const GeneralizedBody& body : c.sensed_bodies) require_body(body);
@@ -211,7 +212,8 @@ void World::require_state(const Checkpoint& c) const {
   for (const Link& l : c.links) require_link(l, c.bodies);
   for (const Link& l : c.sensed_links) require_link(l, c.sensed_bodies);
   auto segment = [&](int tendon, int first) {
-    return within(tendon, tendons.size()) && tendons[tendon] && within(first, tendons[tendon]->n() - 1);
+    return within(tendon, scene.tendons.size()) && scene.tendons[tendon] &&
+           within(first, scene.tendons[tendon]->n() - 1);
   };
   auto require_contact = [&](const Contact& r) {
     require(segment(r.a.tendon, r.a.first) && (r.b.tendon == -1 || segment(r.b.tendon, r.b.first)), kIndices);
@@ -221,15 +223,15 @@ void World::require_state(const Checkpoint& c) const {
   for (const Contact& r : c.contacts) require_contact(r);
   for (const Contact& r : c.sleeping_contacts) require_contact(r);
   for (const ContactMemory& m : c.memory)
-    require(within(m.key.tendon, tendons.size()) && tendons[m.key.tendon], kIndices);
+    require(within(m.key.tendon, scene.tendons.size()) && scene.tendons[m.key.tendon], kIndices);
   auto in_order = [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; };
   require(std::is_sorted(c.memory.begin(), c.memory.end(), in_order), "in order");
 }
 
 uint64_t World::structure_mark() const {
   Mark mark;
-  mark.add(tendons.size(), shapes.size(), tunnels.size());
-  for (const auto& c : tendons) {
+  mark.add(scene.tendons.size(), scene.shapes.size(), scene.tunnels.size());
+  for (const auto& c : scene.tendons) {
     mark.add(c != nullptr);
     if (!c) continue;
     const Material& m = c->material;
@@ -237,16 +239,16 @@ uint64_t World::structure_mark() const {
              m.linear_density, m.law.exponent, m.law.toe_strain, m.law.tension_only, m.law.damping_exponent,
              m.law.whole_velocity);
   }
-  for (size_t s = 0; s < shapes.size(); ++s) {
-    const Shape& shape = shapes[s];
+  for (size_t s = 0; s < scene.shapes.size(); ++s) {
+    const Shape& shape = scene.shapes[s];
     const Primitive& form = shape.primitive;
-    mark.add(shape_alive[s], shape.link, shape.local, shape.lo, shape.hi, shape.half_space,
+    mark.add(scene.shape_alive[s], shape.link, shape.local, shape.lo, shape.hi, shape.half_space,
              shape.plane_normal, shape.plane_offset, shape.friction, form.kind, form.half, form.growth,
              form.radius, form.half_length, shape.surface ? shape.surface->mark() : uint64_t{0});
   }
-  for (size_t t = 0; t < tunnels.size(); ++t) {
-    const Tunnel& tunnel = tunnels[t];
-    mark.add(tunnel_alive[t], tunnel.link, tunnel.start, tunnel.end, tunnel.radius, tunnel.chamfer,
+  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
+    const Tunnel& tunnel = scene.tunnels[t];
+    mark.add(scene.tunnel_alive[t], tunnel.link, tunnel.start, tunnel.end, tunnel.radius, tunnel.chamfer,
              tunnel.friction);
   }
   return mark.value();
@@ -261,11 +263,11 @@ std::vector<char> World::save() {
   write("structure", mark);
   Checkpoint now, none;
   capture(now);
-  for (auto& c : tendons)
+  for (auto& c : scene.tendons)
     if (c) write("model", static_cast<TendonModel&>(*c));
   write("now", now);
-  write("start", may_resolve_ ? start_ : none);
-  for (auto& of_tendon : caches_)
+  write("start", history_.may_resolve ? history_.start : none);
+  for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) write("planes", cache.entries);
   return out;
 }
@@ -277,37 +279,38 @@ void World::restore(const char* from, size_t size) {
   read("structure", mark);
   require(mark == structure_mark(), "of a world that is made of the same parts");
   Checkpoint now, start;
-  std::vector<TendonModel> models(tendons.size());
-  for (size_t c = 0; c < tendons.size(); ++c) {
-    if (!tendons[c]) continue;
+  std::vector<TendonModel> models(scene.tendons.size());
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
+    if (!scene.tendons[c]) continue;
     read("model", models[c]);
-    require_model(models[c], tendons[c]->n());
+    require_model(models[c], scene.tendons[c]->n());
   }
   read("now", now);
   read("start", start);
   require(now.valid, "of a world");
   std::vector<std::vector<Entry>> planes;
-  for (size_t c = 0; c < caches_.size(); ++c)
-    for (size_t s = 0; s < caches_[c].size(); ++s) {
+  for (size_t c = 0; c < detection_.caches.size(); ++c)
+    for (size_t s = 0; s < detection_.caches[c].size(); ++s) {
       planes.emplace_back();
       read("planes", planes.back());
-      const bool used = tendons[c] && shape_alive[s] && !shapes[s].half_space;
-      require(planes.back().empty() || (used && planes.back().size() == 2 * size_t(tendons[c]->n()) - 1),
-              kSizes);
+      const bool used = scene.tendons[c] && scene.shape_alive[s] && !scene.shapes[s].half_space;
+      require(
+          planes.back().empty() || (used && planes.back().size() == 2 * size_t(scene.tendons[c]->n()) - 1),
+          kSizes);
     }
   read.finish();
   require_state(now);
   if (start.valid) require_state(start);
-  for (size_t c = 0; c < tendons.size(); ++c) {
-    if (!tendons[c]) continue;
-    tendons[c]->force = models[c].force;
-    tendons[c]->point_mass = models[c].point_mass;
-    tendons[c]->set_rest(models[c].rest);
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
+    if (!scene.tendons[c]) continue;
+    scene.tendons[c]->force = models[c].force;
+    scene.tendons[c]->point_mass = models[c].point_mass;
+    scene.tendons[c]->set_rest(models[c].rest);
   }
   apply(now);
-  start_ = std::move(start);
+  history_.start = std::move(start);
   size_t k = 0;
-  for (auto& of_tendon : caches_)
+  for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) cache.entries = std::move(planes[k++]);
 }
 

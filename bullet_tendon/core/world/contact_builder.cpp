@@ -109,23 +109,24 @@ Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 }  // namespace
 
 void World::collect_contacts() {
-  contacts_.clear();
-  motion_limit_ = 1;
-  for (size_t c = 0; c < slots_.size(); ++c) {
-    if (!slots_[c]) continue;
-    find_near_tunnels(*slots_[c]);
-    for (const int t : near_tunnels_) {
+  contacts_.all.clear();
+  step_.motion_limit = 1;
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    if (!step_.slots[c]) continue;
+    find_near_tunnels(*step_.slots[c]);
+    for (const int t : detection_.near_tunnels) {
       bore_contacts(static_cast<int>(c), t);
       mouth_contacts(static_cast<int>(c), t);
     }
-    for (size_t s = 0; s < shapes.size(); ++s)
-      if (shape_alive[s] && shapes[s].half_space)
+    for (size_t s = 0; s < scene.shapes.size(); ++s)
+      if (scene.shape_alive[s] && scene.shapes[s].half_space)
         half_space_contacts(static_cast<int>(c), static_cast<int>(s));
   }
-  for (size_t c = 0; c < slots_.size(); ++c)
-    for (size_t s = 0; slots_[c] && s < shapes.size(); ++s)
-      if (shape_alive[s] && !shapes[s].half_space)
-        motion_limit_ = std::min(motion_limit_, motion_limit_of(caches_[c][s], slots_[c]->radius));
+  for (size_t c = 0; c < step_.slots.size(); ++c)
+    for (size_t s = 0; step_.slots[c] && s < scene.shapes.size(); ++s)
+      if (scene.shape_alive[s] && !scene.shapes[s].half_space)
+        step_.motion_limit =
+            std::min(step_.motion_limit, motion_limit_of(detection_.caches[c][s], step_.slots[c]->radius));
   bone_contacts();
   tendon_contacts();
 }
@@ -133,9 +134,9 @@ void World::collect_contacts() {
 // A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
 Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal,
                              const ContactKey& key, double friction) {
-  const Link& link = links[link_slot];
-  const Tendon& c = *slots_[spot.tendon];
-  const double dt = context_.dt;
+  const Link& link = scene.links[link_slot];
+  const Tendon& c = *step_.slots[spot.tendon];
+  const double dt = step_.context.dt;
   Contact contact;
   contact.key = key, contact.kind = kind, contact.a = spot, contact.link = link_slot;
   contact.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
@@ -152,27 +153,27 @@ Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot,
 double World::depth_to_leave(const Contact& contact, double most) const {
   Contact now = contact;
   now.evaluate(contact.relative_start, true);
-  const double depth = std::max(0.0, -now.gap), share = substeps_.share_left();
-  const double left = most * (1 - substeps_.share_before());  // by the rest of the step
+  const double depth = std::max(0.0, -now.gap), share = step_.substeps.share_left();
+  const double left = most * (1 - step_.substeps.share_before());  // by the rest of the step
   return -(depth - share * std::min(depth, left));
 }
 
 // Stiffness and memory.
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
-  const Tendon& c = *slots_[tendon_slot];
+  const Tendon& c = *step_.slots[tendon_slot];
   contact.radius = c.radius;
-  finish_contact(contact, held_at(c, particle, !carries(options), norm(context_.gravity)), c.radius,
-                 c.h_eff < context_.dt);
+  finish_contact(contact, held_at(c, particle, !carries(options), norm(step_.context.gravity)), c.radius,
+                 c.h_eff < step_.context.dt);
 }
 
 void World::finish_pair(Contact& contact) {
-  const Tendon &a = *slots_[contact.a.tendon], &b = *slots_[contact.b.tendon];
+  const Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
   const bool along = !carries(options);
-  const double gravity = norm(context_.gravity);
+  const double gravity = norm(step_.context.gravity);
   contact.radius = a.radius + b.radius;
   finish_contact(contact,
                  mean_of(held_at(a, contact.a, along, gravity), held_at(b, contact.b, along, gravity)),
-                 std::min(a.radius, b.radius), std::min(a.h_eff, b.h_eff) < context_.dt);
+                 std::min(a.radius, b.radius), std::min(a.h_eff, b.h_eff) < step_.context.dt);
 }
 
 void World::finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step) {
@@ -189,32 +190,33 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   contact.tangent_stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                       : kSpringTangentRatio * held.stiffness;
   // Friction and normal force act on the point of the centreline: particles do not spin.
-  if (contact.link >= 0) contact.arm = contact.a.of(slots_[contact.a.tendon]->x) - links[contact.link].centre;
+  if (contact.link >= 0)
+    contact.arm = contact.a.of(step_.slots[contact.a.tendon]->x) - scene.links[contact.link].centre;
   contact.softest = carries && !chosen ? contact.stiffness : 0;
   contact.depth_allowance = depth_to_leave(contact, kPushOut * radius);
   recall(contact, held.inertia);
 }
 
 void World::add_contact(const Contact& contact) {
-  if (!overruled(contact, *slots_[contact.a.tendon])) contacts_.push_back(contact);
+  if (!overruled(contact, *step_.slots[contact.a.tendon])) contacts_.all.push_back(contact);
 }
 
 void World::recall(Contact& contact, double inertia) {
-  auto found = std::lower_bound(memory_.begin(), memory_.end(), contact.key,
+  auto found = std::lower_bound(contacts_.memory.begin(), contacts_.memory.end(), contact.key,
                                 [](const ContactMemory& m, const ContactKey& key) { return m.key < key; });
-  if (found == memory_.end() || !(found->key == contact.key)) return;
-  const Rot3 turn = turn_of(contact.link >= 0 ? &links[contact.link] : nullptr);
+  if (found == contacts_.memory.end() || !(found->key == contact.key)) return;
+  const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
       bt::carries(options) && options.contact_stiffness == 0;  // a spring as published has no memory
   contact.tangent_anchor = without(turn * found->tangent_anchor, contact.normal);
   // What sticks goes on with its force where its stiffness changes with the step's weight.
-  if (carries && found->h_eff != slots_[contact.a.tendon]->h_eff) {
+  if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
     const double per_inertia = kTangentRatio + kLooseTangentRatio;
-    const double more = inertia * (std::pow(slots_[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
+    const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     contact.tangent_anchor = (1 + per_inertia * more / contact.tangent_stiffness) * contact.tangent_anchor;
   }
   contact.lambda_previous = found->lambda;
-  contact.lambda = !carries ? 0 : whole_ ? found->lambda : found->lambda_confirmed;
+  contact.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.lambda_predicted = contact.lambda_previous;
   contact.last_mean = found->mean_force;
   contact.limit = contact.friction * contact.lambda_previous;
@@ -222,45 +224,46 @@ void World::recall(Contact& contact, double inertia) {
 }
 
 void World::remember() {
-  auto awake = [&](const ContactMemory& m) { return tendons[m.key.tendon]->bed < 0; };
-  memory_.erase(std::remove_if(memory_.begin(), memory_.end(), awake), memory_.end());
-  touching_.assign(slots_.size(), 0);
-  for (Tendon* c : slots_)
+  auto awake = [&](const ContactMemory& m) { return scene.tendons[m.key.tendon]->bed < 0; };
+  contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), awake),
+                         contacts_.memory.end());
+  contacts_.touching.assign(step_.slots.size(), 0);
+  for (Tendon* c : step_.slots)
     if (c) c->touched = false;
-  for (const Contact& contact : contacts_) {
+  for (const Contact& contact : contacts_.all) {
     if (contact.normal_force <= 0) continue;
-    slots_[contact.a.tendon]->touched = true;
-    if (contact.b.tendon >= 0) slots_[contact.b.tendon]->touched = true;
-    if (contact.link >= 0) touching_[contact.a.tendon] += hash_of(contact.key);
-    const Rot3 turn = turn_of(contact.link >= 0 ? &links[contact.link] : nullptr);
-    memory_.push_back({contact.key, contact.normal_force,
-                       std::min(contact.normal_force, contact.lambda_previous), contact.sliding,
-                       contact.mean_force, slots_[contact.a.tendon]->h_eff,
-                       transposed_times(turn, contact.displacement)});
+    step_.slots[contact.a.tendon]->touched = true;
+    if (contact.b.tendon >= 0) step_.slots[contact.b.tendon]->touched = true;
+    if (contact.link >= 0) contacts_.touching[contact.a.tendon] += hash_of(contact.key);
+    const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
+    contacts_.memory.push_back({contact.key, contact.normal_force,
+                                std::min(contact.normal_force, contact.lambda_previous), contact.sliding,
+                                contact.mean_force, step_.slots[contact.a.tendon]->h_eff,
+                                transposed_times(turn, contact.displacement)});
   }
-  std::sort(memory_.begin(), memory_.end(),
+  std::sort(contacts_.memory.begin(), contacts_.memory.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
-  for (size_t c = 0; c < slots_.size(); ++c)
-    if (slots_[c]) {
-      slots_[c]->smooth = slots_[c]->touching == touching_[c];
-      slots_[c]->touching = touching_[c];
+  for (size_t c = 0; c < step_.slots.size(); ++c)
+    if (step_.slots[c]) {
+      step_.slots[c]->smooth = step_.slots[c]->touching == contacts_.touching[c];
+      step_.slots[c]->touching = contacts_.touching[c];
     }
 }
 
 void World::bone_contacts() {
-  for (size_t c = 0; c < slots_.size(); ++c) {
-    if (!slots_[c]) continue;
-    const int n = slots_[c]->n(), tendon = static_cast<int>(c);
-    for (size_t s = 0; s < shapes.size(); ++s) {
-      if (!shape_alive[s] || shapes[s].half_space) continue;
-      const Shape& shape = shapes[s];
-      const Pose pose = in_world(shape, links[shape.link]);
-      std::vector<Entry>& entries = caches_[c][s].entries;
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    if (!step_.slots[c]) continue;
+    const int n = step_.slots[c]->n(), tendon = static_cast<int>(c);
+    for (size_t s = 0; s < scene.shapes.size(); ++s) {
+      if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
+      const Shape& shape = scene.shapes[s];
+      const Pose pose = in_world(shape, scene.links[shape.link]);
+      std::vector<Entry>& entries = detection_.caches[c][s].entries;
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
         if (!e.wanted) continue;
         const bool segment = f >= n;
-        if (segment && !bulges(caches_[c][s], n, f - n, slots_[c]->radius)) continue;
+        if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius)) continue;
         const int first = segment ? f - n : std::min(f, n - 2);
         SegmentPoint spot{tendon, first,
                           segment      ? 1 - e.now.u
@@ -269,16 +272,17 @@ void World::bone_contacts() {
                           segment      ? e.now.u
                           : f == first ? 0.0
                                        : 1.0};
-        const Vec3 here = spot.of(slots_[c]->x), ahead = spot.of(slots_[c]->predicted);
+        const Vec3 here = spot.of(step_.slots[c]->x), ahead = spot.of(step_.slots[c]->predicted);
         Vec3 point = e.now.point, normal = e.now.normal;
-        lean_ahead(caches_[c][s], f, to_local(pose, ahead - links[shape.link].drift(here, context_.dt)),
-                   point, normal);
+        lean_ahead(detection_.caches[c][s], f,
+                   to_local(pose, ahead - scene.links[shape.link].drift(here, step_.context.dt)), point,
+                   normal);
         point = to_world(pose, point), normal = pose.rotation * normal;
         const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         Contact contact =
             plane_contact(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
         contact.direct =
-            !segment && options.bone_contact == BoneContact::constraint && !links[shape.link].yields();
+            !segment && options.bone_contact == BoneContact::constraint && !scene.links[shape.link].yields();
         add_contact(contact);
       }
     }
@@ -286,16 +290,16 @@ void World::bone_contacts() {
 }
 
 void World::half_space_contacts(int tendon, int s) {
-  const Tendon& c = *slots_[tendon];
-  const Shape& shape = shapes[s];
-  const Link& link = links[shape.link];
+  const Tendon& c = *step_.slots[tendon];
+  const Shape& shape = scene.shapes[s];
+  const Link& link = scene.links[shape.link];
   const Pose pose = in_world(shape, link);
   const Vec3 normal = pose.rotation * shape.plane_normal;
   const double offset = shape.plane_offset + dot(normal, pose.origin);
   for (int i = 0; i < c.n(); ++i) {
     Vec3 x = c.x.at(i);
     double height = dot(normal, x) - offset;
-    if (height > reach_of(c, i, link, context_.dt, options.contact_threshold)) continue;
+    if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
     const int first = std::min(i, c.n() - 2);
     SegmentPoint spot{tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     Contact contact = plane_contact(ContactKind::bone, spot, shape.link, x - height * normal, normal,
@@ -308,18 +312,20 @@ void World::half_space_contacts(int tendon, int s) {
 // Algorithm 1, steps 3 and 4.
 void World::tendon_contacts() {
   const auto start = std::chrono::steady_clock::now();
-  pairs_.clear();
-  const Foresight foresight = substeps_.divisible() ? Foresight::swept : Foresight::near;
-  report_.pairs = broad_phase_.find(slots_, options.contact_threshold, foresight, pairs_);
-  report_.search_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  motion_limit_ = std::min(motion_limit_, report_.pairs.room);
-  for (const SegmentPair& p : pairs_)
+  detection_.pairs.clear();
+  const Foresight foresight = step_.substeps.divisible() ? Foresight::swept : Foresight::near;
+  step_.report.pairs =
+      detection_.broad_phase.find(step_.slots, options.contact_threshold, foresight, detection_.pairs);
+  step_.report.search_seconds +=
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  step_.motion_limit = std::min(step_.motion_limit, step_.report.pairs.room);
+  for (const SegmentPair& p : detection_.pairs)
     for (int k = 0; k < p.count; ++k) pair_contact(p, p.points[k]);
 }
 
 void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
-  const Tendon &a = *slots_[p.tendon_a], &b = *slots_[p.tendon_b];
-  const double radii = a.radius + b.radius, apart = kept_apart(p, at, a, b, links);
+  const Tendon &a = *step_.slots[p.tendon_a], &b = *step_.slots[p.tendon_b];
+  const double radii = a.radius + b.radius, apart = kept_apart(p, at, a, b, scene.links);
   if (apart < kNearlyMet * radii) return;
   Contact contact;
   contact.kind = ContactKind::tendon;
@@ -345,16 +351,16 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
 // Algorithm 2: which stretch of a tendon is in which tunnel, and the contacts of bores and mouths.
 
 void World::find_bores() {
-  bores_.resize(tunnels.size());
-  bores_by_link_.resize(links.size());
-  for (auto& list : bores_by_link_) list.clear();
-  for (size_t t = 0; t < tunnels.size(); ++t) {
-    if (!tunnel_alive[t]) continue;
-    bores_[t] = in_world(tunnels[t], links[tunnels[t].link]);
-    bores_by_link_[tunnels[t].link].push_back(bores_[t]);
+  detection_.bores.resize(scene.tunnels.size());
+  detection_.bores_by_link.resize(scene.links.size());
+  for (auto& list : detection_.bores_by_link) list.clear();
+  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
+    if (!scene.tunnel_alive[t]) continue;
+    detection_.bores[t] = in_world(scene.tunnels[t], scene.links[scene.tunnels[t].link]);
+    detection_.bores_by_link[scene.tunnels[t].link].push_back(detection_.bores[t]);
   }
-  for (Tendon* c : slots_)
-    if (c && !tunnels.empty()) classify(*c);
+  for (Tendon* c : step_.slots)
+    if (c && !scene.tunnels.empty()) classify(*c);
 }
 
 // Step 1. A particle enters a bore within its radius, and then stays in it wherever it is pushed
@@ -362,28 +368,28 @@ void World::find_bores() {
 void World::classify(Tendon& c) {
   Box box;
   for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
-  near_tunnels_.clear();
-  for (size_t t = 0; t < tunnels.size(); ++t)
-    if (tunnel_alive[t] && overlap(box, bores_[t].box, c.radius))
-      near_tunnels_.push_back(static_cast<int>(t));
+  detection_.near_tunnels.clear();
+  for (size_t t = 0; t < scene.tunnels.size(); ++t)
+    if (scene.tunnel_alive[t] && overlap(box, detection_.bores[t].box, c.radius))
+      detection_.near_tunnels.push_back(static_cast<int>(t));
   for (int i = 0; i < c.n(); ++i) {
     int& in = c.tunnel_of[i];
     const Vec3 x = c.x.at(i);
     if (in >= 0) {
-      double z = bores_[in].along(x);
-      if (tunnel_alive[in] && z >= 0 && z <= bores_[in].length) continue;
+      double z = detection_.bores[in].along(x);
+      if (scene.tunnel_alive[in] && z >= 0 && z <= detection_.bores[in].length) continue;
       in = -1;
     }
-    for (size_t k = 0; k < near_tunnels_.size() && in < 0; ++k)
-      if (bores_[near_tunnels_[k]].contains(x, 0)) in = near_tunnels_[k];
+    for (size_t k = 0; k < detection_.near_tunnels.size() && in < 0; ++k)
+      if (detection_.bores[detection_.near_tunnels[k]].contains(x, 0)) in = detection_.near_tunnels[k];
   }
 }
 
 // What is outside of a bore's box by all that the tendon and the bore can do in the step, and by the longest
 // segment, has no contact of it (bore_rows, mouth_reach).
 void World::find_near_tunnels(const Tendon& c) {
-  near_tunnels_.clear();
-  if (tunnels.empty()) return;
+  detection_.near_tunnels.clear();
+  if (scene.tunnels.empty()) return;
   Box box;
   double moved = 0, longest = 0;
   for (int i = 0; i < c.n(); ++i) {
@@ -394,26 +400,27 @@ void World::find_near_tunnels(const Tendon& c) {
   const double own = c.radius + options.contact_threshold + c.most_slack + moved + longest;
   const Vec3 middle = 0.5 * (box.lo + box.hi);
   const double half = 0.5 * norm(box.hi - box.lo);
-  for (size_t t = 0; t < tunnels.size(); ++t) {
-    if (!tunnel_alive[t]) continue;
-    const Link& link = links[tunnels[t].link];
+  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
+    if (!scene.tunnel_alive[t]) continue;
+    const Link& link = scene.links[scene.tunnels[t].link];
     // The bore's motion is linear in the place.
-    const double carried = norm(link.drift(middle, context_.dt)) + context_.dt * norm(link.spin) * half;
-    ++report_.near.tunnels;
-    if (overlap(box, bores_[t].box, own + carried + tunnels[t].chamfer) ||
+    const double carried =
+        norm(link.drift(middle, step_.context.dt)) + step_.context.dt * norm(link.spin) * half;
+    ++step_.report.near.tunnels;
+    if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t].chamfer) ||
         std::find(c.tunnel_of.begin(), c.tunnel_of.end(), t) != c.tunnel_of.end())
-      near_tunnels_.push_back(static_cast<int>(t));
+      detection_.near_tunnels.push_back(static_cast<int>(t));
     else
-      ++report_.near.tunnels_culled;
+      ++step_.report.near.tunnels_culled;
   }
 }
 
 // Step 2: |across(axis)(x - p)| <= R - r for particles inside, or about to be.
 void World::bore_contacts(int tendon, int t) {
-  const Tendon& c = *slots_[tendon];
-  const Bore& bore = bores_[t];
-  const Link& link = links[tunnels[t].link];
-  const double dt = context_.dt;
+  const Tendon& c = *step_.slots[tendon];
+  const Bore& bore = detection_.bores[t];
+  const Link& link = scene.links[scene.tunnels[t].link];
+  const double dt = step_.context.dt;
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.drift(x, dt);
     const bool inside = c.tunnel_of[i] == t;
@@ -424,7 +431,7 @@ void World::bore_contacts(int tendon, int t) {
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
     const int first = std::min(i, c.n() - 2);
-    contact.kind = ContactKind::bore, contact.link = tunnels[t].link;
+    contact.kind = ContactKind::bore, contact.link = scene.tunnels[t].link;
     contact.key = {contact.kind, tendon, i, t};
     contact.a = {tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     contact.axis_point = on_axis + link.drift(on_axis, dt);
@@ -432,7 +439,7 @@ void World::bore_contacts(int tendon, int t) {
     contact.feature_radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     contact.margin = options.contact_threshold;
     contact.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
-    contact.friction = tunnels[t].friction * c.friction;
+    contact.friction = scene.tunnels[t].friction * c.friction;
     contact.relative_start = x + link.drift(x, dt);
     finish_contact(contact, tendon, i);
     add_contact(contact);
@@ -441,8 +448,8 @@ void World::bore_contacts(int tendon, int t) {
 
 // Step 3: the segments near a mouth's circle.
 void World::mouth_contacts(int tendon, int t) {
-  const Tendon& c = *slots_[tendon];
-  const Bore& bore = bores_[t];
+  const Tendon& c = *step_.slots[tendon];
+  const Bore& bore = detection_.bores[t];
   for (int mouth : {0, 1}) {
     const double z = mouth ? bore.length - bore.chamfer : bore.chamfer, radius = bore.radius + bore.chamfer;
     const Vec3 centre = bore.start + z * bore.axis;
@@ -465,18 +472,18 @@ void World::mouth_contacts(int tendon, int t) {
 
 // How far segment k can come towards an edge of the tunnel's mouths within the step [m].
 double World::mouth_reach(int tendon, int t, int k) const {
-  const Link& link = links[tunnels[t].link];
+  const Link& link = scene.links[scene.tunnels[t].link];
   auto reach = [&](int i) {
-    return reach_of(*slots_[tendon], i, link, context_.dt, options.contact_threshold);
+    return reach_of(*step_.slots[tendon], i, link, step_.context.dt, options.contact_threshold);
   };
   // A segment longer: the edge is sharp, and what lies beside it can be over it in a step.
-  return std::max(reach(k), reach(k + 1)) + slots_[tendon]->rest[k] + tunnels[t].chamfer;
+  return std::max(reach(k), reach(k + 1)) + step_.slots[tendon]->rest[k] + scene.tunnels[t].chamfer;
 }
 
 void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore, Vec3 centre, double radius) {
-  const Tendon& c = *slots_[tendon];
-  const Link& link = links[tunnels[t].link];
-  const double dt = context_.dt;
+  const Tendon& c = *step_.slots[tendon];
+  const Link& link = scene.links[scene.tunnels[t].link];
+  const double dt = step_.context.dt;
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
   // The point that is nearest at the end of the step: another one would have slid past the edge by then,
   // which would push it on.
@@ -490,10 +497,10 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   const double distance = norm(apart);
   if (distance > mouth_reach(tendon, t, k)) return;
   const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
-  motion_limit_ = std::min(motion_limit_, safe_fraction(distance, c.radius + bore.chamfer, motion));
+  step_.motion_limit = std::min(step_.motion_limit, safe_fraction(distance, c.radius + bore.chamfer, motion));
   const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Contact contact;
-  contact.kind = ContactKind::mouth, contact.link = tunnels[t].link;
+  contact.kind = ContactKind::mouth, contact.link = scene.tunnels[t].link;
   contact.key = {contact.kind, tendon, k, 2 * t + mouth};
   contact.a = {tendon, k, 1 - u, u}, contact.anchored_at = u;
   contact.axis_point = centre + link.drift(centre, dt);
@@ -502,7 +509,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   contact.offset = c.radius + bore.chamfer + options.contact_threshold;
   contact.threads_mouth = (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0;
   contact.normal = unit_or(apart, -sideways);
-  contact.friction = tunnels[t].friction * c.friction;
+  contact.friction = scene.tunnels[t].friction * c.friction;
   contact.relative_start = x + link.drift(x, dt);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);

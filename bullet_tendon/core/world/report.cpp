@@ -7,13 +7,13 @@
 namespace bt {
 
 void World::read_worst(const Island& g) {
-  attempt_.residual = g.residual;
+  step_.attempt.residual = g.residual;
   const Tendon* worst = g.tendons[0];
   for (const Tendon* c : g.tendons)
     if (!(c->residual_norm <= worst->residual_norm)) worst = c;
-  for (size_t c = 0; c < slots_.size(); ++c)
-    if (slots_[c] == worst) attempt_.worst_tendon = static_cast<int>(c);
-  attempt_.worst_particle = worst->worst_particle;
+  for (size_t c = 0; c < step_.slots.size(); ++c)
+    if (step_.slots[c] == worst) step_.attempt.worst_tendon = static_cast<int>(c);
+  step_.attempt.worst_particle = worst->worst_particle;
 }
 
 void Report::take(const Report& part) {
@@ -39,8 +39,9 @@ ContactRecord record_of(const Contact& contact, const Field& x) {
 
 std::vector<ContactRecord> World::contacts() const {
   std::vector<ContactRecord> out;
-  for (const std::vector<Contact>* contacts : {&contacts_, &asleep_contacts_})
-    for (const Contact& contact : *contacts) out.push_back(record_of(contact, tendons[contact.a.tendon]->x));
+  for (const std::vector<Contact>* contacts : {&contacts_.all, &contacts_.asleep})
+    for (const Contact& contact : *contacts)
+      out.push_back(record_of(contact, scene.tendons[contact.a.tendon]->x));
   return out;
 }
 

@@ -58,22 +58,22 @@ void choose_again(const TendonState& user, TendonState& c) {
 }  // namespace
 
 void World::let_go(int body) {
-  bodies[body].observer.let_go();
+  scene.bodies[body].observer.let_go();
   predict(body);
   interrupt();
 }
 
 // The checkpoint does not apply where tendons or anchors were made or removed since.
 bool World::take_back() {
-  if (!may_resolve_ || !start_.valid) return false;
+  if (!history_.may_resolve || !history_.start.valid) return false;
   Checkpoint last;
   capture(last);
-  if (!same_anchors(start_, last)) return false;
-  apply(start_);
-  for (size_t c = 0; c < tendons.size(); ++c) {
-    if (!tendons[c]) continue;
+  if (!same_anchors(history_.start, last)) return false;
+  apply(history_.start);
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
+    if (!scene.tendons[c]) continue;
     const TendonState& user = last.tendons[c].state;
-    choose_again(user, *tendons[c]);
+    choose_again(user, *scene.tendons[c]);
     if (user.bed < 0) wake_tendon(static_cast<int>(c));
   }
   return true;
@@ -81,8 +81,8 @@ bool World::take_back() {
 
 std::vector<int> World::released_bodies() const {
   std::vector<int> released;
-  for (size_t i = 0; i < bodies.size(); ++i)
-    if (bodies[i].observer.released()) released.push_back(static_cast<int>(i));
+  for (size_t i = 0; i < scene.bodies.size(); ++i)
+    if (scene.bodies[i].observer.released()) released.push_back(static_cast<int>(i));
   return released;
 }
 
@@ -91,10 +91,10 @@ std::vector<int> World::released_bodies() const {
 // the motion is not that of the velocity: what was moved by hand has no such velocity, and a body whose
 // velocity was set has not moved.
 double World::pulled_away(const Tendon& c, const Anchor& h) const {
-  const Link& link = links[h.link];
-  const GeneralizedBody& body = bodies[link.body];
+  const Link& link = scene.links[h.link];
+  const GeneralizedBody& body = scene.bodies[link.body];
   const dense::Numbers& missed = body.observer.missed();
-  const double square = last_step_.dt * last_step_.dt;
+  const double square = history_.last_step.dt * history_.last_step.dt;
   const Vec3 at = to_world(link.pose, h.local), here = c.x.at(h.particle), gone = at - here;
   const Vec3 linear{missed[0], missed[1], missed[2]}, angular{missed[3], missed[4], missed[5]};
   const Vec3 by_velocity = square * (linear + cross(angular, at - link.centre));
@@ -113,54 +113,54 @@ double World::pulled_away(const Tendon& c, const Anchor& h) const {
 
 std::vector<int> World::pulled_bodies() const {
   std::vector<int> all;
-  if (!may_resolve_) return all;
-  std::vector<double> most(bodies.size());
-  for (const auto& c : tendons)
+  if (!history_.may_resolve) return all;
+  std::vector<double> most(scene.bodies.size());
+  for (const auto& c : scene.tendons)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link < 0 || !links[h.link].yields() || !links[h.link].jacobian.empty()) continue;
-      const Observer& seen = bodies[links[h.link].body].observer;
+      if (h.link < 0 || !scene.links[h.link].yields() || !scene.links[h.link].jacobian.empty()) continue;
+      const Observer& seen = scene.bodies[scene.links[h.link].body].observer;
       if (seen.missed().empty() || seen.held()) continue;
-      double& of_body = most[links[h.link].body];
+      double& of_body = most[scene.links[h.link].body];
       const double away = pulled_away(*c, h);
       of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);
     }
-  for (size_t m = 0; m < bodies.size(); ++m)
+  for (size_t m = 0; m < scene.bodies.size(); ++m)
     if (most[m] > kSuddenPull) all.push_back(static_cast<int>(m));
   return all;
 }
 
 bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
-  const StepRecord last = last_step_;
-  std::vector<Link> links_now = links;
-  std::vector<GeneralizedBody> bodies_now = bodies;
+  const StepRecord last = history_.last_step;
+  std::vector<Link> links_now = scene.links;
+  std::vector<GeneralizedBody> bodies_now = scene.bodies;
   std::vector<dense::Numbers> contacts;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
-    last_step_ = last;
-    context_.dt = last.dt;
-    context_.gravity = last.gravity;
-    links.swap(links_now), bodies.swap(bodies_now);
-    for (const GeneralizedBody& m : bodies) contacts.push_back(m.contacts);
-    const std::vector<Link>& sensed = start_.sensed_links;
-    std::vector<GeneralizedBody>& sensed_bodies = start_.sensed_bodies;
-    for (size_t i = 0; i < std::min(links.size(), sensed.size()); ++i) links[i] = sensed[i];
-    for (int i : pulled) bodies[i].observer.trust_last();
-    for (size_t i = 0; i < std::min(bodies.size(), sensed_bodies.size()); ++i) {
-      std::swap(bodies[i].observer, sensed_bodies[i].observer);
-      bodies[i] = sensed_bodies[i];
+    history_.last_step = last;
+    step_.context.dt = last.dt;
+    step_.context.gravity = last.gravity;
+    scene.links.swap(links_now), scene.bodies.swap(bodies_now);
+    for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.contacts);
+    const std::vector<Link>& sensed = history_.start.sensed_links;
+    std::vector<GeneralizedBody>& sensed_bodies = history_.start.sensed_bodies;
+    for (size_t i = 0; i < std::min(scene.links.size(), sensed.size()); ++i) scene.links[i] = sensed[i];
+    for (int i : pulled) scene.bodies[i].observer.trust_last();
+    for (size_t i = 0; i < std::min(scene.bodies.size(), sensed_bodies.size()); ++i) {
+      std::swap(scene.bodies[i].observer, sensed_bodies[i].observer);
+      scene.bodies[i] = sensed_bodies[i];
       predict(static_cast<int>(i));  // by what has been learned since, of all of them
     }
-    contacts_.clear();
+    contacts_.all.clear();
   }
   for (int i : released) let_go(i);
   // They are the contacts that decide about the step to come. pybullet may list later ones (restoreState).
   for (size_t i = 0; i < contacts.size(); ++i) {
-    bodies[i].contacts = contacts[i];
-    bodies[i].contacts_known = true;
+    scene.bodies[i].contacts = contacts[i];
+    scene.bodies[i].contacts_known = true;
   }
-  may_resolve_ = false;
+  history_.may_resolve = false;
   return back;
 }
 

@@ -98,39 +98,41 @@ double skin_of(const Tendon& c, double threshold) { return (1 + kSlack) * c.radi
 }  // namespace
 
 void World::wake_tendon(int tendon) {
-  const int bed = tendons[tendon]->bed;
-  tendons[tendon]->quiet = 0;
+  const int bed = scene.tendons[tendon]->bed;
+  scene.tendons[tendon]->quiet = 0;
   if (bed < 0) return;
-  for (auto& c : tendons)
+  for (auto& c : scene.tendons)
     if (c && c->bed == bed) c->bed = -1, c->quiet = 0;
-  auto woken = [&](const Contact& contact) { return tendons[contact.a.tendon]->bed < 0; };
-  asleep_contacts_.erase(std::remove_if(asleep_contacts_.begin(), asleep_contacts_.end(), woken),
-                         asleep_contacts_.end());
+  auto woken = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->bed < 0; };
+  contacts_.asleep.erase(std::remove_if(contacts_.asleep.begin(), contacts_.asleep.end(), woken),
+                         contacts_.asleep.end());
 }
 
 void World::wake_all() {
-  for (size_t c = 0; c < tendons.size(); ++c)
-    if (tendons[c]) wake_tendon(static_cast<int>(c));
+  for (size_t c = 0; c < scene.tendons.size(); ++c)
+    if (scene.tendons[c]) wake_tendon(static_cast<int>(c));
 }
 
 bool World::any_asleep() const {
-  return std::any_of(tendons.begin(), tendons.end(), [](const auto& c) { return c && c->bed >= 0; });
+  return std::any_of(scene.tendons.begin(), scene.tendons.end(),
+                     [](const auto& c) { return c && c->bed >= 0; });
 }
 
 bool World::feels(const Tendon& c, int slot, double dt) const {
-  const Link& link = links[slot];
+  const Link& link = scene.links[slot];
   const double skin = skin_of(c, options.contact_threshold);
   for (const Anchor& h : c.anchors)
     if (h.link == slot) return true;
-  for (size_t s = 0; s < shapes.size(); ++s) {
-    if (!shape_alive[s] || shapes[s].link != slot) continue;
-    if (shapes[s].half_space) return true;
-    if (is_near(c, in_world(shapes[s], link), link, dt, shapes[s].lo, shapes[s].hi, skin)) return true;
+  for (size_t s = 0; s < scene.shapes.size(); ++s) {
+    if (!scene.shape_alive[s] || scene.shapes[s].link != slot) continue;
+    if (scene.shapes[s].half_space) return true;
+    if (is_near(c, in_world(scene.shapes[s], link), link, dt, scene.shapes[s].lo, scene.shapes[s].hi, skin))
+      return true;
   }
-  for (size_t t = 0; t < tunnels.size(); ++t) {
-    if (!tunnel_alive[t] || tunnels[t].link != slot) continue;
-    const double wide = tunnels[t].radius + tunnels[t].chamfer + skin;
-    if (is_near(c, link.pose, link, dt, tunnels[t].start, tunnels[t].end, wide)) return true;
+  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
+    if (!scene.tunnel_alive[t] || scene.tunnels[t].link != slot) continue;
+    const double wide = scene.tunnels[t].radius + scene.tunnels[t].chamfer + skin;
+    if (is_near(c, link.pose, link, dt, scene.tunnels[t].start, scene.tunnels[t].end, wide)) return true;
   }
   return false;
 }
@@ -138,25 +140,26 @@ bool World::feels(const Tendon& c, int slot, double dt) const {
 // Wakes islands by what has changed since the last step.
 void World::wake_disturbed(double dt) {
   if (any_asleep()) {
-    if (whole_ || !options.sleep || !same(context_.gravity, rest_gravity_)) wake_all();
-    for (size_t l = 0; l < links.size(); ++l)
-      for (size_t c = 0; links[l].moved && c < tendons.size(); ++c)
-        if (tendons[c] && tendons[c]->bed >= 0 && feels(*tendons[c], static_cast<int>(l), dt))
+    if (step_.whole || !options.sleep || !same(step_.context.gravity, sleep_.gravity)) wake_all();
+    for (size_t l = 0; l < scene.links.size(); ++l)
+      for (size_t c = 0; scene.links[l].moved && c < scene.tendons.size(); ++c)
+        if (scene.tendons[c] && scene.tendons[c]->bed >= 0 &&
+            feels(*scene.tendons[c], static_cast<int>(l), dt))
           wake_tendon(static_cast<int>(c));
   }
-  for (Link& l : links) l.moved = false;
+  for (Link& l : scene.links) l.moved = false;
 }
 
 bool World::is_met(const Tendon& asleep) const {
   const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
   const int segments = asleep.n() - 1;
   const Box all = box_of(asleep, 0, segments - 1, skin);
-  for (size_t a = 0; a < slots_.size(); ++a) {
-    if (!slots_[a] || !overlap(reach_[a], all)) continue;
-    const Tendon& awake = *slots_[a];
+  for (size_t a = 0; a < step_.slots.size(); ++a) {
+    if (!step_.slots[a] || !overlap(sleep_.reach[a], all)) continue;
+    const Tendon& awake = *step_.slots[a];
     for (int k = 0; k < segments; ++k) {
       const Box segment = box_of(asleep, k, k, skin);
-      for (int m = 0; overlap(reach_[a], segment) && m < awake.n() - 1; ++m)
+      for (int m = 0; overlap(sleep_.reach[a], segment) && m < awake.n() - 1; ++m)
         if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), segment)) return true;
     }
   }
@@ -167,11 +170,11 @@ bool World::is_met(const Tendon& asleep) const {
 bool World::wake_met() {
   if (!any_asleep()) return false;
   bool any = false;
-  reach_.assign(slots_.size(), Box{});
-  for (size_t a = 0; a < slots_.size(); ++a)
-    if (slots_[a]) reach_[a] = box_of_reach(*slots_[a], options.contact_threshold);
-  for (size_t c = 0; c < tendons.size(); ++c)
-    if (tendons[c] && tendons[c]->bed >= 0 && is_met(*tendons[c]))
+  sleep_.reach.assign(step_.slots.size(), Box{});
+  for (size_t a = 0; a < step_.slots.size(); ++a)
+    if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
+  for (size_t c = 0; c < scene.tendons.size(); ++c)
+    if (scene.tendons[c] && scene.tendons[c]->bed >= 0 && is_met(*scene.tendons[c]))
       wake_tendon(static_cast<int>(c)), any = true;
   if (any) join_step();
   return any;
@@ -179,25 +182,25 @@ bool World::wake_met() {
 
 // Adds the tendons that are awake to the step. Of those that slept until now, forces were constant.
 void World::join_step() {
-  slots_.resize(tendons.size());
-  for (size_t c = 0; c < tendons.size(); ++c) {
-    if (slots_[c] || !tendons[c] || tendons[c]->bed >= 0) continue;
-    slots_[c] = tendons[c].get();
-    slots_[c]->keep_multipliers(slots_[c]->start_multipliers);
-    for (Anchor& h : slots_[c]->anchors) {
+  step_.slots.resize(scene.tendons.size());
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
+    if (step_.slots[c] || !scene.tendons[c] || scene.tendons[c]->bed >= 0) continue;
+    step_.slots[c] = scene.tendons[c].get();
+    step_.slots[c]->keep_multipliers(step_.slots[c]->start_multipliers);
+    for (Anchor& h : step_.slots[c]->anchors) {
       h.last_mean = h.mean_force;
-      h.sum_force = substeps_.share_before() * h.step_force;
+      h.sum_force = step_.substeps.share_before() * h.step_force;
     }
   }
 }
 
 // Counts for how long each tendon has been at rest [s]. false: none long enough.
 bool World::count_rest(double dt) {
-  const bool solved = substeps_.taken() == 1 && report_.converged;
+  const bool solved = step_.substeps.taken() == 1 && step_.report.converged;
   bool any = false;
-  for (Tendon* c : slots_) {
+  for (Tendon* c : step_.slots) {
     if (!c) continue;
-    const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(context_.gravity));
+    const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(step_.context.gravity));
     c->quiet = still ? c->quiet + std::min(dt, kRestTime / kRestSteps) : 0;
     any |= c->quiet >= kRestTime;
   }
@@ -206,41 +209,45 @@ bool World::count_rest(double dt) {
 
 // Islands that something holds or carries, and of which nothing touches a body that yields.
 void World::find_restful() {
-  restful_.assign(slots_.size(), 0), restless_.assign(slots_.size(), 0);
-  auto by = [&](int root, int link) { (link >= 0 && links[link].yields() ? restless_ : restful_)[root] = 1; };
-  for (const Contact& contact : contacts_)
+  sleep_.restful.assign(step_.slots.size(), 0), sleep_.restless.assign(step_.slots.size(), 0);
+  auto by = [&](int root, int link) {
+    (link >= 0 && scene.links[link].yields() ? sleep_.restless : sleep_.restful)[root] = 1;
+  };
+  for (const Contact& contact : contacts_.all)
     if (contact.link >= 0) by(island_root(contact.a.tendon), contact.link);
-  for (size_t c = 0; c < slots_.size(); ++c) {
-    if (!slots_[c]) continue;
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    if (!step_.slots[c]) continue;
     const int root = island_root(static_cast<int>(c));
-    for (const Anchor& h : slots_[c]->anchors) by(root, h.link);
-    if (slots_[c]->quiet < kRestTime) restless_[root] = 1;
+    for (const Anchor& h : step_.slots[c]->anchors) by(root, h.link);
+    if (step_.slots[c]->quiet < kRestTime) sleep_.restless[root] = 1;
   }
 }
 
 void World::fall_asleep() {
-  if (!options.sleep || !substeps_.divisible() || !count_rest(substeps_.step())) return;
+  if (!options.sleep || !step_.substeps.divisible() || !count_rest(step_.substeps.step())) return;
   find_restful();
-  for (size_t c = 0; c < slots_.size(); ++c) {
-    const int root = slots_[c] ? island_root(static_cast<int>(c)) : 0;
-    if (slots_[c] && restful_[root] && !restless_[root]) lie_still(*slots_[c]), slots_[c]->bed = root;
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    const int root = step_.slots[c] ? island_root(static_cast<int>(c)) : 0;
+    if (step_.slots[c] && sleep_.restful[root] && !sleep_.restless[root])
+      lie_still(*step_.slots[c]), step_.slots[c]->bed = root;
   }
-  auto sleeps = [&](const Contact& contact) { return tendons[contact.a.tendon]->bed >= 0; };
-  std::copy_if(contacts_.begin(), contacts_.end(), std::back_inserter(asleep_contacts_), sleeps);
-  contacts_.erase(std::remove_if(contacts_.begin(), contacts_.end(), sleeps), contacts_.end());
-  rest_gravity_ = context_.gravity;
+  auto sleeps = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->bed >= 0; };
+  std::copy_if(contacts_.all.begin(), contacts_.all.end(), std::back_inserter(contacts_.asleep), sleeps);
+  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(), sleeps),
+                      contacts_.all.end());
+  sleep_.gravity = step_.context.gravity;
 }
 
 // Adds the constant forces of tendons at rest to the wrenches on links.
 void World::push_asleep() {
   if (!any_asleep()) return;
-  for (const Contact& contact : asleep_contacts_)
+  for (const Contact& contact : contacts_.asleep)
     if (contact.link >= 0)
-      links[contact.link].apply(-contact.mean_force, contact.a.of(tendons[contact.a.tendon]->x));
-  for (const auto& c : tendons)
+      scene.links[contact.link].apply(-contact.mean_force, contact.a.of(scene.tendons[contact.a.tendon]->x));
+  for (const auto& c : scene.tendons)
     for (size_t i = 0; c && c->bed >= 0 && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link >= 0) links[h.link].apply(h.step_force, to_world(links[h.link].pose, h.local));
+      if (h.link >= 0) scene.links[h.link].apply(h.step_force, to_world(scene.links[h.link].pose, h.local));
     }
 }
 

@@ -43,71 +43,71 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
     return std::chrono::duration<double>(Clock::now() - t).count();
   };
   const auto start = Clock::now();
-  budget_.start(options.max_linear_solves, options.time_budget, [&oracle] { oracle.poll(); });
+  step_.budget.start(options.max_linear_solves, options.time_budget, [&oracle] { oracle.poll(); });
   begin_step_of_world(dt, gravity, whole);
   predict();
-  while (!substeps_.done()) {
+  while (!step_.substeps.done()) {
     const auto asked = Clock::now();
     update_proximity(oracle);
-    report_.near_seconds += seconds_since(asked);
+    step_.report.near_seconds += seconds_since(asked);
     const std::optional<Reason> again = solve_substep();
-    if (failed_) break;
+    if (step_.failed) break;
     if (again)
       solve_again(*again);
     else
       take_substep();
   }
-  if (failed_) {
-    report_.take(attempt_);
-    report_.reasons = substeps_.reasons();
+  if (step_.failed) {
+    step_.report.take(step_.attempt);
+    step_.report.reasons = step_.substeps.reasons();
   } else {
     finish_step_of_world();
   }
-  report_.solve_seconds = seconds_since(start) - report_.near_seconds;
-  return !failed_;
+  step_.report.solve_seconds = seconds_since(start) - step_.report.near_seconds;
+  return !step_.failed;
 }
 
 void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
-  context_.gravity = gravity;
-  context_.options = options;
-  context_.budget = &budget_;
-  whole_ = whole;
+  step_.context.gravity = gravity;
+  step_.context.options = options;
+  step_.context.budget = &step_.budget;
+  step_.whole = whole;
   find_solid_links();
-  substeps_.start(dt, !whole && carries(options));
-  slots_.clear();
-  for (Link& l : links) l.wrench = {};
-  may_resolve_ = !whole && any_moved();
-  for (GeneralizedBody& m : bodies) m.turns = false;
-  if (may_resolve_) {
-    start_.sensed_links = links;
-    start_.sensed_bodies = bodies;
+  step_.substeps.start(dt, !whole && carries(options));
+  step_.slots.clear();
+  for (Link& l : scene.links) l.wrench = {};
+  history_.may_resolve = !whole && any_moved();
+  for (GeneralizedBody& m : scene.bodies) m.turns = false;
+  if (history_.may_resolve) {
+    history_.start.sensed_links = scene.links;
+    history_.start.sensed_bodies = scene.bodies;
   }
   wake_disturbed(dt);
   join_step();
-  report_ = Report{};
-  settlings_ = 0;
+  step_.report = Report{};
+  step_.stop_changes = 0;
 }
 
 // History, inertial targets and starting guess of every tendon, and where contacts are looked for.
 void World::predict() {
-  context_.dt = substeps_.h();
-  context_.whole = whole_;
-  context_.part = !substeps_.is_whole();
-  context_.may_halve = substeps_.may_halve();
-  detections_ = 0;
+  step_.context.dt = step_.substeps.h();
+  step_.context.whole = step_.whole;
+  step_.context.part = !step_.substeps.is_whole();
+  step_.context.may_halve = step_.substeps.may_halve();
+  step_.detections = 0;
   find_turning();
   find_point_masses();
-  context_.reach = std::sqrt(substeps_.end() * context_.dt);
-  for (Link& l : links) {
+  step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
+  for (Link& l : scene.links) {
     l.turned = {};
-    l.turned.begun = (substeps_.end() - context_.dt) * l.spin;
-    l.turned.more = context_.dt * l.spin;
+    l.turned.begun = (step_.substeps.end() - step_.context.dt) * l.spin;
+    l.turned.more = step_.context.dt * l.spin;
   }
-  for (Tendon* c : slots_) {
+  for (Tendon* c : step_.slots) {
     if (!c) continue;
     aim_attachments(*c);
-    aim_grips(*c, substeps_.share_left());
-    begin_step(*c, context_);
+    aim_grips(*c, step_.substeps.share_left());
+    begin_step(*c, step_.context);
     c->predict();
   }
   find_bores();
@@ -115,25 +115,25 @@ void World::predict() {
 
 // One try at the substep. Returns why it has to be solved again, if it has.
 std::optional<Reason> World::solve_substep() {
-  failed_ = false;
+  step_.failed = false;
   if (const auto why = outlast_history()) return why;
-  contacts_.swap(solved_contacts_);
+  contacts_.all.swap(contacts_.solved);
   collect_contacts();
   if (wake_met()) return Reason::woken;
-  if (motion_limit_ < 1 && substeps_.may_cut(budget_)) return Reason::motion;
-  const bool again = detections_ > 0;
-  if (!again || !contacts_.empty() || !solved_contacts_.empty()) {
+  if (step_.motion_limit < 1 && step_.substeps.may_cut(step_.budget)) return Reason::motion;
+  const bool again = step_.detections > 0;
+  if (!again || !contacts_.all.empty() || !contacts_.solved.empty()) {
     // Detecting contacts takes no linear solution; solving with them does.
-    if (again && budget_.refuses()) {
-      contacts_.swap(solved_contacts_);
+    if (again && step_.budget.refuses()) {
+      contacts_.all.swap(contacts_.solved);
       return {};
     }
     if (again) inherit_multipliers();
-    if (substeps_.may_repeat() && share_weights()) return Reason::step_weights;
+    if (step_.substeps.may_repeat() && share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
-    if (failed_) return {};
+    if (step_.failed) return {};
   }
-  if (!substeps_.may_repeat() || !any_moved() || budget_.refuses()) return {};
+  if (!step_.substeps.may_repeat() || !any_moved() || step_.budget.refuses()) return {};
   if (settle_stops()) return Reason::joint_stops;
   if (find_turning()) return Reason::body_rotation;
   return {};
@@ -143,51 +143,53 @@ std::optional<Reason> World::solve_substep() {
 // beside contacts, where each takes more iterations; and with two where the last step was so short that BDF2
 // would begin anew.
 std::optional<Reason> World::outlast_history() {
-  if (!is_second_order(options.integrator) || !substeps_.divisible() || !substeps_.is_whole() ||
-      detections_ > 0)
+  if (!is_second_order(options.integrator) || !step_.substeps.divisible() || !step_.substeps.is_whole() ||
+      step_.detections > 0)
     return {};
   bool turns = false, touched = false, grows = false;
-  for (const Tendon* c : slots_) {
+  for (const Tendon* c : step_.slots) {
     if (!c) continue;
     turns |= greatest_turn(*c) > kTurn;
     touched |= c->touched;
-    const double growth = c->dt_before > 0 ? context_.dt / c->dt_before : 1;
+    const double growth = c->dt_before > 0 ? step_.context.dt / c->dt_before : 1;
     grows |= growth > kMostGrowth && growth <= 2 * kMostGrowth;
   }
   if (!turns) return grows ? std::optional(Reason::growth) : std::nullopt;
-  substeps_parts_ = touched ? 2 : 3;
+  step_.parts = touched ? 2 : 3;
   return Reason::turn;
 }
 
 std::optional<Reason> World::solve_islands() {
   find_unknowns();
   make_islands();
-  context_.warm = detections_ > 0;
-  const bool may_detect = substeps_.divisible() && (detections_ < kMostDetections || substeps_.may_halve());
-  context_.may_look = may_detect && !budget_.exhausted();
+  step_.context.warm = step_.detections > 0;
+  const bool may_detect =
+      step_.substeps.divisible() && (step_.detections < kMostDetections || step_.substeps.may_halve());
+  step_.context.may_look = may_detect && !step_.budget.exhausted();
   const bool finite = solve_each_island();
-  if ((!finite || unsettled_) && substeps_.may_halve() && !budget_.refuses()) return Reason::not_converged;
-  failed_ = !finite;
-  if (failed_) return {};
+  if ((!finite || step_.unconverged) && step_.substeps.may_halve() && !step_.budget.refuses())
+    return Reason::not_converged;
+  step_.failed = !finite;
+  if (step_.failed) return {};
   if (may_detect && predict_at_solution()) return Reason::left_prediction;
   return {};
 }
 
 void World::solve_again(Reason why) {
-  if (why == Reason::left_prediction && detections_ < kMostDetections) {
-    substeps_.repeat(why);
-    ++detections_;
+  if (why == Reason::left_prediction && step_.detections < kMostDetections) {
+    step_.substeps.repeat(why);
+    ++step_.detections;
     return;
   }
   if (why == Reason::motion)
-    substeps_.cut(why, motion_limit_, budget_);
+    step_.substeps.cut(why, step_.motion_limit, step_.budget);
   else if (why == Reason::not_converged || why == Reason::left_prediction)
-    substeps_.cut(why, 0.5, budget_);
+    step_.substeps.cut(why, 0.5, step_.budget);
   else if (why == Reason::turn || why == Reason::growth)
-    substeps_.divide(why, why == Reason::turn ? substeps_parts_ : 2);
+    step_.substeps.divide(why, why == Reason::turn ? step_.parts : 2);
   else
-    substeps_.repeat(why);
-  for (Tendon* c : slots_)
+    step_.substeps.repeat(why);
+  for (Tendon* c : step_.slots)
     if (c) c->restore_multipliers(c->start_multipliers);
   predict();
 }
@@ -195,7 +197,7 @@ void World::solve_again(Reason why) {
 // Particles that left their predicted region are predicted where the solution has them. true: some did.
 bool World::predict_at_solution() {
   bool any = false;
-  for (Tendon* c : slots_) {
+  for (Tendon* c : step_.slots) {
     if (!c || !leaves_predicted_region(*c)) continue;
     any = true;
     for (int i = 0; i < c->n(); ++i) {
@@ -212,10 +214,10 @@ bool World::predict_at_solution() {
 // Contacts that the last solution had go on from it.
 void World::inherit_multipliers() {
   auto by_key = [](const Contact& a, const Contact& b) { return a.key < b.key; };
-  std::sort(solved_contacts_.begin(), solved_contacts_.end(), by_key);
-  for (Contact& contact : contacts_) {
-    const auto found = std::lower_bound(solved_contacts_.begin(), solved_contacts_.end(), contact, by_key);
-    if (found == solved_contacts_.end() || !(found->key == contact.key)) continue;
+  std::sort(contacts_.solved.begin(), contacts_.solved.end(), by_key);
+  for (Contact& contact : contacts_.all) {
+    const auto found = std::lower_bound(contacts_.solved.begin(), contacts_.solved.end(), contact, by_key);
+    if (found == contacts_.solved.end() || !(found->key == contact.key)) continue;
     contact.stiffness = found->stiffness;
     contact.lambda = found->lambda;
     contact.lambda_predicted = found->lambda_predicted;
@@ -226,63 +228,64 @@ void World::inherit_multipliers() {
 
 // What the substep that was solved adds to the wrenches on links.
 void World::measure_wrenches() {
-  const double share = substeps_.share();
-  for (Link& l : links) l.part = {};
+  const double share = step_.substeps.share();
+  for (Link& l : scene.links) l.part = {};
   auto push = [&](Link& link, Vec3 force, Vec3 arm) {
     link.part.force += share * force;
     link.part.torque += share * link.torque_of(force, arm);
   };
-  for (const Contact& contact : contacts_)
-    if (contact.link >= 0) push(links[contact.link], -contact.mean_force, contact.arm);
-  for (const Tendon* c : slots_)
+  for (const Contact& contact : contacts_.all)
+    if (contact.link >= 0) push(scene.links[contact.link], -contact.mean_force, contact.arm);
+  for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link >= 0) push(links[h.link], h.mean_force, links[h.link].arm_of(h.local));
+      if (h.link >= 0) push(scene.links[h.link], h.mean_force, scene.links[h.link].arm_of(h.local));
     }
 }
 
 // The solution of the substep becomes the state, and its wrenches act on the links.
 void World::take_substep() {
-  report_.take(attempt_);
-  const double share = substeps_.share();
+  step_.report.take(step_.attempt);
+  const double share = step_.substeps.share();
   measure_wrenches();
-  for (Link& l : links) l.wrench = l.wrench + l.part;
-  for (Tendon* c : slots_)
+  for (Link& l : scene.links) l.wrench = l.wrench + l.part;
+  for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       Anchor& h = c->anchors[i];
       h.last_mean = h.mean_force;
       h.sum_force += share * h.mean_force;
     }
   remember();
-  for (Tendon* c : slots_)
+  for (Tendon* c : step_.slots)
     if (c) {
-      finish_step(*c, context_);
+      finish_step(*c, step_.context);
       c->let_overlaid_part();
     }
   share_weights();
   if (after_substep) after_substep();
-  if (substeps_.is_last()) return substeps_.accept();
+  if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();
-  for (Link& l : links) l.advance_to(substeps_.end());
-  substeps_.accept();
-  for (Tendon* c : slots_)
+  for (Link& l : scene.links) l.advance_to(step_.substeps.end());
+  step_.substeps.accept();
+  for (Tendon* c : step_.slots)
     if (c) c->keep_multipliers(c->start_multipliers);
-  settlings_ = 0;
+  step_.stop_changes = 0;
   predict();
 }
 
 void World::finish_step_of_world() {
-  report_.substeps = substeps_.taken();
-  report_.reasons = substeps_.reasons();
-  report_.linear_solves = budget_.spent();
-  report_.over_budget = budget_.refused();
-  report_.converged &= !report_.over_budget;
+  step_.report.substeps = step_.substeps.taken();
+  step_.report.reasons = step_.substeps.reasons();
+  step_.report.linear_solves = step_.budget.spent();
+  step_.report.over_budget = step_.budget.refused();
+  step_.report.converged &= !step_.report.over_budget;
   act_on_bodies();
-  for (Tendon* c : slots_)
+  for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
-  if (!whole_) last_step_ = {substeps_.step(), context_.gravity};
+  if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
-  report_.asleep = std::count_if(tendons.begin(), tendons.end(), [](auto& c) { return c && c->bed >= 0; });
+  step_.report.asleep =
+      std::count_if(scene.tendons.begin(), scene.tendons.end(), [](auto& c) { return c && c->bed >= 0; });
   fall_asleep();
 }
 
@@ -290,11 +293,11 @@ bool World::share_weights() {
   bool changed = false;
   for (bool any = is_second_order(options.integrator); any; changed |= any) {
     any = false;
-    for (const Contact& contact : contacts_) {
+    for (const Contact& contact : contacts_.all) {
       // The history of both tendons has the force that the contact had in the last step.
       const bool acts = !contact.passes || norm(contact.last_mean) > 0;
       if (contact.b.tendon < 0 || !acts) continue;
-      Tendon &a = *slots_[contact.a.tendon], &b = *slots_[contact.b.tendon];
+      Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
       if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) a.smooth = b.smooth = false, any = true;
     }
   }
@@ -310,23 +313,25 @@ bool World::share_weights() {
 void World::aim_attachments(Tendon& c) {
   for (Anchor& h : c.anchors) {
     if (h.link < 0) continue;
-    const Link& link = links[h.link];
+    const Link& link = scene.links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.aim = p + link.drift(p, context_.dt);
-    h.aim += (1 - substeps_.share_left()) * (c.x.at(h.particle) - p);
-    h.rigid = !link.yields() || !bodies[link.body].point_mass;
+    h.aim = p + link.drift(p, step_.context.dt);
+    h.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
+    h.rigid = !link.yields() || !scene.bodies[link.body].point_mass;
     h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;
-    if (!h.rigid) h.stiffness = identity(1 / (context_.reach * context_.reach * bodies[link.body].free[0]));
+    if (!h.rigid)
+      h.stiffness =
+          identity(1 / (step_.context.reach * step_.context.reach * scene.bodies[link.body].free[0]));
   }
 }
 
 void World::interrupt() {
-  for (auto& c : tendons)
+  for (auto& c : scene.tendons)
     if (c) c->smooth = false;
 }
 
 bool World::any_moved() const {
-  return std::any_of(links.begin(), links.end(), [](const Link& l) { return l.yields(); });
+  return std::any_of(scene.links.begin(), scene.links.end(), [](const Link& l) { return l.yields(); });
 }
 
 }  // namespace bt

@@ -9,28 +9,29 @@
 namespace bt {
 
 void World::ensure_link(int link) {
-  if (link < static_cast<int>(links.size())) return;
-  links.resize(link + 1);
-  bodies.resize(link + 1);
+  if (link < static_cast<int>(scene.links.size())) return;
+  scene.links.resize(link + 1);
+  scene.bodies.resize(link + 1);
 }
 
 int World::add_tendon(std::unique_ptr<Tendon> tendon) {
-  const int slot = static_cast<int>(std::find(tendons.begin(), tendons.end(), nullptr) - tendons.begin());
-  if (slot == static_cast<int>(tendons.size())) tendons.emplace_back();
-  tendons[slot] = std::move(tendon);
-  broad_phase_.clear();
-  may_resolve_ = false;
+  const int slot = static_cast<int>(std::find(scene.tendons.begin(), scene.tendons.end(), nullptr) -
+                                    scene.tendons.begin());
+  if (slot == static_cast<int>(scene.tendons.size())) scene.tendons.emplace_back();
+  scene.tendons[slot] = std::move(tendon);
+  detection_.broad_phase.clear();
+  history_.may_resolve = false;
   return slot;
 }
 
 void World::remove_tendon(int slot) {
   wake_tendon(slot);
-  tendons[slot].reset();
-  broad_phase_.clear();
-  may_resolve_ = false;
-  while (!tendons.empty() && !tendons.back()) tendons.pop_back();
-  contacts_.clear();
-  if (slot < static_cast<int>(caches_.size())) caches_[slot].clear();
+  scene.tendons[slot].reset();
+  detection_.broad_phase.clear();
+  history_.may_resolve = false;
+  while (!scene.tendons.empty() && !scene.tendons.back()) scene.tendons.pop_back();
+  contacts_.all.clear();
+  if (slot < static_cast<int>(detection_.caches.size())) detection_.caches[slot].clear();
   forget_memory_of(slot);
 }
 
@@ -65,14 +66,14 @@ void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
 int World::add_shape(const Shape& shape) {
   wake_all();
   ensure_link(shape.link);
-  return put(shapes, shape_alive, shape);
+  return put(scene.shapes, scene.shape_alive, shape);
 }
 
 void World::remove_shape(int slot) {
   wake_all();
-  take(shapes, shape_alive, slot);
-  contacts_.clear();
-  for (auto& of_tendon : caches_)
+  take(scene.shapes, scene.shape_alive, slot);
+  contacts_.all.clear();
+  for (auto& of_tendon : detection_.caches)
     if (slot < static_cast<int>(of_tendon.size())) of_tendon[slot] = NearCache{};
   forget_memory([&](const ContactKey& k) { return k.kind == ContactKind::bone && k.other == slot; });
 }
@@ -80,17 +81,17 @@ void World::remove_shape(int slot) {
 int World::add_tunnel(const Tunnel& tunnel) {
   wake_all();
   ensure_link(tunnel.link);
-  const int slot = put(tunnels, tunnel_alive, tunnel);
+  const int slot = put(scene.tunnels, scene.tunnel_alive, tunnel);
   forget_planes();
   return slot;
 }
 
 void World::remove_tunnel(int slot) {
   wake_all();
-  take(tunnels, tunnel_alive, slot);
-  contacts_.clear();
+  take(scene.tunnels, scene.tunnel_alive, slot);
+  contacts_.all.clear();
   forget_planes();
-  for (auto& c : tendons)
+  for (auto& c : scene.tendons)
     if (c) std::replace(c->tunnel_of.begin(), c->tunnel_of.end(), slot, -1);
   forget_memory([&](const ContactKey& k) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
@@ -101,7 +102,8 @@ void World::remove_tunnel(int slot) {
 template <class Which>
 void World::forget_memory(Which which) {
   auto gone = [&](const ContactMemory& m) { return which(m.key); };
-  memory_.erase(std::remove_if(memory_.begin(), memory_.end(), gone), memory_.end());
+  contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), gone),
+                         contacts_.memory.end());
 }
 
 void World::forget_memory_of(int tendon) {
@@ -112,7 +114,7 @@ void World::forget_memory_of(int tendon) {
 
 // The surface inside a bore does not count, so a change of bores changes the nearest points.
 void World::forget_planes() {
-  for (auto& tendon_caches : caches_)
+  for (auto& tendon_caches : detection_.caches)
     for (auto& cache : tendon_caches) cache.entries.clear();
 }
 
@@ -122,49 +124,52 @@ void World::forget_contacts(int tendon) {
   auto touches = [&](const Contact& contact) {
     return contact.a.tendon == tendon || contact.b.tendon == tendon;
   };
-  contacts_.erase(std::remove_if(contacts_.begin(), contacts_.end(), touches), contacts_.end());
+  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(), touches),
+                      contacts_.all.end());
   forget_memory_of(tendon);
-  if (tendon < static_cast<int>(caches_.size()))
-    for (NearCache& cache : caches_[tendon]) cache.entries.clear();
-  std::fill(tendons[tendon]->tunnel_of.begin(), tendons[tendon]->tunnel_of.end(), -1);
+  if (tendon < static_cast<int>(detection_.caches.size()))
+    for (NearCache& cache : detection_.caches[tendon]) cache.entries.clear();
+  std::fill(scene.tendons[tendon]->tunnel_of.begin(), scene.tendons[tendon]->tunnel_of.end(), -1);
 }
 
 // A cache for every tendon and shape that are there.
 void World::size_caches() {
-  caches_.resize(tendons.size());
-  for (size_t c = 0; c < tendons.size(); ++c) caches_[c].resize(tendons[c] ? shapes.size() : 0);
+  detection_.caches.resize(scene.tendons.size());
+  for (size_t c = 0; c < scene.tendons.size(); ++c)
+    detection_.caches[c].resize(scene.tendons[c] ? scene.shapes.size() : 0);
 }
 
 // A cache without known entries equals one of a shape that was never near: equal states have equal bytes.
 void World::empty_caches() {
   auto known = [](const Entry& e) { return e.known || e.inside; };
-  for (auto& of_tendon : caches_)
+  for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon)
       if (std::none_of(cache.entries.begin(), cache.entries.end(), known)) cache.entries.clear();
 }
 
 // The distances of this substep: those that the core knows, and the oracle's.
 void World::update_proximity(DistanceOracle& oracle) {
-  queries_.clear();
+  detection_.queries.clear();
   size_caches();
-  for (size_t c = 0; c < tendons.size(); ++c) {
-    if (!slots_[c]) continue;
-    for (size_t s = 0; s < shapes.size(); ++s) {
-      if (!shape_alive[s] || shapes[s].half_space) continue;
-      const NearContext near{context_.dt, options.contact_threshold, options.reuse_tolerance,
-                             &bores_of(shapes[s].link)};
-      ask(*tendons[c], static_cast<int>(c), shapes[s], static_cast<int>(s), links[shapes[s].link], near,
-          caches_[c][s], queries_, report_.near);
+  for (size_t c = 0; c < scene.tendons.size(); ++c) {
+    if (!step_.slots[c]) continue;
+    for (size_t s = 0; s < scene.shapes.size(); ++s) {
+      if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
+      const NearContext near{step_.context.dt, options.contact_threshold, options.reuse_tolerance,
+                             &bores_of(scene.shapes[s].link)};
+      ask(*scene.tendons[c], static_cast<int>(c), scene.shapes[s], static_cast<int>(s),
+          scene.links[scene.shapes[s].link], near, detection_.caches[c][s], detection_.queries,
+          step_.report.near);
     }
   }
-  if (queries_.empty()) return;
-  oracle.measure(queries_, distances_, points_, parameters_);
-  for (size_t q = 0; q < queries_.size(); ++q) {
-    const Query& query = queries_[q];
-    const Shape& shape = shapes[query.shape];
-    Entry& entry = caches_[query.tendon][query.shape].entries[query.feature];
-    answer(query, distances_[q], vec3_at(points_, q), parameters_[q], shape,
-           in_world(shape, links[shape.link]), bores_of(shape.link), entry);
+  if (detection_.queries.empty()) return;
+  oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
+  for (size_t q = 0; q < detection_.queries.size(); ++q) {
+    const Query& query = detection_.queries[q];
+    const Shape& shape = scene.shapes[query.shape];
+    Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
+    answer(query, detection_.distances[q], vec3_at(detection_.points, q), detection_.parameters[q], shape,
+           in_world(shape, scene.links[shape.link]), bores_of(shape.link), entry);
   }
 }
 

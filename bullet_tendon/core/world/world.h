@@ -34,19 +34,88 @@ class DistanceOracle {
   virtual void poll() {}
 };
 
+// What a world is made of. Slots keep their numbers: a removed part leaves an empty slot, and the next
+// addition takes it.
+struct Scene {
+  std::vector<std::unique_ptr<Tendon>> tendons;
+  std::vector<Link> links;
+  std::vector<GeneralizedBody> bodies;  // each in the slot of one of its links; empty in the others
+  std::vector<Shape> shapes;
+  std::vector<Tunnel> tunnels;
+  std::vector<char> shape_alive;
+  std::vector<char> tunnel_alive;
+};
+
+// One step, and the substep that is being solved.
+struct StepState {
+  StepContext context;
+  bool whole = false;  // it must not be cut
+  Substepper substeps;
+  Budget budget;
+  int parts = 1;               // that a step whose segments turn far is begun with
+  bool failed = false;         // a solution is not finite
+  double motion_limit = 1;     // share of the substep that can pass before something unpredicted touches
+  bool unconverged = false;    // an island did not converge
+  int detections = 0;          // of contacts, after a solution of this substep
+  int stop_changes = 0;        // times that this substep was solved again for other joint stops
+  std::vector<Tendon*> slots;  // tendons of this step, by slot
+  Report report;               // of the step
+  Report attempt;              // of the last solution of a substep
+};
+
+// What is near what.
+struct Detection {
+  std::vector<std::vector<NearCache>> caches;  // [tendon][shape]
+  std::vector<Query> queries;
+  std::vector<double> distances;  // the answers to them
+  std::vector<double> points;
+  std::vector<double> parameters;
+  BroadPhase broad_phase;
+  std::vector<SegmentPair> pairs;
+  std::vector<Bore> bores;  // by tunnel
+  std::vector<std::vector<Bore>> bores_by_link;
+  std::vector<int> near_tunnels;  // of one tendon
+};
+
+// Contacts of this substep or of the last one, and what is remembered of them.
+struct ContactSet {
+  std::vector<Contact> all;     // of this detection
+  std::vector<Contact> solved;  // of the last solution of this substep
+  std::vector<Contact> asleep;  // of tendons that sleep
+  std::vector<ContactMemory> memory;
+  std::vector<uint64_t> touching;
+};
+
+// Which islands may sleep.
+struct SleepState {
+  Vec3 gravity;                // when the last tendon fell asleep
+  std::vector<char> restful;   // by root of an island
+  std::vector<char> restless;  // by root of an island
+  std::vector<Box> reach;      // of tendons that do not sleep, by slot
+};
+
+// Which tendons are solved together (union-find), and by which bodies.
+struct IslandSet {
+  std::vector<Island> all;
+  std::vector<int> parent;   // of a tendon
+  std::vector<int> touches;  // by body, one of the tendons that touch it
+  std::vector<char> solid;   // by link: it has a shape or a tunnel
+};
+
+// Checkpoints of the last step and of the step to come.
+struct History {
+  Checkpoint start;          // of the last step
+  Checkpoint now;            // of an attempt whose step has not begun
+  StepRecord last_step;      // that is not whole
+  bool may_resolve = false;  // the last step can be solved again: bodies had a part in it
+};
+
 class World {
  public:
   // Held by whoever calls a method while other threads may do so too.
   mutable std::recursive_mutex mutex;
   Options options;
-  // Slots keep their numbers; a removed one is empty, and the next addition takes it.
-  std::vector<std::unique_ptr<Tendon>> tendons;
-  std::vector<Link> links;
-  // Each in the slot of one of its links; empty in the other slots.
-  std::vector<GeneralizedBody> bodies;
-  std::vector<Shape> shapes;
-  std::vector<Tunnel> tunnels;
-  std::vector<char> shape_alive, tunnel_alive;
+  Scene scene;
 
   // Makes the slot of a link. Until the link is read from pybullet, it is one that nothing moves.
   void ensure_link(int link);
@@ -80,7 +149,7 @@ class World {
   // not solved again, and an attempt that fails goes back to this state.
   void finish_resolve();
   // The last step is not solved again: something that it began from was changed.
-  void forbid_resolve() { may_resolve_ = false; }
+  void forbid_resolve() { history_.may_resolve = false; }
   // One step of dt [s], after `sense` (if any) has read the bodies. false: some solution is not finite. Then,
   // and where it throws, all state is that of before. whole: not in substeps, whatever happens (for steps
   // whose length means nothing); bodies neither move nor yield.
@@ -89,7 +158,7 @@ class World {
   // The step alone. Where it fails, the state is undefined.
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // The last step that is not whole.
-  const StepRecord& last_step() const { return last_step_; }
+  const StepRecord& last_step() const { return history_.last_step; }
   // Called after every substep, for tests.
   std::function<void()> after_substep;
 
@@ -98,8 +167,8 @@ class World {
   std::vector<char> save();
   void restore(const char* from, size_t size);
 
-  const Report& report() const { return report_; }
-  Vec3 gravity() const { return context_.gravity; }  // of the last step
+  const Report& report() const { return step_.report; }
+  Vec3 gravity() const { return step_.context.gravity; }  // of the last step
   std::vector<ContactRecord> contacts() const;
   // The tendon steps again, with all that sleep with it, because something about it has changed.
   void wake_tendon(int tendon);
@@ -198,49 +267,19 @@ class World {
   void mouth_contact(int tendon, int tunnel, int mouth, int segment, const Bore& bore, Vec3 centre,
                      double radius);
 
-  const std::vector<Bore>& bores_of(int link) const { return bores_by_link_[link]; }
+  const std::vector<Bore>& bores_of(int link) const { return detection_.bores_by_link[link]; }
   void make_islands();
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(ContactKind kind, SegmentPoint spot, int link, Vec3 point, Vec3 normal,
                         const ContactKey& key, double friction);
 
-  StepContext context_;
-  bool whole_ = false;  // it must not be cut
-  Substepper substeps_;
-  Budget budget_;
-  int substeps_parts_ = 1;   // that a step whose segments turn far is begun with
-  bool failed_ = false;      // a solution is not finite
-  int detections_ = 0;       // of contacts, after a solution of this substep
-  double motion_limit_ = 1;  // share of the substep that can pass before something unpredicted touches
-  bool unsettled_ = false;   // an island did not converge
-  int settlings_ = 0;        // times that this substep was solved again for other joint stops
-  std::vector<Tendon*> slots_;
-  std::vector<std::vector<NearCache>> caches_;  // [tendon][shape]
-  std::vector<Query> queries_;
-  std::vector<double> distances_, points_, parameters_;  // the answers to them
-  BroadPhase broad_phase_;
-  std::vector<SegmentPair> pairs_;
-  std::vector<int> touches_;                         // by body, one of the tendons that touch it
-  std::vector<char> solid_;                          // by link: it has a shape or a tunnel
-  std::vector<Contact> contacts_, solved_contacts_;  // of this detection, and of the last solution
-  std::vector<Contact> asleep_contacts_;             // of tendons that sleep
-  Vec3 rest_gravity_;                                // when the last of them fell asleep
-  std::vector<char> restful_, restless_;             // by root of an island
-  std::vector<Box> reach_;                           // of tendons that do not, by slot
-  std::vector<ContactMemory> memory_;
-  std::vector<uint64_t> touching_;
-  std::vector<Bore> bores_;  // by tunnel
-  std::vector<int> near_tunnels_;
-  std::vector<std::vector<Bore>> bores_by_link_;
-  std::vector<Island> islands_;
-  std::vector<int> island_of_;
-  Report report_, attempt_;  // of the step, and of the last solution of a substep
-
-  Checkpoint start_;          // of the last step
-  Checkpoint now_;            // of an attempt whose step has not begun
-  StepRecord last_step_;      // that is not whole
-  bool may_resolve_ = false;  // the last step can be solved again: bodies had a part in it
+  StepState step_;
+  Detection detection_;
+  ContactSet contacts_;
+  SleepState sleep_;
+  IslandSet islands_;
+  History history_;
 };
 
 }  // namespace bt
