@@ -73,28 +73,28 @@ py::tuple contact_term(int kind, const Array& relative, const Array& normal, dou
                        const Array& point, const Array& axis, double ring, double stiffness, double carried,
                        double grip, double limit, const Array& stuck, bool definite) {
   Contact row;
-  row.kind = static_cast<ContactKind>(kind);
-  row.normal = vec(normal), row.offset = offset, row.axis_point = vec(point), row.axis = vec(axis);
-  row.feature_radius = ring, row.stiffness = stiffness, row.lambda = carried;
-  row.friction = limit > 0 ? 1 : 0, row.limit = limit, row.tangent_stiffness = grip,
-  row.tangent_anchor = vec(stuck);
+  row.key.kind = static_cast<ContactKind>(kind);
+  row.geometry.normal = vec(normal), row.geometry.offset = offset, row.geometry.axis_point = vec(point), row.geometry.axis = vec(axis);
+  row.geometry.feature_radius = ring, row.normal_force.stiffness = stiffness, row.normal_force.lambda = carried;
+  row.friction.coefficient = limit > 0 ? 1 : 0, row.friction.limit = limit, row.friction.stiffness = grip,
+  row.friction.anchor = vec(stuck);
   row.evaluate(vec(relative), true, definite);
   Array block({3, 3});
-  const Block3 b = block_of(row.block);
+  const Block3 b = block_of(row.force.block);
   std::copy(b.v, b.v + 9, block.mutable_data());
-  return py::make_tuple(row.gap, tuple(row.normal), tuple(row.total_force), block, row.sliding);
+  return py::make_tuple(row.geometry.gap, tuple(row.geometry.normal), tuple(row.force.total), block, row.friction.sliding);
 }
 
 // All of a row's block on the particles that it touches with the weights P: P^T block P, and the levers.
 Array full_block(const Contact& row, const double* P, int particles) {
-  const Block3 block = block_of(row.block);
+  const Block3 block = block_of(row.force.block);
   Array full({3 * particles, 3 * particles});
   for (int i = 0; i < particles; ++i)
     for (int j = 0; j < particles; ++j) {
       Block3 part = block;
       for (double& v : part.v) v *= P[i] * P[j];
-      for (int k = 0; k < row.sliding_terms; ++k) {
-        const Vec3 p = row.sliding_share[k] * row.sliding_term[k][i], q = row.sliding_term[k][j];
+      for (int k = 0; k < row.geometry.sliding_terms; ++k) {
+        const Vec3 p = row.geometry.sliding_share[k] * row.geometry.sliding_term[k][i], q = row.geometry.sliding_term[k][j];
         const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
         for (int e = 0; e < 9; ++e) part.v[e] += rows[e / 3] * columns[e % 3];
       }
@@ -107,33 +107,33 @@ Array full_block(const Contact& row, const double* P, int particles) {
 py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
                     const Array& axis, double ring, double stiffness, double carried) {
   Contact row;
-  row.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
-  row.offset = offset, row.axis_point = vec(centre), row.axis = vec(axis), row.feature_radius = ring;
-  row.stiffness = stiffness, row.lambda = carried;
+  row.key.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
+  row.geometry.offset = offset, row.geometry.axis_point = vec(centre), row.geometry.axis = vec(axis), row.geometry.feature_radius = ring;
+  row.normal_force.stiffness = stiffness, row.normal_force.lambda = carried;
   const Vec3 a = vec(start), b = vec(end);
   for (int i = 0; i < 50; ++i) row.follow(a, b);
   row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
   row.add_sliding_term(a, b, false);
   const double P[2] = {row.a.w0, row.a.w1};
-  return py::make_tuple(row.gap, tuple(row.a.w0 * row.total_force), tuple(row.a.w1 * row.total_force),
+  return py::make_tuple(row.geometry.gap, tuple(row.a.w0 * row.force.total), tuple(row.a.w1 * row.force.total),
                         full_block(row, P, 2));
 }
 
 // Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
 py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
   Contact row;
-  row.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
-  row.offset = offset, row.stiffness = stiffness, row.lambda = carried;
+  row.key.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
+  row.geometry.offset = offset, row.normal_force.stiffness = stiffness, row.normal_force.lambda = carried;
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
-  row.normal = row.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
+  row.geometry.normal = row.geometry.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
   row.follow_pair(x);
   const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
   row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
   row.add_pair_sliding_terms(x, false);
   Field force(4);
-  for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.total_force);
-  return py::make_tuple(row.gap, rows_of(force), full_block(row, P, 4));
+  for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.force.total);
+  return py::make_tuple(row.geometry.gap, rows_of(force), full_block(row, P, 4));
 }
 
 // Parameters (k, 2) of the ends of the stretch along which two segments (4, 3) touch

@@ -15,11 +15,11 @@ constexpr double kMostStiffening = 50.0;
 
 // Gap, normal and curvature against the wall of a bore.
 void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
-  Vec3 radial = without(x - contact.axis_point, contact.axis);
+  Vec3 radial = without(x - contact.geometry.axis_point, contact.geometry.axis);
   double rho = norm(radial);
-  contact.gap = contact.feature_radius - rho;
-  if (rho > 0) contact.normal = (-1 / rho) * radial, curvature = 1 / rho;
-  around = cross(contact.axis, contact.normal);
+  contact.geometry.gap = contact.geometry.feature_radius - rho;
+  if (rho > 0) contact.geometry.normal = (-1 / rho) * radial, curvature = 1 / rho;
+  around = cross(contact.geometry.axis, contact.geometry.normal);
 }
 
 }  // namespace
@@ -28,77 +28,77 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   // By which moving around the axis, and across a mouth's edge, brings the point nearer [1/m].
   double curvature = 0, across_edge = 0;
   Vec3 around;
-  if (kind == ContactKind::bore)
+  if (key.kind == ContactKind::bore)
     bore_gap(*this, relative, curvature, around);
-  else if (kind == ContactKind::mouth)
+  else if (key.kind == ContactKind::mouth)
     mouth_gap(relative, curvature, around, across_edge);
   else
-    gap = dot(normal, relative) - offset;
-  gap -= depth_allowance;
-  if (!direct) normal_force = std::max(0.0, lambda - stiffness * gap);
-  if (at_position) lambda_predicted = normal_force;
+    geometry.gap = dot(geometry.normal, relative) - geometry.offset;
+  geometry.gap -= geometry.depth_allowance;
+  if (!normal_force.direct) normal_force.value = std::max(0.0, normal_force.lambda - normal_force.stiffness * geometry.gap);
+  if (at_position) normal_force.lambda_predicted = normal_force.value;
   // A direct contact's normal force is what the constraint supplies: only its friction is a force here.
-  pressed = !direct && (normal_force > 0 || lambda_predicted > 0);
-  total_force = direct ? Vec3{} : normal_force * normal;
-  linear_force = pressed ? (lambda - stiffness * gap) * normal : Vec3{};
-  tangent_force = {};
-  block = {};
-  if (pressed) block = stiffness * outer(normal);
-  if (pressed && (curvature != 0 || across_edge != 0)) {
+  normal_force.pressed = !normal_force.direct && (normal_force.value > 0 || normal_force.lambda_predicted > 0);
+  force.total = normal_force.direct ? Vec3{} : normal_force.value * geometry.normal;
+  force.linear = normal_force.pressed ? (normal_force.lambda - normal_force.stiffness * geometry.gap) * geometry.normal : Vec3{};
+  friction.force = {};
+  force.block = {};
+  if (normal_force.pressed) force.block = normal_force.stiffness * outer(geometry.normal);
+  if (normal_force.pressed && (curvature != 0 || across_edge != 0)) {
     const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
-    block += (lambda_predicted * std::max(curvature, least)) * outer(around);
-    block += (lambda_predicted * std::max(across_edge, least)) * outer(cross(around, normal));
+    force.block += (normal_force.lambda_predicted * std::max(curvature, least)) * outer(around);
+    force.block += (normal_force.lambda_predicted * std::max(across_edge, least)) * outer(cross(around, geometry.normal));
   }
-  if (friction <= 0 || (direct && !held)) return;
-  raw = without(tangent_anchor + relative - point_shift - relative_start, normal);
-  if (at_position) sliding = tangent_stiffness * norm(raw) > limit;
-  if (limit <= 0) {
-    displacement = {};
+  if (friction.coefficient <= 0 || (normal_force.direct && !normal_force.held)) return;
+  friction.raw = without(friction.anchor + relative - geometry.point_shift - friction.relative_start, geometry.normal);
+  if (at_position) friction.sliding = friction.stiffness * norm(friction.raw) > friction.limit;
+  if (friction.limit <= 0) {
+    friction.displacement = {};
     return;
   }
-  double stretch = norm(raw), pull = tangent_stiffness * stretch;
-  bool over = pull > limit;
-  displacement = over ? (limit / pull) * raw : raw;
-  tangent_force = -tangent_stiffness * displacement;
-  linear_force += sliding ? tangent_force : -tangent_stiffness * raw;
-  total_force += tangent_force;
-  if (!sliding) {
-    block += tangent_stiffness * across(normal);
+  double stretch = norm(friction.raw), pull = friction.stiffness * stretch;
+  bool over = pull > friction.limit;
+  friction.displacement = over ? (friction.limit / pull) * friction.raw : friction.raw;
+  friction.force = -friction.stiffness * friction.displacement;
+  force.linear += friction.sliding ? friction.force : -friction.stiffness * friction.raw;
+  force.total += friction.force;
+  if (!friction.sliding) {
+    force.block += friction.stiffness * across(geometry.normal);
   } else if (stretch > 0) {
-    Vec3 along = (1 / stretch) * raw;
-    block += (std::min(limit, pull) / stretch) * (across(normal) + (-1.0) * outer(along));
+    Vec3 along = (1 / stretch) * friction.raw;
+    force.block += (std::min(friction.limit, pull) / stretch) * (across(geometry.normal) + (-1.0) * outer(along));
   }
 }
 
 bool Contact::stiffen() {
-  if (softest == 0 || direct || normal_force <= 0) return false;
-  if (-gap <= kDepth * radius) return false;
-  take_over(normal_force);
+  if (normal_force.softest == 0 || normal_force.direct || normal_force.value <= 0) return false;
+  if (-geometry.gap <= kDepth * geometry.radius) return false;
+  take_over(normal_force.value);
   return true;
 }
 
 void Contact::take_over(double force) {
-  lambda = force;
-  if (stiffness < kMostStiffening * softest) stiffness *= kStiffening;
+  normal_force.lambda = force;
+  if (normal_force.stiffness < kMostStiffening * normal_force.softest) normal_force.stiffness *= kStiffening;
 }
 
 void Contact::settle(Vec3 relative) {
-  Vec3 z = without(tangent_anchor + relative - relative_start, normal);
-  double pull = tangent_stiffness * norm(z);
-  displacement = limit <= 0 ? Vec3{} : pull > limit ? (limit / pull) * z : z;
+  Vec3 z = without(friction.anchor + relative - friction.relative_start, geometry.normal);
+  double pull = friction.stiffness * norm(z);
+  friction.displacement = friction.limit <= 0 ? Vec3{} : pull > friction.limit ? (friction.limit / pull) * z : z;
 }
 
 void Contact::predict(Vec3 moved) {
-  lambda_predicted = std::max(0.0, force_after(moved));
-  if (friction <= 0) return;
-  if (limit > 0) {
-    const Vec3 next = raw + without(moved, normal);
-    sliding = tangent_stiffness * norm(next) > limit && !(sliding && dot(next, raw) < 0);
+  normal_force.lambda_predicted = std::max(0.0, force_after(moved));
+  if (friction.coefficient <= 0) return;
+  if (friction.limit > 0) {
+    const Vec3 next = friction.raw + without(moved, geometry.normal);
+    friction.sliding = friction.stiffness * norm(next) > friction.limit && !(friction.sliding && dot(next, friction.raw) < 0);
   }
   if (!acts()) return;
-  const double most = friction * (direct ? normal_force : lambda_predicted);
-  if (limit <= 0) sliding = tangent_stiffness * norm(raw) > most;
-  limit = most;
+  const double most = friction.coefficient * (normal_force.direct ? normal_force.value : normal_force.lambda_predicted);
+  if (friction.limit <= 0) friction.sliding = friction.stiffness * norm(friction.raw) > most;
+  friction.limit = most;
 }
 
 }  // namespace bt

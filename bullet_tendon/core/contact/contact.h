@@ -45,59 +45,75 @@ inline bool operator<(const ContactKey& a, const ContactKey& b) {
 
 inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < b) && !(b < a); }
 
-struct Contact {
-  ContactKey key;
-  ContactKind kind = ContactKind::bone;
-  SegmentPoint a, b;  // b.tendon = -1: against a link
-  int link = -1;
-  bool moves = false;          // the link moves with its body's unknowns
-  Vec3 arm;                    // of the contact's point on the link from its centre of mass [m]
+// The surface that is touched, and the gap to it.
+struct ContactGeometry {
   Vec3 normal;                 // n, of a plane contact; of a bore contact as last evaluated
   double offset = 0;           // c; of a mouth contact, the distance kept from the circle
-  double depth_allowance = 0;  // gap, negative, that may be left at the end of a part of a step [m]
+  double gap = 0;              // g, as last evaluated [m]
+  double depth_allowance = 0;  // gap, negative, that may be left at the end of a substep [m]
   double margin = 0;           // by how much the gap stands off the surfaces (threshold) [m]
+  double radius = 0;           // of the tendon, or the sum of both [m]
   Vec3 axis_point, axis;       // of a bore; of a mouth, the circle's centre and axis
   double feature_radius = 0;   // of a bore, R - r; of a mouth, the circle's radius [m]
   bool threads_mouth = false;  // a mouth contact of a segment that passes through the mouth
-  double radius = 0;           // of the tendon, or both [m]
-  double stiffness = 0;        // k [N/m]
-  double softest = 0;          // k to begin with; 0: it is the user's, and does not grow where depth remains
-  double tangent_stiffness = 0;         // k_t, of sticking [N/m]
-  double lambda = 0;                    // N_0 [N]
-  double lambda_previous = 0;           // N of the step before [N]
-  double lambda_predicted = 0;          // N as foreseen, in the curvature [N]
-  double friction = 0;                  // mu
-  Vec3 tangent_anchor, relative_start;  // xi, ref
-  double anchored_at = 0;               // the point of the segment that ref is of, where that moves
-  double anchored_at_other = 0;         // the same of b
-  Vec3 side;                            // of a pair: n as the step began
-  bool parallel = false;                // a pair of nearly parallel segments, whose points do not move
-  bool follows = false;                 // a pair whose points are the nearest ones now
-  double limit = 0;                     // mu N that friction is limited to [N]
-  bool direct = false;   // constrained on the particle (Baraff and Witkin) instead of by a spring
-  bool held = false;     // a direct contact that holds now
-  bool joins = false;    // two tendons, in the pattern of their matrix
-  bool passes = false;   // what it is for does not touch as foreseen
-  bool pressed = false;  // touches, in the linearisation
-  bool sliding = false;  // else it sticks, in the linearisation
-  int changes = 0;       // how often a direct contact let go in this step
-
-  // As last evaluated.
-  double gap = 0, normal_force = 0;
-  Vec3 raw, displacement;           // z, and z returned to the cone
-  Vec3 tangent_force, total_force;  // on the point a
-  Vec3 linear_force;                // of the linearisation; total_force where that is at the present state
-  Vec3 last_mean;                   // mean_force of the step before
-  Vec3 mean_force;                  // total_force, averaged over the parts of a split step
-  Vec3 point_shift;                 // from that point to the one that touches now
-  Sym3 block;                       // derivative
-  // Besides, of contacts whose points move along their segments: share l l^T on the ends of a, and of b.
+  Vec3 side;                   // of a pair: n as the step began
+  bool parallel = false;       // a pair of nearly parallel segments, whose points do not move
+  bool follows = false;        // a pair whose points are the nearest ones now
+  Vec3 point_shift;            // from the point that touched at the start to the one that touches now
+  // Of contacts whose points move along their segments: the block has share l l^T on the ends of a, and of b.
   int sliding_terms = 0;
   Vec3 sliding_term[2][4];
   double sliding_share[2] = {};
+};
+
+struct NormalForce {
+  double value = 0;             // N, as last evaluated [N]
+  double stiffness = 0;         // k [N/m]
+  double softest = 0;           // k to begin with; 0: it is the user's, and does not grow where depth remains
+  double lambda = 0;            // N_0 [N]
+  double lambda_previous = 0;   // N of the step before [N]
+  double lambda_predicted = 0;  // predicted N, in the curvature [N]
+  bool pressed = false;         // touches, in the linearisation
+  bool direct = false;          // constrained on the particle (Baraff and Witkin) instead of by a spring
+  bool held = false;            // a direct contact that holds now
+  int changes = 0;              // how often a direct contact let go in this step
+};
+
+struct Friction {
+  double coefficient = 0;         // mu
+  double limit = 0;               // mu N [N]
+  double stiffness = 0;           // k_t, of sticking [N/m]
+  Vec3 anchor, relative_start;    // xi, ref
+  double anchored_at = 0;         // the point of the segment that ref is of, where that moves
+  double anchored_at_other = 0;   // the same of b
+  bool sliding = false;           // else it sticks, in the linearisation
+  Vec3 raw, displacement, force;  // as last evaluated: z, z returned to the cone, F_t
+};
+
+// Forces on the point a.
+struct ContactForce {
+  Vec3 total;      // as last evaluated [N]
+  Vec3 linear;     // of the linearisation; the total where that is at the present state [N]
+  Vec3 mean;       // total, averaged over the substep by the integrator [N]
+  Vec3 last_mean;  // mean of the step before [N]
+  Sym3 block;      // derivative of the linear force, of opposite sign [N/m]
+};
+
+struct Contact {
+  ContactKey key;
+  SegmentPoint a, b;    // b.tendon = -1: against a link
+  int link = -1;
+  bool moves = false;   // the link goes with its body's unknowns,
+  Vec3 arm;             // by its point at this from the centre of mass [m]
+  bool joins = false;   // two tendons, in the pattern of their matrix
+  bool passes = false;  // it is predicted not to touch
+  ContactGeometry geometry;
+  NormalForce normal_force;
+  Friction friction;
+  ContactForce force;
 
   // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew.
-  bool acts() const { return pressed || held || (!direct && friction > 0 && limit > 0); }
+  bool acts() const { return normal_force.pressed || normal_force.held || (!normal_force.direct && friction.coefficient > 0 && friction.limit > 0); }
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
   // block's curvature, are as foreseen, or (at_position) as the position has them. definite: the block
   // without what would make it indefinite, like the edge of a mouth that pushes what slides over it.
@@ -111,10 +127,10 @@ struct Contact {
   bool stiffen();
   void take_over(double force);
   // What Coulomb's law asks of the friction limit, mu N, less the limit [N].
-  double limit_error() const { return friction * normal_force - limit; }
-  void limit_friction() { limit = direct ? limit : friction * normal_force; }
+  double limit_error() const { return friction.coefficient * normal_force.value - friction.limit; }
+  void limit_friction() { friction.limit = normal_force.direct ? friction.limit : friction.coefficient * normal_force.value; }
   // The normal force that the linearisation foresees there; below 0 where it lets go.
-  double force_after(Vec3 moved) const { return lambda - stiffness * (gap + dot(normal, moved)); }
+  double force_after(Vec3 moved) const { return normal_force.lambda - normal_force.stiffness * (geometry.gap + dot(geometry.normal, moved)); }
   // The normal force, the friction limit, and whether the contact slides, in the next iteration, from the
   // relative displacement that this one found. They are multipliers like those of springs: taken from present
   // positions they are wild, because contacts are stiff. A contact that sticks slides when its force would

@@ -25,16 +25,16 @@ constexpr int kFollowing = 4;
 }  // namespace
 
 void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
-  Vec3 from = x - axis_point, radial = without(from, axis);
-  double rho = norm(radial), z = dot(from, axis), inward = feature_radius - rho;
-  Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(axis);
+  Vec3 from = x - geometry.axis_point, radial = without(from, geometry.axis);
+  double rho = norm(radial), z = dot(from, geometry.axis), inward = geometry.feature_radius - rho;
+  Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(geometry.axis);
   double d = std::sqrt(inward * inward + z * z);
   // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
-  double sign = threads_mouth && inward < 0 ? -1 : 1;
-  gap = sign * d - offset;
-  if (d > 0) normal = (sign / d) * (z * axis - inward * out), across_edge = -sign / d;
+  double sign = geometry.threads_mouth && inward < 0 ? -1 : 1;
+  geometry.gap = sign * d - geometry.offset;
+  if (d > 0) geometry.normal = (sign / d) * (z * geometry.axis - inward * out), across_edge = -sign / d;
   if (d > 0 && rho > 0) curvature = sign * inward / (d * rho);
-  around = cross(axis, out);
+  around = cross(geometry.axis, out);
 }
 
 void Contact::follow(Vec3 start, Vec3 end) {
@@ -44,29 +44,29 @@ void Contact::follow(Vec3 start, Vec3 end) {
   double u = a.w1;
   for (int i = 0; i < kFollowing; ++i) {
     const Vec3 on_edge =
-        nearest_on_circle(start + u * l, axis_point, axis, feature_radius, any_perpendicular(axis));
+        nearest_on_circle(start + u * l, geometry.axis_point, geometry.axis, geometry.feature_radius, any_perpendicular(geometry.axis));
     u = std::min(std::max(dot(on_edge - start, l) / l2, 0.0), 1.0);
   }
   a.w0 = 1 - u, a.w1 = u;
-  point_shift = (u - anchored_at) * l;
+  geometry.point_shift = (u - friction.anchored_at) * l;
 }
 
 void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
-  sliding_terms = 0;
+  geometry.sliding_terms = 0;
   const double u = a.w1;
-  if (kind != ContactKind::mouth || !pressed || u <= 0 || u >= 1) return;
+  if (key.kind != ContactKind::mouth || !normal_force.pressed || u <= 0 || u >= 1) return;
   const Vec3 x = (1 - u) * start + u * end, l = end - start;
-  const double kept = gap;
+  const double kept = geometry.gap;
   double curvature = 0, across_edge = 0;
   Vec3 around;
   mouth_gap(x, curvature, around, across_edge);
-  gap = kept;
-  const Vec3 m = cross(around, normal);
+  geometry.gap = kept;
+  const Vec3 m = cross(around, geometry.normal);
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
   const double bent = dot(l, Hl);
   if (bent == 0 || (definite && bent < 0)) return;
-  sliding_terms = 1, sliding_share[0] = lambda_predicted / bent;
-  sliding_term[0][0] = (1 - u) * Hl - normal, sliding_term[0][1] = u * Hl + normal;
+  geometry.sliding_terms = 1, geometry.sliding_share[0] = normal_force.lambda_predicted / bent;
+  geometry.sliding_term[0][0] = (1 - u) * Hl - geometry.normal, geometry.sliding_term[0][1] = u * Hl + geometry.normal;
 }
 
 }  // namespace bt

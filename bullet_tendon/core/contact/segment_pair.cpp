@@ -20,40 +20,40 @@
 namespace bt {
 
 void Contact::follow_pair(const Vec3 (&x)[4]) {
-  follows = false;
-  if (parallel) return;
+  geometry.follows = false;
+  if (geometry.parallel) return;
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   double u, w;
   nearest_parameters(x[0], x[1], x[2], x[3], u, w);
   const Vec3 apart = x[0] + u * along - (x[2] + w * other);
-  const double distance = norm(apart), height = dot(apart, side);
+  const double distance = norm(apart), height = dot(apart, geometry.side);
   // Centrelines that have all but met, or passed: the plane of the step's start knows the side.
-  follows = distance > kNearlyMet * offset && height > 0;
-  if (!follows) {
-    normal = side;
+  geometry.follows = distance > kNearlyMet * geometry.offset && height > 0;
+  if (!geometry.follows) {
+    geometry.normal = geometry.side;
     return;
   }
   a.w0 = 1 - u, a.w1 = u, b.w0 = 1 - w, b.w1 = w;
-  point_shift = (u - anchored_at) * along - (w - anchored_at_other) * other;
-  normal = (1 / distance) * apart;
+  geometry.point_shift = (u - friction.anchored_at) * along - (w - friction.anchored_at_other) * other;
+  geometry.normal = (1 / distance) * apart;
 }
 
 void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
-  sliding_terms = 0;
-  if (!follows || !pressed || lambda_predicted <= 0) return;
-  const double D = gap + depth_allowance + offset;
-  if (!definite) block += (-lambda_predicted / D) * across(normal);
+  geometry.sliding_terms = 0;
+  if (!geometry.follows || !normal_force.pressed || normal_force.lambda_predicted <= 0) return;
+  const double D = geometry.gap + geometry.depth_allowance + geometry.offset;
+  if (!definite) force.block += (-normal_force.lambda_predicted / D) * across(geometry.normal);
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   const bool inside_a = a.w0 > 0 && a.w1 > 0, inside_b = b.w0 > 0 && b.w1 > 0;
   const double P[4] = {a.w0, a.w1, -b.w0, -b.w1};
-  const Vec3 Ha = (1 / D) * without(along, normal), Hb = (1 / D) * without(other, normal);
+  const Vec3 Ha = (1 / D) * without(along, geometry.normal), Hb = (1 / D) * without(other, geometry.normal);
   Vec3 va[4], vb[4];
   for (int i = 0; i < 4; ++i) va[i] = P[i] * Ha, vb[i] = -P[i] * Hb;
-  va[0] += -1.0 * normal, va[1] += normal, vb[2] += normal, vb[3] += -1.0 * normal;
+  va[0] += -1.0 * geometry.normal, va[1] += geometry.normal, vb[2] += geometry.normal, vb[3] += -1.0 * geometry.normal;
   const double aa = dot(along, Ha), ab = -dot(along, Hb), bb = dot(other, Hb);
   auto take = [&](const Vec3(&v)[4], double share) {
-    for (int i = 0; i < 4; ++i) sliding_term[sliding_terms][i] = v[i];
-    sliding_share[sliding_terms++] = lambda_predicted * share;
+    for (int i = 0; i < 4; ++i) geometry.sliding_term[geometry.sliding_terms][i] = v[i];
+    geometry.sliding_share[geometry.sliding_terms++] = normal_force.lambda_predicted * share;
   };
   if (inside_a) take(va, 1 / aa);
   if (!inside_b) return;

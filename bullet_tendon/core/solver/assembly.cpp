@@ -50,15 +50,15 @@ double tendon_residual(Tendon& c) {
 bool update_direct(Island& island, Contact& contact) {
   Tendon& c = island.at(contact.a);
   int i = contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
-  if (contact.held) {
-    contact.normal_force = std::max(0.0, dot(c.residual.at(i), contact.normal));
-    if (contact.normal_force == 0) contact.held = false, ++contact.changes;
-    return !contact.held;
+  if (contact.normal_force.held) {
+    contact.normal_force.value = std::max(0.0, dot(c.residual.at(i), contact.geometry.normal));
+    if (contact.normal_force.value == 0) contact.normal_force.held = false, ++contact.normal_force.changes;
+    return !contact.normal_force.held;
   }
-  contact.normal_force = 0;
-  if (contact.gap >= 0 || contact.changes >= kMostChanges) return false;
-  contact.held = true;
-  c.move(i, (-contact.gap) * contact.normal);
+  contact.normal_force.value = 0;
+  if (contact.geometry.gap >= 0 || contact.normal_force.changes >= kMostChanges) return false;
+  contact.normal_force.held = true;
+  c.move(i, (-contact.geometry.gap) * contact.geometry.normal);
   return true;
 }
 
@@ -76,7 +76,7 @@ Assembly residual_of(Island& island, bool definite, bool at_position) {
   for (Contact* contact : island.contacts) {
     evaluate(island, *contact, at_position, definite);
     if (!contact->acts()) continue;
-    a.scale = std::max(a.scale, max_abs(contact->total_force));
+    a.scale = std::max(a.scale, max_abs(contact->force.total));
     add_contact_force(island, *contact);
   }
   for (Tendon* c : island.tendons) read_anchor_forces(*c);
@@ -185,7 +185,7 @@ void measure_residual(Island& island, Assembly& a) {
 double in_roundings(Island& island, const Assembly& a, bool at_guess) {
   double contact_stiffness = 0, most = 0, finest = std::numeric_limits<double>::infinity();
   for (const Contact* contact : island.contacts)
-    if (contact->normal_force > 0) contact_stiffness = std::max(contact_stiffness, contact->stiffness);
+    if (contact->normal_force.value > 0) contact_stiffness = std::max(contact_stiffness, contact->normal_force.stiffness);
   for (Tendon* c : island.tendons) {
     const double one = force_of_rounding(*c, contact_stiffness, at_guess);
     most = worse(most, c->residual_norm / one);
@@ -223,21 +223,21 @@ void add_spot_block(Tendon& c, const SegmentPoint& s, const Sym3& block) {
 }  // namespace
 
 void add_contact_force(Island& island, const Contact& contact) {
-  add_spot_force(island.at(contact.a), contact.a, 1, contact.total_force);
-  if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, contact.total_force);
-  if (contact.moves) load_body(island, contact, contact.total_force);
+  add_spot_force(island.at(contact.a), contact.a, 1, contact.force.total);
+  if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, contact.force.total);
+  if (contact.moves) load_body(island, contact, contact.force.total);
 }
 
 void add_contact_linearisation(Island& island, const Contact& contact) {
-  const Vec3 more = contact.linear_force - contact.total_force;
+  const Vec3 more = contact.force.linear - contact.force.total;
   add_spot_force(island.at(contact.a), contact.a, 1, more);
   if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, more);
   if (contact.moves) load_body(island, contact, more);
 }
 
 void add_contact_block(Island& island, const Contact& contact) {
-  add_spot_block(island.at(contact.a), contact.a, contact.block);
-  if (contact.b.tendon >= 0) add_spot_block(island.at(contact.b), contact.b, contact.block);
+  add_spot_block(island.at(contact.a), contact.a, contact.force.block);
+  if (contact.b.tendon >= 0) add_spot_block(island.at(contact.b), contact.b, contact.force.block);
 }
 
 namespace {
@@ -257,7 +257,7 @@ void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other)
 }  // namespace
 
 void follow(Island& island, Contact& contact) {
-  if (contact.kind == ContactKind::mouth) {
+  if (contact.key.kind == ContactKind::mouth) {
     const Field& x = island.at(contact.a).x_new;
     const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
     contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
@@ -273,15 +273,15 @@ void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
   Tendon& a = island.at(contact.a);
   const int i = contact.a.first;
   const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
-  if (contact.kind == ContactKind::mouth)
+  if (contact.key.kind == ContactKind::mouth)
     contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
   else if (contact.b.tendon >= 0)
     ends_of(island, contact, x), contact.add_pair_sliding_terms(x, definite);
-  for (int k = 0; k < contact.sliding_terms; ++k) {
-    const Vec3* l = contact.sliding_term[k];
-    add_sliding_terms(a, i, contact.sliding_share[k], l[0], l[1]);
+  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
+    const Vec3* l = contact.geometry.sliding_term[k];
+    add_sliding_terms(a, i, contact.geometry.sliding_share[k], l[0], l[1]);
     if (contact.b.tendon >= 0)
-      add_sliding_terms(island.at(contact.b), contact.b.first, contact.sliding_share[k], l[2], l[3]);
+      add_sliding_terms(island.at(contact.b), contact.b.first, contact.geometry.sliding_share[k], l[2], l[3]);
   }
 }
 
@@ -302,10 +302,10 @@ void project_anchors(Island& island, Field Tendon::* what) {
     for (const Anchor& h : c->anchors)
       if (h.rigid) (c->*what).set(h.particle, Vec3{});
   for (const Contact* contact : island.contacts) {
-    if (!contact->held) continue;
+    if (!contact->normal_force.held) continue;
     Field& f = island.at(contact->a).*what;
     int i = contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1;
-    f.set(i, without(f.at(i), contact->normal));
+    f.set(i, without(f.at(i), contact->geometry.normal));
   }
 }
 
@@ -314,9 +314,9 @@ void fix_in_matrix(Island& island) {
     for (const Anchor& h : c->anchors)
       if (h.rigid) c->matrix.hold(h.particle, identity(1));
   for (const Contact* contact : island.contacts)
-    if (contact->held)
+    if (contact->normal_force.held)
       island.at(contact->a)
-          .matrix.hold(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1, outer(contact->normal));
+          .matrix.hold(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1, outer(contact->geometry.normal));
 }
 
 // That is a contact whose particles are all held (or nearly so: what is free would have to move far for
@@ -335,7 +335,7 @@ bool overruled(const Contact& contact, const Tendon& c) {
     if (!anchor) continue;
     Contact at_hold = contact;
     at_hold.evaluate(anchor->aim, true);
-    if (at_hold.gap < 0) return true;
+    if (at_hold.geometry.gap < 0) return true;
   }
   return !any_free;
 }

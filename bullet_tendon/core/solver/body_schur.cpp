@@ -27,11 +27,11 @@ namespace {
 Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
 
 // s of bodies/body_response.h, of the part that is being solved for.
-double reach_of(const Island& island) { return island.reach; }
+double reach_of(const Island& island) { return island.bodies.reach; }
 
 template <class Do>
 void each_body(const Island& island, Do what) {
-  for (int m : island.bodies) what((*island.all_bodies)[m]);
+  for (int m : island.bodies.indices) what((*island.bodies.all)[m]);
 }
 
 template <class Do>
@@ -39,7 +39,7 @@ void each_carried(Island& island, Do what) {
   for (Tendon* c : island.tendons)
     for (const Anchor& h : c->anchors)
       if (h.moves) {
-        Link& link = (*island.links)[h.link];
+        Link& link = (*island.bodies.links)[h.link];
         what(*c, h, link, link.arm_of(h.local));
       }
 }
@@ -53,8 +53,8 @@ void add_load(Link& link, Vec3 force, Vec3 arm) {
 // B^T of the loads on links, added to the numbers of their bodies.
 template <class Numbers>
 void add_generalized_loads(const Island& island, Numbers numbers_of) {
-  for (int l : island.carried) {
-    const Link& link = (*island.links)[l];
+  for (int l : island.bodies.carried) {
+    const Link& link = (*island.bodies.links)[l];
     link.add_generalized(link.reached, scaled(reach_of(island), link.load), numbers_of(link.body));
   }
 }
@@ -67,9 +67,9 @@ void carry_steps(Island& island, Which steps) {
 }
 
 void place(Island& island) {
-  for (int l : island.carried) {
-    Link& link = (*island.links)[l];
-    const GeneralizedBody& m = (*island.all_bodies)[link.body];
+  for (int l : island.bodies.carried) {
+    Link& link = (*island.bodies.links)[l];
+    const GeneralizedBody& m = (*island.bodies.all)[link.body];
     link.given = scaled(reach_of(island), link.spin_of(m.unknowns.y));
     if (link.turned.far) link.turn(m, 1);
   }
@@ -103,15 +103,15 @@ void shorten(GeneralizedBody& m, double most) {
 }  // namespace
 
 void start_bodies(Island& island) {
-  if (island.bodies.empty()) return;
+  if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) { guess(island, m), m.unknowns.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
-    double& lever = (*island.all_bodies)[link.body].unknowns.lever;
+    double& lever = (*island.bodies.all)[link.body].unknowns.lever;
     lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
   each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
-    if (contact->moves) reach_to((*island.links)[contact->link], contact->arm);
+    if (contact->moves) reach_to((*island.bodies.links)[contact->link], contact->arm);
   double shortest = std::numeric_limits<double>::infinity();
   for (const Tendon* c : island.tendons) shortest = std::min(shortest, c->shortest_rest());
   each_body(island, [&](GeneralizedBody& m) { shorten(m, shortest); });
@@ -119,13 +119,13 @@ void start_bodies(Island& island) {
 }
 
 void forget_bodies(Island& island) {
-  if (island.bodies.empty()) return;
+  if (island.bodies.indices.empty()) return;
   each_body(island, [](GeneralizedBody& m) { m.unknowns.y.assign(m.unknowns.freedom, 0.0); });
   place(island);
 }
 
 void advance_bodies(Island& island, double alpha) {
-  if (island.bodies.empty()) return;
+  if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
     for (int k = 0; k < m.unknowns.freedom; ++k) m.unknowns.y[k] += alpha * m.unknowns.dy[k];
   });
@@ -133,33 +133,33 @@ void advance_bodies(Island& island, double alpha) {
 }
 
 void move_bodies(Island& island, double share, Which x) {
-  if (island.bodies.empty()) return;
+  if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
     for (int k = 0; k < m.unknowns.freedom; ++k)
-      m.unknowns.dy[k] = share * island.corner_side[m.unknowns.first + k];
+      m.unknowns.dy[k] = share * island.bodies.corner_side[m.unknowns.first + k];
   });
-  for (int l : island.carried) {
-    Link& link = (*island.links)[l];
-    link.stepped = scaled(reach_of(island), link.twist_of((*island.all_bodies)[link.body].unknowns.dy));
+  for (int l : island.bodies.carried) {
+    Link& link = (*island.bodies.links)[l];
+    link.stepped = scaled(reach_of(island), link.twist_of((*island.bodies.all)[link.body].unknowns.dy));
   }
   carry_steps(island, x);
 }
 
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
-  const Link& link = (*island.links)[contact.link];
+  const Link& link = (*island.bodies.links)[contact.link];
   return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced(contact.arm);
 }
 
 void clear_loads(Island& island) {
-  for (int l : island.carried) (*island.links)[l].load = {};
+  for (int l : island.bodies.carried) (*island.bodies.links)[l].load = {};
 }
 
 void clear_pulls(Island& island) {
-  for (int l : island.carried) (*island.links)[l].turned.pulls = {{}, {}, {}};
+  for (int l : island.bodies.carried) (*island.bodies.links)[l].turned.pulls = {{}, {}, {}};
 }
 
 void load_body(Island& island, const Contact& contact, Vec3 force) {
-  add_load((*island.links)[contact.link], force, contact.arm);
+  add_load((*island.bodies.links)[contact.link], force, contact.arm);
 }
 
 void load_carried(Island& island, Which forces) {
@@ -177,7 +177,7 @@ void start_body_residual(Island& island, double share) {
 
 void add_body_residual(Island& island) {
   add_generalized_loads(island,
-                        [&](int m) -> dense::Numbers& { return (*island.all_bodies)[m].unknowns.residual; });
+                        [&](int m) -> dense::Numbers& { return (*island.bodies.all)[m].unknowns.residual; });
 }
 
 double body_residual(const Island& island) {
@@ -264,10 +264,10 @@ BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& bor
                              LinkColumns& link) {
   Eight u[3], pull[3], back[3];
   place_at(link.twist, arm, u);
-  times(contact.block, u, pull);
+  times(contact.force.block, u, pull);
   pull_back(panel, contact.a, pull);
   if (border.carried) {
-    moved(panel, contact.a, u), times(contact.block, u, back);
+    moved(panel, contact.a, u), times(contact.force.block, u, back);
     add(pull, -1, back);
   }
   add_force(link.load, pull, arm);
@@ -278,14 +278,14 @@ BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Pan
                                            LinkColumns& link) {
   Eight u[3], along, at_end;
   place_at(link.twist, arm, u);
-  for (int k = 0; k < contact.sliding_terms; ++k) {
-    const Vec3 ends[2] = {contact.sliding_term[k][0], contact.sliding_term[k][1]},
+  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
+    const Vec3 ends[2] = {contact.geometry.sliding_term[k][0], contact.geometry.sliding_term[k][1]},
                edge = -(ends[0] + ends[1]);
-    dot(contact.sliding_share[k] * edge, u, &along);
+    dot(contact.geometry.sliding_share[k] * edge, u, &along);
     Eight sum = along;
     for (int e : {0, 1}) {
       add(panel.pulls.at(contact.a.first + e), &along, ends[e]);
-      dot(contact.sliding_share[k] * ends[e], panel.moves.at(contact.a.first + e), &at_end);
+      dot(contact.geometry.sliding_share[k] * ends[e], panel.moves.at(contact.a.first + e), &at_end);
       sum += at_end;
     }
     Eight force[3] = {};
@@ -297,8 +297,8 @@ BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Pan
 // A contact between tendons, of which it has what is beside their bands.
 BT_WITHIN inline void couple_pair(const Contact& contact, Panel& a, Panel& b) {
   Eight u[3], pull[3];
-  moved(b, contact.b, u), times(contact.block, u, pull), pull_back(a, contact.a, pull);
-  moved(a, contact.a, u), times(contact.block, u, pull), pull_back(b, contact.b, pull);
+  moved(b, contact.b, u), times(contact.force.block, u, pull), pull_back(a, contact.a, pull);
+  moved(a, contact.a, u), times(contact.force.block, u, pull), pull_back(b, contact.b, pull);
 }
 
 template <class Do>
@@ -306,13 +306,13 @@ BT_WITHIN inline void each_carried_column(Island& island, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
       if (h.moves) {
-        const Link& link = (*island.links)[h.link];
-        what(*island.tendons[k], island.borders[k], h, link.now(link.arm_of(h.local)));
+        const Link& link = (*island.bodies.links)[h.link];
+        what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.arm_of(h.local)));
       }
 }
 
 // Where in the island a tendon is.
-Border& border_of(Island& island, const SegmentPoint& s) { return island.borders[island.place_of[s.tendon]]; }
+Border& border_of(Island& island, const SegmentPoint& s) { return island.bodies.borders[island.bodies.place_of[s.tendon]]; }
 
 void mark(Border& border, const Tendon& c, int first, int last) {
   first = std::max(0, first), last = std::min(c.n() - 1, last);
@@ -332,11 +332,11 @@ void list_marks(Border& border) {
 
 // Which particles of every tendon the unknowns of bodies pull at.
 void find_spans(Island& island) {
-  island.borders.resize(island.tendons.size());
-  island.place_of.resize(island.slots->size());
+  island.bodies.borders.resize(island.tendons.size());
+  island.bodies.place_of.resize(island.slots->size());
   for (size_t k = 0; k < island.tendons.size(); ++k) {
-    island.place_of[island.numbers[k]] = static_cast<int>(k);
-    Border& border = island.borders[k];
+    island.bodies.place_of[island.numbers[k]] = static_cast<int>(k);
+    Border& border = island.bodies.borders[k];
     const int n = island.tendons[k]->n();
     border.marks.assign(n, 0), border.carried = false;
     border.first = n, border.last = -1;
@@ -351,7 +351,7 @@ void find_spans(Island& island) {
     if (border_of(island, contact->b).carried) mark(island, contact->a);
     if (border_of(island, contact->a).carried) mark(island, contact->b);
   }
-  for (Border& border : island.borders) list_marks(border);
+  for (Border& border : island.bodies.borders) list_marks(border);
 }
 
 void start_panel(Panel& panel, int n, const Border& border) {
@@ -365,17 +365,17 @@ void start_panel(Panel& panel, int n, const Border& border) {
 
 // Unknowns of the island from `column` on: what they make of the places of links.
 void move_links(Island& island, int column) {
-  island.of_links.resize(island.links->size());
-  for (int l : island.carried) {
-    const Link& link = (*island.links)[l];
-    const GeneralizedBody& m = (*island.all_bodies)[link.body];
-    LinkColumns& of = island.of_links[l];
+  island.bodies.of_links.resize(island.bodies.links->size());
+  for (int l : island.bodies.carried) {
+    const Link& link = (*island.bodies.links)[l];
+    const GeneralizedBody& m = (*island.bodies.all)[link.body];
+    LinkColumns& of = island.bodies.of_links[l];
     of = {};
     for (int k = 0; k < m.unknowns.freedom; ++k) {
       const int lane = m.unknowns.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
-      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.reach * link.reached[r * m.unknowns.freedom + k];
+      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.bodies.reach * link.reached[r * m.unknowns.freedom + k];
     }
   }
 }
@@ -383,7 +383,7 @@ void move_links(Island& island, int column) {
 BT_VECTOR void move_carried(Island& island, size_t p) {
   each_carried_column(island, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     Panel& panel = border.panels[p];
-    place_at(island.of_links[h.link].twist, arm, panel.moves.at(h.particle));
+    place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
     move_particle(c.matrix, h.particle, panel);
   });
 }
@@ -396,28 +396,28 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
       if (a.carried || b.carried) couple_pair(*contact, a.panels[p], b.panels[p]);
     }
     if (!contact->moves) continue;
-    LinkColumns& link = island.of_links[contact->link];
+    LinkColumns& link = island.bodies.of_links[contact->link];
     if (!link.moves && !a.carried) continue;
-    const Vec3 arm = (*island.links)[contact->link].now(contact->arm);
+    const Vec3 arm = (*island.bodies.links)[contact->link].now(contact->arm);
     couple(*contact, arm, a, a.panels[p], link);
-    if (contact->kind == ContactKind::mouth) couple_sliding_terms(*contact, arm, a.panels[p], link);
+    if (contact->key.kind == ContactKind::mouth) couple_sliding_terms(*contact, arm, a.panels[p], link);
   }
   each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
-    add_force(island.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
+    add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
   });
 }
 
 // Loads on links by the unknowns from `column` on, on their own unknowns.
 BT_VECTOR void fill_corner(Island& island, int column) {
-  const int n = island.freedom, count = std::min(kLanes, n - column);
-  for (int l : island.carried) {
-    const Link& link = (*island.links)[l];
-    const GeneralizedBody& m = (*island.all_bodies)[link.body];
+  const int n = island.bodies.freedom, count = std::min(kLanes, n - column);
+  for (int l : island.bodies.carried) {
+    const Link& link = (*island.bodies.links)[l];
+    const GeneralizedBody& m = (*island.bodies.all)[link.body];
     for (int i = 0; i < m.unknowns.freedom; ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (island.reach * link.reached[r * m.unknowns.freedom + i]) * island.of_links[l].load[r];
-      double* to = &island.corner[static_cast<size_t>(m.unknowns.first + i) * n + column];
+        sum += (island.bodies.reach * link.reached[r * m.unknowns.freedom + i]) * island.bodies.of_links[l].load[r];
+      double* to = &island.bodies.corner[static_cast<size_t>(m.unknowns.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
   }
@@ -426,12 +426,12 @@ BT_VECTOR void fill_corner(Island& island, int column) {
 // What the pulls at bodies that turn far make of their torques, as they turn; definite: without what would
 // swing them farther.
 void stiffen_turned(Island& island, bool definite) {
-  const int n = island.freedom;
-  for (int l : island.carried) {
-    const Link& link = (*island.links)[l];
+  const int n = island.bodies.freedom;
+  for (int l : island.bodies.carried) {
+    const Link& link = (*island.bodies.links)[l];
     if (!link.turned.far) continue;
-    const GeneralizedBody& m = (*island.all_bodies)[link.body];
-    const double reach = island.reach;
+    const GeneralizedBody& m = (*island.bodies.all)[link.body];
+    const double reach = island.bodies.reach;
     const Sym3 k =
         (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
     auto spin = [&](int i) {
@@ -440,7 +440,7 @@ void stiffen_turned(Island& island, bool definite) {
     };
     for (int i = 0; i < m.unknowns.freedom; ++i)
       for (int j = 0; j < m.unknowns.freedom; ++j)
-        island.corner[static_cast<size_t>(m.unknowns.first + i) * n + m.unknowns.first + j] +=
+        island.bodies.corner[static_cast<size_t>(m.unknowns.first + i) * n + m.unknowns.first + j] +=
             dot(spin(i), k * spin(j));
   }
 }
@@ -448,31 +448,31 @@ void stiffen_turned(Island& island, bool definite) {
 void project_anchors(Island& island, size_t p) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
-      if (h.rigid) island.borders[k].panels[p].pulls.zero(h.particle, h.particle);
+      if (h.rigid) island.bodies.borders[k].panels[p].pulls.zero(h.particle, h.particle);
   for (const Contact* contact : island.contacts) {
-    if (!contact->held) continue;
+    if (!contact->normal_force.held) continue;
     Eight* f = border_of(island, contact->a)
                    .panels[p]
                    .pulls.at(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1);
-    const Eight along = contact->normal.x * f[0] + contact->normal.y * f[1] + contact->normal.z * f[2];
-    f[0] -= along * contact->normal.x, f[1] -= along * contact->normal.y, f[2] -= along * contact->normal.z;
+    const Eight along = contact->geometry.normal.x * f[0] + contact->geometry.normal.y * f[1] + contact->geometry.normal.z * f[2];
+    f[0] -= along * contact->geometry.normal.x, f[1] -= along * contact->geometry.normal.y, f[2] -= along * contact->geometry.normal.z;
   }
 }
 
 }  // namespace
 
 void make_border(Island& island, bool definite) {
-  if (island.bodies.empty()) return;
-  const int n = island.freedom;
-  island.corner.assign(static_cast<size_t>(n) * n, 0.0);
-  for (int k = 0; k < n; ++k) island.corner[k * n + k] = 1;
+  if (island.bodies.indices.empty()) return;
+  const int n = island.bodies.freedom;
+  island.bodies.corner.assign(static_cast<size_t>(n) * n, 0.0);
+  for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] = 1;
   stiffen_turned(island, definite);
   find_spans(island);
   for (size_t p = 0; p * kLanes < static_cast<size_t>(n); ++p) {
     const int column = static_cast<int>(p) * kLanes;
     for (size_t k = 0; k < island.tendons.size(); ++k) {
-      if (island.borders[k].panels.size() <= p) island.borders[k].panels.resize(p + 1);
-      start_panel(island.borders[k].panels[p], island.tendons[k]->n(), island.borders[k]);
+      if (island.bodies.borders[k].panels.size() <= p) island.bodies.borders[k].panels.resize(p + 1);
+      start_panel(island.bodies.borders[k].panels[p], island.tendons[k]->n(), island.bodies.borders[k]);
     }
     move_links(island, column);
     move_carried(island, p);
@@ -490,14 +490,14 @@ namespace {
 int first_of(size_t panel) { return static_cast<int>(panel) * kLanes; }
 
 int count_of(const Island& island, size_t panel) {
-  return std::min(kLanes, island.freedom - first_of(panel));
+  return std::min(kLanes, island.bodies.freedom - first_of(panel));
 }
 
 // C^T A^-1 C, of the columns of panel p, by the first rows of panel q.
 template <int Rows>
 BT_WITHIN inline void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
   Eight sums[Rows] = {};
-  for (const Border& border : island.borders)
+  for (const Border& border : island.bodies.borders)
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) {
         const Eight pull = border.panels[q].pulls.at(i)[c], answer = border.panels[p].answers.at(i)[c];
@@ -514,8 +514,8 @@ BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, int co
 
 // C^T x, of panel p.
 BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& sum) {
-  for (size_t k = 0; k < island.borders.size(); ++k) {
-    const Border& border = island.borders[k];
+  for (size_t k = 0; k < island.bodies.borders.size(); ++k) {
+    const Border& border = island.bodies.borders[k];
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) sum += (island.tendons[k]->*x)[c][i] * border.panels[p].pulls.at(i)[c];
   }
@@ -538,21 +538,21 @@ void take_column(Island& island, size_t p, int lane) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < island.tendons[k]->n(); ++i)
-        island.tendons[k]->column[c][i] = island.borders[k].panels[p].pulls.at(i)[c][lane];
+        island.tendons[k]->column[c][i] = island.bodies.borders[k].panels[p].pulls.at(i)[c][lane];
 }
 
 void put_answer(Island& island, size_t p, int lane) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < island.tendons[k]->n(); ++i)
-        island.borders[k].panels[p].answers.at(i)[c][lane] = island.tendons[k]->solved[c][i];
+        island.bodies.borders[k].panels[p].answers.at(i)[c][lane] = island.tendons[k]->solved[c][i];
 }
 
 void take_complement(Island& island, size_t p, size_t q) {
   Eight sums[kLanes] = {};
   multiply_answers(island, p, q, count_of(island, q), sums);
   auto entry = [&](int i, int j) -> double& {
-    return island.corner[static_cast<size_t>(i) * island.freedom + j];
+    return island.bodies.corner[static_cast<size_t>(i) * island.bodies.freedom + j];
   };
   for (int a = 0; a < count_of(island, q); ++a)
     for (int j = 0; j < count_of(island, p); ++j) {
@@ -565,16 +565,16 @@ void take_complement(Island& island, size_t p, size_t q) {
 void take_steps(Island& island, size_t p, Which x) {
   Eight sum{};
   multiply_steps(island, p, x, sum);
-  for (int j = 0; j < count_of(island, p); ++j) island.corner_side[first_of(p) + j] -= sum[j];
+  for (int j = 0; j < count_of(island, p); ++j) island.bodies.corner_side[first_of(p) + j] -= sum[j];
 }
 
 void answer_bodies(Island& island, Which b) {
   if (b != &Tendon::column) combine(island, 1, b, 0, &Tendon::column);
-  for (size_t p = 0; first_of(p) < island.freedom; ++p) {
+  for (size_t p = 0; first_of(p) < island.bodies.freedom; ++p) {
     Eight shares{};
-    for (int j = 0; j < count_of(island, p); ++j) shares[j] = island.corner_side[first_of(p) + j];
+    for (int j = 0; j < count_of(island, p); ++j) shares[j] = island.bodies.corner_side[first_of(p) + j];
     for (size_t k = 0; k < island.tendons.size(); ++k)
-      take_pulls(island.borders[k], p, shares, island.tendons[k]->column);
+      take_pulls(island.bodies.borders[k], p, shares, island.tendons[k]->column);
   }
 }
 

@@ -94,7 +94,7 @@ void dissipate(const Island& island, const Pair& pair, bool across, double& left
   const Vec3 p = (-(1 - remains) * speed / inverse) * n;
   apply_impulse(island, pair.a, p);
   apply_impulse(island, pair.b, -p);
-  if (pair.contact) pair.contact->total_force += (1 / island.at(pair.a).h_eff) * p;
+  if (pair.contact) pair.contact->force.total += (1 / island.at(pair.a).h_eff) * p;
   left -= std::min(left, there);
 }
 
@@ -103,9 +103,9 @@ template <class Do>
 void each_pair(const Island& island, Do what) {
   for (Contact* contact : island.contacts) {
     if (!contact->acts()) continue;
-    Pair pair{contact->a, contact->b, contact->normal, {}, contact};
+    Pair pair{contact->a, contact->b, contact->geometry.normal, {}, contact};
     if (contact->b.tendon < 0) {
-      const Link& link = (*island.links)[contact->link];
+      const Link& link = (*island.bodies.links)[contact->link];
       if (link.yields()) continue;
       const Tendon& c = island.at(contact->a);
       pair.link_velocity = (1 / c.h_eff) * link.drift(contact->a.of(c.x), c.h_eff);
@@ -144,7 +144,7 @@ double gained(Tendon& c, Vec3 gravity, double& energy) {
 // Displacement of the link at a contact.
 Vec3 link_displacement(const Island& island, const Contact& contact) {
   const Tendon& c = island.at(contact.a);
-  const Vec3 drift = (*island.links)[contact.link].drift(contact.a.of(c.x), c.h_eff);
+  const Vec3 drift = (*island.bodies.links)[contact.link].drift(contact.a.of(c.x), c.h_eff);
   return contact.moves ? drift + body_moved(island, contact, false) : drift;
 }
 
@@ -164,7 +164,7 @@ void project_energy(Island& island, Vec3 gravity) {
   for (Tendon* c : island.tendons) left += gained(*c, gravity, energy);
   for (const Contact* contact : island.contacts)
     if (contact->acts() && contact->b.tendon < 0)
-      left -= dot(contact->total_force, link_displacement(island, *contact));
+      left -= dot(contact->force.total, link_displacement(island, *contact));
   if (!(left > kCreated * energy)) return;
   for (const bool across : {false, true})
     for (int sweep = 0; sweep < kSweeps; ++sweep)

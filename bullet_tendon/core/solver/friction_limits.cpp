@@ -34,9 +34,9 @@ using Numbers = dense::Numbers;
 // The contacts that slide, and w_0.
 void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
   for (Contact* contact : island.acting) {
-    if (contact->direct || !contact->sliding || contact->friction <= 0 || contact->limit <= 0) continue;
+    if (contact->normal_force.direct || !contact->friction.sliding || contact->friction.coefficient <= 0 || contact->friction.limit <= 0) continue;
     const double force = contact->force_after(relative_position(island, *contact, &Tendon::dx));
-    contacts.push_back(contact), changes.push_back(contact->friction * force - contact->limit);
+    contacts.push_back(contact), changes.push_back(contact->friction.coefficient * force - contact->friction.limit);
   }
 }
 
@@ -46,7 +46,7 @@ void answer(Island& island, const Options& o, const std::vector<Contact*>& conta
   clear_loads(island);
   for (size_t i = 0; i < contacts.size(); ++i) {
     const Contact& contact = *contacts[i];
-    const Vec3 force = (-w[i] / norm(contact.raw)) * contact.raw;
+    const Vec3 force = (-w[i] / norm(contact.friction.raw)) * contact.friction.raw;
     pull_back(island.at(contact.a).column, contact.a, force);
     if (contact.b.tendon >= 0) pull_back(island.at(contact.b).column, contact.b, -1.0 * force);
     if (contact.moves) load_body(island, contact, force);
@@ -65,8 +65,8 @@ void apply(Island& island, const Options& o, const std::vector<Contact*>& contac
   q = w;
   for (size_t i = 0; i < contacts.size(); ++i) {
     const Contact& contact = *contacts[i];
-    q[i] -= contact.friction * contact.stiffness *
-            dot(contact.normal, relative_position(island, contact, &Tendon::solved));
+    q[i] -= contact.friction.coefficient * contact.normal_force.stiffness *
+            dot(contact.geometry.normal, relative_position(island, contact, &Tendon::solved));
   }
 }
 
@@ -104,11 +104,11 @@ void solve_limits(Island& island, const StepContext& context, double enough) {
   Numbers changes;
   find_sliding(island, contacts, changes);
   if (!(largest_of(changes.data(), static_cast<int>(changes.size())) > kLimitAccuracy * enough)) return;
-  const Numbers of_bodies = island.bodies.empty() ? Numbers{} : island.corner_side;
+  const Numbers of_bodies = island.bodies.indices.empty() ? Numbers{} : island.bodies.corner_side;
   const Numbers w = solve(island, context.options, contacts, changes);
   answer(island, context.options, contacts, w);
   combine(island, -1, &Tendon::solved, 1, &Tendon::dx);
-  if (!island.bodies.empty()) add(island.corner_side, 1, of_bodies);
+  if (!island.bodies.indices.empty()) add(island.bodies.corner_side, 1, of_bodies);
   move_bodies(island, -1, &Tendon::dx);
 }
 

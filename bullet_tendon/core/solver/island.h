@@ -10,42 +10,55 @@
 
 namespace bt {
 
-// Tendons joined by tendon-tendon contacts, with the contacts that touch them.
-struct Island {
-  const std::vector<Tendon*>* slots = nullptr;  // all tendons of the world, as spots name them
-  std::vector<Tendon*> tendons;
-  std::vector<int> numbers;  // of their slots
-  std::vector<Contact*> contacts;
-  // Bodies that are unknown, the links of them that are touched, and how many unknowns that makes
-  // (solver/body_schur.cpp).
-  std::vector<GeneralizedBody>* all_bodies = nullptr;
-  std::vector<Link>* links = nullptr;
-  std::vector<int> bodies, carried;
-  int freedom = 0;
-  double reach = 0;      // s of bodies/body_response.h [s]
-  bool coupled = false;  // some contact joins two tendons, or two places of one
-  // Of the matrix of tendons that touch each other (solver/linear_solve.cpp): the factors and the pattern,
-  // where each tendon's particles begin, by slot, and by block what holds leave free and the right-hand side.
-  SparseFactor factor;
-  SparseFactor::Edges edges;
-  std::vector<int> offset;
-  bool patterned = false;        // the pattern is of this island
-  std::vector<Contact*> acting;  // in the matrix that is being made
-  bool follows = true;           // points of contacts move along with what they touch
-  std::vector<Sym3> free;
-  std::vector<Vec3> right_hand;
-  int iterations = 0;
-  double residual = 0;  // largest residual force over the largest force at hand
-  bool converged = false;
-  bool left_predicted_region = false;  // left, for that
-  bool finite = true;
-  double linear_tolerance = 0;  // that this solution can make use of; 0: that of the options
-  // By unknown of the bodies: what they pull at the tendons, by tendon, where in the island that is, by slot,
-  // and what they make of links (solver/body_schur.cpp); the matrix and right-hand side of the rest.
+// Bodies whose coordinates are unknowns of the solution (solver/body_schur.cpp).
+struct IslandBodies {
+  std::vector<GeneralizedBody>* all = nullptr;  // of the world
+  std::vector<Link>* links = nullptr;           // of the world
+  std::vector<int> indices;                     // of the bodies that are unknown
+  std::vector<int> carried;                     // links of theirs
+  int freedom = 0;                              // number of unknowns
+  double reach = 0;                             // s of bodies/body_response.h [s]
+  // By unknown: its columns of the border, by tendon; where in the island a tendon is, by slot; and what the
+  // unknowns make of links.
   std::vector<Border> borders;
   std::vector<int> place_of;
   std::vector<LinkColumns> of_links;
+  // The Schur complement, its factor, and its right-hand side, then solution.
   dense::Numbers corner, corner_root, corner_side;
+};
+
+// The matrix of tendons that touch each other (solver/linear_solve.cpp).
+struct IslandMatrix {
+  SparseFactor factor;
+  SparseFactor::Edges edges;
+  std::vector<int> offset;      // where a tendon's particles begin, by slot
+  bool patterned = false;       // the pattern is of this island
+  std::vector<Sym3> free;       // by block, what anchors leave free
+  std::vector<Vec3> right_hand;
+  double tolerance = 0;  // that this solution can make use of; 0: that of the options
+};
+
+struct IslandResult {
+  int iterations = 0;
+  double residual = 0;  // largest residual force over the largest force at hand
+  bool converged = false;
+  bool left_predicted_region = false;  // the solution was left for that
+  bool finite = true;
+};
+
+// Tendons joined by contacts or bodies, with the contacts that touch them. It refers to the world's tendons,
+// contacts and bodies, and is made anew for each solution.
+struct Island {
+  const std::vector<Tendon*>* slots = nullptr;  // all tendons of the world, as segment points name them
+  std::vector<Tendon*> tendons;
+  std::vector<int> numbers;  // of their slots
+  std::vector<Contact*> contacts;
+  std::vector<Contact*> acting;  // in the matrix that is being made
+  bool coupled = false;          // some contact joins two tendons, or two places of one
+  bool follows = true;           // points of contacts move along with what they touch
+  IslandBodies bodies;
+  IslandMatrix matrix;
+  IslandResult result;
 
   Tendon& at(const SegmentPoint& s) const { return *(*slots)[s.tendon]; }
 };

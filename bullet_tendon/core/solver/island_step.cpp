@@ -42,11 +42,11 @@ void solve(Island& island, const StepContext& context) {
   else
     converged_step(island, context);
   for (Contact* contact : island.contacts)
-    contact->mean_force = step_mean(island.at(contact->a), context, contact->last_mean, contact->total_force);
+    contact->force.mean = step_mean(island.at(contact->a), context, contact->force.last_mean, contact->force.total);
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.mean_force = step_mean(*c, context, h.last_mean, h.force);
-  island.finite &= std::isfinite(island.residual);
-  for (Tendon* c : island.tendons) island.finite &= is_sane(*c, context);
+  island.result.finite &= std::isfinite(island.result.residual);
+  for (Tendon* c : island.tendons) island.result.finite &= is_sane(*c, context);
 }
 
 }  // namespace bt

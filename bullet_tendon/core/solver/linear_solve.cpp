@@ -26,8 +26,8 @@ void add_coupling(Island& island) {
   for (const Contact* contact : island.acting) {
     if (contact->b.tendon < 0) continue;
     Tendon &a = island.at(contact->a), &b = island.at(contact->b);
-    const Vec3 pull_a = contact->block * contact->b.of(b.cg_direction);
-    const Vec3 pull_b = contact->block * contact->a.of(a.cg_direction);
+    const Vec3 pull_a = contact->force.block * contact->b.of(b.cg_direction);
+    const Vec3 pull_b = contact->force.block * contact->a.of(a.cg_direction);
     pull_back(a.cg_image, contact->a, pull_a);
     pull_back(b.cg_image, contact->b, pull_b);
   }
@@ -84,7 +84,7 @@ bool conjugate_gradients(Island& island, const Options& o, Which b, Which x) {
   precondition(island);
   combine(island, 1, Z, 0, P);
   double rz = inner_product(island, R, Z);
-  const double relative = std::max(o.linear_tolerance, island.linear_tolerance);
+  const double relative = std::max(o.linear_tolerance, island.matrix.tolerance);
   const double enough = relative * relative * rz;
   int unknowns = 0;
   for (const Tendon* c : island.tendons) unknowns += 3 * c->n();
@@ -134,7 +134,7 @@ bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x)
   if (!is_banded(island, o)) return apply_inverse(island, o, b, x);
   for (size_t k = 0; k < island.tendons.size(); ++k) {
     Tendon& c = *island.tendons[k];
-    const Border& at = island.borders[k];
+    const Border& at = island.bodies.borders[k];
     if (at.first <= at.last) c.factor.solve(c.*b, c.*x, at.first, at.last);
   }
   return true;
@@ -144,11 +144,11 @@ bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x)
 bool answer_columns(Island& island, const Options& o, size_t p) {
   const bool banded = is_banded(island, o);
   for (size_t k = 0; k < island.tendons.size() && banded; ++k) {
-    Border& b = island.borders[k];
+    Border& b = island.bodies.borders[k];
     if (b.first <= b.last)
       island.tendons[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
   }
-  for (int lane = 0; lane < kLanes && !banded && static_cast<int>(p) * kLanes + lane < island.freedom;
+  for (int lane = 0; lane < kLanes && !banded && static_cast<int>(p) * kLanes + lane < island.bodies.freedom;
        ++lane) {
     take_column(island, p, lane);
     if (!apply_inverse(island, o, &Tendon::column, &Tendon::solved)) return false;
@@ -159,18 +159,18 @@ bool answer_columns(Island& island, const Options& o, size_t p) {
 
 // Whether the complement, of which the inertia of the bodies is the identity, is more than a share of that.
 bool keeps_inertia(Island& island) {
-  const int n = island.freedom;
-  for (int k = 0; k < n; ++k) island.corner[k * n + k] -= kInertiaLeft;
-  dense::root(n, island.corner, island.corner_root);
+  const int n = island.bodies.freedom;
+  for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] -= kInertiaLeft;
+  dense::root(n, island.bodies.corner, island.bodies.corner_root);
   bool keeps = true;
   for (int k = 0; k < n; ++k) {
-    island.corner[k * n + k] += kInertiaLeft;
-    keeps &= island.corner_root[k * n + k] > 0;
+    island.bodies.corner[k * n + k] += kInertiaLeft;
+    keeps &= island.bodies.corner_root[k * n + k] > 0;
   }
   return keeps;
 }
 
-size_t panels_of(const Island& island) { return (island.freedom + kLanes - 1) / kLanes; }
+size_t panels_of(const Island& island) { return (island.bodies.freedom + kLanes - 1) / kLanes; }
 
 // The complement of the tendons, and its root.
 bool factorise_bodies(Island& island, const Options& o, bool definite) {
@@ -179,21 +179,21 @@ bool factorise_bodies(Island& island, const Options& o, bool definite) {
     for (size_t q = p; q < panels_of(island); ++q) take_complement(island, p, q);
   }
   if (!definite && !keeps_inertia(island)) return false;
-  dense::root(island.freedom, island.corner, island.corner_root);
+  dense::root(island.bodies.freedom, island.bodies.corner, island.bodies.corner_root);
   return true;
 }
 
 // What bodies make of it beside the tendons, to corner_side.
 bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
   if (!apply_inverse_at_border(island, o, b, x)) return false;
-  island.corner_side.resize(island.freedom);
-  for (int m : island.bodies) {
-    const GeneralizedBody& body = (*island.all_bodies)[m];
+  island.bodies.corner_side.resize(island.bodies.freedom);
+  for (int m : island.bodies.indices) {
+    const GeneralizedBody& body = (*island.bodies.all)[m];
     std::copy(body.unknowns.residual.begin(), body.unknowns.residual.end(),
-              island.corner_side.begin() + body.unknowns.first);
+              island.bodies.corner_side.begin() + body.unknowns.first);
   }
   for (size_t p = 0; p < panels_of(island); ++p) take_steps(island, p, x);
-  dense::solve(island.corner_root, island.corner_side);
+  dense::solve(island.bodies.corner_root, island.bodies.corner_side);
   answer_bodies(island, b);
   return apply_inverse(island, o, &Tendon::column, x);
 }
@@ -201,14 +201,14 @@ bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
 }  // namespace
 
 bool solve_again(Island& island, const Options& o, Which b, Which x) {
-  return island.bodies.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);
+  return island.bodies.indices.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);
 }
 
 bool solve_linear(Island& island, const StepContext& context, bool definite) {
   const Options& o = context.options;
   context.budget->spend();
   if (!factorise(island, o)) return false;
-  if (!island.bodies.empty() && !factorise_bodies(island, o, definite)) return false;
+  if (!island.bodies.indices.empty() && !factorise_bodies(island, o, definite)) return false;
   if (!solve_again(island, o, &Tendon::residual, &Tendon::dx)) return false;
   for (Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k)
@@ -221,14 +221,14 @@ namespace {
 
 // Tendons that touch each other: their bands and what joins them, as one sparse matrix.
 
-int block_at(const Island& island, int tendon, int i) { return island.offset[tendon] + i; }
+int block_at(const Island& island, int tendon, int i) { return island.matrix.offset[tendon] + i; }
 
 // Returns how many there are.
 int number_blocks(Island& island) {
-  island.offset.assign(island.slots->size(), -1);
+  island.matrix.offset.assign(island.slots->size(), -1);
   int count = 0;
   for (size_t k = 0; k < island.tendons.size(); ++k) {
-    island.offset[island.numbers[k]] = count;
+    island.matrix.offset[island.numbers[k]] = count;
     count += island.tendons[k]->n();
   }
   return count;
@@ -237,19 +237,19 @@ int number_blocks(Island& island) {
 // Which blocks are joined: by all contacts that were pressed once in this solution, so that the pattern
 // lasts.
 void find_pattern(Island& island) {
-  bool same = island.factor.blocks() > 0 && island.patterned;
+  bool same = island.matrix.factor.blocks() > 0 && island.matrix.patterned;
   for (Contact* contact : island.acting)
     if (contact->b.tendon >= 0 && !contact->joins) contact->joins = true, same = false;
   if (same) return;
-  island.patterned = true;
-  island.edges.clear();
+  island.matrix.patterned = true;
+  island.matrix.edges.clear();
   const int count = number_blocks(island);
   auto join = [&](int i, int j) {
-    if (i != j) island.edges.push_back({i, j});
+    if (i != j) island.matrix.edges.push_back({i, j});
   };
   for (size_t k = 0; k < island.tendons.size(); ++k) {
     const Tendon& c = *island.tendons[k];
-    const int first = island.offset[island.numbers[k]];
+    const int first = island.matrix.offset[island.numbers[k]];
     for (int reach = 1; reach <= c.matrix.half; ++reach)
       for (int i = first; i + reach < first + c.n(); ++i) join(i, i + reach);
   }
@@ -260,7 +260,7 @@ void find_pattern(Island& island) {
         join(block_at(island, contact->a.tendon, contact->a.first + i),
              block_at(island, contact->b.tendon, contact->b.first + j));
   }
-  island.factor.analyse(count, island.edges);
+  island.matrix.factor.analyse(count, island.matrix.edges);
 }
 
 // first: block of the tendon's first particle.
@@ -276,15 +276,15 @@ void add_band(SparseFactor& factor, const Tendon& c, int first) {
 
 // What holds leave free of every block's particle, as a projector.
 void find_freedom(Island& island) {
-  island.free.assign(island.factor.blocks(), identity(1));
-  auto leave = [&](int tendon, int i, const Sym3& free) { island.free[block_at(island, tendon, i)] = free; };
+  island.matrix.free.assign(island.matrix.factor.blocks(), identity(1));
+  auto leave = [&](int tendon, int i, const Sym3& free) { island.matrix.free[block_at(island, tendon, i)] = free; };
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
       if (h.rigid) leave(island.numbers[k], h.particle, {});
   for (const Contact* contact : island.acting)
-    if (contact->held)
+    if (contact->normal_force.held)
       leave(contact->a.tendon, contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1,
-            across(contact->normal));
+            across(contact->geometry.normal));
 }
 
 // The blocks of a contact between tendons that are beside the bands.
@@ -293,21 +293,21 @@ void add_coupling(Island& island, const Contact& contact) {
                     block_at(island, contact.a.tendon, contact.a.first + 1)};
   const int b[2] = {block_at(island, contact.b.tendon, contact.b.first),
                     block_at(island, contact.b.tendon, contact.b.first + 1)};
-  const Block3 block = block_of(-1.0 * contact.block);
+  const Block3 block = block_of(-1.0 * contact.force.block);
   for (int i : {0, 1})
     for (int j : {0, 1}) {
       const double weight = (i ? contact.a.w1 : contact.a.w0) * (j ? contact.b.w1 : contact.b.w0);
       if (weight == 0) continue;
-      Block3 part = product(product(block_of(island.free[a[i]]), block), block_of(island.free[b[j]]));
+      Block3 part = product(product(block_of(island.matrix.free[a[i]]), block), block_of(island.matrix.free[b[j]]));
       for (double& v : part.v) v *= weight;
-      island.factor.add(a[i], b[j], part);
+      island.matrix.factor.add(a[i], b[j], part);
     }
-  for (int k = 0; k < contact.sliding_terms; ++k)
+  for (int k = 0; k < contact.geometry.sliding_terms; ++k)
     for (int i : {0, 1})
       for (int j : {0, 1}) {
-        const Vec3 p = contact.sliding_share[k] * (island.free[a[i]] * contact.sliding_term[k][i]);
-        const Vec3 q = island.free[b[j]] * contact.sliding_term[k][2 + j];
-        island.factor.add(a[i], b[j],
+        const Vec3 p = contact.geometry.sliding_share[k] * (island.matrix.free[a[i]] * contact.geometry.sliding_term[k][i]);
+        const Vec3 q = island.matrix.free[b[j]] * contact.geometry.sliding_term[k][2 + j];
+        island.matrix.factor.add(a[i], b[j],
                           {p.x * q.x, p.x * q.y, p.x * q.z, p.y * q.x, p.y * q.y, p.y * q.z, p.z * q.x,
                            p.z * q.y, p.z * q.z});
       }
@@ -318,23 +318,23 @@ void add_coupling(Island& island, const Contact& contact) {
 bool factorise_coupled(Island& island) {
   find_pattern(island);
   find_freedom(island);
-  island.factor.start();
+  island.matrix.factor.start();
   for (size_t k = 0; k < island.tendons.size(); ++k)
-    add_band(island.factor, *island.tendons[k], island.offset[island.numbers[k]]);
+    add_band(island.matrix.factor, *island.tendons[k], island.matrix.offset[island.numbers[k]]);
   for (const Contact* contact : island.acting)
     if (contact->b.tendon >= 0) add_coupling(island, *contact);
-  return island.factor.factorise();
+  return island.matrix.factor.factorise();
 }
 
 void solve_coupled(Island& island, Which b, Which x) {
-  island.right_hand.resize(island.factor.blocks());
+  island.matrix.right_hand.resize(island.matrix.factor.blocks());
   int block = 0;
   for (const Tendon* c : island.tendons)
-    for (int i = 0; i < c->n(); ++i) island.right_hand[block++] = (c->*b).at(i);
-  island.factor.solve(island.right_hand);
+    for (int i = 0; i < c->n(); ++i) island.matrix.right_hand[block++] = (c->*b).at(i);
+  island.matrix.factor.solve(island.matrix.right_hand);
   block = 0;
   for (Tendon* c : island.tendons)
-    for (int i = 0; i < c->n(); ++i) (c->*x).set(i, island.right_hand[block++]);
+    for (int i = 0; i < c->n(); ++i) (c->*x).set(i, island.matrix.right_hand[block++]);
 }
 
 }  // namespace bt

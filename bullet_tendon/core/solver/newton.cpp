@@ -105,10 +105,10 @@ bool is_rounding(Island& island, const Assembly& a, double last_residual, bool a
 
 void begin(Solution& s) {
   Island& island = s.island;
-  island.left_predicted_region = false;
+  island.result.left_predicted_region = false;
   for (Contact* contact : island.contacts) {
-    contact->held = false;
-    contact->changes = 0;
+    contact->normal_force.held = false;
+    contact->normal_force.changes = 0;
   }
   start_bodies(island);
   island.follows = s.options().linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
@@ -118,7 +118,7 @@ void begin(Solution& s) {
 bool update_directs(Island& island) {
   bool changed = false;
   for (Contact* contact : island.contacts)
-    if (contact->direct) changed |= update_direct(island, *contact);
+    if (contact->normal_force.direct) changed |= update_direct(island, *contact);
   return changed;
 }
 
@@ -142,12 +142,12 @@ Assembly judge(Solution& s) {
   Assembly a = residual_of(island, s.descends || s.far, s.descends);
   s.changed = update_directs(island);
   measure_residual(island, a);
-  island.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
+  island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // A tendon at rest keeps the residual of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
   const bool enough =
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
-  island.converged = !s.changed && enough;
+  island.result.converged = !s.changed && enough;
   note_progress(s, a.residual);
   note_distance(s, a);
   return a;
@@ -169,15 +169,15 @@ Next refine(Solution& s) {
       return Next::judge;
     }
   }
-  if (island.converged) return Next::stop;
-  island.left_predicted_region = s.context.may_look && touches(island) && any_left_predicted_region(island);
-  return island.left_predicted_region ? Next::stop : Next::step;
+  if (island.result.converged) return Next::stop;
+  island.result.left_predicted_region = s.context.may_look && touches(island) && any_left_predicted_region(island);
+  return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
 Next decide(Solution& s, const Assembly& a, int start) {
   Island& island = s.island;
   const bool near = s.iteration > 0 && !s.changed && a.residual <= kStiffened * a.scale;
-  if (island.converged || near) {
+  if (island.result.converged || near) {
     const Next next = refine(s);
     if (next != Next::step) return next;
   }
@@ -192,7 +192,7 @@ bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
-  island.linear_tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
+  island.matrix.tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
   const Linearisation how = s.descends ? Linearisation::position : Linearisation::multiplier;
   if (!s.descends) {
     assemble(island, how, false, s.far);
@@ -286,10 +286,10 @@ double iterate(Solution& s) {
 void end(Solution& s) {
   Island& island = s.island;
   for (Contact* contact : island.contacts)
-    if (contact->held)
-      contact->total_force += contact->normal_force * contact->normal;  // what the constraint supplied
+    if (contact->normal_force.held)
+      contact->force.total += contact->normal_force.value * contact->geometry.normal;  // what the constraint supplied
   find_worst(island);
-  island.iterations += s.iteration;
+  island.result.iterations += s.iteration;
 }
 
 }  // namespace
@@ -298,7 +298,7 @@ void newton(Island& island, const StepContext& context) {
   Solution s{island, context};
   begin(s);
   double residual = iterate(s);
-  const auto failed = [&] { return !island.converged && !island.left_predicted_region; };
+  const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
   // Where the substep cannot be cut: from its start, along directions of descent.
   if (failed() && !context.may_halve && !context.budget->refused()) {
     stay(island);
@@ -310,7 +310,7 @@ void newton(Island& island, const StepContext& context) {
   if (failed() && !(residual < s.first_residual) && (std::isfinite(residual) || context.budget->refused())) {
     stay(island);
     judge(s);
-    island.converged = false;
+    island.result.converged = false;
   }
   end(s);
 }
@@ -327,7 +327,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.left_predicted_region && (island.converged || !context.may_halve) && by_euler(island, context))
+  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) && by_euler(island, context))
     project_energy(island, context.gravity);
 }
 

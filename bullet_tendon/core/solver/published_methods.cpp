@@ -33,13 +33,13 @@ void forces_now(Tendon& c, const StepContext& context, bool matrix, double dampi
 
 void contacts_now(Island& island, bool matrix) {
   for (Contact* contact : island.contacts) {
-    contact->direct = false;
+    contact->normal_force.direct = false;
     const Vec3 relative = relative_position(island, *contact, &Tendon::x);
-    contact->limit = 0;
+    contact->friction.limit = 0;
     contact->evaluate(relative, true);  // for the normal force, which limits friction
-    contact->limit = contact->friction * contact->normal_force;
+    contact->friction.limit = contact->friction.coefficient * contact->normal_force.value;
     contact->evaluate(relative, true);
-    if (contact->normal_force <= 0) continue;
+    if (contact->normal_force.value <= 0) continue;
     add_contact_force(island, *contact);
     if (matrix) add_contact_block(island, *contact);
   }
@@ -64,10 +64,10 @@ void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
 
 // The force of a contact after the displacements, by its own linearisation: what the solution used.
 void predict(Island& island, Contact& contact) {
-  if (contact.normal_force <= 0) return;
-  contact.total_force -= contact.block * relative_position(island, contact, &Tendon::displacement);
-  contact.normal_force = dot(contact.total_force, contact.normal);
-  contact.tangent_force = without(contact.total_force, contact.normal);
+  if (contact.normal_force.value <= 0) return;
+  contact.force.total -= contact.force.block * relative_position(island, contact, &Tendon::displacement);
+  contact.normal_force.value = dot(contact.force.total, contact.geometry.normal);
+  contact.friction.force = without(contact.force.total, contact.geometry.normal);
 }
 
 void settle_contacts(Island& island) {
@@ -99,9 +99,9 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
              bending_force_after(c, c.x, c.displacement, i);
   for (const Contact* contact : island.contacts)
     for (const auto& [spot, sign] : {std::pair{contact->a, 1.0}, std::pair{contact->b, -1.0}}) {
-      if (spot.tendon < 0 || contact->normal_force <= 0 || &island.at(spot) != &c) continue;
-      if (i == spot.first) has += (sign * spot.w0) * contact->total_force;
-      if (i == spot.first + 1) has += (sign * spot.w1) * contact->total_force;
+      if (spot.tendon < 0 || contact->normal_force.value <= 0 || &island.at(spot) != &c) continue;
+      if (i == spot.first) has += (sign * spot.w0) * contact->force.total;
+      if (i == spot.first + 1) has += (sign * spot.w1) * contact->force.total;
     }
   return has - needs;
 }
@@ -133,7 +133,7 @@ void explicit_euler(Island& island, const StepContext& context) {
     }
   }
   settle_contacts(island);
-  island.converged = true;
+  island.result.converged = true;
 }
 
 // (9): (M - dt df/dv - dt^2 df/dx) dv = dt (f_0 + dt df/dx v_0), solved for the displacements
@@ -168,9 +168,9 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons) c->displacement = c->cg_direction;  // u_0
   load_carried(island, &Tendon::residual);
   for (Contact* contact : island.contacts)
-    if (contact->moves && contact->normal_force > 0)
+    if (contact->moves && contact->normal_force.value > 0)
       load_body(island, *contact,
-                -1.0 * (contact->block * contact->a.of(island.at(contact->a).displacement)));
+                -1.0 * (contact->force.block * contact->a.of(island.at(contact->a).displacement)));
   start_body_residual(island, 1);
   make_border(island, true);
   project_anchors(island, &Tendon::residual);
@@ -183,7 +183,7 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.force = predicted_anchor_force(island, *c, h, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  island.iterations = 1, island.converged = true;
+  island.result.iterations = 1, island.result.converged = true;
 }
 
 }  // namespace bt

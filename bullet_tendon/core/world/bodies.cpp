@@ -143,7 +143,7 @@ bool World::find_turning() {
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
       if (const Anchor& h = c->anchors[i]; h.link >= 0)
         add_pull(h.link, scene.links[h.link].arm_of(h.local), h.force);
-  for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.mean_force);
+  for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.force.mean);
   bool any = false;
   for (const Link& l : scene.links) {
     if (!l.yields() || !(scene.bodies[l.body].tendon_pull > 0) || scene.bodies[l.body].turns) continue;

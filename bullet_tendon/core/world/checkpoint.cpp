@@ -218,7 +218,7 @@ void World::require_state(const Checkpoint& c) const {
   auto require_contact = [&](const Contact& r) {
     require(segment(r.a.tendon, r.a.first) && (r.b.tendon == -1 || segment(r.b.tendon, r.b.first)), kIndices);
     require(r.link == -1 || within(r.link, c.links.size()), kIndices);
-    require(within(static_cast<int>(r.kind), 4), kIndices);
+    require(within(static_cast<int>(r.key.kind), 4), kIndices);
   };
   for (const Contact& r : c.contacts) require_contact(r);
   for (const Contact& r : c.sleeping_contacts) require_contact(r);

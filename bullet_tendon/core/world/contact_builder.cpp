@@ -138,12 +138,12 @@ Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot,
   const Tendon& c = *step_.slots[spot.tendon];
   const double dt = step_.context.dt;
   Contact contact;
-  contact.key = key, contact.kind = kind, contact.a = spot, contact.link = link_slot;
-  contact.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
-  contact.offset = dot(contact.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
-  contact.margin = options.contact_threshold;
-  contact.friction = friction * c.friction;
-  contact.relative_start = spot.of(c.x) + link.drift(point, dt);
+  contact.key = key, contact.key.kind = kind, contact.a = spot, contact.link = link_slot;
+  contact.geometry.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
+  contact.geometry.offset = dot(contact.geometry.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
+  contact.geometry.margin = options.contact_threshold;
+  contact.friction.coefficient = friction * c.friction;
+  contact.friction.relative_start = spot.of(c.x) + link.drift(point, dt);
   finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
   return contact;
 }
@@ -152,8 +152,8 @@ Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot,
 // what the step is to push out, which is at most `most` [m].
 double World::depth_to_leave(const Contact& contact, double most) const {
   Contact now = contact;
-  now.evaluate(contact.relative_start, true);
-  const double depth = std::max(0.0, -now.gap), share = step_.substeps.share_left();
+  now.evaluate(contact.friction.relative_start, true);
+  const double depth = std::max(0.0, -now.geometry.gap), share = step_.substeps.share_left();
   const double left = most * (1 - step_.substeps.share_before());  // by the rest of the step
   return -(depth - share * std::min(depth, left));
 }
@@ -161,7 +161,7 @@ double World::depth_to_leave(const Contact& contact, double most) const {
 // Stiffness and memory.
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *step_.slots[tendon_slot];
-  contact.radius = c.radius;
+  contact.geometry.radius = c.radius;
   finish_contact(contact, held_at(c, particle, !carries(options), norm(step_.context.gravity)), c.radius,
                  c.h_eff < step_.context.dt);
 }
@@ -170,7 +170,7 @@ void World::finish_pair(Contact& contact) {
   const Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
   const bool along = !carries(options);
   const double gravity = norm(step_.context.gravity);
-  contact.radius = a.radius + b.radius;
+  contact.geometry.radius = a.radius + b.radius;
   finish_contact(contact,
                  mean_of(held_at(a, contact.a, along, gravity), held_at(b, contact.b, along, gravity)),
                  std::min(a.radius, b.radius), std::min(a.h_eff, b.h_eff) < step_.context.dt);
@@ -179,21 +179,21 @@ void World::finish_pair(Contact& contact) {
 void World::finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step) {
   const bool carries = bt::carries(options), chosen = options.contact_stiffness > 0;
   if (chosen)
-    contact.stiffness = options.contact_stiffness;
+    contact.normal_force.stiffness = options.contact_stiffness;
   else if (!carries)  // without multipliers, contacts have to be stiff by themselves
-    contact.stiffness = kSpringRatio * held.stiffness;
+    contact.normal_force.stiffness = kSpringRatio * held.stiffness;
   else if (two_step)
-    contact.stiffness = std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
+    contact.normal_force.stiffness = std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
   else
-    contact.stiffness = std::max(kContactRatio * held.stiffness, kHungRatio * held.hung);
+    contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, kHungRatio * held.hung);
   // A particle that lies loose is gripped before it gathers speed.
-  contact.tangent_stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
+  contact.friction.stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                       : kSpringTangentRatio * held.stiffness;
   // Friction and normal force act on the point of the centreline: particles do not spin.
   if (contact.link >= 0)
     contact.arm = contact.a.of(step_.slots[contact.a.tendon]->x) - scene.links[contact.link].centre;
-  contact.softest = carries && !chosen ? contact.stiffness : 0;
-  contact.depth_allowance = depth_to_leave(contact, kPushOut * radius);
+  contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
+  contact.geometry.depth_allowance = depth_to_leave(contact, kPushOut * radius);
   recall(contact, held.inertia);
 }
 
@@ -208,19 +208,19 @@ void World::recall(Contact& contact, double inertia) {
   const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
       bt::carries(options) && options.contact_stiffness == 0;  // a spring as published has no memory
-  contact.tangent_anchor = without(turn * found->tangent_anchor, contact.normal);
+  contact.friction.anchor = without(turn * found->tangent_anchor, contact.geometry.normal);
   // What sticks goes on with its force where its stiffness changes with the step's weight.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
     const double per_inertia = kTangentRatio + kLooseTangentRatio;
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
-    contact.tangent_anchor = (1 + per_inertia * more / contact.tangent_stiffness) * contact.tangent_anchor;
+    contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
   }
-  contact.lambda_previous = found->lambda;
-  contact.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
-  contact.lambda_predicted = contact.lambda_previous;
-  contact.last_mean = found->mean_force;
-  contact.limit = contact.friction * contact.lambda_previous;
-  contact.sliding = found->sliding;
+  contact.normal_force.lambda_previous = found->lambda;
+  contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
+  contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;
+  contact.force.last_mean = found->mean_force;
+  contact.friction.limit = contact.friction.coefficient * contact.normal_force.lambda_previous;
+  contact.friction.sliding = found->sliding;
 }
 
 void World::remember() {
@@ -231,15 +231,15 @@ void World::remember() {
   for (Tendon* c : step_.slots)
     if (c) c->touched = false;
   for (const Contact& contact : contacts_.all) {
-    if (contact.normal_force <= 0) continue;
+    if (contact.normal_force.value <= 0) continue;
     step_.slots[contact.a.tendon]->touched = true;
     if (contact.b.tendon >= 0) step_.slots[contact.b.tendon]->touched = true;
     if (contact.link >= 0) contacts_.touching[contact.a.tendon] += hash_of(contact.key);
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
-    contacts_.memory.push_back({contact.key, contact.normal_force,
-                                std::min(contact.normal_force, contact.lambda_previous), contact.sliding,
-                                contact.mean_force, step_.slots[contact.a.tendon]->h_eff,
-                                transposed_times(turn, contact.displacement)});
+    contacts_.memory.push_back({contact.key, contact.normal_force.value,
+                                std::min(contact.normal_force.value, contact.normal_force.lambda_previous), contact.friction.sliding,
+                                contact.force.mean, step_.slots[contact.a.tendon]->h_eff,
+                                transposed_times(turn, contact.friction.displacement)});
   }
   std::sort(contacts_.memory.begin(), contacts_.memory.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
@@ -281,7 +281,7 @@ void World::bone_contacts() {
         const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         Contact contact =
             plane_contact(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
-        contact.direct =
+        contact.normal_force.direct =
             !segment && options.bone_contact == BoneContact::constraint && !scene.links[shape.link].yields();
         add_contact(contact);
       }
@@ -304,7 +304,7 @@ void World::half_space_contacts(int tendon, int s) {
     SegmentPoint spot{tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     Contact contact = plane_contact(ContactKind::bone, spot, shape.link, x - height * normal, normal,
                                     {ContactKind::bone, tendon, i, s}, shape.friction);
-    contact.direct = options.bone_contact == BoneContact::constraint && !link.yields();
+    contact.normal_force.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_contact(contact);
   }
 }
@@ -328,21 +328,21 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   const double radii = a.radius + b.radius, apart = kept_apart(p, at, a, b, scene.links);
   if (apart < kNearlyMet * radii) return;
   Contact contact;
-  contact.kind = ContactKind::tendon;
-  contact.key = {contact.kind, p.tendon_a, p.segment_a, p.tendon_b, p.segment_b, at.end};
+  contact.key.kind = ContactKind::tendon;
+  contact.key = {contact.key.kind, p.tendon_a, p.segment_a, p.tendon_b, p.segment_b, at.end};
   contact.a = {p.tendon_a, p.segment_a, 1 - at.u, at.u};
   contact.b = {p.tendon_b, p.segment_b, 1 - at.w, at.w};
   const Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
-  contact.normal = at.distance > 1e-9 * a.radius ? (1 / at.distance) * at.apart
+  contact.geometry.normal = at.distance > 1e-9 * a.radius ? (1 / at.distance) * at.apart
                                                  : any_perpendicular(unit_or(along, {1, 0, 0}));
-  contact.offset = apart + options.contact_threshold;
-  contact.margin = contact.offset - radii;
-  contact.friction = a.friction * b.friction;
-  contact.relative_start = at.apart;
-  contact.side = contact.normal;
-  contact.anchored_at = at.u;
-  contact.anchored_at_other = at.w;
-  contact.parallel = p.parallel;
+  contact.geometry.offset = apart + options.contact_threshold;
+  contact.geometry.margin = contact.geometry.offset - radii;
+  contact.friction.coefficient = a.friction * b.friction;
+  contact.friction.relative_start = at.apart;
+  contact.geometry.side = contact.geometry.normal;
+  contact.friction.anchored_at = at.u;
+  contact.friction.anchored_at_other = at.w;
+  contact.geometry.parallel = p.parallel;
   contact.passes = p.passes;
   finish_pair(contact);
   add_contact(contact);
@@ -431,16 +431,16 @@ void World::bore_contacts(int tendon, int t) {
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
     const int first = std::min(i, c.n() - 2);
-    contact.kind = ContactKind::bore, contact.link = scene.tunnels[t].link;
-    contact.key = {contact.kind, tendon, i, t};
+    contact.key.kind = ContactKind::bore, contact.link = scene.tunnels[t].link;
+    contact.key = {contact.key.kind, tendon, i, t};
     contact.a = {tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
-    contact.axis_point = on_axis + link.drift(on_axis, dt);
-    contact.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-    contact.feature_radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
-    contact.margin = options.contact_threshold;
-    contact.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
-    contact.friction = scene.tunnels[t].friction * c.friction;
-    contact.relative_start = x + link.drift(x, dt);
+    contact.geometry.axis_point = on_axis + link.drift(on_axis, dt);
+    contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
+    contact.geometry.feature_radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
+    contact.geometry.margin = options.contact_threshold;
+    contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
+    contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
+    contact.friction.relative_start = x + link.drift(x, dt);
     finish_contact(contact, tendon, i);
     add_contact(contact);
   }
@@ -500,17 +500,17 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   step_.motion_limit = std::min(step_.motion_limit, safe_fraction(distance, c.radius + bore.chamfer, motion));
   const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Contact contact;
-  contact.kind = ContactKind::mouth, contact.link = scene.tunnels[t].link;
-  contact.key = {contact.kind, tendon, k, 2 * t + mouth};
-  contact.a = {tendon, k, 1 - u, u}, contact.anchored_at = u;
-  contact.axis_point = centre + link.drift(centre, dt);
-  contact.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-  contact.feature_radius = radius, contact.margin = options.contact_threshold;
-  contact.offset = c.radius + bore.chamfer + options.contact_threshold;
-  contact.threads_mouth = (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0;
-  contact.normal = unit_or(apart, -sideways);
-  contact.friction = scene.tunnels[t].friction * c.friction;
-  contact.relative_start = x + link.drift(x, dt);
+  contact.key.kind = ContactKind::mouth, contact.link = scene.tunnels[t].link;
+  contact.key = {contact.key.kind, tendon, k, 2 * t + mouth};
+  contact.a = {tendon, k, 1 - u, u}, contact.friction.anchored_at = u;
+  contact.geometry.axis_point = centre + link.drift(centre, dt);
+  contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
+  contact.geometry.feature_radius = radius, contact.geometry.margin = options.contact_threshold;
+  contact.geometry.offset = c.radius + bore.chamfer + options.contact_threshold;
+  contact.geometry.threads_mouth = (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0;
+  contact.geometry.normal = unit_or(apart, -sideways);
+  contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
+  contact.friction.relative_start = x + link.drift(x, dt);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);
 }

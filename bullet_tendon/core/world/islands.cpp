@@ -33,21 +33,21 @@ void World::make_islands() {
     g.tendons.clear();
     g.numbers.clear();
     g.contacts.clear();
-    g.bodies.clear();
-    g.carried.clear();
+    g.bodies.indices.clear();
+    g.bodies.carried.clear();
     g.slots = &step_.slots;
-    g.all_bodies = &scene.bodies;
-    g.links = &scene.links;
-    g.reach = step_.context.reach;
-    g.freedom = 0;
+    g.bodies.all = &scene.bodies;
+    g.bodies.links = &scene.links;
+    g.bodies.reach = step_.context.reach;
+    g.bodies.freedom = 0;
     g.coupled = false;
-    g.patterned = false;
-    g.finite = true;
-    g.converged = true;
-    g.left_predicted_region = false;
-    g.iterations = 0;
-    g.residual = 0;
-    g.linear_tolerance = 0;
+    g.matrix.patterned = false;
+    g.result.finite = true;
+    g.result.converged = true;
+    g.result.left_predicted_region = false;
+    g.result.iterations = 0;
+    g.result.residual = 0;
+    g.matrix.tolerance = 0;
   }
   for (int c = 0; c < count; ++c) {
     if (!step_.slots[c]) continue;
@@ -63,12 +63,12 @@ void World::make_islands() {
   for (size_t m = 0; m < scene.bodies.size(); ++m)
     if (scene.bodies[m].unknowns.any) {
       Island& g = islands_.all[island_root(islands_.touches[m])];
-      g.bodies.push_back(static_cast<int>(m));
-      scene.bodies[m].unknowns.first = g.freedom, g.freedom += scene.bodies[m].unknowns.freedom;
+      g.bodies.indices.push_back(static_cast<int>(m));
+      scene.bodies[m].unknowns.first = g.bodies.freedom, g.bodies.freedom += scene.bodies[m].unknowns.freedom;
     }
   for (size_t l = 0; l < scene.links.size(); ++l)
     if (scene.links[l].yields() && scene.bodies[scene.links[l].body].unknowns.any)
-      islands_.all[island_root(islands_.touches[scene.links[l].body])].carried.push_back(static_cast<int>(l));
+      islands_.all[island_root(islands_.touches[scene.links[l].body])].bodies.carried.push_back(static_cast<int>(l));
 }
 
 // false: some solution is not finite.
@@ -79,13 +79,13 @@ bool World::solve_each_island() {
   for (Island& g : islands_.all) {
     if (g.tendons.empty()) continue;
     bt::solve(g, step_.context);
-    if (!g.finite) g.residual = std::numeric_limits<double>::infinity();
-    finite &= g.finite;
-    step_.unconverged |= !g.converged && !g.left_predicted_region;
-    step_.attempt.iterations = std::max(step_.attempt.iterations, g.iterations);
+    if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
+    finite &= g.result.finite;
+    step_.unconverged |= !g.result.converged && !g.result.left_predicted_region;
+    step_.attempt.iterations = std::max(step_.attempt.iterations, g.result.iterations);
     ++step_.attempt.islands;
-    step_.attempt.converged &= g.converged;
-    if (!(g.residual <= step_.attempt.residual) || step_.attempt.worst_tendon < 0) read_worst(g);
+    step_.attempt.converged &= g.result.converged;
+    if (!(g.result.residual <= step_.attempt.residual) || step_.attempt.worst_tendon < 0) read_worst(g);
   }
   step_.attempt.contacts = static_cast<long>(contacts_.all.size());
   step_.report.iterations += step_.attempt.iterations;

@@ -7,7 +7,7 @@
 namespace bt {
 
 void World::read_worst(const Island& g) {
-  step_.attempt.residual = g.residual;
+  step_.attempt.residual = g.result.residual;
   const Tendon* worst = g.tendons[0];
   for (const Tendon* c : g.tendons)
     if (!(c->residual_norm <= worst->residual_norm)) worst = c;
@@ -29,9 +29,9 @@ ContactRecord record_of(const Contact& contact, const Field& x) {
   ContactRecord r;
   r.tendon = contact.a.tendon, r.segment = contact.a.first, r.other_tendon = contact.b.tendon,
   r.link = contact.link;
-  r.kind = contact.kind, r.position = contact.a.of(x), r.normal = contact.normal;
-  r.distance = contact.gap + contact.depth_allowance + contact.margin;
-  r.normal_force = contact.normal_force, r.friction_force = norm(contact.tangent_force);
+  r.kind = contact.key.kind, r.position = contact.a.of(x), r.normal = contact.geometry.normal;
+  r.distance = contact.geometry.gap + contact.geometry.depth_allowance + contact.geometry.margin;
+  r.normal_force = contact.normal_force.value, r.friction_force = norm(contact.friction.force);
   return r;
 }
 

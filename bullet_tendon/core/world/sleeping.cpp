@@ -243,7 +243,7 @@ void World::push_asleep() {
   if (!any_asleep()) return;
   for (const Contact& contact : contacts_.asleep)
     if (contact.link >= 0)
-      scene.links[contact.link].apply(-contact.mean_force, contact.a.of(scene.tendons[contact.a.tendon]->x));
+      scene.links[contact.link].apply(-contact.force.mean, contact.a.of(scene.tendons[contact.a.tendon]->x));
   for (const auto& c : scene.tendons)
     for (size_t i = 0; c && c->bed >= 0 && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];

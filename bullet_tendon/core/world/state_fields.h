@@ -188,17 +188,17 @@ void visit(A& a, SegmentPoint& s) {
 template <class A>
 void visit(A& a, Contact& r) {
   a("key", r.key);
-  a("kind", r.kind);
+  a("kind", r.key.kind);
   a("a", r.a);
   a("b", r.b);
   a("link", r.link);
-  a("normal", r.normal);
-  a("allowed", r.depth_allowance);
-  a("beyond", r.margin);
-  a("gap", r.gap);
-  a("normal_force", r.normal_force);
-  a("tangent_force", r.tangent_force);
-  a("mean_force", r.mean_force);
+  a("normal", r.geometry.normal);
+  a("allowed", r.geometry.depth_allowance);
+  a("beyond", r.geometry.margin);
+  a("gap", r.geometry.gap);
+  a("normal_force", r.normal_force.value);
+  a("tangent_force", r.friction.force);
+  a("mean_force", r.force.mean);
 }
 
 template <class A>

@@ -218,11 +218,11 @@ void World::inherit_multipliers() {
   for (Contact& contact : contacts_.all) {
     const auto found = std::lower_bound(contacts_.solved.begin(), contacts_.solved.end(), contact, by_key);
     if (found == contacts_.solved.end() || !(found->key == contact.key)) continue;
-    contact.stiffness = found->stiffness;
-    contact.lambda = found->lambda;
-    contact.lambda_predicted = found->lambda_predicted;
-    contact.limit = found->limit;
-    contact.sliding = found->sliding;
+    contact.normal_force.stiffness = found->normal_force.stiffness;
+    contact.normal_force.lambda = found->normal_force.lambda;
+    contact.normal_force.lambda_predicted = found->normal_force.lambda_predicted;
+    contact.friction.limit = found->friction.limit;
+    contact.friction.sliding = found->friction.sliding;
   }
 }
 
@@ -235,7 +235,7 @@ void World::measure_wrenches() {
     link.part.torque += share * link.torque_of(force, arm);
   };
   for (const Contact& contact : contacts_.all)
-    if (contact.link >= 0) push(scene.links[contact.link], -contact.mean_force, contact.arm);
+    if (contact.link >= 0) push(scene.links[contact.link], -contact.force.mean, contact.arm);
   for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
@@ -295,7 +295,7 @@ bool World::share_weights() {
     any = false;
     for (const Contact& contact : contacts_.all) {
       // The history of both tendons has the force that the contact had in the last step.
-      const bool acts = !contact.passes || norm(contact.last_mean) > 0;
+      const bool acts = !contact.passes || norm(contact.force.last_mean) > 0;
       if (contact.b.tendon < 0 || !acts) continue;
       Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
       if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) a.smooth = b.smooth = false, any = true;
