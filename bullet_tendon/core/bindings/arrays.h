@@ -22,7 +22,11 @@ inline py::tuple tuple(Vec3 v) { return py::make_tuple(v.x, v.y, v.z); }
 inline Array rows_of(const std::vector<Vec3>& v) {
   Array out({static_cast<py::ssize_t>(v.size()), static_cast<py::ssize_t>(3)});
   double* p = out.mutable_data();
-  for (const Vec3& x : v) *p++ = x.x, *p++ = x.y, *p++ = x.z;
+  for (const Vec3& x : v) {
+    *p++ = x.x;
+    *p++ = x.y;
+    *p++ = x.z;
+  }
   return out;
 }
 
@@ -57,7 +61,10 @@ void bind_articulated(py::module_& m);
 inline std::vector<Triangle> triangles_of(const Array& corners) {
   std::vector<Triangle> out(corners.size() / 9);
   const double* p = corners.data();
-  for (Triangle& t : out) t = {vec(p), vec(p + 3), vec(p + 6)}, p += 9;
+  for (Triangle& t : out) {
+    t = {vec(p), vec(p + 3), vec(p + 6)};
+    p += 9;
+  }
   return out;
 }
 

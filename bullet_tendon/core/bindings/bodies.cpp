@@ -45,7 +45,8 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   w.ensure_link(slot);
   Link& l = w.scene.links[slot];
   place(l, info.ptr(), where.ptr());
-  l.now_velocity = vector(item(motion.ptr(), 0)), l.now_spin = vector(item(motion.ptr(), 1));
+  l.now_velocity = vector(item(motion.ptr(), 0));
+  l.now_spin = vector(item(motion.ptr(), 1));
   if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), is_finite(w, slot) ? 1 : 0;
   l.body = slot;
   l.jacobian.clear();
@@ -90,7 +91,8 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
 
 void clear_link(World& w, int slot) {
   w.ensure_link(slot);
-  w.scene.links[slot] = Link{}, w.scene.bodies[slot] = GeneralizedBody{};
+  w.scene.links[slot] = Link{};
+  w.scene.bodies[slot] = GeneralizedBody{};
 }
 
 }  // namespace
@@ -138,7 +140,8 @@ void place(Articulated& body, const Reading& reading, const std::vector<double>&
 // The rates of the degrees of freedom, and where the joints are.
 void read_joints(const Articulated& body, const py::tuple& motion, const py::tuple& joints,
                  std::vector<double>& rates, std::vector<double>& places) {
-  rates.clear(), places.clear();
+  rates.clear();
+  places.clear();
   for (int part = 0; part < 2 && body.floats(); ++part) take(item(motion.ptr(), part), 3, rates);
   for (std::size_t j = 0; j < joints.size(); ++j) {
     PyObject* state = item(joints.ptr(), static_cast<int>(j));
@@ -155,7 +158,8 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   std::vector<double> places, mass(n * n), weight(3 * n);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
   place(body, reading, places);
-  body.mass_matrix(mass.data()), body.weight(weight.data());
+  body.mass_matrix(mass.data());
+  body.weight(weight.data());
   dense::set_identity(static_cast<int>(n), m.free);
   answer(static_cast<int>(n), static_cast<int>(n), mass.data(), m.free.data());
   m.gravity_response.assign(3 * n, 0.0);
@@ -178,7 +182,8 @@ void set_motion(Link& l, const Articulated& body, const Reading& reading, const 
   if (l.jacobian.empty()) return;
   std::vector<double> twist;
   dense::multiply(l.jacobian, rates, twist);
-  l.now_velocity += Vec3{twist[0], twist[1], twist[2]}, l.now_spin += Vec3{twist[3], twist[4], twist[5]};
+  l.now_velocity += Vec3{twist[0], twist[1], twist[2]};
+  l.now_spin += Vec3{twist[3], twist[4], twist[5]};
 }
 
 // Links of one body, by their slots, in the first of which is the body's body. false: some number is not
@@ -193,7 +198,8 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.scene.links[slots[i]];
-    l.centre = body.centre(link), l.pose = body.frame(link);
+    l.centre = body.centre(link);
+    l.pose = body.frame(link);
     if (i > 0) stand_still(w, slots[i]);
     l.body = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
@@ -285,8 +291,12 @@ Array wrenches(const World& w) {
   Array out({static_cast<py::ssize_t>(w.scene.links.size()), static_cast<py::ssize_t>(6)});
   double* p = out.mutable_data();
   for (const Link& l : w.scene.links) {
-    *p++ = l.wrench.force.x, *p++ = l.wrench.force.y, *p++ = l.wrench.force.z;
-    *p++ = l.wrench.torque.x, *p++ = l.wrench.torque.y, *p++ = l.wrench.torque.z;
+    *p++ = l.wrench.force.x;
+    *p++ = l.wrench.force.y;
+    *p++ = l.wrench.force.z;
+    *p++ = l.wrench.torque.x;
+    *p++ = l.wrench.torque.y;
+    *p++ = l.wrench.torque.z;
   }
   return out;
 }

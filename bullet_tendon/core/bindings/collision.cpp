@@ -26,10 +26,14 @@ Primitive primitive_of(const std::string& kind, const std::vector<double>& sizes
     s.half = {0.5 * sizes.at(0), 0.5 * sizes.at(1), 0.5 * sizes.at(2)};
   else if (kind == "sphere")
     s.growth = radius;
-  else if (kind == "capsule")
-    s.half = {0, 0, half}, s.growth = radius;
-  else
-    s.kind = Primitive::Kind::cylinder, s.radius = radius, s.half_length = half;
+  else if (kind == "capsule") {
+    s.half = {0, 0, half};
+    s.growth = radius;
+  } else {
+    s.kind = Primitive::Kind::cylinder;
+    s.radius = radius;
+    s.half_length = half;
+  }
   return s;
 }
 
@@ -60,8 +64,14 @@ int add_shape(World& w, int link, const Array& position, const Array& rot, const
               bool half_space, const Array& normal, double offset, double friction, const Array& triangles,
               const std::optional<Primitive>& primitive) {
   Shape s;
-  s.link = link, s.local = {rotation(rot.data()), vec(position)}, s.lo = vec(lo), s.hi = vec(hi);
-  s.half_space = half_space, s.plane_normal = vec(normal), s.plane_offset = offset, s.friction = friction;
+  s.link = link;
+  s.local = {rotation(rot.data()), vec(position)};
+  s.lo = vec(lo);
+  s.hi = vec(hi);
+  s.half_space = half_space;
+  s.plane_normal = vec(normal);
+  s.plane_offset = offset;
+  s.friction = friction;
   if (triangles.size() > 0) s.surface = std::make_shared<Surface>(triangles_of(triangles));
   if (primitive) s.primitive = *primitive;
   return w.add_shape(s);

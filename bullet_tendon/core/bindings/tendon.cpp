@@ -17,7 +17,9 @@ int add_tendon(World& w, const Array& points, double radius, double friction, do
                bool whole_velocity, double shear_stiffness, double bending_stiffness, double linear_density) {
   Material m;
   m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
-  m.stiffness = stiffness, m.damping = damping, m.shear_stiffness = shear_stiffness;
+  m.stiffness = stiffness;
+  m.damping = damping;
+  m.shear_stiffness = shear_stiffness;
   m.bending_stiffness = bending_stiffness;
   m.linear_density = linear_density;
   std::vector<Vec3> p(points.shape(0));
@@ -45,7 +47,8 @@ void set_grip(World& w, int tendon, int id, const Array& target, double stiffnes
     w.wake_tendon(tendon);
   h.goal = goal;
   h.rigid = stiffness <= 0;
-  h.stiffness = identity(stiffness), h.viscosity = viscosity;
+  h.stiffness = identity(stiffness);
+  h.viscosity = viscosity;
 }
 
 }  // namespace
@@ -93,7 +96,8 @@ void bind_world_tendon(GuardedWorld& world) {
       .def("add_grip",
            [](World& w, int c, int id, int particle) {
              Anchor h;
-             h.id = id, h.particle = particle;
+             h.id = id;
+             h.particle = particle;
              stirred(w, c).anchors.push_back(h);
              w.scene.tendons[c]->smooth = false;
            })
@@ -101,7 +105,10 @@ void bind_world_tendon(GuardedWorld& world) {
       .def("add_attachment",
            [](World& w, int c, int id, int particle, int link, const Array& local) {
              Anchor h;
-             h.id = id, h.particle = particle, h.link = link, h.local = vec(local);
+             h.id = id;
+             h.particle = particle;
+             h.link = link;
+             h.local = vec(local);
              w.ensure_link(link);
              stirred(w, c).anchors.push_back(h);
              w.scene.tendons[c]->smooth = false;
@@ -110,7 +117,8 @@ void bind_world_tendon(GuardedWorld& world) {
            [](World& w, int c, int id, const Array& direction) {
              Anchor& h = anchor_of(w, c, id);
              w.wake_tendon(c);
-             h.clamped = true, h.direction = vec(direction);
+             h.clamped = true;
+             h.direction = vec(direction);
            })
       .def("remove_anchor", &remove_anchor)
       .def("anchor_force", [](World& w, int c, int id) { return tuple(anchor_of(w, c, id).step_force); });

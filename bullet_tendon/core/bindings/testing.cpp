@@ -74,15 +74,23 @@ py::tuple contact_term(int kind, const Array& relative, const Array& normal, dou
                        double grip, double limit, const Array& stuck, bool definite) {
   Contact row;
   row.key.kind = static_cast<ContactKind>(kind);
-  row.geometry.normal = vec(normal), row.geometry.offset = offset, row.geometry.axis_point = vec(point), row.geometry.axis = vec(axis);
-  row.geometry.feature_radius = ring, row.normal_force.stiffness = stiffness, row.normal_force.lambda = carried;
-  row.friction.coefficient = limit > 0 ? 1 : 0, row.friction.limit = limit, row.friction.stiffness = grip,
+  row.geometry.normal = vec(normal);
+  row.geometry.offset = offset;
+  row.geometry.axis_point = vec(point);
+  row.geometry.axis = vec(axis);
+  row.geometry.feature_radius = ring;
+  row.normal_force.stiffness = stiffness;
+  row.normal_force.lambda = carried;
+  row.friction.coefficient = limit > 0 ? 1 : 0;
+  row.friction.limit = limit;
+  row.friction.stiffness = grip;
   row.friction.anchor = vec(stuck);
   row.evaluate(vec(relative), true, definite);
   Array block({3, 3});
   const Block3 b = block_of(row.force.block);
   std::copy(b.v, b.v + 9, block.mutable_data());
-  return py::make_tuple(row.geometry.gap, tuple(row.geometry.normal), tuple(row.force.total), block, row.friction.sliding);
+  return py::make_tuple(row.geometry.gap, tuple(row.geometry.normal), tuple(row.force.total), block,
+                        row.friction.sliding);
 }
 
 // All of a row's block on the particles that it touches with the weights P: P^T block P, and the levers.
@@ -94,7 +102,8 @@ Array full_block(const Contact& row, const double* P, int particles) {
       Block3 part = block;
       for (double& v : part.v) v *= P[i] * P[j];
       for (int k = 0; k < row.geometry.sliding_terms; ++k) {
-        const Vec3 p = row.geometry.sliding_share[k] * row.geometry.sliding_term[k][i], q = row.geometry.sliding_term[k][j];
+        const Vec3 p = row.geometry.sliding_share[k] * row.geometry.sliding_term[k][i],
+                   q = row.geometry.sliding_term[k][j];
         const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
         for (int e = 0; e < 9; ++e) part.v[e] += rows[e / 3] * columns[e % 3];
       }
@@ -107,23 +116,32 @@ Array full_block(const Contact& row, const double* P, int particles) {
 py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
                     const Array& axis, double ring, double stiffness, double carried) {
   Contact row;
-  row.key.kind = ContactKind::mouth, row.a = {0, 0, 0.5, 0.5};
-  row.geometry.offset = offset, row.geometry.axis_point = vec(centre), row.geometry.axis = vec(axis), row.geometry.feature_radius = ring;
-  row.normal_force.stiffness = stiffness, row.normal_force.lambda = carried;
+  row.key.kind = ContactKind::mouth;
+  row.a = {0, 0, 0.5, 0.5};
+  row.geometry.offset = offset;
+  row.geometry.axis_point = vec(centre);
+  row.geometry.axis = vec(axis);
+  row.geometry.feature_radius = ring;
+  row.normal_force.stiffness = stiffness;
+  row.normal_force.lambda = carried;
   const Vec3 a = vec(start), b = vec(end);
   for (int i = 0; i < 50; ++i) row.follow(a, b);
   row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
   row.add_sliding_term(a, b, false);
   const double P[2] = {row.a.w0, row.a.w1};
-  return py::make_tuple(row.geometry.gap, tuple(row.a.w0 * row.force.total), tuple(row.a.w1 * row.force.total),
-                        full_block(row, P, 2));
+  return py::make_tuple(row.geometry.gap, tuple(row.a.w0 * row.force.total),
+                        tuple(row.a.w1 * row.force.total), full_block(row, P, 2));
 }
 
 // Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
 py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
   Contact row;
-  row.key.kind = ContactKind::tendon, row.a = {0, 0, 0.5, 0.5}, row.b = {1, 0, 0.5, 0.5};
-  row.geometry.offset = offset, row.normal_force.stiffness = stiffness, row.normal_force.lambda = carried;
+  row.key.kind = ContactKind::tendon;
+  row.a = {0, 0, 0.5, 0.5};
+  row.b = {1, 0, 0.5, 0.5};
+  row.geometry.offset = offset;
+  row.normal_force.stiffness = stiffness;
+  row.normal_force.lambda = carried;
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
   row.geometry.normal = row.geometry.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
@@ -182,7 +200,8 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
 Term bending_term(const Tendon& c, const Field& x) {
   Term term;
   Tendon at(c);
-  at.residual.zero(), at.matrix.zero();
+  at.residual.zero();
+  at.matrix.zero();
   add_bending_forces(at, x);
   add_bending_blocks(at, x, false);
   term.energy = bending_energy(at, x);
@@ -325,7 +344,8 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
   factor.resize(a.n, a.half);
   if (!factor.factorise(a)) throw py::value_error("not definite");
   Columns b, x;
-  b.resize(a.n), x.resize(a.n);
+  b.resize(a.n);
+  x.resize(a.n);
   std::copy(right.data(), right.data() + right.size(), b.number(0));
   factor.solve(b, first, last, x);
   Field one(a.n);

@@ -114,13 +114,21 @@ bool hold(World& w, double dt, const py::tuple& gravity, const py::object& sense
 
 py::dict counts(const Report& r) {
   py::dict d;
-  d["pairs_considered"] = r.near.considered, d["pairs_culled"] = r.near.culled;
-  d["pairs_skipped"] = r.near.skipped, d["pairs_reused"] = r.near.reused;
-  d["pairs_searched"] = r.near.searched, d["pairs_queried"] = r.near.queried;
-  d["tunnels_considered"] = r.near.tunnels, d["tunnels_culled"] = r.near.tunnels_culled;
-  d["tendon_searches"] = r.pairs.searches, d["tendon_searches_skipped"] = r.pairs.skipped;
-  d["tendon_pairs_considered"] = r.pairs.considered, d["tendon_pairs_near"] = r.pairs.near;
-  d["rows"] = r.contacts, d["groups"] = r.islands, d["substeps"] = r.substeps;
+  d["pairs_considered"] = r.near.considered;
+  d["pairs_culled"] = r.near.culled;
+  d["pairs_skipped"] = r.near.skipped;
+  d["pairs_reused"] = r.near.reused;
+  d["pairs_searched"] = r.near.searched;
+  d["pairs_queried"] = r.near.queried;
+  d["tunnels_considered"] = r.near.tunnels;
+  d["tunnels_culled"] = r.near.tunnels_culled;
+  d["tendon_searches"] = r.pairs.searches;
+  d["tendon_searches_skipped"] = r.pairs.skipped;
+  d["tendon_pairs_considered"] = r.pairs.considered;
+  d["tendon_pairs_near"] = r.pairs.near;
+  d["rows"] = r.contacts;
+  d["groups"] = r.islands;
+  d["substeps"] = r.substeps;
   d["tendons_asleep"] = r.asleep;
   d["linear_solves"] = r.linear_solves;
   return d;

@@ -52,20 +52,25 @@ void Articulated::place(const double* inertias, const double* base, const double
   auto local_turn = [&](int link) { return rotation_of(inertias + kInertiaWidth * link + 7); };
   base_at_ = {base[0], base[1], base[2]};
   Placed& root = links_[0];
-  root.turn = rotation_of(base + 3), root.frame = root.turn * transposed(local_turn(0));
-  root.centre = {}, root.joint = -(root.frame * local_centre(0));
+  root.turn = rotation_of(base + 3);
+  root.frame = root.turn * transposed(local_turn(0));
+  root.centre = {};
+  root.joint = -(root.frame * local_centre(0));
   place_inertia(root, inertias);
   for (int j = 0; j + 1 < links(); ++j) {
     const Joint& joint = joints_[j];
     const Placed& parent = links_[joint.parent];
     Placed& link = links_[j + 1];
-    link.turn = parent.turn * joint.turn, link.joint = parent.centre + parent.turn * joint.pivot;
+    link.turn = parent.turn * joint.turn;
+    link.joint = parent.centre + parent.turn * joint.pivot;
     if (joint.kind == JointKind::hinge)
       link.turn = link.turn * rotation_about(unit_or(joint.axis, {0, 0, 1}), *places++);
     else if (joint.kind == JointKind::slider)
       link.joint += *places++ * (link.turn * joint.axis);
-    else if (joint.kind == JointKind::ball)
-      link.turn = link.turn * rotation_of(places), places += 4;
+    else if (joint.kind == JointKind::ball) {
+      link.turn = link.turn * rotation_of(places);
+      places += 4;
+    }
     link.frame = link.turn * transposed(local_turn(j + 1));
     link.centre = link.joint + link.frame * local_centre(j + 1);
     place_inertia(link, inertias + kInertiaWidth * (j + 1));
@@ -94,7 +99,9 @@ void Articulated::weight(double* out) const {
   for (const Placed& link : links_)
     for (int k : link.moved_by) {
       const Vec3 v = link.mass * (twists_[k].velocity + cross(twists_[k].spin, link.centre));
-      out[3 * k] += v.x, out[3 * k + 1] += v.y, out[3 * k + 2] += v.z;
+      out[3 * k] += v.x;
+      out[3 * k + 1] += v.y;
+      out[3 * k + 2] += v.z;
     }
 }
 

@@ -39,9 +39,11 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   for (int i = 0; i < n(); ++i)
     work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
                      gravity_response[3 * i + 2] * gravity.z;
-  if (n() == 6)
-    work_.known[3] += gyroscopic_acceleration.x, work_.known[4] += gyroscopic_acceleration.y,
-        work_.known[5] += gyroscopic_acceleration.z;
+  if (n() == 6) {
+    work_.known[3] += gyroscopic_acceleration.x;
+    work_.known[4] += gyroscopic_acceleration.y;
+    work_.known[5] += gyroscopic_acceleration.z;
+  }
   return work_.known;
 }
 

@@ -84,7 +84,9 @@ void FiniteRotation::turn_by(double share, Vec3 by) {
 }
 
 void FiniteRotation::add_pull(Vec3 arm, Vec3 f) {
-  pulls.r0 += arm.x * f, pulls.r1 += arm.y * f, pulls.r2 += arm.z * f;
+  pulls.r0 += arm.x * f;
+  pulls.r1 += arm.y * f;
+  pulls.r2 += arm.z * f;
 }
 
 Sym3 FiniteRotation::stiffness() const {

@@ -23,7 +23,8 @@ Twist times(const dense::Numbers& a, const dense::Numbers& x) {
 void Link::follow(const GeneralizedBody& m) {
   const dense::Numbers& d = m.change;
   const Twist more = jacobian.empty() ? Twist{{d[0], d[1], d[2]}, {d[3], d[4], d[5]}} : times(jacobian, d);
-  velocity = now_velocity + more.linear, spin = now_spin + more.angular;
+  velocity = now_velocity + more.linear;
+  spin = now_spin + more.angular;
 }
 
 void Link::go_with(const GeneralizedBody& m) {
@@ -53,7 +54,9 @@ void Link::turn(const GeneralizedBody& m, double share) {
   reached = root;
   for (size_t k = 0; k < n; ++k) {
     const Vec3 d = turned.rate * Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]};
-    reached[3 * n + k] = d.x, reached[4 * n + k] = d.y, reached[5 * n + k] = d.z;
+    reached[3 * n + k] = d.x;
+    reached[4 * n + k] = d.y;
+    reached[5 * n + k] = d.z;
   }
 }
 

@@ -29,7 +29,8 @@ void Observer::start(int n) {
   n_ = n;
   set_identity(n, share_);
   set_identity(n, share_root_);
-  push_.assign(n, 0.0), forces_.assign(n, 0.0);
+  push_.assign(n, 0.0);
+  forces_.assign(n, 0.0);
 }
 
 void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
@@ -45,7 +46,8 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
       released_ = held_ && was_released(now_);
       if (samples_ > 0 && !was_cut() && !stops_known) learn(now_);
     }
-    std::swap(before_, last_), std::swap(last_, now_);
+    std::swap(before_, last_);
+    std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     if (!stops_known) find_push();
   }
@@ -62,7 +64,9 @@ void Observer::take_effective() {
 }
 
 void Observer::refresh(const Numbers& rates) {
-  rates_ = rates, known_ = true, acted_ = false;
+  rates_ = rates;
+  known_ = true;
+  acted_ = false;
   sampled_.clear();
 }
 
@@ -81,11 +85,16 @@ bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
 }  // namespace
 
 void Observer::measure(const Numbers& rates, const Numbers& gravity) {
-  now_.forces = forces_, now_.acceleration.resize(n_);
+  now_.forces = forces_;
+  now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
 
-void Observer::act(const Numbers& forces, double dt) { forces_ = forces, dt_ = dt, acted_ = true; }
+void Observer::act(const Numbers& forces, double dt) {
+  forces_ = forces;
+  dt_ = dt;
+  acted_ = true;
+}
 
 void Observer::set_free() {
   set_identity(n_, share_);
@@ -97,7 +106,8 @@ void Observer::set_free() {
 
 void Observer::let_go() {
   set_free();
-  forces_.assign(n_, 0.0), samples_ = 0;
+  forces_.assign(n_, 0.0);
+  samples_ = 0;
 }
 
 // a - R_eff w.
@@ -138,9 +148,12 @@ bool Observer::was_released(const Sample& now) {
 
 void Observer::learn(const Sample& now) {
   // s = L^T d(w), e = L^-1 d(a)
-  other_.resize(n_), e_.resize(n_);
-  for (int i = 0; i < n_; ++i)
-    other_[i] = now.forces[i] - last_.forces[i], e_[i] = now.acceleration[i] - last_.acceleration[i];
+  other_.resize(n_);
+  e_.resize(n_);
+  for (int i = 0; i < n_; ++i) {
+    other_[i] = now.forces[i] - last_.forces[i];
+    e_[i] = now.acceleration[i] - last_.acceleration[i];
+  }
   multiply_transposed(root_, now.forces, one_);
   const double whole = dot(one_, one_);
   multiply_transposed(root_, other_, s_);

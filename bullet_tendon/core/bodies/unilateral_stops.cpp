@@ -106,7 +106,10 @@ void GeneralizedBody::add_stop(double wanted, int coordinate) {
 }
 
 void GeneralizedBody::find_stops(double dt) {
-  stops_.clear(), directions_.clear(), work_.through.clear(), work_.within.clear();
+  stops_.clear();
+  directions_.clear();
+  work_.through.clear();
+  work_.within.clear();
   unstopped_ = change;
   pushed_.assign(n(), 0.0);
   doubted_.resize(n());
@@ -169,7 +172,8 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
 }
 
 void GeneralizedBody::stop(double dt) {
-  change = unstopped_, root = observer.root();
+  change = unstopped_;
+  root = observer.root();
   work_.missing.clear();
   for (const Stop& s : stops_)
     if (s.acts) work_.missing.push_back(s.missing);
@@ -180,7 +184,8 @@ void GeneralizedBody::stop(double dt) {
 
 // S E, in work_.half, and S R S^T, of those that act.
 void GeneralizedBody::gather_acting() {
-  work_.half.clear(), work_.within_acting.clear();
+  work_.half.clear();
+  work_.within_acting.clear();
   const size_t m = stops_.size();
   for (size_t a = 0; a < m; ++a) {
     if (!stops_[a].acts) continue;
@@ -205,7 +210,8 @@ void GeneralizedBody::take_away(double dt) {
   for (size_t i = 0; i < width; ++i)
     for (size_t a = 0; a < m; ++a) {
       const double by = work_.along[i * m + a] * work_.missing[a];
-      change[i] += by, stopped_by_[i] += rate * by;
+      change[i] += by;
+      stopped_by_[i] += rate * by;
     }
   dense::subtract_product(n(), work_.along, work_.half, root);
 }

@@ -84,7 +84,8 @@ struct Considering {
 
   void operator()(Entry& e, const Query& query, double motion, double reach) {
     ++counts.considered;
-    e.motion = motion, e.reach = reach;
+    e.motion = motion;
+    e.reach = reach;
     if (e.known && !e.inside && context.reuse_tolerance > 0) {
       const double moved = std::max(norm(query.a - e.a), norm(query.b - e.b));
       if (e.distance - moved > reach) {
@@ -129,9 +130,13 @@ struct Considering {
     const Nearest found = surface.search(q.a, q.b, within);
     if (found.distance == 0) return false;
     e.nearby.clear();  // the list can be made again
-    e.a = q.a, e.b = q.b, e.distance = found.distance, e.listed = (1 + 2 * kListed) * found.distance;
+    e.a = q.a;
+    e.b = q.b;
+    e.distance = found.distance;
+    e.listed = (1 + 2 * kListed) * found.distance;
     e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
-    e.now = e.asked, e.clearance = e.distance;
+    e.now = e.asked;
+    e.clearance = e.distance;
     return true;
   }
 
@@ -141,7 +146,8 @@ struct Considering {
     // What has moved is measured now and then all the same, so that what comes to rest rests on true planes.
     if (aside > kFresh * e.distance) ++e.age;
     if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance || e.age >= kOldest) return false;
-    e.now = e.asked, e.clearance = e.distance - moved;
+    e.now = e.asked;
+    e.clearance = e.distance - moved;
     return true;
   }
 };
@@ -154,13 +160,15 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   // Put into the cache, which most shapes need nothing of, only where the shape is near.
   thread_local std::vector<Vec3> local;
   thread_local std::vector<double> motion;
-  local.resize(n), motion.resize(n);
+  local.resize(n);
+  motion.resize(n);
   const Pose pose = in_world(shape, link);
   Vec3 lo{1e300, 1e300, 1e300}, hi = -lo;
   double reach = 0;
   for (int i = 0; i < n; ++i) {
     local[i] = to_local(pose, tendon.x.at(i));
-    lo = lowest(lo, local[i]), hi = highest(hi, local[i]);
+    lo = lowest(lo, local[i]);
+    hi = highest(hi, local[i]);
     motion[i] = motion_of(tendon, i, link, context.dt);
     reach = std::max(reach, motion[i] + tendon.slack[i]);
   }
@@ -172,7 +180,8 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
     return;
   }
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
-  cache.local = local, cache.motion = motion;
+  cache.local = local;
+  cache.motion = motion;
   Considering consider{shape, pose, context, queries, counts};
   auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
   double before = 0;  // reach of the particle before
@@ -194,7 +203,8 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
         consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here},
                  std::max(cache.motion[i - 1], cache.motion[i]), most);
     }
-    before = now, bored_before = bored;
+    before = now;
+    bored_before = bored;
   }
 }
 
@@ -206,11 +216,17 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Shape& 
   // primitive. A mesh gives no such point: the last good plane stays.
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
   if (!believed) {
-    e.inside = true, e.clearance = 0;
-    e.now = e.asked, e.wanted = e.known && !e.asked.hole;
+    e.inside = true;
+    e.clearance = 0;
+    e.now = e.asked;
+    e.wanted = e.known && !e.asked.hole;
     return;
   }
-  e.known = true, e.inside = distance < 0, e.age = 0, e.a = q.a, e.b = q.b;
+  e.known = true;
+  e.inside = distance < 0;
+  e.age = 0;
+  e.a = q.a;
+  e.b = q.b;
   e.asked = plane_at(nearest, point, u, distance < 0 ? -1 : 1, pose, bores, e.asked.normal);
   if (shape.surface && distance > 0) {
     e.listed = shape.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
@@ -218,8 +234,10 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Shape& 
     distance = found.distance;
     e.asked = plane_of(found, q.a, q.b, pose, bores, e.asked.normal);
   }
-  e.distance = distance, e.clearance = std::max(0.0, distance);
-  e.now = e.asked, e.wanted = is_within_reach(e);
+  e.distance = distance;
+  e.clearance = std::max(0.0, distance);
+  e.now = e.asked;
+  e.wanted = is_within_reach(e);
 }
 
 namespace {
@@ -276,7 +294,8 @@ Bore in_world(const Tunnel& t, const Link& link) {
   Vec3 start = to_world(link.pose, t.start), along = to_world(link.pose, t.end) - start;
   double length = norm(along);
   Box box;
-  box.include(start), box.include(start + along);
+  box.include(start);
+  box.include(start + along);
   box.grow(t.radius + t.chamfer);
   return {start, (1 / length) * along, length, t.radius, t.chamfer, box};
 }

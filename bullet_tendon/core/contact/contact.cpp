@@ -18,7 +18,10 @@ void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
   Vec3 radial = without(x - contact.geometry.axis_point, contact.geometry.axis);
   double rho = norm(radial);
   contact.geometry.gap = contact.geometry.feature_radius - rho;
-  if (rho > 0) contact.geometry.normal = (-1 / rho) * radial, curvature = 1 / rho;
+  if (rho > 0) {
+    contact.geometry.normal = (-1 / rho) * radial;
+    curvature = 1 / rho;
+  }
   around = cross(contact.geometry.axis, contact.geometry.normal);
 }
 
@@ -35,22 +38,28 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   else
     geometry.gap = dot(geometry.normal, relative) - geometry.offset;
   geometry.gap -= geometry.depth_allowance;
-  if (!normal_force.direct) normal_force.value = std::max(0.0, normal_force.lambda - normal_force.stiffness * geometry.gap);
+  if (!normal_force.direct)
+    normal_force.value = std::max(0.0, normal_force.lambda - normal_force.stiffness * geometry.gap);
   if (at_position) normal_force.lambda_predicted = normal_force.value;
   // A direct contact's normal force is what the constraint supplies: only its friction is a force here.
-  normal_force.pressed = !normal_force.direct && (normal_force.value > 0 || normal_force.lambda_predicted > 0);
+  normal_force.pressed =
+      !normal_force.direct && (normal_force.value > 0 || normal_force.lambda_predicted > 0);
   force.total = normal_force.direct ? Vec3{} : normal_force.value * geometry.normal;
-  force.linear = normal_force.pressed ? (normal_force.lambda - normal_force.stiffness * geometry.gap) * geometry.normal : Vec3{};
+  force.linear = normal_force.pressed
+                     ? (normal_force.lambda - normal_force.stiffness * geometry.gap) * geometry.normal
+                     : Vec3{};
   friction.force = {};
   force.block = {};
   if (normal_force.pressed) force.block = normal_force.stiffness * outer(geometry.normal);
   if (normal_force.pressed && (curvature != 0 || across_edge != 0)) {
     const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
     force.block += (normal_force.lambda_predicted * std::max(curvature, least)) * outer(around);
-    force.block += (normal_force.lambda_predicted * std::max(across_edge, least)) * outer(cross(around, geometry.normal));
+    force.block += (normal_force.lambda_predicted * std::max(across_edge, least)) *
+                   outer(cross(around, geometry.normal));
   }
   if (friction.coefficient <= 0 || (normal_force.direct && !normal_force.held)) return;
-  friction.raw = without(friction.anchor + relative - geometry.point_shift - friction.relative_start, geometry.normal);
+  friction.raw =
+      without(friction.anchor + relative - geometry.point_shift - friction.relative_start, geometry.normal);
   if (at_position) friction.sliding = friction.stiffness * norm(friction.raw) > friction.limit;
   if (friction.limit <= 0) {
     friction.displacement = {};
@@ -66,7 +75,8 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
     force.block += friction.stiffness * across(geometry.normal);
   } else if (stretch > 0) {
     Vec3 along = (1 / stretch) * friction.raw;
-    force.block += (std::min(friction.limit, pull) / stretch) * (across(geometry.normal) + (-1.0) * outer(along));
+    force.block +=
+        (std::min(friction.limit, pull) / stretch) * (across(geometry.normal) + (-1.0) * outer(along));
   }
 }
 
@@ -85,7 +95,9 @@ void Contact::take_over(double force) {
 void Contact::settle(Vec3 relative) {
   Vec3 z = without(friction.anchor + relative - friction.relative_start, geometry.normal);
   double pull = friction.stiffness * norm(z);
-  friction.displacement = friction.limit <= 0 ? Vec3{} : pull > friction.limit ? (friction.limit / pull) * z : z;
+  friction.displacement = friction.limit <= 0     ? Vec3{}
+                          : pull > friction.limit ? (friction.limit / pull) * z
+                                                  : z;
 }
 
 void Contact::predict(Vec3 moved) {
@@ -93,10 +105,12 @@ void Contact::predict(Vec3 moved) {
   if (friction.coefficient <= 0) return;
   if (friction.limit > 0) {
     const Vec3 next = friction.raw + without(moved, geometry.normal);
-    friction.sliding = friction.stiffness * norm(next) > friction.limit && !(friction.sliding && dot(next, friction.raw) < 0);
+    friction.sliding = friction.stiffness * norm(next) > friction.limit &&
+                       !(friction.sliding && dot(next, friction.raw) < 0);
   }
   if (!acts()) return;
-  const double most = friction.coefficient * (normal_force.direct ? normal_force.value : normal_force.lambda_predicted);
+  const double most =
+      friction.coefficient * (normal_force.direct ? normal_force.value : normal_force.lambda_predicted);
   if (friction.limit <= 0) friction.sliding = friction.stiffness * norm(friction.raw) > most;
   friction.limit = most;
 }

@@ -32,7 +32,10 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_
   // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
   double sign = geometry.threads_mouth && inward < 0 ? -1 : 1;
   geometry.gap = sign * d - geometry.offset;
-  if (d > 0) geometry.normal = (sign / d) * (z * geometry.axis - inward * out), across_edge = -sign / d;
+  if (d > 0) {
+    geometry.normal = (sign / d) * (z * geometry.axis - inward * out);
+    across_edge = -sign / d;
+  }
   if (d > 0 && rho > 0) curvature = sign * inward / (d * rho);
   around = cross(geometry.axis, out);
 }
@@ -43,11 +46,12 @@ void Contact::follow(Vec3 start, Vec3 end) {
   if (l2 == 0) return;
   double u = a.w1;
   for (int i = 0; i < kFollowing; ++i) {
-    const Vec3 on_edge =
-        nearest_on_circle(start + u * l, geometry.axis_point, geometry.axis, geometry.feature_radius, any_perpendicular(geometry.axis));
+    const Vec3 on_edge = nearest_on_circle(start + u * l, geometry.axis_point, geometry.axis,
+                                           geometry.feature_radius, any_perpendicular(geometry.axis));
     u = std::min(std::max(dot(on_edge - start, l) / l2, 0.0), 1.0);
   }
-  a.w0 = 1 - u, a.w1 = u;
+  a.w0 = 1 - u;
+  a.w1 = u;
   geometry.point_shift = (u - friction.anchored_at) * l;
 }
 
@@ -65,8 +69,10 @@ void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
   const double bent = dot(l, Hl);
   if (bent == 0 || (definite && bent < 0)) return;
-  geometry.sliding_terms = 1, geometry.sliding_share[0] = normal_force.lambda_predicted / bent;
-  geometry.sliding_term[0][0] = (1 - u) * Hl - geometry.normal, geometry.sliding_term[0][1] = u * Hl + geometry.normal;
+  geometry.sliding_terms = 1;
+  geometry.sliding_share[0] = normal_force.lambda_predicted / bent;
+  geometry.sliding_term[0][0] = (1 - u) * Hl - geometry.normal;
+  geometry.sliding_term[0][1] = u * Hl + geometry.normal;
 }
 
 }  // namespace bt

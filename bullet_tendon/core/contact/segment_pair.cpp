@@ -33,7 +33,10 @@ void Contact::follow_pair(const Vec3 (&x)[4]) {
     geometry.normal = geometry.side;
     return;
   }
-  a.w0 = 1 - u, a.w1 = u, b.w0 = 1 - w, b.w1 = w;
+  a.w0 = 1 - u;
+  a.w1 = u;
+  b.w0 = 1 - w;
+  b.w1 = w;
   geometry.point_shift = (u - friction.anchored_at) * along - (w - friction.anchored_at_other) * other;
   geometry.normal = (1 / distance) * apart;
 }
@@ -48,8 +51,14 @@ void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
   const double P[4] = {a.w0, a.w1, -b.w0, -b.w1};
   const Vec3 Ha = (1 / D) * without(along, geometry.normal), Hb = (1 / D) * without(other, geometry.normal);
   Vec3 va[4], vb[4];
-  for (int i = 0; i < 4; ++i) va[i] = P[i] * Ha, vb[i] = -P[i] * Hb;
-  va[0] += -1.0 * geometry.normal, va[1] += geometry.normal, vb[2] += geometry.normal, vb[3] += -1.0 * geometry.normal;
+  for (int i = 0; i < 4; ++i) {
+    va[i] = P[i] * Ha;
+    vb[i] = -P[i] * Hb;
+  }
+  va[0] += -1.0 * geometry.normal;
+  va[1] += geometry.normal;
+  vb[2] += geometry.normal;
+  vb[3] += -1.0 * geometry.normal;
   const double aa = dot(along, Ha), ab = -dot(along, Hb), bb = dot(other, Hb);
   auto take = [&](const Vec3(&v)[4], double share) {
     for (int i = 0; i < 4; ++i) geometry.sliding_term[geometry.sliding_terms][i] = v[i];

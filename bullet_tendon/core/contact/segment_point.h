@@ -18,7 +18,8 @@ struct SegmentPoint {
 
 // Takes a pull at a spot off what its two particles have.
 inline void pull_back(Field& f, const SegmentPoint& s, Vec3 pull) {
-  f.add(s.first, -s.w0 * pull), f.add(s.first + 1, -s.w1 * pull);
+  f.add(s.first, -s.w0 * pull);
+  f.add(s.first + 1, -s.w1 * pull);
 }
 
 }  // namespace bt

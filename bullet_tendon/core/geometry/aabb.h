@@ -6,11 +6,18 @@ namespace bt {
 
 struct Box {
   Vec3 lo{1e300, 1e300, 1e300}, hi{-1e300, -1e300, -1e300};
-  void include(Vec3 p) { lo = lowest(lo, p), hi = highest(hi, p); }
-  void include(const Box& b) { include(b.lo), include(b.hi); }
+  void include(Vec3 p) {
+    lo = lowest(lo, p);
+    hi = highest(hi, p);
+  }
+  void include(const Box& b) {
+    include(b.lo);
+    include(b.hi);
+  }
   void grow(double margin) {
     Vec3 m{margin, margin, margin};
-    lo -= m, hi += m;
+    lo -= m;
+    hi += m;
   }
 };
 inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the margin m

@@ -72,13 +72,17 @@ struct AlongPrimitive {
     if (u > 0 && u < 1) breaks[count++] = u;
   }
   void add_walls(double x, double way, double half) {
-    if (way != 0) add_break((half - x) / way), add_break((-half - x) / way);
+    if (way != 0) {
+      add_break((half - x) / way);
+      add_break((-half - x) / way);
+    }
   }
   // Where the nearest point passes from one part of the surface to another.
   void find_breaks() {
     if (primitive.kind == Primitive::Kind::box) {
-      add_walls(a.x, d.x, primitive.half.x), add_walls(a.y, d.y, primitive.half.y),
-          add_walls(a.z, d.z, primitive.half.z);
+      add_walls(a.x, d.x, primitive.half.x);
+      add_walls(a.y, d.y, primitive.half.y);
+      add_walls(a.z, d.z, primitive.half.z);
     } else {
       add_walls(a.z, d.z, primitive.half_length);
       const double square = d.x * d.x + d.y * d.y;
@@ -87,7 +91,9 @@ struct AlongPrimitive {
         const double x = a.x + nearest * d.x, y = a.y + nearest * d.y;
         const double chord = (primitive.radius * primitive.radius - x * x - y * y) / square;
         const double half = std::sqrt(std::max(chord, 0.0));
-        add_break(nearest - half), add_break(nearest), add_break(nearest + half);
+        add_break(nearest - half);
+        add_break(nearest);
+        add_break(nearest + half);
       }
     }
     std::sort(breaks.begin(), breaks.begin() + count);
@@ -114,11 +120,15 @@ struct AlongPrimitive {
       const double value = slope(u);
       if (value == 0) break;
       if (value < 0) {
-        high = kept < 0 ? 0.5 * high : high, kept = -1;
-        left = u, low = value;
+        high = kept < 0 ? 0.5 * high : high;
+        kept = -1;
+        left = u;
+        low = value;
       } else {
-        low = kept > 0 ? 0.5 * low : low, kept = 1;
-        right = u, high = value;
+        low = kept > 0 ? 0.5 * low : low;
+        kept = 1;
+        right = u;
+        high = value;
         count = std::min(count, step);  // the others are beyond
       }
       if (step < count) kept = 0;
@@ -138,10 +148,14 @@ struct AlongPrimitive {
     double at_u = signed_distance(u), at_v = signed_distance(v);
     while (right - left > kDeepestWidth) {
       if (at_u <= at_v) {
-        right = v, v = u, at_v = at_u;
+        right = v;
+        v = u;
+        at_v = at_u;
         at_u = signed_distance(u = right - kGolden * (right - left));
       } else {
-        left = u, u = v, at_u = at_v;
+        left = u;
+        u = v;
+        at_u = at_v;
         at_v = signed_distance(v = left + kGolden * (right - left));
       }
     }
@@ -160,7 +174,10 @@ PrimitiveNearest Primitive::nearest(Vec3 a, Vec3 b) const {
   if (size > kOnSurface * (sum_of(a) + along.reach))
     normal = (1 / size) * normal;
   else  // it touches, as far as rounding can tell, or runs through
-    u = along.deepest(), size = inside(along.at(u), normal);
+  {
+    u = along.deepest();
+    size = inside(along.at(u), normal);
+  }
   const double distance = size - growth;
   return {distance, along.at(u) - distance * normal, u};
 }

@@ -28,13 +28,16 @@ Vec3 middle(const Triangle& t) { return (1.0 / 3) * (t.a + t.b + t.c); }
 
 Box box_of(const Triangle& t) {
   Box box;
-  box.include(t.a), box.include(t.b), box.include(t.c);
+  box.include(t.a);
+  box.include(t.b);
+  box.include(t.c);
   return box;
 }
 
 Box box_of(Vec3 a, Vec3 b) {
   Box box;
-  box.include(a), box.include(b);
+  box.include(a);
+  box.include(b);
   return box;
 }
 
@@ -204,7 +207,8 @@ struct NearestSoFar {
     Nearest here = nearest_of(t, a, b);
     if (is_pierced(t, a, b)) here.distance = 0;
     if (!(here.distance < best.distance)) return;
-    best = here, reach = std::min(reach, best.distance);
+    best = here;
+    reach = std::min(reach, best.distance);
     up = unit_or((1 - best.u) * a + best.u * b - best.point, {});
     floor = std::min(dot(up, a), dot(up, b)) - best.distance;
   }
@@ -240,7 +244,10 @@ void Surface::list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::ve
     if (square_between(box_of(triangles_[k]), around) > reach * reach) continue;
     const Nearest found = nearest_of(triangles_[k], a, b);
     if (found.distance > reach) continue;
-    if (out.size() == kMostNearby) std::pop_heap(out.begin(), out.end(), nearer), out.pop_back();
+    if (out.size() == kMostNearby) {
+      std::pop_heap(out.begin(), out.end(), nearer);
+      out.pop_back();
+    }
     const Vec3 n = unit_or((1 - found.u) * a + found.u * b - found.point, {});
     out.push_back({k, found.distance, n, dot(n, found.point)});
     std::push_heap(out.begin(), out.end(), nearer);
@@ -254,7 +261,10 @@ Nearest Surface::nearest(const std::vector<Nearby>& listed, Vec3 a, Vec3 b) cons
   double least = 1e300;
   for (size_t k = 0; k < listed.size(); ++k) {
     const double here = bound(listed[k]);
-    if (here < least) least = here, likely = k;
+    if (here < least) {
+      least = here;
+      likely = k;
+    }
   }
   Nearest best{1e300, 0, {}};
   if (!listed.empty()) best = nearest_of(triangles_[listed[likely].triangle], a, b);

@@ -27,7 +27,10 @@ double nearest_to_circle(Vec3 a, Vec3 b, Vec3 centre, Vec3 axis, double radius) 
   double least = to_circle(a, d, 0, centre, axis, radius);
   for (int s = 1; s <= kSamples; ++s) {
     double value = to_circle(a, d, static_cast<double>(s) / kSamples, centre, axis, radius);
-    if (value < least) least = value, best = s;
+    if (value < least) {
+      least = value;
+      best = s;
+    }
   }
   double lo = std::max(0, best - 1) / static_cast<double>(kSamples);
   double hi = std::min(kSamples, best + 1) / static_cast<double>(kSamples);

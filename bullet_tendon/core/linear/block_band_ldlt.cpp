@@ -13,21 +13,26 @@ void project_left(double* m, const Sym3& N) {
   for (int c = 0; c < 3; ++c) {
     Vec3 v{m[c], m[3 + c], m[6 + c]};
     v -= N * v;
-    m[c] = v.x, m[3 + c] = v.y, m[6 + c] = v.z;
+    m[c] = v.x;
+    m[3 + c] = v.y;
+    m[6 + c] = v.z;
   }
 }
 void project_right(double* m, const Sym3& N) {
   for (int r = 0; r < 3; ++r) {
     Vec3 v{m[3 * r], m[3 * r + 1], m[3 * r + 2]};
     v -= N * v;
-    m[3 * r] = v.x, m[3 * r + 1] = v.y, m[3 * r + 2] = v.z;
+    m[3 * r] = v.x;
+    m[3 * r + 1] = v.y;
+    m[3 * r + 2] = v.z;
   }
 }
 
 }  // namespace
 
 void Band::resize(int blocks, int half_bandwidth) {
-  n = blocks, half = half_bandwidth;
+  n = blocks;
+  half = half_bandwidth;
   diagonal.resize(6, n);
   for (int o = 0; o < 2; ++o) below[o].resize(o < half ? 9 : 0, n);
 }
@@ -75,7 +80,8 @@ void Band::multiply(const Field& x, Field& y) const {
 void Band::hold(int i, const Sym3& N) {
   double m[9];
   for (int c = 0; c < 9; ++c) m[c] = diagonal[kFull[c]][i];
-  project_left(m, N), project_right(m, N);
+  project_left(m, N);
+  project_right(m, N);
   const double kept[6] = {m[0] + N.xx, m[1] + N.xy, m[2] + N.xz, m[4] + N.yy, m[5] + N.yz, m[8] + N.zz};
   for (int c = 0; c < 6; ++c) diagonal[c][i] = kept[c];
   for (int o = 0; o < half; ++o) {
@@ -121,14 +127,21 @@ inline bool ldl(const Lanes* a, Lanes* f) {
   Lanes e = a[4] - l21 * a[2];
   Lanes l32 = e * i2;
   Lanes d3 = a[5] - l31 * a[2] - l32 * e;
-  f[0] = l21, f[1] = l31, f[2] = l32, f[3] = i1, f[4] = i2, f[5] = 1.0 / d3;
+  f[0] = l21;
+  f[1] = l31;
+  f[2] = l32;
+  f[3] = i1;
+  f[4] = i2;
+  f[5] = 1.0 / d3;
   return a[0][0] > 0 && a[0][1] > 0 && d2[0] > 0 && d2[1] > 0 && d3[0] > 0 && d3[1] > 0;
 }
 
 inline void ldl_solve(const Lanes* f, Lanes& x, Lanes& y, Lanes& z) {
   y -= f[0] * x;
   z -= f[1] * x + f[2] * y;
-  x *= f[3], y *= f[4], z *= f[5];
+  x *= f[3];
+  y *= f[4];
+  z *= f[5];
   y -= f[2] * z;
   x -= f[0] * y + f[1] * z;
 }
@@ -142,8 +155,12 @@ struct Half {
 inline void solve_half(const Lanes* f, const Lanes* e, Half& h) {
   for (int c = 0; c < 3; ++c) {
     const Lanes x = e[3 * c], y = e[3 * c + 1] - f[0] * x, z = e[3 * c + 2] - (f[1] * x + f[2] * y);
-    h.w[c] = x, h.w[3 + c] = y, h.w[6 + c] = z;
-    h.scaled[c] = x * f[3], h.scaled[3 + c] = y * f[4], h.scaled[6 + c] = z * f[5];
+    h.w[c] = x;
+    h.w[3 + c] = y;
+    h.w[6 + c] = z;
+    h.scaled[c] = x * f[3];
+    h.scaled[3 + c] = y * f[4];
+    h.scaled[6 + c] = z * f[5];
   }
 }
 
@@ -151,7 +168,9 @@ inline void solve_half(const Lanes* f, const Lanes* e, Half& h) {
 inline void solve_rest(const Lanes* f, const Half& h, Lanes* z) {
   for (int c = 0; c < 3; ++c) {
     const Lanes last = h.scaled[6 + c], y = h.scaled[3 + c] - f[2] * last;
-    z[c] = h.scaled[c] - (f[0] * y + f[1] * last), z[3 + c] = y, z[6 + c] = last;
+    z[c] = h.scaled[c] - (f[0] * y + f[1] * last);
+    z[3 + c] = y;
+    z[6 + c] = last;
   }
 }
 
@@ -161,14 +180,19 @@ inline Lanes product(const Half& e, int r, const Half& z, int c) {
 
 // The six distinct entries of E Z, which is symmetric.
 inline void symmetric_product(const Half& h, Lanes* out) {
-  out[0] = product(h, 0, h, 0), out[1] = product(h, 0, h, 1), out[2] = product(h, 0, h, 2);
-  out[3] = product(h, 1, h, 1), out[4] = product(h, 1, h, 2), out[5] = product(h, 2, h, 2);
+  out[0] = product(h, 0, h, 0);
+  out[1] = product(h, 0, h, 1);
+  out[2] = product(h, 0, h, 2);
+  out[3] = product(h, 1, h, 1);
+  out[4] = product(h, 1, h, 2);
+  out[5] = product(h, 2, h, 2);
 }
 
 }  // namespace
 
 void BandFactor::resize(int blocks, int half_bandwidth) {
-  n_ = blocks, half_ = half_bandwidth;
+  n_ = blocks;
+  half_ = half_bandwidth;
   middle_ = half_ == 1 ? (n_ % 2 ? 1 : 2) : (n_ % 2 ? 3 : 2);
   if (middle_ > n_) middle_ = n_;
   steps_ = (n_ - middle_) / 2;
@@ -209,7 +233,10 @@ bool BandFactor::factorise_ends(const Band& a) {
     }
     solve_rest(p.ldl, h1, p.z[0]);
   }
-  for (int c = 0; c < 6; ++c) left_[0][c] = first[c], left_[1][c] = second[c];
+  for (int c = 0; c < 6; ++c) {
+    left_[0][c] = first[c];
+    left_[1][c] = second[c];
+  }
   for (int c = 0; c < 9; ++c) left_[2][c] = between[c];
   return ok;
 }
@@ -229,9 +256,11 @@ bool BandFactor::factorise_middle(const Band& a) {
       for (int r = 0; r < 3; ++r)
         for (int c = 0; c <= r; ++c) at(3 * block + r, 3 * block + c) -= what[kFull[3 * r + c]][lane];
     };
-    take(0, 0, left_[0]), take(w - 1, 1, left_[0]);
+    take(0, 0, left_[0]);
+    take(w - 1, 1, left_[0]);
     if (half_ == 2) {
-      take(1, 0, left_[1]), take(w - 2, 1, left_[1]);
+      take(1, 0, left_[1]);
+      take(w - 2, 1, left_[1]);
       for (int r = 0; r < 3; ++r)
         for (int c = 0; c < 3; ++c) {
           at(3 + r, c) -= left_[2][3 * r + c][0];
@@ -243,9 +272,13 @@ bool BandFactor::factorise_middle(const Band& a) {
   double pivot[9];
   for (int j = 0; j < m; ++j) {
     double d = at(j, j), scaled[9];
-    for (int k = 0; k < j; ++k) scaled[k] = at(j, k) * pivot[k], d -= at(j, k) * scaled[k];
+    for (int k = 0; k < j; ++k) {
+      scaled[k] = at(j, k) * pivot[k];
+      d -= at(j, k) * scaled[k];
+    }
     ok &= d > 0;
-    pivot[j] = d, at(j, j) = 1 / d;
+    pivot[j] = d;
+    at(j, j) = 1 / d;
     for (int i = j + 1; i < m; ++i) {
       double v = at(i, j);
       for (int k = 0; k < j; ++k) v -= at(i, k) * scaled[k];
@@ -277,15 +310,22 @@ void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
       }
     }
     ldl_solve(p.ldl, z[0], z[1], z[2]);
-    for (int c = 0; c < 3; ++c) x[c][top] = z[c][0], x[c][bottom] = z[c][1];
+    for (int c = 0; c < 3; ++c) {
+      x[c][top] = z[c][0];
+      x[c][bottom] = z[c][1];
+    }
   }
   double y[9];
   const int w = middle_;
   for (int i = 0; i < w; ++i)
     for (int c = 0; c < 3; ++c) y[3 * i + c] = b[c][steps_ + i];
   for (int c = 0; c < 3; ++c) {
-    y[c] -= first[c][0], y[3 * (w - 1) + c] -= first[c][1];
-    if (H == 2 && steps_ > 0) y[3 + c] -= second[c][0], y[3 * (w - 2) + c] -= second[c][1];
+    y[c] -= first[c][0];
+    y[3 * (w - 1) + c] -= first[c][1];
+    if (H == 2 && steps_ > 0) {
+      y[3 + c] -= second[c][0];
+      y[3 * (w - 2) + c] -= second[c][1];
+    }
   }
   solve_middle<1>(y);
   for (int i = 0; i < w; ++i)
@@ -298,7 +338,8 @@ void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
       for (int c = 0; c < 3; ++c) v[c] = both(x[c], top + o + 1, bottom - o - 1);
       for (int r = 0; r < 3; ++r) {
         Lanes sum = p.z[o][3 * r] * v[0] + p.z[o][3 * r + 1] * v[1] + p.z[o][3 * r + 2] * v[2];
-        x[r][top] -= sum[0], x[r][bottom] -= sum[1];
+        x[r][top] -= sum[0];
+        x[r][bottom] -= sum[1];
       }
     }
   }
@@ -322,7 +363,9 @@ template <int Lane>
 BT_WITHIN inline void pivot_solve(const Lanes* f, Eight* x) {
   x[1] -= f[0][Lane] * x[0];
   x[2] -= f[1][Lane] * x[0] + f[2][Lane] * x[1];
-  x[0] *= f[3][Lane], x[1] *= f[4][Lane], x[2] *= f[5][Lane];
+  x[0] *= f[3][Lane];
+  x[1] *= f[4][Lane];
+  x[2] *= f[5][Lane];
   x[1] -= f[2][Lane] * x[2];
   x[0] -= f[0][Lane] * x[1] + f[1][Lane] * x[2];
 }
@@ -372,8 +415,12 @@ BT_WITHIN inline void BandFactor::columns_ends(int first, int last, Columns& x) 
   Eight next[2][3], after[2][3];
   columns_inwards<H, 0>(first, top, next[0], after[0]);
   columns_inwards<H, 1>(n_ - 1 - last, bottom, next[1], after[1]);
-  subtract(x.at(steps_), next[0]), subtract(x.at(steps_ + w - 1), next[1]);
-  if (H == 2 && steps_ > 0) subtract(x.at(steps_ + 1), after[0]), subtract(x.at(steps_ + w - 2), after[1]);
+  subtract(x.at(steps_), next[0]);
+  subtract(x.at(steps_ + w - 1), next[1]);
+  if (H == 2 && steps_ > 0) {
+    subtract(x.at(steps_ + 1), after[0]);
+    subtract(x.at(steps_ + w - 2), after[1]);
+  }
   solve_middle<kLanes>(x.number(steps_));
   columns_outwards<H, 0>(first, top);
   columns_outwards<H, 1>(n_ - 1 - last, bottom);

@@ -30,24 +30,39 @@ const std::vector<int>& MinimumDegree::order(const Adjacency& graph) {
 }
 
 void MinimumDegree::start(const Adjacency& graph) {
-  n_ = left_ = graph.count(), least_ = 0, stamp_ = 0;
+  n_ = left_ = graph.count();
+  least_ = 0;
+  stamp_ = 0;
   lists_.assign(graph.nodes.begin(), graph.nodes.end());
   start_.assign(graph.first.begin(), graph.first.end() - 1);
-  length_.resize(n_), last_.resize(n_);
-  elements_.assign(n_, 0), weight_.assign(n_, 1), alive_.assign(n_, 0);
-  outside_.assign(n_, 0), seen_.assign(n_, 0), mark_.assign(n_, 0);
-  head_.assign(n_ + 1, -1), next_.assign(n_, -1), before_.assign(n_, -1);
-  hash_head_.assign(n_, -1), hash_next_.assign(n_, -1), hash_of_.assign(n_, 0);
+  length_.resize(n_);
+  last_.resize(n_);
+  elements_.assign(n_, 0);
+  weight_.assign(n_, 1);
+  alive_.assign(n_, 0);
+  outside_.assign(n_, 0);
+  seen_.assign(n_, 0);
+  mark_.assign(n_, 0);
+  head_.assign(n_ + 1, -1);
+  next_.assign(n_, -1);
+  before_.assign(n_, -1);
+  hash_head_.assign(n_, -1);
+  hash_next_.assign(n_, -1);
+  hash_of_.assign(n_, 0);
   follower_.assign(n_, -1);
   pivots_.clear();
-  for (int i = 0; i < n_; ++i) length_[i] = graph.first[i + 1] - graph.first[i], last_[i] = i;
+  for (int i = 0; i < n_; ++i) {
+    length_[i] = graph.first[i + 1] - graph.first[i];
+    last_[i] = i;
+  }
   degree_ = length_;
   for (int i = n_ - 1; i >= 0; --i) link(i);
 }
 
 void MinimumDegree::link(int i) {
   int& head = head_[degree_[i]];
-  next_[i] = head, before_[i] = -1;
+  next_[i] = head;
+  before_[i] = -1;
   if (head >= 0) before_[head] = i;
   head = i;
   least_ = std::min(least_, degree_[i]);
@@ -88,8 +103,11 @@ void MinimumDegree::make_element(int p) {
     take(p, start_[e], start_[e] + length_[e]);
   }
   take(p, middle, to);
-  start_[p] = begin, length_[p] = static_cast<int>(lists_.size()) - begin;
-  alive_[p] = 1, elements_[p] = 0, degree_[p] = 0;
+  start_[p] = begin;
+  length_[p] = static_cast<int>(lists_.size()) - begin;
+  alive_[p] = 1;
+  elements_[p] = 0;
+  degree_[p] = 0;
   for (int k = begin; k < begin + length_[p]; ++k) degree_[p] += weight_[lists_[k]];
 }
 
@@ -99,7 +117,10 @@ void MinimumDegree::measure_elements(int p) {
     for (int m = start_[i]; m < start_[i] + elements_[i]; ++m) {
       const int e = lists_[m];
       if (!alive_[e]) continue;
-      if (seen_[e] != stamp_) seen_[e] = stamp_, outside_[e] = degree_[e];
+      if (seen_[e] != stamp_) {
+        seen_[e] = stamp_;
+        outside_[e] = degree_[e];
+      }
       outside_[e] -= weight_[i];
     }
   }
@@ -118,7 +139,8 @@ void MinimumDegree::update(int p, int i) {
       alive_[e] = 0;
       continue;
     }
-    degree += outside_[e], hash += e;
+    degree += outside_[e];
+    hash += e;
     lists_[kept++] = e;
   }
   const int elements = kept - from;
@@ -126,18 +148,21 @@ void MinimumDegree::update(int p, int i) {
   for (int k = middle; k < to; ++k) {
     const int j = lists_[k];
     if (j == p || weight_[j] == 0 || mark_[j] == stamp_) continue;
-    degree += weight_[j], hash += j;
+    degree += weight_[j];
+    hash += j;
     lists_[from + elements + variables++] = j;
   }
   if (degree == 0) {  // nothing beside L_p
-    left_ -= weight_[i], degree_[p] -= weight_[i];
+    left_ -= weight_[i];
+    degree_[p] -= weight_[i];
     join(i, p);
     return;
   }
   // p takes the place of the first variable, which goes to the end.
   lists_[from + elements + variables] = lists_[from + elements];
   lists_[from + elements] = p;
-  elements_[i] = elements + 1, length_[i] = elements + 1 + variables;
+  elements_[i] = elements + 1;
+  length_[i] = elements + 1 + variables;
   degree_[i] = std::min(degree_[i], degree);
   hash_of_[i] = static_cast<int>(hash % static_cast<unsigned>(n_));
   hash_next_[i] = hash_head_[hash_of_[i]];
@@ -188,7 +213,8 @@ void MinimumDegree::finish_element(int p) {
     degree_[i] = std::min(degree_[i] + degree_[p], left_) - weight_[i];
     link(i);
   }
-  length_[p] = kept - from, weight_[p] = 0;
+  length_[p] = kept - from;
+  weight_[p] = 0;
   lists_.resize(kept);
   if (length_[p] == 0) alive_[p] = 0;
 }

@@ -50,21 +50,29 @@ Block3 block_of(const Sym3& s) { return {{s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.
 
 void SparseFactor::analyse(int n, const Edges& edges) {
   if (n == n_ && edges == edges_) return;
-  n_ = n, edges_ = edges;
+  n_ = n;
+  edges_ = edges;
   find_neighbours();
   node_ = minimum_degree_.order(graph_);
   find_columns();
   plan_updates();
-  diagonal_.resize(n_), below_.resize(rows_.size());
+  diagonal_.resize(n_);
+  below_.resize(rows_.size());
 }
 
 void SparseFactor::find_neighbours() {
   std::vector<int>&first = graph_.first, &nodes = graph_.nodes;
   first.assign(n_ + 2, 0);
-  for (auto [i, j] : edges_) ++first[i + 2], ++first[j + 2];
+  for (auto [i, j] : edges_) {
+    ++first[i + 2];
+    ++first[j + 2];
+  }
   for (int i = 0; i < n_; ++i) first[i + 2] += first[i + 1];
   nodes.resize(2 * edges_.size());
-  for (auto [i, j] : edges_) nodes[first[i + 1]++] = j, nodes[first[j + 1]++] = i;
+  for (auto [i, j] : edges_) {
+    nodes[first[i + 1]++] = j;
+    nodes[first[j + 1]++] = i;
+  }
   first.pop_back();
   int kept = 0;
   for (int i = 0, from = 0; i < n_; ++i) {
@@ -72,7 +80,8 @@ void SparseFactor::find_neighbours() {
     std::sort(nodes.begin() + from, nodes.begin() + to);
     for (int k = from; k < to; ++k)
       if (k == from || nodes[k] != nodes[k - 1]) nodes[kept++] = nodes[k];
-    from = to, first[i + 1] = kept;
+    from = to;
+    first[i + 1] = kept;
   }
   nodes.resize(kept);
 }
@@ -81,12 +90,18 @@ void SparseFactor::find_neighbours() {
 void SparseFactor::find_columns() {
   where_.resize(n_);
   for (int k = 0; k < n_; ++k) where_[node_[k]] = k;
-  first_.assign(1, 0), rows_.clear();
-  child_.assign(n_, -1), sibling_.assign(n_, -1), seen_.assign(n_, -1);
+  first_.assign(1, 0);
+  rows_.clear();
+  child_.assign(n_, -1);
+  sibling_.assign(n_, -1);
+  seen_.assign(n_, -1);
   for (int k = 0; k < n_; ++k) {
     seen_[k] = k;
     auto take = [&](int row) {
-      if (row > k && seen_[row] != k) seen_[row] = k, rows_.push_back(row);
+      if (row > k && seen_[row] != k) {
+        seen_[row] = k;
+        rows_.push_back(row);
+      }
     };
     for (int a = graph_.first[node_[k]]; a < graph_.first[node_[k] + 1]; ++a) take(where_[graph_.nodes[a]]);
     for (int c = child_[k]; c >= 0; c = sibling_[c])
@@ -95,7 +110,8 @@ void SparseFactor::find_columns() {
     first_.push_back(static_cast<int>(rows_.size()));
     if (first_[k + 1] == first_[k]) continue;
     const int parent = rows_[first_[k]];
-    sibling_[k] = child_[parent], child_[parent] = k;
+    sibling_[k] = child_[parent];
+    child_[parent] = k;
   }
 }
 

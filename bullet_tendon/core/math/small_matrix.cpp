@@ -158,13 +158,16 @@ void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
   const double c = 1 / std::sqrt(t * t + 1), s = t * c;
   for (int k = 0; k < n; ++k) {
     const double x = a[k * n + p], y = a[k * n + q];
-    a[k * n + p] = c * x - s * y, a[k * n + q] = s * x + c * y;
+    a[k * n + p] = c * x - s * y;
+    a[k * n + q] = s * x + c * y;
   }
   for (int k = 0; k < n; ++k) {
     const double x = a[p * n + k], y = a[q * n + k];
-    a[p * n + k] = c * x - s * y, a[q * n + k] = s * x + c * y;
+    a[p * n + k] = c * x - s * y;
+    a[q * n + k] = s * x + c * y;
     const double v = u[k * n + p], w = u[k * n + q];
-    u[k * n + p] = c * v - s * w, u[k * n + q] = s * v + c * w;
+    u[k * n + p] = c * v - s * w;
+    u[k * n + q] = s * v + c * w;
   }
 }
 
@@ -179,7 +182,10 @@ void eigen(int n, Numbers& a, Numbers& u) {
     turned = false;
     for (int p = 0; p < n; ++p)
       for (int q = p + 1; q < n; ++q)
-        if (std::fabs(a[p * n + q]) > kOffDiagonal * largest) rotate(n, a, u, p, q), turned = true;
+        if (std::fabs(a[p * n + q]) > kOffDiagonal * largest) {
+          rotate(n, a, u, p, q);
+          turned = true;
+        }
   }
 }
 

@@ -27,8 +27,14 @@ BT_VECTOR double largest_of(const double* a, int n) {
       most[j] = -v > most[j] ? -v : most[j];
     }
   double largest = 0, bad = 0;
-  for (int j = 0; j < 8; ++j) largest = std::max(largest, most[j / 4][j % 4]), bad += none[j / 4][j % 4];
-  for (; i < n; ++i) largest = std::max(largest, std::fabs(a[i])), bad += 0 * a[i];
+  for (int j = 0; j < 8; ++j) {
+    largest = std::max(largest, most[j / 4][j % 4]);
+    bad += none[j / 4][j % 4];
+  }
+  for (; i < n; ++i) {
+    largest = std::max(largest, std::fabs(a[i]));
+    bad += 0 * a[i];
+  }
   return largest + bad;
 }
 

@@ -34,10 +34,18 @@ class Field : public Planes {
   explicit Field(int n) : Planes(3, n) {}
   void resize(int n) { Planes::resize(3, n); }
   Vec3 at(int i) const { return {(*this)[0][i], (*this)[1][i], (*this)[2][i]}; }
-  void set(int i, Vec3 v) { (*this)[0][i] = v.x, (*this)[1][i] = v.y, (*this)[2][i] = v.z; }
+  void set(int i, Vec3 v) {
+    (*this)[0][i] = v.x;
+    (*this)[1][i] = v.y;
+    (*this)[2][i] = v.z;
+  }
   // Largest |component|; not a number where one of them is not finite.
   double largest() const { return largest_of((*this)[0], 3 * stride()); }  // what fills rows up is 0
-  void add(int i, Vec3 v) { (*this)[0][i] += v.x, (*this)[1][i] += v.y, (*this)[2][i] += v.z; }
+  void add(int i, Vec3 v) {
+    (*this)[0][i] += v.x;
+    (*this)[1][i] += v.y;
+    (*this)[2][i] += v.z;
+  }
 };
 
 // The sum of a_i . b_i.

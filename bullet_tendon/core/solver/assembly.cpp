@@ -52,7 +52,10 @@ bool update_direct(Island& island, Contact& contact) {
   int i = contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
   if (contact.normal_force.held) {
     contact.normal_force.value = std::max(0.0, dot(c.residual.at(i), contact.geometry.normal));
-    if (contact.normal_force.value == 0) contact.normal_force.held = false, ++contact.normal_force.changes;
+    if (contact.normal_force.value == 0) {
+      contact.normal_force.held = false;
+      ++contact.normal_force.changes;
+    }
     return !contact.normal_force.held;
   }
   contact.normal_force.value = 0;
@@ -71,7 +74,8 @@ void evaluate(Island& island, Contact& contact, bool at_position, bool definite)
 // True residual of the island at tendon.x_new; what holds supply is still in it.
 Assembly residual_of(Island& island, bool definite, bool at_position) {
   Assembly a;
-  clear_loads(island), clear_pulls(island);
+  clear_loads(island);
+  clear_pulls(island);
   for (Tendon* c : island.tendons) a.scale = std::max(a.scale, tendon_residual(*c));
   for (Contact* contact : island.contacts) {
     evaluate(island, *contact, at_position, definite);
@@ -185,7 +189,8 @@ void measure_residual(Island& island, Assembly& a) {
 double in_roundings(Island& island, const Assembly& a, bool at_guess) {
   double contact_stiffness = 0, most = 0, finest = std::numeric_limits<double>::infinity();
   for (const Contact* contact : island.contacts)
-    if (contact->normal_force.value > 0) contact_stiffness = std::max(contact_stiffness, contact->normal_force.stiffness);
+    if (contact->normal_force.value > 0)
+      contact_stiffness = std::max(contact_stiffness, contact->normal_force.stiffness);
   for (Tendon* c : island.tendons) {
     const double one = force_of_rounding(*c, contact_stiffness, at_guess);
     most = worse(most, c->residual_norm / one);
@@ -244,8 +249,10 @@ namespace {
 
 void ends_of(const Island& island, const Contact& contact, Vec3 (&x)[4]) {
   const Field &a = island.at(contact.a).x_new, &b = island.at(contact.b).x_new;
-  x[0] = a.at(contact.a.first), x[1] = a.at(contact.a.first + 1);
-  x[2] = b.at(contact.b.first), x[3] = b.at(contact.b.first + 1);
+  x[0] = a.at(contact.a.first);
+  x[1] = a.at(contact.a.first + 1);
+  x[2] = b.at(contact.b.first);
+  x[3] = b.at(contact.b.first + 1);
 }
 
 void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other) {
@@ -275,8 +282,10 @@ void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
   const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
   if (contact.key.kind == ContactKind::mouth)
     contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
-  else if (contact.b.tendon >= 0)
-    ends_of(island, contact, x), contact.add_pair_sliding_terms(x, definite);
+  else if (contact.b.tendon >= 0) {
+    ends_of(island, contact, x);
+    contact.add_pair_sliding_terms(x, definite);
+  }
   for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
     const Vec3* l = contact.geometry.sliding_term[k];
     add_sliding_terms(a, i, contact.geometry.sliding_share[k], l[0], l[1]);
@@ -316,7 +325,8 @@ void fix_in_matrix(Island& island) {
   for (const Contact* contact : island.contacts)
     if (contact->normal_force.held)
       island.at(contact->a)
-          .matrix.hold(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1, outer(contact->geometry.normal));
+          .matrix.hold(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1,
+                       outer(contact->geometry.normal));
 }
 
 // That is a contact whose particles are all held (or nearly so: what is free would have to move far for

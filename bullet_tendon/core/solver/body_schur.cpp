@@ -46,7 +46,8 @@ void each_carried(Island& island, Do what) {
 
 void add_load(Link& link, Vec3 force, Vec3 arm) {
   const Vec3 now = link.now(arm);
-  link.load.linear += force, link.load.angular += cross(now, force);
+  link.load.linear += force;
+  link.load.angular += cross(now, force);
   if (link.turned.far) link.turned.add_pull(now, force);
 }
 
@@ -81,8 +82,9 @@ void place(Island& island) {
 
 // The last step's forces are the first guess at this one's.
 void guess(const Island& island, GeneralizedBody& m) {
-  m.unknowns.y.assign(m.unknowns.freedom, 0.0), m.unknowns.dy.assign(m.unknowns.freedom, 0.0),
-      m.unknowns.residual.assign(m.unknowns.freedom, 0.0);
+  m.unknowns.y.assign(m.unknowns.freedom, 0.0);
+  m.unknowns.dy.assign(m.unknowns.freedom, 0.0);
+  m.unknowns.residual.assign(m.unknowns.freedom, 0.0);
   if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
   dense::Numbers all;
   dense::multiply_transposed(m.root, m.observer.forces(), all);
@@ -104,7 +106,10 @@ void shorten(GeneralizedBody& m, double most) {
 
 void start_bodies(Island& island) {
   if (island.bodies.indices.empty()) return;
-  each_body(island, [&](GeneralizedBody& m) { guess(island, m), m.unknowns.lever = 0; });
+  each_body(island, [&](GeneralizedBody& m) {
+    guess(island, m);
+    m.unknowns.lever = 0;
+  });
   auto reach_to = [&](Link& link, Vec3 arm) {
     double& lever = (*island.bodies.all)[link.body].unknowns.lever;
     lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
@@ -227,11 +232,15 @@ BT_WITHIN inline void dot(Vec3 a, const Eight* v, Eight* out) { *out = a.x * v[0
 
 // to += s a, of one vector by lane
 BT_WITHIN inline void add(Eight* to, const Eight* s, Vec3 a) {
-  to[0] += *s * a.x, to[1] += *s * a.y, to[2] += *s * a.z;
+  to[0] += *s * a.x;
+  to[1] += *s * a.y;
+  to[2] += *s * a.z;
 }
 
 BT_WITHIN inline void times(const Sym3& b, const Eight* v, Eight* out) {
-  dot({b.xx, b.xy, b.xz}, v, out), dot({b.xy, b.yy, b.yz}, v, out + 1), dot({b.xz, b.yz, b.zz}, v, out + 2);
+  dot({b.xx, b.xy, b.xz}, v, out);
+  dot({b.xy, b.yy, b.yz}, v, out + 1);
+  dot({b.xz, b.yz, b.zz}, v, out + 2);
 }
 
 // Of the motions of carried particles, at a spot.
@@ -241,7 +250,8 @@ BT_WITHIN inline void moved(Panel& panel, const SegmentPoint& s, Eight* out) {
 }
 
 BT_WITHIN inline void pull_back(Panel& panel, const SegmentPoint& s, const Eight* pull) {
-  add(panel.pulls.at(s.first), -s.w0, pull), add(panel.pulls.at(s.first + 1), -s.w1, pull);
+  add(panel.pulls.at(s.first), -s.w0, pull);
+  add(panel.pulls.at(s.first + 1), -s.w1, pull);
 }
 
 // What the band makes of the motion of particle i: pulls at its neighbours and itself.
@@ -267,7 +277,8 @@ BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& bor
   times(contact.force.block, u, pull);
   pull_back(panel, contact.a, pull);
   if (border.carried) {
-    moved(panel, contact.a, u), times(contact.force.block, u, back);
+    moved(panel, contact.a, u);
+    times(contact.force.block, u, back);
     add(pull, -1, back);
   }
   add_force(link.load, pull, arm);
@@ -297,8 +308,12 @@ BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Pan
 // A contact between tendons, of which it has what is beside their bands.
 BT_WITHIN inline void couple_pair(const Contact& contact, Panel& a, Panel& b) {
   Eight u[3], pull[3];
-  moved(b, contact.b, u), times(contact.force.block, u, pull), pull_back(a, contact.a, pull);
-  moved(a, contact.a, u), times(contact.force.block, u, pull), pull_back(b, contact.b, pull);
+  moved(b, contact.b, u);
+  times(contact.force.block, u, pull);
+  pull_back(a, contact.a, pull);
+  moved(a, contact.a, u);
+  times(contact.force.block, u, pull);
+  pull_back(b, contact.b, pull);
 }
 
 template <class Do>
@@ -312,12 +327,16 @@ BT_WITHIN inline void each_carried_column(Island& island, Do what) {
 }
 
 // Where in the island a tendon is.
-Border& border_of(Island& island, const SegmentPoint& s) { return island.bodies.borders[island.bodies.place_of[s.tendon]]; }
+Border& border_of(Island& island, const SegmentPoint& s) {
+  return island.bodies.borders[island.bodies.place_of[s.tendon]];
+}
 
 void mark(Border& border, const Tendon& c, int first, int last) {
-  first = std::max(0, first), last = std::min(c.n() - 1, last);
+  first = std::max(0, first);
+  last = std::min(c.n() - 1, last);
   for (int i = first; i <= last; ++i) border.marks[i] = 1;
-  border.first = std::min(border.first, first), border.last = std::max(border.last, last);
+  border.first = std::min(border.first, first);
+  border.last = std::max(border.last, last);
 }
 
 void mark(Island& island, const SegmentPoint& s) {
@@ -338,8 +357,10 @@ void find_spans(Island& island) {
     island.bodies.place_of[island.numbers[k]] = static_cast<int>(k);
     Border& border = island.bodies.borders[k];
     const int n = island.tendons[k]->n();
-    border.marks.assign(n, 0), border.carried = false;
-    border.first = n, border.last = -1;
+    border.marks.assign(n, 0);
+    border.carried = false;
+    border.first = n;
+    border.last = -1;
   }
   each_carried_column(island, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
     border.carried = true;
@@ -356,11 +377,15 @@ void find_spans(Island& island) {
 
 void start_panel(Panel& panel, int n, const Border& border) {
   for (Columns* c : {&panel.pulls, &panel.answers, &panel.moves})
-    if (!c->fits(n)) c->resize(n), panel.pulled.clear();
+    if (!c->fits(n)) {
+      c->resize(n);
+      panel.pulled.clear();
+    }
   for (int i : panel.pulled) panel.pulls.zero(i, i);
   for (size_t k = 0; panel.moved && k < panel.pulled.size(); ++k)
     panel.moves.zero(panel.pulled[k], panel.pulled[k]);
-  panel.pulled = border.pulled, panel.moved = border.carried;
+  panel.pulled = border.pulled;
+  panel.moved = border.carried;
 }
 
 // Unknowns of the island from `column` on: what they make of the places of links.
@@ -375,7 +400,8 @@ void move_links(Island& island, int column) {
       const int lane = m.unknowns.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
-      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.bodies.reach * link.reached[r * m.unknowns.freedom + k];
+      for (int r = 0; r < 6; ++r)
+        of.twist[r][lane] = island.bodies.reach * link.reached[r * m.unknowns.freedom + k];
     }
   }
 }
@@ -416,7 +442,8 @@ BT_VECTOR void fill_corner(Island& island, int column) {
     for (int i = 0; i < m.unknowns.freedom; ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (island.bodies.reach * link.reached[r * m.unknowns.freedom + i]) * island.bodies.of_links[l].load[r];
+        sum += (island.bodies.reach * link.reached[r * m.unknowns.freedom + i]) *
+               island.bodies.of_links[l].load[r];
       double* to = &island.bodies.corner[static_cast<size_t>(m.unknowns.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
@@ -454,8 +481,11 @@ void project_anchors(Island& island, size_t p) {
     Eight* f = border_of(island, contact->a)
                    .panels[p]
                    .pulls.at(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1);
-    const Eight along = contact->geometry.normal.x * f[0] + contact->geometry.normal.y * f[1] + contact->geometry.normal.z * f[2];
-    f[0] -= along * contact->geometry.normal.x, f[1] -= along * contact->geometry.normal.y, f[2] -= along * contact->geometry.normal.z;
+    const Eight along = contact->geometry.normal.x * f[0] + contact->geometry.normal.y * f[1] +
+                        contact->geometry.normal.z * f[2];
+    f[0] -= along * contact->geometry.normal.x;
+    f[1] -= along * contact->geometry.normal.y;
+    f[2] -= along * contact->geometry.normal.z;
   }
 }
 

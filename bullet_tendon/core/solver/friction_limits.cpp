@@ -34,9 +34,12 @@ using Numbers = dense::Numbers;
 // The contacts that slide, and w_0.
 void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
   for (Contact* contact : island.acting) {
-    if (contact->normal_force.direct || !contact->friction.sliding || contact->friction.coefficient <= 0 || contact->friction.limit <= 0) continue;
+    if (contact->normal_force.direct || !contact->friction.sliding || contact->friction.coefficient <= 0 ||
+        contact->friction.limit <= 0)
+      continue;
     const double force = contact->force_after(relative_position(island, *contact, &Tendon::dx));
-    contacts.push_back(contact), changes.push_back(contact->friction.coefficient * force - contact->friction.limit);
+    contacts.push_back(contact);
+    changes.push_back(contact->friction.coefficient * force - contact->friction.limit);
   }
 }
 
@@ -84,15 +87,18 @@ Numbers solve(Island& island, const Options& o, const std::vector<Contact*>& con
     apply(island, o, contacts, p, q);
     for (size_t j = 0; j < ps.size(); ++j) {
       const double share = -dense::dot(q, qs[j]);
-      add(q, share, qs[j]), add(p, share, ps[j]);
+      add(q, share, qs[j]);
+      add(p, share, ps[j]);
     }
     const double length = std::sqrt(dense::dot(q, q));
     if (!(length > 0)) break;
     for (double& v : p) v /= length;
     for (double& v : q) v /= length;
     const double share = dense::dot(residual, q);
-    add(w, share, p), add(residual, -share, q);
-    ps.push_back(std::move(p)), qs.push_back(std::move(q));
+    add(w, share, p);
+    add(residual, -share, q);
+    ps.push_back(std::move(p));
+    qs.push_back(std::move(q));
   }
   return w;
 }

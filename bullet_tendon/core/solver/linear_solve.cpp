@@ -239,7 +239,10 @@ int number_blocks(Island& island) {
 void find_pattern(Island& island) {
   bool same = island.matrix.factor.blocks() > 0 && island.matrix.patterned;
   for (Contact* contact : island.acting)
-    if (contact->b.tendon >= 0 && !contact->joins) contact->joins = true, same = false;
+    if (contact->b.tendon >= 0 && !contact->joins) {
+      contact->joins = true;
+      same = false;
+    }
   if (same) return;
   island.matrix.patterned = true;
   island.matrix.edges.clear();
@@ -277,7 +280,9 @@ void add_band(SparseFactor& factor, const Tendon& c, int first) {
 // What holds leave free of every block's particle, as a projector.
 void find_freedom(Island& island) {
   island.matrix.free.assign(island.matrix.factor.blocks(), identity(1));
-  auto leave = [&](int tendon, int i, const Sym3& free) { island.matrix.free[block_at(island, tendon, i)] = free; };
+  auto leave = [&](int tendon, int i, const Sym3& free) {
+    island.matrix.free[block_at(island, tendon, i)] = free;
+  };
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
       if (h.rigid) leave(island.numbers[k], h.particle, {});
@@ -298,18 +303,20 @@ void add_coupling(Island& island, const Contact& contact) {
     for (int j : {0, 1}) {
       const double weight = (i ? contact.a.w1 : contact.a.w0) * (j ? contact.b.w1 : contact.b.w0);
       if (weight == 0) continue;
-      Block3 part = product(product(block_of(island.matrix.free[a[i]]), block), block_of(island.matrix.free[b[j]]));
+      Block3 part =
+          product(product(block_of(island.matrix.free[a[i]]), block), block_of(island.matrix.free[b[j]]));
       for (double& v : part.v) v *= weight;
       island.matrix.factor.add(a[i], b[j], part);
     }
   for (int k = 0; k < contact.geometry.sliding_terms; ++k)
     for (int i : {0, 1})
       for (int j : {0, 1}) {
-        const Vec3 p = contact.geometry.sliding_share[k] * (island.matrix.free[a[i]] * contact.geometry.sliding_term[k][i]);
+        const Vec3 p = contact.geometry.sliding_share[k] *
+                       (island.matrix.free[a[i]] * contact.geometry.sliding_term[k][i]);
         const Vec3 q = island.matrix.free[b[j]] * contact.geometry.sliding_term[k][2 + j];
         island.matrix.factor.add(a[i], b[j],
-                          {p.x * q.x, p.x * q.y, p.x * q.z, p.y * q.x, p.y * q.y, p.y * q.z, p.z * q.x,
-                           p.z * q.y, p.z * q.z});
+                                 {p.x * q.x, p.x * q.y, p.x * q.z, p.y * q.x, p.y * q.y, p.y * q.z, p.z * q.x,
+                                  p.z * q.y, p.z * q.z});
       }
 }
 

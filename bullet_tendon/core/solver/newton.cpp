@@ -77,7 +77,10 @@ struct Solution {
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
-  void start_anew() { smallest = last_residual = kNone, idle = 0; }
+  void start_anew() {
+    smallest = last_residual = kNone;
+    idle = 0;
+  }
 };
 
 bool touches(const Island& island) { return !island.acting.empty(); }
@@ -170,7 +173,8 @@ Next refine(Solution& s) {
     }
   }
   if (island.result.converged) return Next::stop;
-  island.result.left_predicted_region = s.context.may_look && touches(island) && any_left_predicted_region(island);
+  island.result.left_predicted_region =
+      s.context.may_look && touches(island) && any_left_predicted_region(island);
   return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
@@ -287,7 +291,8 @@ void end(Solution& s) {
   Island& island = s.island;
   for (Contact* contact : island.contacts)
     if (contact->normal_force.held)
-      contact->force.total += contact->normal_force.value * contact->geometry.normal;  // what the constraint supplied
+      contact->force.total +=
+          contact->normal_force.value * contact->geometry.normal;  // what the constraint supplied
   find_worst(island);
   island.result.iterations += s.iteration;
 }
@@ -327,7 +332,8 @@ bool by_euler(const Island& island, const StepContext& context) {
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) && by_euler(island, context))
+  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
+      by_euler(island, context))
     project_energy(island, context.gravity);
 }
 

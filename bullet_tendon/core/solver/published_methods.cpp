@@ -148,7 +148,8 @@ void single_linearisation(Island& island, const StepContext& context) {
   const double dt = context.dt;
   start_bodies(island);
   forget_bodies(island);
-  clear_loads(island), clear_pulls(island);
+  clear_loads(island);
+  clear_pulls(island);
   for (Tendon* c : island.tendons) {
     c->h_eff = dt;
     forces_now(*c, context, true, 1 - c->material.law.damping_exponent);
@@ -183,7 +184,8 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.force = predicted_anchor_force(island, *c, h, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  island.result.iterations = 1, island.result.converged = true;
+  island.result.iterations = 1;
+  island.result.converged = true;
 }
 
 }  // namespace bt

@@ -26,16 +26,21 @@ struct Law {
 template <int P>
 inline void power(double s, double p, double& value, double& slope) {
   if constexpr (P == 2) {
-    value = s, slope = 1;
+    value = s;
+    slope = 1;
   } else if constexpr (P == 3) {
     double root = std::sqrt(s);
-    value = s * root, slope = 1.5 * root;
+    value = s * root;
+    slope = 1.5 * root;
   } else if constexpr (P == 4) {
-    value = s * s, slope = 2 * s;
+    value = s * s;
+    slope = 2 * s;
   } else if constexpr (P == 6) {
-    value = s * s * s, slope = 3 * s * s;
+    value = s * s * s;
+    slope = 3 * s * s;
   } else {
-    value = std::pow(s, p), slope = s > 0 ? p * value / s : 0.0;
+    value = std::pow(s, p);
+    slope = s > 0 ? p * value / s : 0.0;
   }
 }
 
@@ -103,7 +108,8 @@ inline double elastic_energy(const Law& law, double s) {
 // Damping force per unit C and its slope with respect to the rate.
 inline void damping(const Law& law, double rate, double& force, double& slope) {
   if (law.damping_exponent == 1) {
-    force = rate, slope = 1;
+    force = rate;
+    slope = 1;
     return;
   }
   double value;

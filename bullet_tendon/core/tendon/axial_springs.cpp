@@ -53,7 +53,9 @@ BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& disp
     bool degenerate = length < kDegenerateLength * rest[k];
     double inv = degenerate ? 0.0 : 1 / length;
     len[k] = length;
-    nx[k] = dx * inv, ny[k] = dy * inv, nz[k] = degenerate ? 1.0 : dz * inv;
+    nx[k] = dx * inv;
+    ny[k] = dy * inv;
+    nz[k] = degenerate ? 1.0 : dz * inv;
   }
 }
 
@@ -142,7 +144,11 @@ void add_axial_damping(SpringSet& s, const Law& law, const double* before, doubl
     damping(law, rate_of(k), f, df);
     s.force[k] += share * c * f;
     s.damping_slope[k] = c * df / (b * s.rest[k]);
-    if (law.tension_only && s.force[k] < 0) s.force[k] = 0, s.damping_slope[k] = 0, s.elastic_slope[k] = 0;
+    if (law.tension_only && s.force[k] < 0) {
+      s.force[k] = 0;
+      s.damping_slope[k] = 0;
+      s.elastic_slope[k] = 0;
+    }
   }
 }
 
@@ -172,8 +178,12 @@ BT_VECTOR void blocks(SpringSet& s, double inertia) {
     double f = elastic_slope[k] + damping_slope[k];
     double a = f - g, ax = a * nx[k], ay = a * ny[k], az = a * nz[k];
     slope[k] = f;
-    xx[k] = ax * nx[k] + g, xy[k] = ax * ny[k], xz[k] = ax * nz[k];
-    yy[k] = ay * ny[k] + g, yz[k] = ay * nz[k], zz[k] = az * nz[k] + g;
+    xx[k] = ax * nx[k] + g;
+    xy[k] = ax * ny[k];
+    xz[k] = ax * nz[k];
+    yy[k] = ay * ny[k] + g;
+    yz[k] = ay * nz[k];
+    zz[k] = az * nz[k] + g;
   }
 }
 
@@ -187,7 +197,9 @@ void add_whole_damping(SpringSet& s, const Law& law, double b, double share, boo
     damping(law, speed, f, df);
     Vec3 along = unit_or(w, Vec3{0, 0, 1}), force = (share * c * f) * along;
     if (!block) {
-      s.vector[0][k] += force.x, s.vector[1][k] += force.y, s.vector[2][k] += force.z;
+      s.vector[0][k] += force.x;
+      s.vector[1][k] += force.y;
+      s.vector[2][k] += force.z;
       continue;
     }
     double cross_slope = speed > 0 ? f / speed : df;
@@ -198,7 +210,10 @@ void add_whole_damping(SpringSet& s, const Law& law, double b, double share, boo
 }
 
 void take_true_multipliers(SpringSet& s) {
-  for (int k = 0; k < s.count; ++k) s.lambda[k] = s.force[k], s.elastic[k] = s.true_elastic[k];
+  for (int k = 0; k < s.count; ++k) {
+    s.lambda[k] = s.force[k];
+    s.elastic[k] = s.true_elastic[k];
+  }
 }
 
 }  // namespace
@@ -304,7 +319,8 @@ BT_WITHIN inline void scatter(double* r, int m, int reach, Force f) {
 
 // own w + the blocks b of structure springs.
 BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, int n) {
-  d[0] = own * w[0] + b[0], d[n - 1] = own * w[n - 1] + b[n - 2];
+  d[0] = own * w[0] + b[0];
+  d[n - 1] = own * w[n - 1] + b[n - 2];
 #pragma GCC ivdep
   for (int i = 1; i < n - 1; ++i) d[i] = own * w[i] + b[i] + b[i - 1];
 }

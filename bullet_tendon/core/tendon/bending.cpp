@@ -12,7 +12,11 @@ void add_outer(Mat3& a, double w, Vec3 x, Vec3 y) {
     for (int j = 0; j < 3; ++j) a.m[3 * i + j] += w * r[i] * c[j];
 }
 
-void add_identity(Mat3& a, double w) { a.m[0] += w, a.m[4] += w, a.m[8] += w; }
+void add_identity(Mat3& a, double w) {
+  a.m[0] += w;
+  a.m[4] += w;
+  a.m[8] += w;
+}
 
 // w (I - n n^T)
 void add_across(Mat3& a, double w, Vec3 n) {
@@ -56,7 +60,8 @@ Bend bend(Vec3 e, Vec3 f, double k, bool hessian, bool definite) {
     b.energy = k * (2 - kSharpest) / kSharpest + first * (1 + c - kSharpest);
     second = 0;
   }
-  b.de = first * p, b.df = first * q;
+  b.de = first * p;
+  b.df = first * q;
   if (!hessian) return b;
   add_outer(b.dee, second, p, p);
   add_outer(b.dff, second, q, q);
@@ -135,8 +140,14 @@ void add_bending_forces(Tendon& c, const Field& x) {
   if (!bends(c)) return;
   each_element(c, [&](const Element& el) {
     const Bend b = evaluate(el, x, false, false);
-    if (el.e0 >= 0) c.residual.add(el.e0, -b.de), c.residual.add(el.e0 + 1, b.de);
-    if (el.f0 >= 0) c.residual.add(el.f0, -b.df), c.residual.add(el.f0 + 1, b.df);
+    if (el.e0 >= 0) {
+      c.residual.add(el.e0, -b.de);
+      c.residual.add(el.e0 + 1, b.de);
+    }
+    if (el.f0 >= 0) {
+      c.residual.add(el.f0, -b.df);
+      c.residual.add(el.f0 + 1, b.df);
+    }
   });
 }
 
@@ -146,7 +157,8 @@ void add_bending_blocks(Tendon& c, const Field& x, bool definite) {
   if (!bends(c)) return;
   Band& m = c.matrix;
   auto own = [&](int i, const Mat3& a) {  // a segment's own part
-    m.add(i, symmetric(a)), m.add(i + 1, symmetric(a));
+    m.add(i, symmetric(a));
+    m.add(i + 1, symmetric(a));
     add_below(m, i, 1, -1, a);
   };
   each_element(c, [&](const Element& el) {
@@ -156,7 +168,8 @@ void add_bending_blocks(Tendon& c, const Field& x, bool definite) {
     if (el.e0 < 0 || el.f0 < 0) return;
     const int j = el.e0;
     m.add(j + 1, -2.0 * symmetric(b.dfe));
-    add_below(m, j, 1, 1, b.dfe), add_below(m, j + 1, 1, 1, b.dfe);
+    add_below(m, j, 1, 1, b.dfe);
+    add_below(m, j + 1, 1, 1, b.dfe);
     add_below(m, j, 2, -1, b.dfe);
   });
 }

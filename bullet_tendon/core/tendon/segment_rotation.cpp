@@ -39,7 +39,9 @@ BT_VECTOR void measure_shifts(const Tendon& c, Field& shift) {
     const double now = std::sqrt(ex * ex + ey * ey + ez * ez), across = px * px + py * py + pz * pz;
     // What is turned over or collapsed stays as it is.
     const double factor = meant > 0 && now > 0 ? -across / (now * (now + meant)) : 0;
-    sx[k + 1] = factor * ex, sy[k + 1] = factor * ey, sz[k + 1] = factor * ez;
+    sx[k + 1] = factor * ex;
+    sy[k + 1] = factor * ey;
+    sz[k + 1] = factor * ez;
   }
 }
 
@@ -60,7 +62,10 @@ void shift_span(Tendon& c, const Field& shift, int from, int to, Vec3 base, Vec3
 Vec3 mean_shift(const Tendon& c, const Field& shift) {
   Vec3 sum;
   double mass = 0;
-  for (int i = 0; i < c.n(); ++i) sum += c.mass[i] * shift.at(i), mass += c.mass[i];
+  for (int i = 0; i < c.n(); ++i) {
+    sum += c.mass[i] * shift.at(i);
+    mass += c.mass[i];
+  }
   return (1 / mass) * sum;
 }
 
@@ -95,7 +100,8 @@ void keep_lengths(Tendon& c) {
       shift_span(c, shift, 0, i, here, {});
     else
       shift_span(c, shift, last, i, base, here - base);
-    last = i, base = here;
+    last = i;
+    base = here;
   }
   if (last < 0) base = mean_shift(c, shift);
   shift_span(c, shift, std::max(last, 0), c.n(), base, {});

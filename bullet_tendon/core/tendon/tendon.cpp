@@ -56,7 +56,8 @@ void Tendon::set_rest(const std::vector<double>& lengths) {
   mass = point_mass;
   for (int k = 0; k + 1 < n_; ++k) {
     double half = 0.5 * material.linear_density * rest[k];
-    mass[k] += half, mass[k + 1] += half;
+    mass[k] += half;
+    mass[k + 1] += half;
   }
   share_out();
 }
@@ -90,18 +91,23 @@ void Tendon::share_out() {
 }
 
 void Tendon::stop() {
-  v.zero(), v_before.zero();
+  v.zero();
+  v_before.zero();
   dt_before = 0;
 }
 
 void Tendon::keep_multipliers(Multipliers& to) const {
-  to.lambda[0] = structure.lambda, to.elastic[0] = structure.elastic;
-  to.lambda[1] = shear.lambda, to.elastic[1] = shear.elastic;
+  to.lambda[0] = structure.lambda;
+  to.elastic[0] = structure.elastic;
+  to.lambda[1] = shear.lambda;
+  to.elastic[1] = shear.elastic;
 }
 
 void Tendon::restore_multipliers(const Multipliers& from) {
-  structure.lambda = from.lambda[0], structure.elastic = from.elastic[0];
-  shear.lambda = from.lambda[1], shear.elastic = from.elastic[1];
+  structure.lambda = from.lambda[0];
+  structure.elastic = from.elastic[0];
+  shear.lambda = from.lambda[1];
+  shear.elastic = from.elastic[1];
 }
 
 void Tendon::move(int i, Vec3 by) {

@@ -102,7 +102,10 @@ void World::narrow_bodies() {
         what(link, 3, to_world(link.pose, anchor.local) - link.centre);
       }
   };
-  for (GeneralizedBody& m : scene.bodies) m.unknowns.freedom = 0, m.unknowns.basis.clear();
+  for (GeneralizedBody& m : scene.bodies) {
+    m.unknowns.freedom = 0;
+    m.unknowns.basis.clear();
+  }
   each_reached([&](const Link& link, int count, Vec3) { scene.bodies[link.body].unknowns.freedom += count; });
   for (GeneralizedBody& m : scene.bodies) {
     const bool all = !m.unknowns.any || m.turns || m.unknowns.freedom >= m.n();
@@ -132,7 +135,10 @@ bool World::find_turning() {
   if (step_.whole || options.integrator == Integrator::explicit_euler ||
       options.iteration == Iteration::single)
     return false;
-  for (GeneralizedBody& m : scene.bodies) m.tendon_torque = {}, m.tendon_pull = 0;
+  for (GeneralizedBody& m : scene.bodies) {
+    m.tendon_torque = {};
+    m.tendon_pull = 0;
+  }
   auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
     if (link < 0 || !scene.links[link].yields() || !scene.links[link].jacobian.empty()) return;
     GeneralizedBody& m = scene.bodies[scene.links[link].body];
@@ -191,19 +197,25 @@ void World::push_bodies() {
 }
 
 void World::sense(double dt, Vec3 gravity, bool held) {
-  step_.context.dt = dt, step_.context.gravity = gravity;
+  step_.context.dt = dt;
+  step_.context.gravity = gravity;
   for (Link& l : scene.links) {
     l.note_motion();
-    l.start_pose = l.pose, l.start_centre = l.centre;
+    l.start_pose = l.pose;
+    l.start_centre = l.centre;
     if (held) l.body = -1;
     if (l.yields()) continue;
-    l.velocity = held ? Vec3{} : l.now_velocity, l.spin = held ? Vec3{} : l.now_spin;
+    l.velocity = held ? Vec3{} : l.now_velocity;
+    l.spin = held ? Vec3{} : l.now_spin;
   }
   if (held) return;
   for (Link& l : scene.links)
     if (std::exchange(l.yielded, l.yields()) != l.yields()) interrupt();
   for (GeneralizedBody& m : scene.bodies)
-    if (m.n() > 0) m.sense(gravity), m.predict(dt, gravity);
+    if (m.n() > 0) {
+      m.sense(gravity);
+      m.predict(dt, gravity);
+    }
   for (Link& l : scene.links)
     if (l.yields()) l.go_with(scene.bodies[l.body]);
 }

@@ -138,9 +138,13 @@ Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot,
   const Tendon& c = *step_.slots[spot.tendon];
   const double dt = step_.context.dt;
   Contact contact;
-  contact.key = key, contact.key.kind = kind, contact.a = spot, contact.link = link_slot;
+  contact.key = key;
+  contact.key.kind = kind;
+  contact.a = spot;
+  contact.link = link_slot;
   contact.geometry.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
-  contact.geometry.offset = dot(contact.geometry.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
+  contact.geometry.offset =
+      dot(contact.geometry.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
   contact.geometry.margin = options.contact_threshold;
   contact.friction.coefficient = friction * c.friction;
   contact.friction.relative_start = spot.of(c.x) + link.drift(point, dt);
@@ -183,12 +187,13 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   else if (!carries)  // without multipliers, contacts have to be stiff by themselves
     contact.normal_force.stiffness = kSpringRatio * held.stiffness;
   else if (two_step)
-    contact.normal_force.stiffness = std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
+    contact.normal_force.stiffness =
+        std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
   else
     contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, kHungRatio * held.hung);
   // A particle that lies loose is gripped before it gathers speed.
   contact.friction.stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
-                                      : kSpringTangentRatio * held.stiffness;
+                                       : kSpringTangentRatio * held.stiffness;
   // Friction and normal force act on the point of the centreline: particles do not spin.
   if (contact.link >= 0)
     contact.arm = contact.a.of(step_.slots[contact.a.tendon]->x) - scene.links[contact.link].centre;
@@ -237,8 +242,9 @@ void World::remember() {
     if (contact.link >= 0) contacts_.touching[contact.a.tendon] += hash_of(contact.key);
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
     contacts_.memory.push_back({contact.key, contact.normal_force.value,
-                                std::min(contact.normal_force.value, contact.normal_force.lambda_previous), contact.friction.sliding,
-                                contact.force.mean, step_.slots[contact.a.tendon]->h_eff,
+                                std::min(contact.normal_force.value, contact.normal_force.lambda_previous),
+                                contact.friction.sliding, contact.force.mean,
+                                step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement)});
   }
   std::sort(contacts_.memory.begin(), contacts_.memory.end(),
@@ -277,7 +283,8 @@ void World::bone_contacts() {
         lean_ahead(detection_.caches[c][s], f,
                    to_local(pose, ahead - scene.links[shape.link].drift(here, step_.context.dt)), point,
                    normal);
-        point = to_world(pose, point), normal = pose.rotation * normal;
+        point = to_world(pose, point);
+        normal = pose.rotation * normal;
         const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         Contact contact =
             plane_contact(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
@@ -334,7 +341,7 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   contact.b = {p.tendon_b, p.segment_b, 1 - at.w, at.w};
   const Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
   contact.geometry.normal = at.distance > 1e-9 * a.radius ? (1 / at.distance) * at.apart
-                                                 : any_perpendicular(unit_or(along, {1, 0, 0}));
+                                                          : any_perpendicular(unit_or(along, {1, 0, 0}));
   contact.geometry.offset = apart + options.contact_threshold;
   contact.geometry.margin = contact.geometry.offset - radii;
   contact.friction.coefficient = a.friction * b.friction;
@@ -431,7 +438,8 @@ void World::bore_contacts(int tendon, int t) {
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
     const int first = std::min(i, c.n() - 2);
-    contact.key.kind = ContactKind::bore, contact.link = scene.tunnels[t].link;
+    contact.key.kind = ContactKind::bore;
+    contact.link = scene.tunnels[t].link;
     contact.key = {contact.key.kind, tendon, i, t};
     contact.a = {tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     contact.geometry.axis_point = on_axis + link.drift(on_axis, dt);
@@ -500,12 +508,15 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   step_.motion_limit = std::min(step_.motion_limit, safe_fraction(distance, c.radius + bore.chamfer, motion));
   const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Contact contact;
-  contact.key.kind = ContactKind::mouth, contact.link = scene.tunnels[t].link;
+  contact.key.kind = ContactKind::mouth;
+  contact.link = scene.tunnels[t].link;
   contact.key = {contact.key.kind, tendon, k, 2 * t + mouth};
-  contact.a = {tendon, k, 1 - u, u}, contact.friction.anchored_at = u;
+  contact.a = {tendon, k, 1 - u, u};
+  contact.friction.anchored_at = u;
   contact.geometry.axis_point = centre + link.drift(centre, dt);
   contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-  contact.geometry.feature_radius = radius, contact.geometry.margin = options.contact_threshold;
+  contact.geometry.feature_radius = radius;
+  contact.geometry.margin = options.contact_threshold;
   contact.geometry.offset = c.radius + bore.chamfer + options.contact_threshold;
   contact.geometry.threads_mouth = (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0;
   contact.geometry.normal = unit_or(apart, -sideways);

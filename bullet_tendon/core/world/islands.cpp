@@ -64,11 +64,13 @@ void World::make_islands() {
     if (scene.bodies[m].unknowns.any) {
       Island& g = islands_.all[island_root(islands_.touches[m])];
       g.bodies.indices.push_back(static_cast<int>(m));
-      scene.bodies[m].unknowns.first = g.bodies.freedom, g.bodies.freedom += scene.bodies[m].unknowns.freedom;
+      scene.bodies[m].unknowns.first = g.bodies.freedom;
+      g.bodies.freedom += scene.bodies[m].unknowns.freedom;
     }
   for (size_t l = 0; l < scene.links.size(); ++l)
     if (scene.links[l].yields() && scene.bodies[scene.links[l].body].unknowns.any)
-      islands_.all[island_root(islands_.touches[scene.links[l].body])].bodies.carried.push_back(static_cast<int>(l));
+      islands_.all[island_root(islands_.touches[scene.links[l].body])].bodies.carried.push_back(
+          static_cast<int>(l));
 }
 
 // false: some solution is not finite.

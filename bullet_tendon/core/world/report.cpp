@@ -17,21 +17,30 @@ void World::read_worst(const Island& g) {
 }
 
 void Report::take(const Report& part) {
-  if (!(part.residual <= residual) || worst_tendon < 0)
-    residual = part.residual, worst_tendon = part.worst_tendon, worst_particle = part.worst_particle;
+  if (!(part.residual <= residual) || worst_tendon < 0) {
+    residual = part.residual;
+    worst_tendon = part.worst_tendon;
+    worst_particle = part.worst_particle;
+  }
   converged &= part.converged;
-  contacts = part.contacts, islands = part.islands;
+  contacts = part.contacts;
+  islands = part.islands;
 }
 
 namespace {
 
 ContactRecord record_of(const Contact& contact, const Field& x) {
   ContactRecord r;
-  r.tendon = contact.a.tendon, r.segment = contact.a.first, r.other_tendon = contact.b.tendon,
+  r.tendon = contact.a.tendon;
+  r.segment = contact.a.first;
+  r.other_tendon = contact.b.tendon;
   r.link = contact.link;
-  r.kind = contact.key.kind, r.position = contact.a.of(x), r.normal = contact.geometry.normal;
+  r.kind = contact.key.kind;
+  r.position = contact.a.of(x);
+  r.normal = contact.geometry.normal;
   r.distance = contact.geometry.gap + contact.geometry.depth_allowance + contact.geometry.margin;
-  r.normal_force = contact.normal_force.value, r.friction_force = norm(contact.friction.force);
+  r.normal_force = contact.normal_force.value;
+  r.friction_force = norm(contact.friction.force);
   return r;
 }
 

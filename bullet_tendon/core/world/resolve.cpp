@@ -104,7 +104,8 @@ double World::pulled_away(const Tendon& c, const Anchor& h) const {
   for (int i : {h.particle - 1, h.particle + 1}) {
     if (i < 0 || i >= c.n()) continue;
     const Vec3 along = unit_or(here - c.x.at(i), {});
-    stretch = std::max(stretch, dot(gone, along)), across = std::max(across, norm(without(gone, along)));
+    stretch = std::max(stretch, dot(gone, along));
+    across = std::max(across, norm(without(gone, along)));
   }
   const bool cut_off = !body.observer.was_cut() && largest_of(body.rates.data(), body.n()) >= kMostRate;
   if (square * norm(angular) > kFarthestTurn || (cut_off && across > kFarthestTurn * length)) return -1;
@@ -141,7 +142,8 @@ bool World::rewind(const std::vector<int>& pulled) {
     history_.last_step = last;
     step_.context.dt = last.dt;
     step_.context.gravity = last.gravity;
-    scene.links.swap(links_now), scene.bodies.swap(bodies_now);
+    scene.links.swap(links_now);
+    scene.bodies.swap(bodies_now);
     for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.contacts);
     const std::vector<Link>& sensed = history_.start.sensed_links;
     std::vector<GeneralizedBody>& sensed_bodies = history_.start.sensed_bodies;

@@ -78,10 +78,12 @@ BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
 bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec3 lo, Vec3 hi, double reach) {
   Box box, around;
   double moves = 0;
-  around.include(lo), around.include(hi);
+  around.include(lo);
+  around.include(hi);
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i);
-    box.include(to_local(pose, x)), moves = std::max(moves, norm(link.drift(x, dt)));
+    box.include(to_local(pose, x));
+    moves = std::max(moves, norm(link.drift(x, dt)));
   }
   return overlap(box, around, reach + moves);
 }
@@ -102,7 +104,10 @@ void World::wake_tendon(int tendon) {
   scene.tendons[tendon]->quiet = 0;
   if (bed < 0) return;
   for (auto& c : scene.tendons)
-    if (c && c->bed == bed) c->bed = -1, c->quiet = 0;
+    if (c && c->bed == bed) {
+      c->bed = -1;
+      c->quiet = 0;
+    }
   auto woken = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->bed < 0; };
   contacts_.asleep.erase(std::remove_if(contacts_.asleep.begin(), contacts_.asleep.end(), woken),
                          contacts_.asleep.end());
@@ -174,8 +179,10 @@ bool World::wake_met() {
   for (size_t a = 0; a < step_.slots.size(); ++a)
     if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
   for (size_t c = 0; c < scene.tendons.size(); ++c)
-    if (scene.tendons[c] && scene.tendons[c]->bed >= 0 && is_met(*scene.tendons[c]))
-      wake_tendon(static_cast<int>(c)), any = true;
+    if (scene.tendons[c] && scene.tendons[c]->bed >= 0 && is_met(*scene.tendons[c])) {
+      wake_tendon(static_cast<int>(c));
+      any = true;
+    }
   if (any) join_step();
   return any;
 }
@@ -209,7 +216,8 @@ bool World::count_rest(double dt) {
 
 // Islands that something holds or carries, and of which nothing touches a body that yields.
 void World::find_restful() {
-  sleep_.restful.assign(step_.slots.size(), 0), sleep_.restless.assign(step_.slots.size(), 0);
+  sleep_.restful.assign(step_.slots.size(), 0);
+  sleep_.restless.assign(step_.slots.size(), 0);
   auto by = [&](int root, int link) {
     (link >= 0 && scene.links[link].yields() ? sleep_.restless : sleep_.restful)[root] = 1;
   };
@@ -228,8 +236,10 @@ void World::fall_asleep() {
   find_restful();
   for (size_t c = 0; c < step_.slots.size(); ++c) {
     const int root = step_.slots[c] ? island_root(static_cast<int>(c)) : 0;
-    if (step_.slots[c] && sleep_.restful[root] && !sleep_.restless[root])
-      lie_still(*step_.slots[c]), step_.slots[c]->bed = root;
+    if (step_.slots[c] && sleep_.restful[root] && !sleep_.restless[root]) {
+      lie_still(*step_.slots[c]);
+      step_.slots[c]->bed = root;
+    }
   }
   auto sleeps = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->bed >= 0; };
   std::copy_if(contacts_.all.begin(), contacts_.all.end(), std::back_inserter(contacts_.asleep), sleeps);

@@ -298,7 +298,10 @@ bool World::share_weights() {
       const bool acts = !contact.passes || norm(contact.force.last_mean) > 0;
       if (contact.b.tendon < 0 || !acts) continue;
       Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
-      if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) a.smooth = b.smooth = false, any = true;
+      if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) {
+        a.smooth = b.smooth = false;
+        any = true;
+      }
     }
   }
   return changed;
