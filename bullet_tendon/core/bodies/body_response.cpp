@@ -59,7 +59,7 @@ void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
   const bool stops_known = !contacts.empty() && !slipped_;
   // Of several tendons, or what they press at, it cannot be told what they would have done.
-  const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turns);
+  const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
   observer.observe(rates, free, unforced(gravity), alone, stops_known);
   contacts_known = false;
   gyroscopic_acceleration = gyroscopic();
@@ -97,11 +97,11 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
   double light = 0;
   for (int k = 0; k < 6; ++k) {
     const Vec3 e{root[18 + k], root[24 + k], root[30 + k]};
-    by += dot(e, tendon_torque) * e;
+    by += dot(e, turning.torque) * e;
     light += dot(e, e);
   }
   const Vec3 turn = dt * (spin + dt * by);
-  return dot(turn, turn) > kFarTurn || dt * dt * light * tendon_pull > kFarSwing;
+  return dot(turn, turn) > kFarTurn || dt * dt * light * turning.pull > kFarSwing;
 }
 
 void GeneralizedBody::act(double dt) {

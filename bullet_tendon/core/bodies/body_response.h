@@ -40,6 +40,13 @@ struct BodyWorkspace {
   dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along;
 };
 
+// Whether a free body turns far in this step, so that arms are not those at its start.
+struct BodyTurning {
+  bool far = false;
+  Vec3 torque;      // of the tendons, by the last solution [N m]
+  double pull = 0;  // sum of their forces times arms [N m]
+};
+
 struct GeneralizedBody {
   using Numbers = dense::Numbers;
   Numbers rates;             // now: velocity of the centre of mass and spin, of the base, and of the joints
@@ -51,12 +58,10 @@ struct GeneralizedBody {
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   Observer observer;
-  Numbers root;        // E, without what the stops take away in this step
-  Numbers change;      // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
-  Numbers forces;      // generalized, of the tendons in this step
-  bool turns = false;  // far in this step, so that arms are not those at its start
-  Vec3 tendon_torque;  // of the tendons, by the last solution [N m]
-  double tendon_pull = 0;   // sum of their forces times arms [N m]
+  Numbers root;    // E, without what the stops take away in this step
+  Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
+  Numbers forces;  // generalized, of the tendons in this step
+  BodyTurning turning;
   int touches = 0;          // attachments and contacts of tendons
   bool point_mass = false;  // it is a spring in the solution (World::aim_attachments)
   BodyUnknowns unknowns;

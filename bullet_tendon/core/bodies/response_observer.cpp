@@ -46,7 +46,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
       released_ = held_ && was_released(now_);
       if (samples_ > 0 && !was_cut() && !stops_known) learn(now_);
     }
-    std::swap(before_, last_);
+    std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     if (!stops_known) find_push();
@@ -194,10 +194,10 @@ void Observer::trust_last() { unexplained(last_, push_); }
 void Observer::find_push() {
   if (samples_ < 2) return push_.assign(n_, 0.0);
   unexplained(last_, s_);
-  unexplained(before_, e_);
+  unexplained(previous_, e_);
   for (int i = 0; i < n_; ++i) {
     const double a = s_[i], b = e_[i];
-    const bool a_least = last_.cut[i] != 0, b_least = before_.cut[i] != 0,
+    const bool a_least = last_.cut[i] != 0, b_least = previous_.cut[i] != 0,
                smaller = std::fabs(a) < std::fabs(b);
     const bool takes_a = a_least == b_least ? smaller != a_least : b_least;
     push_[i] = a * b <= 0 ? 0 : takes_a ? a : b;

@@ -83,7 +83,7 @@ class Observer {
   Numbers rates_, forces_, push_;
   Numbers missed_;
   Numbers sampled_;  // rates right after the last step, if sampled
-  Sample last_, before_;
+  Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // steps that are known: 0, 1 or 2
   bool known_ = false, acted_ = false, held_ = false, released_ = false;

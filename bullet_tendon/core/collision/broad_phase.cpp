@@ -218,8 +218,8 @@ double arc_to(const Tendon& c, int particle, int k, double u) {
 
 }  // namespace
 
-double kept_apart(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
-                  const std::vector<Link>& links) {
+double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
+                        const std::vector<Link>& links) {
   double apart = a.radius + b.radius;
   for (const Anchor& h : a.anchors)
     for (const Anchor& g : b.anchors) {

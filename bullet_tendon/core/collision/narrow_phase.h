@@ -28,8 +28,8 @@ struct SegmentPair {
 
 // Distance that the centrelines of a pair are kept at [m]: the sum of their radii, or less near held
 // particles that are nearer than that (collision/broad_phase.cpp).
-double kept_apart(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
-                  const std::vector<Link>& links);
+double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
+                        const std::vector<Link>& links);
 
 // What a search for pairs did.
 struct PairCounts {

@@ -101,7 +101,7 @@ struct ContactForce {
 
 struct Contact {
   ContactKey key;
-  SegmentPoint a, b;    // b.tendon = -1: against a link
+  SegmentPoint a, b;  // b.tendon = -1: against a link
   int link = -1;
   bool moves = false;   // the link goes with its body's unknowns,
   Vec3 arm;             // by its point at this from the centre of mass [m]
@@ -113,7 +113,10 @@ struct Contact {
   ContactForce force;
 
   // Whether there is a force: a contact that lets go keeps its friction until the limit is set anew.
-  bool acts() const { return normal_force.pressed || normal_force.held || (!normal_force.direct && friction.coefficient > 0 && friction.limit > 0); }
+  bool acts() const {
+    return normal_force.pressed || normal_force.held ||
+           (!normal_force.direct && friction.coefficient > 0 && friction.limit > 0);
+  }
   // Forces and block at x_a - x_b. Whether it touches and slides, and the normal force in the
   // block's curvature, are as foreseen, or (at_position) as the position has them. definite: the block
   // without what would make it indefinite, like the edge of a mouth that pushes what slides over it.
@@ -128,9 +131,13 @@ struct Contact {
   void take_over(double force);
   // What Coulomb's law asks of the friction limit, mu N, less the limit [N].
   double limit_error() const { return friction.coefficient * normal_force.value - friction.limit; }
-  void limit_friction() { friction.limit = normal_force.direct ? friction.limit : friction.coefficient * normal_force.value; }
+  void limit_friction() {
+    friction.limit = normal_force.direct ? friction.limit : friction.coefficient * normal_force.value;
+  }
   // The normal force that the linearisation foresees there; below 0 where it lets go.
-  double force_after(Vec3 moved) const { return normal_force.lambda - normal_force.stiffness * (geometry.gap + dot(geometry.normal, moved)); }
+  double force_after(Vec3 moved) const {
+    return normal_force.lambda - normal_force.stiffness * (geometry.gap + dot(geometry.normal, moved));
+  }
   // The normal force, the friction limit, and whether the contact slides, in the next iteration, from the
   // relative displacement that this one found. They are multipliers like those of springs: taken from present
   // positions they are wild, because contacts are stiff. A contact that sticks slides when its force would

@@ -45,7 +45,7 @@ void MinimumDegree::start(const Adjacency& graph) {
   mark_.assign(n_, 0);
   head_.assign(n_ + 1, -1);
   next_.assign(n_, -1);
-  before_.assign(n_, -1);
+  previous_.assign(n_, -1);
   hash_head_.assign(n_, -1);
   hash_next_.assign(n_, -1);
   hash_of_.assign(n_, 0);
@@ -62,15 +62,15 @@ void MinimumDegree::start(const Adjacency& graph) {
 void MinimumDegree::link(int i) {
   int& head = head_[degree_[i]];
   next_[i] = head;
-  before_[i] = -1;
-  if (head >= 0) before_[head] = i;
+  previous_[i] = -1;
+  if (head >= 0) previous_[head] = i;
   head = i;
   least_ = std::min(least_, degree_[i]);
 }
 
 void MinimumDegree::unlink(int i) {
-  (before_[i] >= 0 ? next_[before_[i]] : head_[degree_[i]]) = next_[i];
-  if (next_[i] >= 0) before_[next_[i]] = before_[i];
+  (previous_[i] >= 0 ? next_[previous_[i]] : head_[degree_[i]]) = next_[i];
+  if (next_[i] >= 0) previous_[next_[i]] = previous_[i];
 }
 
 int MinimumDegree::lightest() {

@@ -42,7 +42,7 @@ class MinimumDegree {
   std::vector<char> alive_;          // elements
   std::vector<int> outside_, seen_;  // |L_e \ L_p|, and the stamp for which that is
   std::vector<int> mark_;
-  std::vector<int> head_, next_, before_;  // variables by degree
+  std::vector<int> head_, next_, previous_;  // variables by degree
   std::vector<int> hash_head_, hash_next_, hash_of_;
   std::vector<int> last_, follower_;  // the nodes of a variable, one after the other
   std::vector<int> pivots_, order_;

@@ -31,9 +31,9 @@ struct IslandBodies {
 struct IslandMatrix {
   SparseFactor factor;
   SparseFactor::Edges edges;
-  std::vector<int> offset;      // where a tendon's particles begin, by slot
-  bool patterned = false;       // the pattern is of this island
-  std::vector<Sym3> free;       // by block, what anchors leave free
+  std::vector<int> offset;  // where a tendon's particles begin, by slot
+  bool patterned = false;   // the pattern is of this island
+  std::vector<Sym3> free;   // by block, what anchors leave free
   std::vector<Vec3> right_hand;
   double tolerance = 0;  // that this solution can make use of; 0: that of the options
 };

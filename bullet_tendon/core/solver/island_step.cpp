@@ -42,7 +42,8 @@ void solve(Island& island, const StepContext& context) {
   else
     converged_step(island, context);
   for (Contact* contact : island.contacts)
-    contact->force.mean = step_mean(island.at(contact->a), context, contact->force.last_mean, contact->force.total);
+    contact->force.mean =
+        step_mean(island.at(contact->a), context, contact->force.last_mean, contact->force.total);
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.mean_force = step_mean(*c, context, h.last_mean, h.force);
   island.result.finite &= std::isfinite(island.result.residual);

@@ -60,7 +60,7 @@ void World::find_unknowns() {
   for (GeneralizedBody& m : scene.bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Link& l : scene.links)
-    l.turned.far = l.yields() && scene.bodies[l.body].unknowns.any && scene.bodies[l.body].turns;
+    l.turned.far = l.yields() && scene.bodies[l.body].unknowns.any && scene.bodies[l.body].turning.far;
   for (Contact& contact : contacts_.all)
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&
                     scene.bodies[scene.links[contact.link].body].unknowns.any;
@@ -108,7 +108,7 @@ void World::narrow_bodies() {
   }
   each_reached([&](const Link& link, int count, Vec3) { scene.bodies[link.body].unknowns.freedom += count; });
   for (GeneralizedBody& m : scene.bodies) {
-    const bool all = !m.unknowns.any || m.turns || m.unknowns.freedom >= m.n();
+    const bool all = !m.unknowns.any || m.turning.far || m.unknowns.freedom >= m.n();
     m.unknowns.freedom = all ? m.n() : 0;
   }
   each_reached([&](const Link& link, int count, Vec3 arm) {
@@ -136,14 +136,14 @@ bool World::find_turning() {
       options.iteration == Iteration::single)
     return false;
   for (GeneralizedBody& m : scene.bodies) {
-    m.tendon_torque = {};
-    m.tendon_pull = 0;
+    m.turning.torque = {};
+    m.turning.pull = 0;
   }
   auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
     if (link < 0 || !scene.links[link].yields() || !scene.links[link].jacobian.empty()) return;
     GeneralizedBody& m = scene.bodies[scene.links[link].body];
-    m.tendon_torque += cross(arm, force);
-    m.tendon_pull += norm(arm) * norm(force);
+    m.turning.torque += cross(arm, force);
+    m.turning.pull += norm(arm) * norm(force);
   };
   for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
@@ -152,9 +152,9 @@ bool World::find_turning() {
   for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.force.mean);
   bool any = false;
   for (const Link& l : scene.links) {
-    if (!l.yields() || !(scene.bodies[l.body].tendon_pull > 0) || scene.bodies[l.body].turns) continue;
-    scene.bodies[l.body].turns = scene.bodies[l.body].turns_far(l.spin, step_.substeps.step());
-    any |= scene.bodies[l.body].turns;
+    if (!l.yields() || !(scene.bodies[l.body].turning.pull > 0) || scene.bodies[l.body].turning.far) continue;
+    scene.bodies[l.body].turning.far = scene.bodies[l.body].turns_far(l.spin, step_.substeps.step());
+    any |= scene.bodies[l.body].turning.far;
   }
   return any;
 }

@@ -132,14 +132,13 @@ void World::collect_contacts() {
 }
 
 // A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
-Contact World::plane_contact(ContactKind kind, SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal,
-                             const ContactKey& key, double friction) {
+Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal, const ContactKey& key,
+                             double friction) {
   const Link& link = scene.links[link_slot];
   const Tendon& c = *step_.slots[spot.tendon];
   const double dt = step_.context.dt;
   Contact contact;
   contact.key = key;
-  contact.key.kind = kind;
   contact.a = spot;
   contact.link = link_slot;
   contact.geometry.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
@@ -286,8 +285,7 @@ void World::bone_contacts() {
         point = to_world(pose, point);
         normal = pose.rotation * normal;
         const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
-        Contact contact =
-            plane_contact(ContactKind::bone, spot, shape.link, point, normal, key, shape.friction);
+        Contact contact = plane_contact(spot, shape.link, point, normal, key, shape.friction);
         contact.normal_force.direct =
             !segment && options.bone_contact == BoneContact::constraint && !scene.links[shape.link].yields();
         add_contact(contact);
@@ -309,7 +307,7 @@ void World::half_space_contacts(int tendon, int s) {
     if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
     const int first = std::min(i, c.n() - 2);
     SegmentPoint spot{tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
-    Contact contact = plane_contact(ContactKind::bone, spot, shape.link, x - height * normal, normal,
+    Contact contact = plane_contact(spot, shape.link, x - height * normal, normal,
                                     {ContactKind::bone, tendon, i, s}, shape.friction);
     contact.normal_force.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_contact(contact);
@@ -332,11 +330,10 @@ void World::tendon_contacts() {
 
 void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   const Tendon &a = *step_.slots[p.tendon_a], &b = *step_.slots[p.tendon_b];
-  const double radii = a.radius + b.radius, apart = kept_apart(p, at, a, b, scene.links);
+  const double radii = a.radius + b.radius, apart = contact_distance(p, at, a, b, scene.links);
   if (apart < kNearlyMet * radii) return;
   Contact contact;
-  contact.key.kind = ContactKind::tendon;
-  contact.key = {contact.key.kind, p.tendon_a, p.segment_a, p.tendon_b, p.segment_b, at.end};
+  contact.key = {ContactKind::tendon, p.tendon_a, p.segment_a, p.tendon_b, p.segment_b, at.end};
   contact.a = {p.tendon_a, p.segment_a, 1 - at.u, at.u};
   contact.b = {p.tendon_b, p.segment_b, 1 - at.w, at.w};
   const Vec3 along = a.x.at(p.segment_a + 1) - a.x.at(p.segment_a);
@@ -438,9 +435,8 @@ void World::bore_contacts(int tendon, int t) {
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
     const int first = std::min(i, c.n() - 2);
-    contact.key.kind = ContactKind::bore;
     contact.link = scene.tunnels[t].link;
-    contact.key = {contact.key.kind, tendon, i, t};
+    contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = {tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
     contact.geometry.axis_point = on_axis + link.drift(on_axis, dt);
     contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
@@ -508,9 +504,8 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   step_.motion_limit = std::min(step_.motion_limit, safe_fraction(distance, c.radius + bore.chamfer, motion));
   const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
   Contact contact;
-  contact.key.kind = ContactKind::mouth;
   contact.link = scene.tunnels[t].link;
-  contact.key = {contact.key.kind, tendon, k, 2 * t + mouth};
+  contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth};
   contact.a = {tendon, k, 1 - u, u};
   contact.friction.anchored_at = u;
   contact.geometry.axis_point = centre + link.drift(centre, dt);

@@ -96,7 +96,7 @@ struct StateFields {
     a("forces", o.forces_);
     a("push", o.push_);
     of(a, o.last_);
-    of(a, o.before_);
+    of(a, o.previous_);
     a("dt", o.dt_);
     a("samples", o.samples_);
     a("known", o.known_);
@@ -118,7 +118,7 @@ struct StateFields {
     a("root", m.root);
     a("change", m.change);
     a("touches", m.touches);
-    a("turns", m.turns);
+    a("turns", m.turning.far);
     a("stopped_by", m.stopped_by_);
     a("stops", m.stops_);
     a("directions", m.directions_);

@@ -77,7 +77,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.slots.clear();
   for (Link& l : scene.links) l.wrench = {};
   history_.may_resolve = !whole && any_moved();
-  for (GeneralizedBody& m : scene.bodies) m.turns = false;
+  for (GeneralizedBody& m : scene.bodies) m.turning.far = false;
   if (history_.may_resolve) {
     history_.start.sensed_links = scene.links;
     history_.start.sensed_bodies = scene.bodies;

@@ -271,8 +271,8 @@ class World {
   void make_islands();
   int island_root(int tendon);
   void join_islands(int a, int b);
-  Contact plane_contact(ContactKind kind, SegmentPoint spot, int link, Vec3 point, Vec3 normal,
-                        const ContactKey& key, double friction);
+  Contact plane_contact(SegmentPoint spot, int link, Vec3 point, Vec3 normal, const ContactKey& key,
+                        double friction);
 
   StepState step_;
   Detection detection_;
