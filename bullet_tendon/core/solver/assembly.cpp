@@ -1,4 +1,4 @@
-// Residual and matrix of Newton's method at tendon.x_new, by terms.
+// Residual and matrix of Newton's method at tendon.x_new, term by term.
 #include "solver/assembly.h"
 
 #include <algorithm>
@@ -11,18 +11,19 @@ namespace bt {
 
 namespace {
 
-// Floor under a multiplier, as a share of the largest residual force [-]: the force up to which a
-// spring is taken to be tight. 0: a slack tendon of a stiffening law transmits nothing, and a load
-// travels one segment an iteration. Larger: slack tendons look stiff, and more iterations are needed.
+// Smallest multiplier of a spring in the matrix, relative to the largest residual force [-]. 0: a slack
+// tendon of a stiffening law has no stiffness, and a load propagates by one segment per iteration. Larger:
+// slack tendons are too stiff in the matrix, and more iterations are needed.
 constexpr double kFloorShare = 1e-2;
 
-// Least weight of a free particle for a contact on a segment whose other end is held rigidly [-].
+// Smallest weight of a free particle for a contact on a segment whose other end is anchored rigidly [-].
 constexpr double kLeastEndWeight = 0.25;
 
-// A directly constrained particle that let go this often in a step stays free for its rest [-].
+// After this number of releases in a step, a directly constrained particle stays free [-].
 constexpr int kMostChanges = 4;
 
-// Residual of one tendon at tendon.x_new: inertia, springs and soft holds. Returns the largest force.
+// Residual of one tendon at tendon.x_new: inertia, springs, bending and soft anchors. Returns the largest
+// force [N].
 double tendon_residual(Tendon& c) {
   const double inverse = 1 / (c.h_eff * c.h_eff);
   const double* mass = c.mass.data();
@@ -45,8 +46,7 @@ double tendon_residual(Tendon& c) {
 
 }  // namespace
 
-// A contact that constrains its particle directly: it starts to hold when the particle is inside, and
-// lets go when it would have to pull (r is the force that the body supplies).
+// The residual at the particle is the force that the body supplies.
 bool update_direct(Island& island, Contact& contact) {
   Tendon& c = island.at(contact.a);
   int i = contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
@@ -65,13 +65,12 @@ bool update_direct(Island& island, Contact& contact) {
   return true;
 }
 
-// A contact at tendon.x_new, where its points follow what they touch.
+// Evaluates a contact at tendon.x_new, with its present contact points.
 void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
   if (island.follows) follow(island, contact);
   contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
 }
 
-// True residual of the island at tendon.x_new; what holds supply is still in it.
 Assembly residual_of(Island& island, bool definite, bool at_position) {
   Assembly a;
   clear_loads(island);
@@ -105,8 +104,6 @@ void carry_springs(Island& island) {
       if (s->count) carry(*s, c->material.law, c->dx);
 }
 
-// The matrix, and the residual of the linearisation in place of the true one.
-// definite_rows: the contacts' blocks alone.
 void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts) {
   clear_loads(island);
   for (Tendon* c : island.tendons) {
@@ -135,11 +132,11 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
 
 namespace {
 
-// The larger one; what is not a number stays.
+// The larger value; NaN is kept.
 double worse(double a, double b) { return b > a || b != b ? b : a; }
 
-// Largest stiffness of springs at the present state [N/m]. Not the matrix's: that of a wild iteration would
-// call any residual rounding.
+// Largest stiffness of springs at the present state [N/m]. The matrix is not used: in a diverging iteration
+// its stiffness is so large that any residual would be taken for rounding.
 double stiffness_at_hand(Tendon& c) {
   double most = 0;
   for (SpringSet* s : {&c.structure, &c.shear})
@@ -147,7 +144,7 @@ double stiffness_at_hand(Tendon& c) {
   return 2 * most;
 }
 
-// The same of what is evaluated at rounded positions.
+// Largest stiffness of anchors and bending, which are evaluated at rounded positions [N/m].
 double stiffness_beside(const Tendon& c) {
   double most = 0;
   for (const Anchor& h : c.anchors)
@@ -158,8 +155,8 @@ double stiffness_beside(const Tendon& c) {
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
 }
 
-// Force that one rounding makes [N]: of the coordinates at the start of the step, as long as the displacement
-// is the guess; then of the displacements.
+// Force of one rounding [N]: of the coordinates at the start of the step while the displacement is the guess,
+// and of the displacements after that.
 double force_of_rounding(Tendon& c, double contact_stiffness, bool at_guess) {
   const double coordinate = c.x_new.largest();
   const double length = largest_of(c.structure.length.data(), c.structure.count);
@@ -173,7 +170,6 @@ double force_of_rounding(Tendon& c, double contact_stiffness, bool at_guess) {
 
 }  // namespace
 
-// Residual norms, once what holds supply has been taken out.
 void measure_residual(Island& island, Assembly& a) {
   project_anchors(island, &Tendon::residual);
   for (Tendon* c : island.tendons) {
@@ -329,9 +325,9 @@ void fix_in_matrix(Island& island) {
                        outer(contact->geometry.normal));
 }
 
-// That is a contact whose particles are all held (or nearly so: what is free would have to move far for
-// what is not), or one that a held end violates where it is taken. Where attachments are taken is for their
-// bodies, but near there.
+// Such a contact has only anchored particles (or weights of free particles so small that these would have to
+// move far), or its gap is negative at the target of an anchor. Attachments to bodies count like rigid
+// anchors, because they stay near their target.
 bool overruled(const Contact& contact, const Tendon& c) {
   if (contact.b.tendon >= 0) return false;
   bool any_free = false;
@@ -351,7 +347,7 @@ bool overruled(const Contact& contact, const Tendon& c) {
 }
 
 void read_anchor_forces(Tendon& c) {
-  // The holder supplies the residual, and feels its opposite.
+  // The anchor supplies the residual, and receives the opposite force.
   for (Anchor& h : c.anchors)
     if (h.rigid) h.force = -c.residual.at(h.particle);
 }

@@ -5,54 +5,56 @@
 namespace bt {
 
 struct Assembly {
-  double scale = 0;      // largest force at hand [N]
+  double scale = 0;      // largest force of a spring, an anchor, a contact or inertia [N]
   double residual = 0;   // largest residual force [N]
-  double of_bodies = 0;  // largest of theirs
-  double of_limits = 0;  // largest difference of a friction limit from mu N
+  double of_bodies = 0;  // largest residual force of bodies [N]
+  double of_limits = 0;  // largest difference between a friction limit and mu N [N]
 };
 
-// A contact that constrains its particle directly: it starts to hold when the particle is inside, and lets go
-// when it would have to pull. true: it has changed.
+// Updates a contact that constrains its particle directly: it becomes active when the particle is inside, and
+// inactive when its force would have to pull. Returns whether it has changed.
 bool update_direct(Island& island, Contact& contact);
-// True residual of the island at tendon.x_new; what holds supply is still in it.
+// Computes the true residual of the island at tendon.x_new. It still includes the constraint forces of
+// anchors and of direct contacts. definite: contacts without indefinite terms. at_position: the state of
+// contacts is that at the present positions, not the predicted one.
 Assembly residual_of(Island& island, bool definite, bool at_position = false);
-// Its norms, once what holds supply has been taken out.
+// Removes the constraint forces from the residual and computes its norms.
 void measure_residual(Island& island, Assembly& a);
-// The contacts' multipliers and friction limits from the step, before it is taken.
+// Predicts the multipliers and friction limits of the contacts from tendon.dx, before the step is taken.
 void predict_contacts(Island& island);
-// The springs' multipliers go along with the step: the forces that the linearisation foresees.
+// Updates the multipliers of the springs to the forces that the linearisation predicts for tendon.dx.
 void carry_springs(Island& island);
-// Residual over the force of one rounding, largest of the tendons [-]: of the displacements, or (at_guess) of
-// the positions at the start of the step.
+// Residual divided by the force of one rounding, largest of the tendons [-]. The rounding is that of the
+// displacements, or (at_guess) of the positions at the start of the step.
 double in_roundings(Island& island, const Assembly& a, bool at_guess);
-// The matrix, and the residual of the linearisation in place of the true one. definite_rows: the contacts'
-// blocks alone.
+// Assembles the matrix, and replaces the true residual by that of the linearisation. definite: all blocks are
+// positive definite. definite_contacts: those of the contacts are.
 void assemble(Island& island, Linearisation how, bool definite, bool definite_contacts);
-// The particle of every tendon with the largest residual.
+// Sets worst_particle of every tendon: the particle with the largest residual.
 void find_worst(Island& island);
 
-// The contacts that act now, for the matrix.
+// Lists the contacts that enter the matrix, in island.acting.
 void find_acting(Island& island);
 
-// Pieces that the methods share.
+// Functions that the converged and the published methods share.
 Vec3 relative_position(const Island& island, const Contact& contact, Field Tendon::* where);
 void add_contact_force(Island& island, const Contact& contact);
-// The points of a contact that are nearest now, where they move along; and the rest of its block, before
-// add_row_block.
+// Moves the contact points of pairs and mouths to the points that are nearest now. add_sliding_blocks adds
+// the resulting sliding-point terms, and precedes add_contact_block.
 void follow(Island& island, Contact& contact);
 void add_sliding_blocks(Island& island, Contact& contact, bool definite);
 void add_contact_block(Island& island, const Contact& contact);
-// What the contact's linearisation adds to its true force, into the residual.
+// Adds the difference between the linearised and the true contact force to the residual.
 void add_contact_linearisation(Island& island, const Contact& contact);
-// Forces into the residual, or (matrix) stiffnesses into the matrix.
+// Adds the forces of soft anchors to the residual, or (matrix) their stiffnesses to the matrix.
 void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
-// Removes what holds take up from `what` (a residual or a direction).
+// Removes the components that rigid anchors and direct contacts constrain from a residual or a direction.
 void project_anchors(Island& island, Field Tendon::* what);
-// The same for the matrices.
+// Constrains the same components in the matrices.
 void fix_in_matrix(Island& island);
-// Whether a rigid hold contradicts a contact against a body, which then has no solution: the hold wins.
+// Whether a rigid anchor contradicts a contact with a body. Such a contact has no solution and is left out.
 bool overruled(const Contact& contact, const Tendon& c);
-// Force of the tendon on each holder, from residuals that holds have not been removed from yet.
+// Reads the force of the tendon on each rigid anchor [N] from residuals that still include it.
 void read_anchor_forces(Tendon& c);
 
 }  // namespace bt

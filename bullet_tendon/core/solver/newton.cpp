@@ -1,13 +1,13 @@
-// The converged implicit step: Newton's method with carried multipliers (mixed).
+// The converged implicit step: a mixed Newton method, which carries multipliers from iteration to iteration.
 //
-// Every iteration takes the full step. The multipliers of springs and contacts, and the friction limits, are
-// those that the linear solution predicts; the residual is that of the true forces. It includes what the
-// friction limits differ by from Coulomb's law. Once it is small, contacts that are too deep are stiffened
-// (augmented Lagrangian).
+// Every iteration takes the full step. The linear solution predicts the multipliers of springs and contacts,
+// and the friction limits. The residual is computed with the true forces. It includes the differences between
+// the friction limits and mu N (Coulomb's law). When the residual is small, contacts that are too deep are
+// stiffened (augmented Lagrangian).
 //
-// A solution whose residual does not fall is given up. The Substepper then cuts the substep. Where it cannot
-// be cut, the last iterate is taken, if its residual is smaller than that of the guess; else particles stay
-// where they are.
+// A solution whose residual does not fall is abandoned, and the Substepper cuts the substep. If the substep
+// cannot be cut, the last iterate is accepted if its residual is smaller than that of the guess. Otherwise
+// the particles stay where they are.
 #include "solver/newton.h"
 
 #include <algorithm>
@@ -26,54 +26,57 @@ namespace bt {
 
 namespace {
 
-// Residual over the forces at hand under which contacts are linearised in full [-]: with curvature that may
-// make the matrix indefinite, and with friction limits that change within the linear solution. Larger: wild
-// normal forces throw iterations off. Smaller: more iterations.
+// Residual, relative to the largest force, below which contacts are linearised completely [-]: with
+// curvature, which may make the matrix indefinite, and with friction limits that change within the linear
+// solution. Larger: inaccurate normal forces make iterations diverge. Smaller: more iterations.
 constexpr double kNear = 0.1;
 
-// Residual over the forces at hand under which contacts that are too deep are stiffened [-], and how often in
-// a solution. Larger: multipliers are taken from wild forces. Smaller: each stiffness is solved for to an
-// accuracy that the next one throws away. Oftener: contacts that cannot be made less deep take iterations.
+// Residual, relative to the largest force, below which contacts that are too deep are stiffened [-], and
+// largest number of such stiffenings in a solution. Larger: multipliers are taken from inaccurate forces.
+// Smaller: each stiffness is solved for to an accuracy that is lost with the next one. More stiffenings:
+// contacts whose depth cannot be reduced take iterations.
 constexpr double kStiffened = 3e-3;
 constexpr int kMostStiffened = 8;
 
-// Iterations without a new smallest residual before a solution is given up. Fewer: substeps are cut that
-// would converge, because the mixed method may raise the residual on its way. More: violent steps are slower.
+// Iterations without a new smallest residual after which a solution is abandoned. Fewer: substeps are cut
+// that would converge, because the residual of the mixed method may rise temporarily. More: violent steps are
+// slower.
 constexpr int kPatience = 20;
 
-// Points that a line search tries. Fewer: a step along a wild direction is not shortened enough.
+// Largest number of trial points of a line search. Fewer: a step along a very inaccurate direction is not
+// shortened enough.
 constexpr int kMostTrials = 24;
 
-// Loosest relative accuracy of conjugate gradients within Newton's method [-].
+// Largest relative tolerance of conjugate gradients within Newton's method [-].
 constexpr double kLoosest = 1e-2;
 
-// Displacement of an iterate, relative to that of the inertial target or to the length of the tendon, beyond
-// which it has run away [-]. Larger: its residual passes for rounding. Smaller: a taut tendon that is
-// released may move so far in a long step.
+// Displacement of an iterate, relative to that of the inertial target or to the length of the tendon, above
+// which the iteration has diverged [-]. Larger: the residual of a diverged iterate is taken for rounding.
+// Smaller: a taut tendon that is released may move this far in a long step.
 constexpr double kFarOff = 1e3;
 
-// Largest residual that counts as rounding, in units of machine epsilon x stiffness x coordinate [-].
+// Largest residual that is taken for rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
 enum class Next { step, judge, stop };
 
-// One solution on its way.
+// The state of one Newton solution.
 struct Solution {
   Island& island;
   const StepContext& context;
-  bool descends = false;  // along directions of descent, by steps that a line search shortens
-  bool far = true;        // the residual is larger than kNear
-  bool turns = false;     // it was far at some time, so that segments turn
-  bool changed = false;   // a direct contact began or ceased to hold in this iteration
+  bool descends = false;  // uses descent directions and a line search
+  bool far = true;        // the relative residual is larger than kNear
+  bool turns = false;     // `far` was true in some iteration, so that segments turn
+  bool changed = false;   // a direct contact became active or inactive in this iteration
   int iteration = 0;
-  int stiffened = 0;  // how often contacts were stiffened
-  // Smallest residual since contacts were stiffened, and how many iterations ago.
+  int stiffened = 0;  // number of times that contacts were stiffened
+  // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = kNone;
   int idle = 0;
   double first_residual = kNone;
-  // Of the last iteration; none if contacts have been stiffened since.
+  // Residual of the last iteration [N]; kNone if contacts were stiffened since.
   double last_residual = kNone;
 
   const Options& options() const { return context.options; }
@@ -90,7 +93,7 @@ bool any_left_predicted_region(const Island& island) {
                      [](const Tendon* c) { return leaves_predicted_region(*c); });
 }
 
-// Whether iterates are so far away that any residual is within their rounding.
+// Whether an iterate is so far away that any residual is smaller than its rounding error.
 bool ran_away(const Island& island) {
   for (const Tendon* c : island.tendons)
     for (int k = 0; k < 3; ++k) {
@@ -100,7 +103,7 @@ bool ran_away(const Island& island) {
   return false;
 }
 
-// A residual that no longer halves may be a few roundings; one that does, one rounding.
+// Whether the residual is rounding: kRounding units are allowed if it no longer halves, else one unit.
 bool is_rounding(Island& island, const Assembly& a, double last_residual, bool at_guess) {
   const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
   return in_roundings(island, a, at_guess) <= most && !ran_away(island);
@@ -114,7 +117,7 @@ void begin(Solution& s) {
     contact->normal_force.changes = 0;
   }
   start_bodies(island);
-  island.follows = s.options().linear_solver != LinearSolver::pcg;  // which knows blocks of contacts only
+  island.follows = s.options().linear_solver != LinearSolver::pcg;  // pcg has no sliding-point terms
   s.far = !s.context.warm;
 }
 
@@ -139,14 +142,14 @@ void note_progress(Solution& s, double residual) {
   s.idle = 0;
 }
 
-// The residual at the iterate, and whether it is small enough.
+// Computes the residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
   Assembly a = residual_of(island, s.descends || s.far, s.descends);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
-  // A tendon at rest keeps the residual of its rounded positions.
+  // The residual of a tendon at rest is that of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
   const bool enough =
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
@@ -191,7 +194,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   return Next::step;
 }
 
-// The step of the particles and bodies, in tendon.dx. false: there is none.
+// Computes the step of particles (tendon.dx) and bodies. false: the linear solution failed.
 bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
   const double enough = s.options().tolerance * a.scale;
@@ -204,14 +207,14 @@ bool find_step(Solution& s, const Assembly& a) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
     }
-    // The matrix is indefinite: once more, with compression cut off.
+    // The matrix is indefinite: solve again without the geometric stiffness of compression.
     residual_of(island, true);
   }
   assemble(island, how, true, true);
   return solve_linear(island, s.context, true);
 }
 
-// r.d, the slope of the step's potential along the direction.
+// r.d, the directional derivative of the incremental potential along the step.
 double slope_along(Island& island) {
   double sum = body_slope(island);
   for (Tendon* c : island.tendons) sum += inner(c->residual, c->dx);
@@ -223,7 +226,8 @@ void advance(Island& island, double alpha) {
   advance_bodies(island, alpha);
 }
 
-// To where the slope has at least halved, by regula falsi: without a potential, so without cancellation.
+// Advances to a point where the slope has at least halved, by regula falsi. It uses slopes only, because
+// differences of the potential would suffer from cancellation.
 void line_search(Island& island) {
   const double start = slope_along(island);
   double lo = 0, hi = 0, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
@@ -259,13 +263,13 @@ void take_step(Solution& s) {
   carry_springs(island);
   predict_contacts(island);
   advance(island, 1);
-  // Contacts are stiff across the tendon: there the places of particles matter more than the lengths of
-  // segments.
+  // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
+  // lengths of segments.
   if (!s.turns || touches(island)) return;
   for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
-// The particles and bodies do not move in this step.
+// Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors.
 void stay(Island& island) {
   for (Tendon* c : island.tendons) {
     c->displacement.zero();
@@ -276,7 +280,7 @@ void stay(Island& island) {
   forget_bodies(island);
 }
 
-// Returns the last residual [N].
+// Iterates until the solution ends. Returns the last residual [N].
 double iterate(Solution& s) {
   for (const int start = s.iteration;; ++s.iteration) {
     const Assembly a = judge(s);
@@ -292,7 +296,7 @@ void end(Solution& s) {
   for (Contact* contact : island.contacts)
     if (contact->normal_force.held)
       contact->force.total +=
-          contact->normal_force.value * contact->geometry.normal;  // what the constraint supplied
+          contact->normal_force.value * contact->geometry.normal;  // the constraint force
   find_worst(island);
   island.result.iterations += s.iteration;
 }
@@ -304,14 +308,14 @@ void newton(Island& island, const StepContext& context) {
   begin(s);
   double residual = iterate(s);
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
-  // Where the substep cannot be cut: from its start, along directions of descent.
+  // If the substep cannot be cut: solve again from its start, along descent directions.
   if (failed() && !context.may_halve && !context.budget->refused()) {
     stay(island);
     s.descends = true;
     s.start_anew();
     residual = iterate(s);
   }
-  // An iterate that is worse than the guess is not taken.
+  // An iterate that is worse than the guess is not accepted.
   if (failed() && !(residual < s.first_residual) && (std::isfinite(residual) || context.budget->refused())) {
     stay(island);
     judge(s);

@@ -5,7 +5,8 @@
 
 namespace bt {
 
-// One Newton solution, from the guess in tendon.x_new to tendon.x_new.
+// Solves the implicit step of the island by Newton's method. tendon.x_new is the starting guess, and then the
+// result.
 void newton(Island& island, const StepContext& context);
 
 }  // namespace bt
