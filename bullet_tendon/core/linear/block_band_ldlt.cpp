@@ -8,7 +8,7 @@ namespace {
 
 constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};  // plane of entry (row, column) of a symmetric block
 
-// P M Q for a row-major 3x3, one side at a time.
+// M <- (I - N) M and M <- M (I - N) for a row-major 3x3.
 void project_left(double* m, const Sym3& N) {
   for (int c = 0; c < 3; ++c) {
     Vec3 v{m[c], m[3 + c], m[6 + c]};
@@ -110,7 +110,7 @@ inline void load_diagonal(const Planes& d, int top, int bottom, Lanes* out) {
   for (int c = 0; c < 6; ++c) out[c] = both(d[c], top, bottom);
 }
 
-// The block that couples a pivot with the one `offset` further in: A(top+offset, top) in lane 0,
+// The block that couples a pivot with the one `offset` further inwards: A(top+offset, top) in lane 0,
 // A(bottom-offset, bottom) = A(bottom, bottom-offset)^T in lane 1.
 inline void load_coupling(const Planes& below, int top, int bottom, int offset, Lanes* out) {
   for (int r = 0; r < 3; ++r)
@@ -118,7 +118,7 @@ inline void load_coupling(const Planes& below, int top, int bottom, int offset, 
       out[3 * r + c] = Lanes{below[3 * r + c][top], below[3 * c + r][bottom - offset]};
 }
 
-// xx xy xz yy yz zz -> l21 l31 l32 1/d1 1/d2 1/d3; the pivots d are returned for the sign test.
+// xx xy xz yy yz zz -> l21 l31 l32 1/d1 1/d2 1/d3. Returns whether all pivots d are positive.
 inline bool ldl(const Lanes* a, Lanes* f) {
   Lanes i1 = 1.0 / a[0];
   Lanes l21 = a[1] * i1, l31 = a[2] * i1;
@@ -146,8 +146,8 @@ inline void ldl_solve(const Lanes* f, Lanes& x, Lanes& y, Lanes& z) {
   x -= f[0] * y + f[1] * z;
 }
 
-// Half the way to Z = D^-1 E^T: W = L^-1 E^T and diag^-1 W. Products E Z' are W^T diag^-1 W', for which
-// the next pivot does not have to wait for Z.
+// The first half of Z = D^-1 E^T: W = L^-1 E^T and diag^-1 W. Products E Z' are W^T diag^-1 W'. With these
+// the next pivot does not depend on Z.
 struct Half {
   Lanes w[9], scaled[9];
 };
@@ -293,7 +293,7 @@ void BandFactor::solve(const Field& b, Field& x, int first, int last) const {
   half_ == 1 ? solve_ends<1>(b, x, to) : solve_ends<2>(b, x, to);
 }
 
-// Back from the middle to the steps `to` of both ends.
+// Back substitution from the middle to step `to` of both ends.
 template <int H>
 void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
   Lanes first[3] = {}, second[3] = {};
@@ -347,11 +347,10 @@ void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
 
 namespace {
 
-// Solutions of linear/block_band_ldlt.h for eight right-hand sides at once, which are zero but for some
-// blocks.
+// Solutions for eight right-hand sides at once, which are zero except for some blocks.
 //
-// As of one right-hand side: what is eliminated before the first block that is not zero stays zero, and only
-// the blocks that somebody reads are solved back to.
+// The elimination starts at the first block that is not zero. The back substitution ends at the last block
+// that is needed.
 
 // out = z^T y, by the columns of a block z.
 template <int Lane>
@@ -376,7 +375,8 @@ BT_WITHIN inline void subtract(Eight* from, const Eight* what) {
 
 }  // namespace
 
-// Steps `from` on of one end, whose block of step s is at(s); what is left to take from the next two.
+// Forward elimination of one end from step `from` on. at(s) is the block of step s. `next` and `after` are
+// what remains to be subtracted from the next two blocks.
 template <int H, int Lane, class At>
 BT_WITHIN inline void BandFactor::columns_inwards(int from, At at, Eight* next, Eight* after) const {
   for (int c = 0; c < 3; ++c) next[c] = after[c] = Eight{};

@@ -1,11 +1,11 @@
 // A symmetric positive definite block-banded matrix of 3x3 blocks, its LDL^T factors and products.
 //
-// Contract: `half` is 1 or 2 (blocks beside the diagonal), n >= 2 blocks. Fill diagonal and below,
-// factorise, solve any number of right-hand sides. Nothing is allocated after resize.
+// Contract: `half` is 1 or 2 (blocks below the diagonal), n >= 2 blocks. Fill diagonal and below, factorise,
+// solve any number of right-hand sides. Nothing is allocated after resize.
 //
-// The elimination works from both ends at once towards the middle, in the two lanes of one vector
-// register: block s in lane 0 and block n-1-s in lane 1 do the same arithmetic. What is left in
-// the middle (1 to 3 blocks) is solved densely. With A(i+1,i) = E1, A(i+2,i) = E2 one pivot does
+// The elimination proceeds from both ends towards the middle, in the two lanes of one vector register: block
+// s in lane 0 and block n-1-s in lane 1 do the same arithmetic. The remaining 1 to 3 blocks in the middle are
+// solved densely. With A(i+1,i) = E1, A(i+2,i) = E2 one pivot does
 //
 //   D = L diag L^T,  Z1 = D^-1 E1^T,  Z2 = D^-1 E2^T
 //   A(i+1,i+1) -= E1 Z1,   A(i+2,i+1) -= E2 Z1,   A(i+2,i+2) -= E2 Z2.
@@ -35,22 +35,23 @@ struct Band {
   void add_below(int i, double w, Vec3 p, Vec3 q);
   // y = A x.
   void multiply(const Field& x, Field& y) const;
-  // Rows and columns of block i projected by P = I - N (N = I: the block is held; N = n n^T: held
-  // along n), the diagonal block completed by N, so that the matrix stays definite
-  // (Baraff and Witkin 1998, the filter).
+  // Projects the rows and columns of block i by P = I - N, and adds N to the diagonal block, so that the
+  // matrix remains definite (Baraff and Witkin 1998, the filter). N = I: the block is fixed; N = n n^T: it is
+  // fixed along n.
   void hold(int i, const Sym3& N);
 };
 
 class BandFactor {
  public:
   void resize(int blocks, int half_bandwidth);
-  // false where a pivot is not positive: the matrix was not definite.
+  // false: a pivot is not positive, so the matrix is not positive definite.
   bool factorise(const Band& a);
   // x = A^-1 b; x and b may be the same.
   void solve(const Field& b, Field& x) const { solve(b, x, 0, n_ - 1); }
-  // The same of blocks first to last alone, of others something else.
+  // The same for blocks first to last only. The other blocks of x are undefined.
   void solve(const Field& b, Field& x, int first, int last) const;
-  // The same of eight right-hand sides, zero but for blocks first to last, which x gets its own for.
+  // The same for eight right-hand sides, which are zero outside blocks first to last. Only these blocks of x
+  // are computed.
   void solve(const Columns& b, int first, int last, Columns& x) const;
 
  private:
@@ -58,7 +59,7 @@ class BandFactor {
   bool factorise_ends(const Band& a);
   template <int H>
   void solve_ends(const Field& b, Field& x, int to) const;
-  // Of eight columns (linear/block_band_ldlt.cpp).
+  // The passes for eight columns.
   template <int H>
   void columns_ends(int first, int last, Columns& x) const;
   template <int H, int Lane, class At>
@@ -66,7 +67,7 @@ class BandFactor {
   template <int H, int Lane, class At>
   void columns_outwards(int to, At at) const;
   bool factorise_middle(const Band& a);
-  // Of as many right-hand sides side by side: the middle's blocks in y, each number with its Width of them.
+  // Solves for the middle, for Width right-hand sides: y has 3 middle_ rows of Width numbers.
   template <int Width>
   void solve_middle(double* y) const;
 
@@ -76,8 +77,8 @@ class BandFactor {
   };
   int n_ = 0, half_ = 1, steps_ = 0, middle_ = 0;
   std::vector<Pivot> pivots_;
-  Lanes left_[3][9];  // what the ends leave in the middle: on the first, the second block and between
-  double dense_[81];  // the middle, unit lower triangle and inverse diagonal
+  Lanes left_[3][9];  // updates of the middle by the ends: of the first and second block, and between them
+  double dense_[81];  // factors of the middle: unit lower triangle and inverse diagonal, rows of 9
 };
 
 template <int Width>

@@ -7,8 +7,9 @@
 
 namespace bt {
 
-// Columns of a tendon's blocks: three vectors by block, for its axes; and one block that is nothing, which
-// the spot of a last particle has beside it (contact/contact.h).
+// Eight columns for the blocks of a tendon: three vectors of eight numbers per block, one for each axis. An
+// additional block of zeros follows the last one: a contact point on the last particle has it as its second
+// particle (contact/segment_point.h).
 class Columns {
  public:
   void resize(int blocks) { data_.assign(size_of(blocks), 0.0); }

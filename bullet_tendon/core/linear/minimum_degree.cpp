@@ -1,13 +1,13 @@
-// Minimum degree on the quotient graph: an eliminated pivot p becomes an element, which stands for the clique
-// L_p of the variables that it joins, so that no fill is ever written down. With E_i the elements and A_i the
-// variables beside a variable i,
+// Minimum degree on the quotient graph. An eliminated pivot p becomes an element, which represents the clique
+// L_p of the variables that it joins. Therefore fill-in is never stored. With the elements E_i and the
+// variables A_i adjacent to a variable i,
 //
 //   L_p = (A_p u union of L_e, e in E_p) \ p,   the elements E_p are absorbed by p
 //   d_i = |A_i \ i| + |L_p \ i| + sum over e in E_i \ p of |L_e \ L_p|
 //
-// where the last sum counts what several elements share several times: an upper bound, which costs no union.
-// Variables with the same neighbours (twins) are eliminated as one, and those that have none beside L_p
-// together with p.
+// The last sum counts variables that several elements share several times. It is an upper bound that needs no
+// union. Variables with the same neighbours (twins) are eliminated as one. Variables without neighbours
+// outside L_p are eliminated together with p.
 #include "linear/minimum_degree.h"
 
 #include <algorithm>
@@ -82,7 +82,7 @@ int MinimumDegree::lightest() {
   return p;
 }
 
-// The variables among lists_[from ... to) that are not in L_p yet, into it.
+// Appends the variables among lists_[from ... to) that are not in L_p yet to L_p.
 void MinimumDegree::take(int p, int from, int to) {
   for (int k = from; k < to; ++k) {
     const int i = lists_[k];
@@ -126,7 +126,8 @@ void MinimumDegree::measure_elements(int p) {
   }
 }
 
-// Lists and degree of a variable of L_p. There is room for p: it was a neighbour, or an absorbed element was.
+// Updates the lists and the degree of a variable i of L_p. Its list has space for p, because p was a
+// neighbour, or an absorbed element was.
 void MinimumDegree::update(int p, int i) {
   unlink(i);
   const int from = start_[i], middle = from + elements_[i], to = from + length_[i];
@@ -152,13 +153,13 @@ void MinimumDegree::update(int p, int i) {
     hash += j;
     lists_[from + elements + variables++] = j;
   }
-  if (degree == 0) {  // nothing beside L_p
+  if (degree == 0) {  // no neighbours outside L_p
     left_ -= weight_[i];
     degree_[p] -= weight_[i];
     join(i, p);
     return;
   }
-  // p takes the place of the first variable, which goes to the end.
+  // p replaces the first variable, which moves to the end.
   lists_[from + elements + variables] = lists_[from + elements];
   lists_[from + elements] = p;
   elements_[i] = elements + 1;
@@ -202,7 +203,7 @@ void MinimumDegree::merge_twins(int p) {
   }
 }
 
-// L_p without what was eliminated or joined; its variables get their degrees.
+// Removes eliminated and merged variables from L_p, and sets the degrees of its variables.
 void MinimumDegree::finish_element(int p) {
   const int from = start_[p];
   int kept = from;

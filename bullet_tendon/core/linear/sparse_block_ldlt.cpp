@@ -86,7 +86,8 @@ void SparseFactor::find_neighbours() {
   nodes.resize(kept);
 }
 
-// What is below pivot k: its later neighbours, and what is below those pivots whose first block is k.
+// The blocks below pivot k: its later neighbours, and the blocks below those pivots whose first block below
+// is k.
 void SparseFactor::find_columns() {
   where_.resize(n_);
   for (int k = 0; k < n_; ++k) where_[node_[k]] = k;
@@ -120,7 +121,7 @@ int SparseFactor::slot(int row, int column) const {
   return static_cast<int>(std::lower_bound(from, to, row) - rows_.begin());
 }
 
-// What is below row r of pivot k is below pivot r too, in the same order.
+// The blocks below row r of pivot k are also below pivot r, in the same order.
 void SparseFactor::plan_updates() {
   target_.clear();
   for (int k = 0; k < n_; ++k)

@@ -1,12 +1,12 @@
-// A symmetric positive definite sparse matrix of 3x3 blocks and its LDL^T factors, for tendons that touch
-// each other: chains of blocks, joined by a few more.
+// A symmetric positive definite sparse matrix of 3x3 blocks and its LDL^T factors, for tendons in contact:
+// chains of blocks with a few additional couplings.
 //
-// Contract: analyse once for a pattern (nothing is done where it is the one before), then start, add,
-// factorise, solve any number of right-hand sides. Blocks are eliminated by least degree, so that long
-// free stretches cost what a band costs and only what touches fills in. The order is a function of the
-// present pattern alone, never of earlier ones, although one with fewer blocks would fit: a snapshot has no
-// factors in it, and a world that goes on from one has to round as the world it was taken of. With pivot D
-// and blocks A_a below
+// Contract: analyse once for a pattern (the same pattern again costs nothing), then start, add, factorise,
+// solve any number of right-hand sides. Blocks are eliminated in minimum-degree order. Long stretches without
+// contact therefore cost as much as a band, and only contacts cause fill-in. The order is a function of the
+// present pattern only, never of an earlier pattern, even if that one includes all present blocks. The
+// reason: a snapshot has no factors, and a world that continues from a snapshot has to round like the
+// original world. With pivot D and blocks A_a below
 //
 //   W_a = A_a D^-1,   A_ba -= W_b A_a^T,   L_a = W_a.
 #pragma once
@@ -24,8 +24,8 @@ struct Block3 {
 Block3 block_of(const Sym3& s);
 Block3 product(const Block3& a, const Block3& b);
 
-// The same in rows of four, of which the last is nothing: whole vector registers.
-typedef double Lanes4 __attribute__((vector_size(32), aligned(8)));  // wherever an allocator puts it
+// The same in rows of four numbers, the last of which is 0: whole vector registers.
+typedef double Lanes4 __attribute__((vector_size(32), aligned(8)));  // at any address
 struct PaddedBlock {
   Lanes4 row[3];
 };
@@ -34,13 +34,13 @@ class SparseFactor {
  public:
   using Edges = std::vector<std::pair<int, int>>;
   int blocks() const { return n_; }
-  int below() const { return static_cast<int>(rows_.size()); }  // blocks of L
-  // n blocks; edges: pairs of different blocks, each listed once or more.
+  int below() const { return static_cast<int>(rows_.size()); }  // number of blocks of L
+  // n blocks; edges: pairs of different blocks, each listed at least once.
   void analyse(int n, const Edges& edges);
   void start();  // all blocks zero
   // A(i, j) += B, and A(j, i) += B^T.
   void add(int i, int j, const Block3& b);
-  // false where a pivot is not positive: the matrix was not definite.
+  // false: a pivot is not positive, so the matrix is not positive definite.
   bool factorise();
   // b becomes A^-1 b.
   void solve(std::vector<Vec3>& b);
@@ -55,13 +55,13 @@ class SparseFactor {
   Edges edges_;
   Adjacency graph_;
   MinimumDegree minimum_degree_;
-  std::vector<int> where_, node_;              // place of a block in the elimination, and back
-  std::vector<int> first_, rows_;              // places of the blocks below pivot k: rows_[first_[k] ...]
-  std::vector<int> child_, sibling_, seen_;    // of the elimination tree, while columns are found
-  std::vector<int> target_;                    // block that each update goes to, in order
+  std::vector<int> where_, node_;            // position of a block in the elimination order, and the inverse
+  std::vector<int> first_, rows_;            // positions of the blocks below pivot k: rows_[first_[k] ...]
+  std::vector<int> child_, sibling_, seen_;  // of the elimination tree, used by find_columns
+  std::vector<int> target_;                  // target block of each update, in order
   std::vector<PaddedBlock> diagonal_, below_;  // D^-1 and L once factorised
   std::vector<PaddedBlock> scaled_;            // W of one pivot, by block below it
-  std::vector<Vec3> right_;                    // of a solution, by place
+  std::vector<Vec3> right_;                    // of a solution, by position
 };
 
 }  // namespace bt

@@ -8,7 +8,7 @@ namespace bt {
 
 inline bool same(Vec3 a, Vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
-// A rotation, by rows.
+// A rotation matrix, by rows.
 struct Rot3 {
   Vec3 r0{1, 0, 0}, r1{0, 1, 0}, r2{0, 0, 1};
 };
@@ -34,7 +34,7 @@ inline Rot3 operator*(const Rot3& a, const Rot3& b) {
   auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
   return {row(a.r0), row(a.r1), row(a.r2)};
 }
-// Of a quaternion x, y, z, w.
+// Rotation matrix of a quaternion x, y, z, w, which need not be normalised.
 inline Rot3 rotation_of(const double* q) {
   const double x = q[0], y = q[1], z = q[2], w = q[3];
   const double s = 2 / (x * x + y * y + z * z + w * w);

@@ -1,4 +1,4 @@
-// Vector units: what loops are compiled for.
+// Vector instructions for which loops are compiled.
 #pragma once
 
 namespace bt {
@@ -8,8 +8,9 @@ typedef double Eight __attribute__((vector_size(8 * kLanes), aligned(8), may_ali
 
 }  // namespace bt
 
-// Loops over particles and springs are compiled for several vector units, and the machine's own is
-// taken when the module is loaded. Fused multiply-adds stay off (setup.py): all give the same bits.
+// Loops over particles and springs are compiled for several vector instruction sets. The loader selects the
+// best one that the processor supports. Fused multiply-adds are disabled (setup.py), so that all versions
+// give the same bits.
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__)
 #define BT_VECTOR __attribute__((target_clones("avx512f", "avx2", "default")))
@@ -17,5 +18,5 @@ typedef double Eight __attribute__((vector_size(8 * kLanes), aligned(8), may_ali
 #define BT_VECTOR
 #endif
 
-// Functions to be compiled with those that call them, for their vector units.
+// Inlined functions, compiled for the instruction set of their callers.
 #define BT_WITHIN __attribute__((always_inline))

@@ -7,12 +7,12 @@ namespace bt {
 
 namespace {
 
-// Share of a degree of freedom's own mass (or response) under which what the others leave of it is rounding
-// [-]. Larger: light bodies that carry heavy links do not answer.
+// Pivot of a degree of freedom, relative to its own diagonal entry (mass or response), below which it is
+// rounding [-]. Larger: light bodies that carry heavy links do not respond.
 constexpr double kMassless = 1e-13;
 
-// Sweeps of Jacobi's method at most [-]; it converges quadratically, in four to six. Share of the largest
-// entry under which one beside the diagonal is rounding [-].
+// Largest number of sweeps of Jacobi's method [-]; it converges quadratically, in four to six. Off-diagonal
+// entry, relative to the largest entry, below which it is rounding [-].
 constexpr int kSweeps = 12;
 constexpr double kOffDiagonal = 1e-18;
 
@@ -22,7 +22,7 @@ namespace dense {
 
 namespace {
 
-// y += sum of the rows of A (rows n), each by its number of x.
+// y += A^T x, where the rows of A have n numbers.
 template <class Size>
 inline void add_rows(Size n, int rows, const double* a, const double* x, double* __restrict y) {
   for (int i = 0; i < rows; ++i)
@@ -150,7 +150,7 @@ void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a) {
 
 namespace {
 
-// One rotation that makes a[p][q] zero.
+// A rotation that makes a[p][q] zero.
 void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
   const double off = a[p * n + q];
   const double theta = (a[q * n + q] - a[p * n + p]) / (2 * off);

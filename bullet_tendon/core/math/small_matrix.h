@@ -1,4 +1,4 @@
-// Small dense matrices, by rows in vectors of n n numbers: what bodies' coordinates need.
+// Small dense row-major matrices (n n numbers in a vector), for the bodies' coordinates.
 #pragma once
 #include <type_traits>
 #include <vector>
@@ -9,7 +9,7 @@ namespace dense {
 
 using Numbers = std::vector<double>;
 
-// Work space: nothing of it goes into a copy.
+// Work space, whose content is not copied.
 struct Scratch : Numbers {
   using Numbers::operator=;
   Scratch() = default;
@@ -19,7 +19,7 @@ struct Scratch : Numbers {
   Scratch& operator=(Scratch&&) = default;
 };
 
-// do_it(n), which knows n beforehand where it is that of a rigid body: loops of that length are unrolled.
+// Calls do_it(n). For n = 6, a rigid body, n is a compile-time constant, so that loops are unrolled.
 template <class Do>
 inline void of_size(int n, Do do_it) {
   constexpr std::integral_constant<int, 6> kRigid;
@@ -30,26 +30,27 @@ void set_identity(int n, Numbers& a);
 // y = A x, and y = A^T x.
 void multiply(const Numbers& a, const Numbers& x, Numbers& y);
 void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y);
-// c = A B^T of matrices with rows of n numbers.
+// c = A B^T, of matrices with rows of n numbers.
 void product_transposed(int n, const Numbers& a, const Numbers& b, Numbers& c);
 // c = A B, both n x n.
 void product(int n, const Numbers& a, const Numbers& b, Numbers& c);
-// C -= A B, of rows of n numbers of B and C.
+// C -= A B, where B and C have rows of n numbers.
 void subtract_product(int n, const Numbers& a, const Numbers& b, Numbers& c);
-// y += A^T x, of as many rows of A.
+// y += A^T x, where A has `rows` rows.
 void add_rows(const Numbers& a, int rows, const double* x, Numbers& y);
-// L of a positive semidefinite A = L L^T; columns of pivots that are nothing are zero.
+// L of a positive semidefinite A = L L^T. Columns whose pivot is zero but for rounding are zero.
 void root(int n, const Numbers& a, Numbers& l);
-// x <- L^-1 x; zero where a pivot is nothing.
+// x <- L^-1 x; 0 where a pivot is zero.
 void forward(const Numbers& l, Numbers& x);
-// B <- L^-1 B, of rows of n numbers.
+// B <- L^-1 B, where B has rows of n numbers.
 void forward_rows(const Numbers& l, int n, Numbers& b);
-// Eigenvalues, and eigenvectors in the columns of u, of a symmetric matrix, which is overwritten (Jacobi).
+// Eigenvalues of a symmetric matrix, on the diagonal of a, which is overwritten. Eigenvectors in the columns
+// of u (Jacobi).
 void eigen(int n, Numbers& a, Numbers& u);
 double dot(const Numbers& a, const Numbers& b);
 // a = E E^T w; half is work space.
 void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a);
-// x <- A^-1 x by the root L of A; zero where a pivot is nothing.
+// x <- A^-1 x by the factor L of A; 0 where a pivot is zero.
 void solve(const Numbers& l, Numbers& x);
 
 }  // namespace dense

@@ -14,7 +14,7 @@ typedef double Four __attribute__((vector_size(32)));
 
 }  // namespace
 
-// Eight maxima side by side: one alone would wait for itself at every number.
+// Eight independent maxima: a single one would be a chain of dependent operations.
 BT_VECTOR double largest_of(const double* a, int n) {
   Four most[2] = {}, none[2] = {};
   int i = 0;
@@ -22,7 +22,7 @@ BT_VECTOR double largest_of(const double* a, int n) {
     for (int j = 0; j < 2; ++j) {
       Four v;
       std::memcpy(&v, a + i + 4 * j, sizeof v);
-      none[j] += 0 * v;  // keeps what is not finite
+      none[j] += 0 * v;  // NaN if v is not finite
       most[j] = v > most[j] ? v : most[j];
       most[j] = -v > most[j] ? -v : most[j];
     }

@@ -1,5 +1,5 @@
-// Per-particle vectors kept component by component (x plane, y plane, z plane), so that loops over
-// particles or springs run in vector units.
+// Per-particle vectors, stored by component (x plane, y plane, z plane), so that loops over particles or
+// springs are vectorised.
 #pragma once
 #include <algorithm>
 #include <vector>
@@ -8,10 +8,10 @@
 
 namespace bt {
 
-// Largest |a| of n numbers; not a number where one of them is not finite.
+// Largest |a| of n numbers; NaN if one of them is not finite.
 double largest_of(const double* a, int n);
 
-// `planes` rows of n doubles, each row padded to whole vector registers.
+// `planes` rows of n doubles, each padded to whole vector registers with zeros.
 class Planes {
  public:
   Planes() = default;
@@ -39,8 +39,8 @@ class Field : public Planes {
     (*this)[1][i] = v.y;
     (*this)[2][i] = v.z;
   }
-  // Largest |component|; not a number where one of them is not finite.
-  double largest() const { return largest_of((*this)[0], 3 * stride()); }  // what fills rows up is 0
+  // Largest |component|; NaN if one of them is not finite.
+  double largest() const { return largest_of((*this)[0], 3 * stride()); }  // the padding is 0
   void add(int i, Vec3 v) {
     (*this)[0][i] += v.x;
     (*this)[1][i] += v.y;
@@ -51,7 +51,7 @@ class Field : public Planes {
 // The sum of a_i . b_i.
 double inner(const Field& a, const Field& b);
 
-// Contact i of rows of three numbers.
+// Row i of rows of three numbers.
 inline Vec3 vec3_at(const std::vector<double>& rows, size_t i) {
   return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]};
 }

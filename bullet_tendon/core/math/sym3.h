@@ -33,8 +33,8 @@ inline Sym3 inverse(const Sym3& a) {
          Sym3{cxx, cxy, cxz, a.xx * a.zz - a.xz * a.xz, a.xy * a.xz - a.xx * a.yz, a.xx * a.yy - a.xy * a.xy};
 }
 
-// The inverse of a positive definite matrix by its pivots, which bad condition harms less than cofactors do.
-// false: a pivot is not positive.
+// The inverse of a positive definite matrix by its pivots, which is more accurate than cofactors for badly
+// conditioned matrices. false: a pivot is not positive.
 inline bool invert_definite(Sym3& a) {
   const double d1 = a.xx;
   if (!(d1 > 0)) return false;

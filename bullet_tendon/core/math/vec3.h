@@ -28,7 +28,7 @@ inline Vec3 any_perpendicular(Vec3 a) {
   Vec3 other = std::fabs(a.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
   return unit_or(cross(a, other), Vec3{0, 0, 1});
 }
-// Largest component; not a number where one of them is not finite (std::max would lose it).
+// Largest |component|; NaN if one of them is not finite (std::max would lose it).
 inline double max_abs(Vec3 a) {
   return std::max({std::fabs(a.x), std::fabs(a.y), std::fabs(a.z)}) + 0 * (a.x + a.y + a.z);
 }

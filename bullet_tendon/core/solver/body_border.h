@@ -1,4 +1,4 @@
-// The border that unknowns of bodies put around the tendons' matrix: eight columns at once.
+// The border of the tendons' matrix: columns of the bodies' unknowns, in panels of eight.
 #pragma once
 #include <vector>
 
@@ -6,29 +6,28 @@
 
 namespace bt {
 
-// Eight unknowns' columns of one tendon.
+// Eight columns of the border, for one tendon.
 struct Panel {
-  Columns pulls;            // at its particles, and
-  Columns answers;          // A^-1 of that
-  Columns moves;            // of the particles that bodies carry, of which there may be some
-  std::vector<int> pulled;  // outside of these blocks pulls and moves are nothing
-  bool moved = false;       // moves are other than nothing
+  Columns pulls;            // C: derivatives of the residual of its particles by the unknowns
+  Columns answers;          // A^-1 C
+  Columns moves;            // derivatives of the displacements of its carried particles (attached to bodies)
+  std::vector<int> pulled;  // blocks outside which pulls and moves are zero
+  bool moved = false;       // moves are not zero
 };
 
-// Those of all unknowns, for one tendon. Outside of the blocks first to last there is nothing, nor between
-// them but in `pulled`.
+// All columns, for one tendon. They are zero in all blocks but `pulled`, which lie between first and last.
 struct Border {
   std::vector<Panel> panels;
   std::vector<int> pulled;
-  std::vector<char> marks;  // by block: it is pulled
+  std::vector<char> marks;  // by block: whether it is in `pulled`
   int first = 0, last = -1;
-  bool carried = false;  // bodies carry particles of it
+  bool carried = false;  // some of its particles are carried by bodies
 };
 
-// What eight unknowns make of a link's place, and the loads on it.
+// Derivatives of the twist of a link by eight unknowns, and of the load on it.
 struct LinkColumns {
   Eight twist[6], load[6];
-  bool moves = false;  // twist is other than zero
+  bool moves = false;  // twist is not zero
 };
 
 }  // namespace bt

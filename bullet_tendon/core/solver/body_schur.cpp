@@ -1,17 +1,16 @@
-// Bodies as unknowns beside the tendons' particles.
+// Bodies as unknowns together with the particles of the tendons.
 //
-// With x the particles and y the unknowns of the bodies (bodies/body_response.h), what is solved is
-// stationary in both:
+// With the particles x and the unknowns y of the bodies (bodies/body_response.h), the solution is stationary
+// in both:
 //
-//   r_x = as ever (integrator/scheme.h), contacts at x_a - (p + B y), attached particles at p + B y
+//   r_x = as in integrator/scheme.h, with contacts at x_a - (p + B y) and attached particles at p + B y
 //   r_y = y + sum B^T (residual force of attached particles + force of the tendons' contacts on the body)
 //
-// Newton's matrix is that of the tendons, A, with a border C and a corner D of one contact and column by
-// unknown of the bodies, of which there are few. By the Schur complement, with factors of A only,
+// Newton's matrix consists of the tendons' matrix A, a border C and a corner D. C has one column, and D one
+// row and column, for each unknown of the bodies. These are few. The Schur complement needs only the factors
+// of A:
 //
 //   (D - C^T A^-1 C) dy = -(r_y - C^T A^-1 r_x),     dx = -A^-1 (r_x + C dy).
-//
-// Both are made, and solved for, in solver/body_schur.cpp.
 #include "solver/body_schur.h"
 
 #include <algorithm>
@@ -26,7 +25,7 @@ namespace {
 
 Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
 
-// s of bodies/body_response.h, of the part that is being solved for.
+// s of bodies/body_response.h, for the present substep [s].
 double reach_of(const Island& island) { return island.bodies.reach; }
 
 template <class Do>
@@ -51,7 +50,7 @@ void add_load(Link& link, Vec3 force, Vec3 arm) {
   if (link.turned.far) link.turned.add_pull(now, force);
 }
 
-// B^T of the loads on links, added to the numbers of their bodies.
+// Adds B^T of the loads on links to the vectors of their bodies.
 template <class Numbers>
 void add_generalized_loads(const Island& island, Numbers numbers_of) {
   for (int l : island.bodies.carried) {
@@ -60,7 +59,7 @@ void add_generalized_loads(const Island& island, Numbers numbers_of) {
   }
 }
 
-// What the bodies' steps make of the particles that they carry.
+// Sets the steps of the carried particles to those of their links.
 void carry_steps(Island& island, Which steps) {
   each_carried(island, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     (c.*steps).set(h.particle, link.stepped.at(link.now(arm)));
@@ -80,7 +79,7 @@ void place(Island& island) {
   });
 }
 
-// The last step's forces are the first guess at this one's.
+// The generalized forces of the last step are the first guess for this step.
 void guess(const Island& island, GeneralizedBody& m) {
   m.unknowns.y.assign(m.unknowns.freedom, 0.0);
   m.unknowns.dy.assign(m.unknowns.freedom, 0.0);
@@ -95,7 +94,8 @@ void guess(const Island& island, GeneralizedBody& m) {
   for (double& v : m.unknowns.y) v *= reach_of(island);
 }
 
-// A guess that moves the body by more than a segment could turn the segment over.
+// Limits the guess to a displacement of `most` [m]. A larger one than the length of a segment could turn the
+// segment over.
 void shorten(GeneralizedBody& m, double most) {
   const double moved = m.unknowns.lever * std::sqrt(dense::dot(m.unknowns.y, m.unknowns.y));
   if (moved > most)
@@ -203,13 +203,13 @@ double body_slope(const Island& island) {
 
 namespace {
 
-// The border and the corner of Newton's matrix (solver/body_schur.cpp), eight unknowns of bodies at once.
+// The border and the corner of Newton's matrix, for eight unknowns of bodies at once.
 //
-// An unknown moves the links of its body and the particles that these carry. What that makes of the forces on
-// the tendons is its column of the border, and what it makes of the loads on the links, by B^T, its column of
-// the corner.
+// An unknown moves the links of its body and the particles that these carry. Its column of the border is the
+// derivative of the forces on the tendons. Its column of the corner is B^T of the derivative of the loads on
+// the links.
 
-// What a twist makes of the place at r from its centre.
+// Displacement u at the arm r from the centre of the twist.
 BT_WITHIN inline void place_at(const Eight* twist, Vec3 r, Eight* u) {
   u[0] = twist[0] + (r.z * twist[4] - r.y * twist[5]);
   u[1] = twist[1] + (r.x * twist[5] - r.z * twist[3]);
@@ -230,7 +230,7 @@ BT_WITHIN inline void add(Eight* to, double w, const Eight* v) {
 
 BT_WITHIN inline void dot(Vec3 a, const Eight* v, Eight* out) { *out = a.x * v[0] + a.y * v[1] + a.z * v[2]; }
 
-// to += s a, of one vector by lane
+// to += s a, with one factor s per lane.
 BT_WITHIN inline void add(Eight* to, const Eight* s, Vec3 a) {
   to[0] += *s * a.x;
   to[1] += *s * a.y;
@@ -243,7 +243,7 @@ BT_WITHIN inline void times(const Sym3& b, const Eight* v, Eight* out) {
   dot({b.xz, b.yz, b.zz}, v, out + 2);
 }
 
-// Of the motions of carried particles, at a spot.
+// Displacement of a segment point by those of the carried particles.
 BT_WITHIN inline void moved(Panel& panel, const SegmentPoint& s, Eight* out) {
   for (int c = 0; c < 3; ++c)
     out[c] = s.w0 * panel.moves.at(s.first)[c] + s.w1 * panel.moves.at(s.first + 1)[c];
@@ -254,7 +254,7 @@ BT_WITHIN inline void pull_back(Panel& panel, const SegmentPoint& s, const Eight
   add(panel.pulls.at(s.first + 1), -s.w1, pull);
 }
 
-// What the band makes of the motion of particle i: pulls at its neighbours and itself.
+// Adds the forces of the band on particle i and its neighbours, due to the displacement of particle i.
 BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
   constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   const Eight* u = panel.moves.at(i);
@@ -269,7 +269,8 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
     }
 }
 
-// A contact against a body: beside the block that it has in the tendon's own matrix.
+// The coupling of a contact with a body. Its block in the tendon's own matrix is added elsewhere
+// (add_contact_block).
 BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& border, Panel& panel,
                              LinkColumns& link) {
   Eight u[3], pull[3], back[3];
@@ -284,7 +285,8 @@ BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& bor
   add_force(link.load, pull, arm);
 }
 
-// The same of the levers of a mouth's contact: its edge moves as the ends of the segment do, the other way.
+// The same for the sliding-point terms of a mouth contact. A motion of the edge is equivalent to the opposite
+// motion of both ends of the segment.
 BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Panel& panel,
                                            LinkColumns& link) {
   Eight u[3], along, at_end;
@@ -305,7 +307,7 @@ BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Pan
   }
 }
 
-// A contact between tendons, of which it has what is beside their bands.
+// The coupling of a contact between tendons: its blocks outside the bands.
 BT_WITHIN inline void couple_pair(const Contact& contact, Panel& a, Panel& b) {
   Eight u[3], pull[3];
   moved(b, contact.b, u);
@@ -326,7 +328,7 @@ BT_WITHIN inline void each_carried_column(Island& island, Do what) {
       }
 }
 
-// Where in the island a tendon is.
+// The border of the tendon of a segment point.
 Border& border_of(Island& island, const SegmentPoint& s) {
   return island.bodies.borders[island.bodies.place_of[s.tendon]];
 }
@@ -349,7 +351,7 @@ void list_marks(Border& border) {
     if (border.marks[i]) border.pulled.push_back(i);
 }
 
-// Which particles of every tendon the unknowns of bodies pull at.
+// Finds the particles of every tendon on which the unknowns of bodies act.
 void find_spans(Island& island) {
   island.bodies.borders.resize(island.tendons.size());
   island.bodies.place_of.resize(island.slots->size());
@@ -388,7 +390,7 @@ void start_panel(Panel& panel, int n, const Border& border) {
   panel.moved = border.carried;
 }
 
-// Unknowns of the island from `column` on: what they make of the places of links.
+// Sets the twists of links by the unknowns from `column` on.
 void move_links(Island& island, int column) {
   island.bodies.of_links.resize(island.bodies.links->size());
   for (int l : island.bodies.carried) {
@@ -433,7 +435,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
   });
 }
 
-// Loads on links by the unknowns from `column` on, on their own unknowns.
+// Adds the columns from `column` on to the corner, from the loads on links.
 BT_VECTOR void fill_corner(Island& island, int column) {
   const int n = island.bodies.freedom, count = std::min(kLanes, n - column);
   for (int l : island.bodies.carried) {
@@ -450,8 +452,8 @@ BT_VECTOR void fill_corner(Island& island, int column) {
   }
 }
 
-// What the pulls at bodies that turn far make of their torques, as they turn; definite: without what would
-// swing them farther.
+// Adds the derivative of the torques on bodies that turn far, by their rotation, to the corner. definite:
+// only its positive part.
 void stiffen_turned(Island& island, bool definite) {
   const int n = island.bodies.freedom;
   for (int l : island.bodies.carried) {
@@ -514,8 +516,7 @@ void make_border(Island& island, bool definite) {
 
 namespace {
 
-// The Schur complement of the tendons (solver/body_schur.cpp), by the columns of solver/body_schur.cpp and
-// their answers.
+// The Schur complement of the tendons, by the columns of the border and A^-1 times these columns.
 
 int first_of(size_t panel) { return static_cast<int>(panel) * kLanes; }
 
@@ -523,7 +524,7 @@ int count_of(const Island& island, size_t panel) {
   return std::min(kLanes, island.bodies.freedom - first_of(panel));
 }
 
-// C^T A^-1 C, of the columns of panel p, by the first rows of panel q.
+// C^T A^-1 C, with the columns of panel p and the first `Rows` rows of panel q.
 template <int Rows>
 BT_WITHIN inline void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
   Eight sums[Rows] = {};
@@ -542,7 +543,7 @@ BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, int co
                   : multiply_answers<kLanes>(island, p, q, sums);
 }
 
-// C^T x, of panel p.
+// sum += C^T x, of the columns of panel p.
 BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& sum) {
   for (size_t k = 0; k < island.bodies.borders.size(); ++k) {
     const Border& border = island.bodies.borders[k];
@@ -551,7 +552,7 @@ BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& su
   }
 }
 
-// Takes panel p's pulls, each by its share, from a tendon's column.
+// Subtracts panel p's columns times `shares` from a tendon's column.
 BT_VECTOR void take_pulls(const Border& border, size_t p, const Eight& shares, Field& from) {
   for (int i : border.pulled)
     for (int c = 0; c < 3; ++c) {

@@ -1,4 +1,4 @@
-// The unknowns of bodies in an island's solution (body_schur.cpp).
+// The unknowns of bodies in an island's solution (solver/body_schur.cpp).
 #pragma once
 #include <cstddef>
 
@@ -6,34 +6,38 @@
 
 namespace bt {
 
-// Bodies that are unknown (solver/body_schur.cpp). Their first guess, and where they take tendons by y:
+// Sets the first guess of the unknowns y, and places the carried particles accordingly.
 void start_bodies(Island& island);
-void forget_bodies(Island& island);  // y = 0
+void forget_bodies(Island& island);  // sets y = 0
+// Adds alpha dy to y.
 void advance_bodies(Island& island, double alpha);
-// Their part of r.d, the slope along the direction.
+// The bodies' part of r.d, the slope along the step.
 double body_slope(const Island& island);
-// The step of the unknowns, a share of corner_side, and where it takes the particles, in x.
+// Sets dy = share * corner_side, and the resulting displacements of the carried particles, in x.
 void move_bodies(Island& island, double share, Which x);
-// Forces on them: of a contact, more than those known before; and those on the particles they carry.
+// Add loads to the links: the force [N] of a contact, and the forces on carried particles.
 void load_body(Island& island, const Contact& contact, Vec3 force);
 void load_carried(Island& island, Which forces);
-// Residual, from the loads since they were cleared; added to a share of the unknowns, or to what there is.
+// Clear the loads of the links. The residual of the unknowns is `share` times y, or (add_body_residual) its
+// present value, plus the loads added since then.
 void clear_loads(Island& island);
-void clear_pulls(Island& island);  // what turns the arms of loads
+void clear_pulls(Island& island);  // the sums from which the stiffness of large rotations is computed
 void start_body_residual(Island& island, double share);
 void add_body_residual(Island& island);
-// Largest residual, as a force at the point of theirs that yields most [N].
+// Largest residual of a body, as a force at its most mobile touched point [N].
 double body_residual(const Island& island);
-// Their part of the matrix, before holds are taken out of the tendons' part (solver/body_schur.cpp).
+// Assembles the border and the corner of the matrix, before anchors are removed from the tendons' part.
+// definite: the corner is positive definite.
 void make_border(Island& island, bool definite);
-// Of panel p (solver/body_schur.cpp): a column of it to tendon.column, and its answer from tendon.solved.
+// Copies one column of panel p to tendon.column, and tendon.solved to its answer.
 void take_column(Island& island, size_t p, int lane);
 void put_answer(Island& island, size_t p, int lane);
-// corner -= C^T A^-1 C, of the columns of panel p and the rows of panel q; and corner_side -= C^T x.
+// corner -= C^T A^-1 C, with columns of panel p and rows of panel q; and corner_side -= C^T x.
 void take_complement(Island& island, size_t p, size_t q);
 void take_steps(Island& island, size_t p, Which x);
-// tendon.column = b - C corner_side: what the bodies' step leaves for the tendons.
+// tendon.column = b - C corner_side, the right-hand side of the tendons for known body unknowns.
 void answer_bodies(Island& island, Which b);
+// Displacement [m] of the body at a contact, by its unknowns y or (by_step) by their step dy.
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
 
 }  // namespace bt

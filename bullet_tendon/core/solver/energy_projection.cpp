@@ -1,17 +1,17 @@
-// Energy that a step of implicit Euler creates is removed from the velocities at its end.
+// Removes the energy that a step of implicit Euler creates from the velocities at its end.
 //
-// With v_1 = (x_1 - x_0)/b and all forces at x_1, the energy of a step changes by the work of the external
+// With v_1 = (x_1 - x_0)/b and all forces at x_1, the energy changes in a step by the work of the external
 // forces, and by
 //
 //   sum (U_1 - U_0 + F_1.(x_1 - x_0))  -  sum m |v_1 - v_0|^2 / 2
 //
 // over springs (energy U, force F_1) and contacts, which store no energy (U = 0). A spring in tension has a
-// convex potential, so its term is negative. A spring in compression that turns creates energy, about
-// |F| l (1 - cos angle). So does a contact that pushes around a corner or out of a depth. Usually the
-// numerical dissipation of the method, the second sum, is larger. Where it is not, the energy that was
-// created is removed by inelastic impulses between pairs of points that act on each other (passivity
-// controller: Hannaford and Ryu 2002): first along contact normals and springs, which conserves linear and
-// angular momentum, then, as for a compressed tendon that turns about a point that holds it, across them.
+// convex potential, so its term is negative. A spring in compression that turns creates energy, about |F| l
+// (1 - cos angle). So does a contact whose normal turns, or that pushes out of a depth. Usually the numerical
+// dissipation of the method, the second sum, is larger. Where it is smaller, inelastic impulses between pairs
+// of interacting points remove the created energy (passivity controller: Hannaford and Ryu 2002). The first
+// impulses act along contact normals and springs, which conserves linear and angular momentum. The next ones
+// act across them, which is needed where a compressed tendon turns about an anchor.
 #include "solver/energy_projection.h"
 
 #include <algorithm>
@@ -24,12 +24,12 @@ namespace bt {
 
 namespace {
 
-// Share of the energy of the island up to which created energy is rounding [-].
+// Created energy that is taken for rounding, relative to the energy of the island [-].
 constexpr double kCreated = 1e-12;
-// Sweeps of impulses, along and then across.
+// Sweeps of impulses in each of the two directions, along and across.
 constexpr int kSweeps = 4;
 
-// Two points that act on each other: by a spring, or by a contact (b.tendon = -1: with a link).
+// Two points that interact through a spring or a contact. b.tendon = -1: a contact with a link.
 struct Pair {
   SegmentPoint a, b;
   Vec3 along;          // unit, from b to a
@@ -51,7 +51,7 @@ void each_particle(const SegmentPoint& s, Do what) {
   if (s.w1 != 0) what(s.first + 1, s.w1);
 }
 
-// Inverse mass of a point for an impulse [1/kg]; 0 where it is held, or moves with a body.
+// Inverse mass of a point for an impulse [1/kg]; anchored particles contribute 0.
 double inverse_mass(const Island& island, const SegmentPoint& s) {
   double sum = 0;
   each_particle(s, [&](int i, double w) {
@@ -61,7 +61,7 @@ double inverse_mass(const Island& island, const SegmentPoint& s) {
   return sum;
 }
 
-// A particle that is held takes no impulse: its holder does.
+// An impulse p [N s] on a rigidly anchored particle acts on its anchor.
 void apply_impulse(const Island& island, const SegmentPoint& s, Vec3 p) {
   each_particle(s, [&](int i, double w) {
     Tendon& c = island.at(s);
@@ -81,7 +81,8 @@ bool is_on_body(const Island& island, const SegmentPoint& s) {
   return any;
 }
 
-// Removes the energy of the relative velocity of a pair along its direction, or across, but `left` at most.
+// Removes the energy of the relative velocity of a pair, along its direction or across it, but at most `left`
+// [J]. `left` decreases by what is removed.
 void dissipate(const Island& island, const Pair& pair, bool across, double& left) {
   const double inverse = inverse_mass(island, pair.a) + inverse_mass(island, pair.b);
   if (!(inverse > 0) || is_on_body(island, pair.a) || is_on_body(island, pair.b)) return;
@@ -120,8 +121,8 @@ void each_pair(const Island& island, Do what) {
                   {s->direction[0][i], s->direction[1][i], s->direction[2][i]}});
 }
 
-// Energy that a tendon has at the end of the step beyond what it had at the start and the work of external
-// forces and holders; `energy` grows by what it has.
+// Energy of a tendon at the end of the step, minus that at its start and minus the work of external forces
+// and anchors [J]. Adds its energy at the end to `energy` [J].
 double gained(Tendon& c, Vec3 gravity, double& energy) {
   double before = bending_energy(c, c.x), after = bending_energy(c, c.x_new), work = 0;
   for (SpringSet* s : {&c.structure, &c.shear}) {
@@ -141,7 +142,7 @@ double gained(Tendon& c, Vec3 gravity, double& energy) {
   return after - before - work;
 }
 
-// Displacement of the link at a contact.
+// Displacement of the link at a contact in the step [m].
 Vec3 link_displacement(const Island& island, const Contact& contact) {
   const Tendon& c = island.at(contact.a);
   const Vec3 drift = (*island.bodies.links)[contact.link].drift(contact.a.of(c.x), c.h_eff);

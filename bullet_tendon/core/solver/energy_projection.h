@@ -4,7 +4,7 @@
 
 namespace bt {
 
-// Takes the energy that a step of implicit Euler created from tendon.v_new.
+// Removes the energy that a step of implicit Euler created from tendon.v_new.
 void project_energy(Island& island, Vec3 gravity);
 
 }  // namespace bt

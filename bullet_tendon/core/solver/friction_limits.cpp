@@ -1,15 +1,15 @@
 // The coupling of friction limits with normal forces, in the linear solution.
 //
-//   L_i = mu_i (N_0i - k_i (g_i + n_i.P_i u))    limit of a sliding contact, by its normal force after the
+//   L_i = mu_i (N_0i - k_i (g_i + n_i.P_i u))    limit of a sliding contact, from its normal force after the
 //   step A u = -(r + sum_i P_i^T d_i (L_i - l_i))     l_i the limit in r, d_i = z_i/|z_i| (contact/contact.h)
 //
-// A is symmetric, and this coupling is not. With w = L - l it is
+// A is symmetric, but this coupling is not. With w = L - l it reads
 //
-//   w - G w = w_0,   (G w)_i = mu_i k_i n_i.P_i A^-1 sum_j P_j^T d_j w_j,   w_0 of the step with w = 0,
+//   w - G w = w_0,   (G w)_i = mu_i k_i n_i.P_i A^-1 sum_j P_j^T d_j w_j,   w_0 of the step with w = 0.
 //
-// which is solved by generalised conjugate residuals (Eisenstat, Elman and Schultz 1983). That needs only
-// solutions with the factors of A, including those of the bodies (solver/body_schur.cpp). Limits that
-// followed the forces of the last iteration would take more iterations, the larger friction is.
+// Generalised conjugate residuals (Eisenstat, Elman and Schultz 1983) solve it. They need only solutions with
+// the factors of A and of the bodies' Schur complement (solver/body_schur.cpp). Limits from the forces of the
+// last iteration would need more iterations, increasingly with larger friction coefficients.
 #include "solver/friction_limits.h"
 
 #include <cmath>
@@ -24,14 +24,15 @@ namespace bt {
 
 namespace {
 
-// Relative accuracy of w [-], and most solutions for it. Looser, or fewer: more iterations, each with a
-// factorisation. Tighter, or more: solutions for what the next iteration changes.
+// Relative accuracy of w [-], and largest number of linear solutions for it. Looser, or fewer: more
+// iterations, each with a factorisation. Tighter, or more: solutions for what the next iteration changes
+// anyway.
 constexpr double kLimitAccuracy = 0.03;
 constexpr int kLimitSolutions = 8;
 
 using Numbers = dense::Numbers;
 
-// The contacts that slide, and w_0.
+// Lists the sliding contacts, and w_0 [N].
 void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
   for (Contact* contact : island.acting) {
     if (contact->normal_force.direct || !contact->friction.sliding || contact->friction.coefficient <= 0 ||
@@ -43,7 +44,7 @@ void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers
   }
 }
 
-// What the changes w of the limits add to the step, with the opposite sign, to tendon.solved.
+// Computes the change of the step by the changes w of the limits, with opposite sign, in tendon.solved.
 void answer(Island& island, const Options& o, const std::vector<Contact*>& contacts, const Numbers& w) {
   for (Tendon* c : island.tendons) c->column.zero();
   clear_loads(island);
@@ -77,11 +78,11 @@ void add(Numbers& to, double share, const Numbers& what) {
   for (size_t i = 0; i < to.size(); ++i) to[i] += share * what[i];
 }
 
-// w, from the residual w_0 of w = 0.
+// Solves for w, starting at w = 0 with the residual w_0.
 Numbers solve(Island& island, const Options& o, const std::vector<Contact*>& contacts, Numbers residual) {
   const double enough = kLimitAccuracy * kLimitAccuracy * dense::dot(residual, residual);
   Numbers w(contacts.size(), 0.0);
-  std::vector<Numbers> ps, qs;  // directions, and what they make of the residual, of length one
+  std::vector<Numbers> ps, qs;  // directions p, and q = p - G p normalised
   for (int k = 0; k < kLimitSolutions && dense::dot(residual, residual) > enough; ++k) {
     Numbers p = residual, q;
     apply(island, o, contacts, p, q);

@@ -1,4 +1,4 @@
-// What is solved at once: tendons that touch each other or move the same bodies.
+// An island: tendons, bodies and contacts that are solved together.
 #pragma once
 #include <vector>
 
@@ -14,16 +14,17 @@ namespace bt {
 struct IslandBodies {
   std::vector<GeneralizedBody>* all = nullptr;  // of the world
   std::vector<Link>* links = nullptr;           // of the world
-  std::vector<int> indices;                     // of the bodies that are unknown
-  std::vector<int> carried;                     // links of theirs
+  std::vector<int> indices;                     // of the bodies with unknowns
+  std::vector<int> carried;                     // links of these bodies
   int freedom = 0;                              // number of unknowns
   double reach = 0;                             // s of bodies/body_response.h [s]
-  // By unknown: its columns of the border, by tendon; where in the island a tendon is, by slot; and what the
-  // unknowns make of links.
+  // By tendon of the island: its border. By slot: the index of the tendon in the island. By link: its
+  // columns.
   std::vector<Border> borders;
   std::vector<int> place_of;
   std::vector<LinkColumns> of_links;
-  // The Schur complement, its factor, and its right-hand side, then solution.
+  // The Schur complement (freedom x freedom), its Cholesky factor, and its right-hand side, later the
+  // solution (freedom).
   dense::Numbers corner, corner_root, corner_side;
 };
 
@@ -31,31 +32,32 @@ struct IslandBodies {
 struct IslandMatrix {
   SparseFactor factor;
   SparseFactor::Edges edges;
-  std::vector<int> offset;  // where a tendon's particles begin, by slot
-  bool patterned = false;   // the pattern is of this island
-  std::vector<Sym3> free;   // by block, what anchors leave free
+  std::vector<int> offset;  // first block of a tendon, by slot; -1: not in the island
+  bool patterned = false;   // the pattern is that of this island
+  std::vector<Sym3> free;   // by block: projector on the directions that are not constrained
   std::vector<Vec3> right_hand;
-  double tolerance = 0;  // that this solution can make use of; 0: that of the options
+  double tolerance = 0;  // sufficient relative tolerance of this solution [-]; 0: that of the options
 };
 
 struct IslandResult {
   int iterations = 0;
-  double residual = 0;  // largest residual force over the largest force at hand
+  double residual = 0;  // largest residual force over the largest force [-]
   bool converged = false;
-  bool left_predicted_region = false;  // the solution was left for that
+  bool left_predicted_region = false;  // the solution ended for this reason
   bool finite = true;
 };
 
-// Tendons joined by contacts or bodies, with the contacts that touch them. It refers to the world's tendons,
-// contacts and bodies, and is made anew for each solution.
+// Tendons joined by contacts or bodies, with their contacts. It refers to tendons, contacts and bodies of the
+// world, and is created for each solution.
 struct Island {
-  const std::vector<Tendon*>* slots = nullptr;  // all tendons of the world, as segment points name them
+  const std::vector<Tendon*>* slots =
+      nullptr;  // all tendons of the world; SegmentPoint::tendon is an index of this
   std::vector<Tendon*> tendons;
-  std::vector<int> numbers;  // of their slots
+  std::vector<int> numbers;  // slots of these tendons
   std::vector<Contact*> contacts;
-  std::vector<Contact*> acting;  // in the matrix that is being made
-  bool coupled = false;          // some contact joins two tendons, or two places of one
-  bool follows = true;           // points of contacts move along with what they touch
+  std::vector<Contact*> acting;  // those in the present matrix
+  bool coupled = false;          // some contact joins two tendons, or two segments of one
+  bool follows = true;           // contact points move to the nearest points
   IslandBodies bodies;
   IslandMatrix matrix;
   IslandResult result;

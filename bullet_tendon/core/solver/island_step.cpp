@@ -9,19 +9,19 @@ namespace bt {
 
 namespace {
 
-// A step that takes a particle this many lengths of its tendon away has failed [-]: forces can no longer
-// be told from rounding.
+// Displacement in a step, in lengths of the tendon, above which the step has failed [-]: the forces would be
+// smaller than rounding.
 constexpr double kRunaway = 1e12;
 
-// The mean over the step of a force whose value at its end is known: what the momentum of the tendon
-// changed by. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last one and
-// b/dt of F, which are one together.
+// The mean over the step [N] of a force whose value at the end is known. It is the change of momentum over
+// dt. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last mean and b/dt of F.
+// These factors sum to one.
 Vec3 step_mean(const Tendon& c, const StepContext& context, Vec3 last_mean, Vec3 force) {
   const double share = c.h_eff / context.dt;
   return share < 1 ? (1 - share) * last_mean + share * force : force;
 }
 
-// Finite, and not so far away that lengths could no longer be told from rounding.
+// Whether positions and velocities are finite, and displacements small enough that lengths exceed rounding.
 bool is_sane(const Tendon& c, const StepContext& context) {
   const double length = c.rest_length();
   for (int k = 0; k < 3; ++k)

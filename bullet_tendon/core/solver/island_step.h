@@ -5,10 +5,11 @@
 
 namespace bt {
 
-// One step by the method of the options; fills tendon.x_new and the forces of holds and contacts.
+// One substep by the method of the options. Computes tendon.x_new, tendon.v_new and the forces of anchors and
+// contacts.
 void solve(Island& island, const StepContext& context);
 
-// Implicit, converged.
+// The implicit method, solved by Newton's method (solver/newton.cpp).
 void converged_step(Island& island, const StepContext& context);
 
 }  // namespace bt

@@ -1,8 +1,8 @@
-// Solution of A step = -residual for a group of tendons, and for the unknowns of bodies beside them.
+// Solution of A step = -residual for the tendons of an island and the unknowns of bodies.
 //
-// A tendon on its own is a band matrix, and tendons that touch each other are a sparse one: direct
-// solutions. Where the paper's solver is asked for: conjugate gradients, preconditioned by the inverse
-// diagonal blocks. Bodies border the matrix (solver/body_schur.cpp).
+// The matrix of one tendon is banded. That of tendons in contact is sparse. Both are factorised. The paper's
+// solver, an option, is conjugate gradients preconditioned by the inverse diagonal blocks. Bodies are a
+// border of the matrix (solver/body_schur.cpp).
 #include "solver/linear_solve.h"
 
 #include <algorithm>
@@ -14,14 +14,14 @@ namespace bt {
 
 namespace {
 
-// Share of a body's inertia that is left of it in the matrix at least, when what makes contacts and
-// compressed springs indefinite is let in [-]. Smaller: wild steps of light bodies. Larger: curvature is cut
-// off more often, and iterations are slower.
+// Smallest share of a body's inertia in the Schur complement if indefinite terms of contacts and compressed
+// springs are included [-]. Smaller: excessive steps of light bodies. Larger: indefinite terms are left out
+// more often, and convergence is slower.
 constexpr double kInertiaLeft = 0.5;
 
 }  // namespace
 
-// y += (the blocks of coupling contacts beside the band) p, for p in directions and y in images.
+// y += (the blocks of coupling contacts outside the bands) p, with p = cg_direction and y = cg_image.
 void add_coupling(Island& island) {
   for (const Contact* contact : island.acting) {
     if (contact->b.tendon < 0) continue;
@@ -74,8 +74,8 @@ void precondition(Island& island) {
   }
 }
 
-// x = A^-1 b by preconditioned conjugate gradients from zero, to the linear tolerance in the preconditioned
-// norm. false: a direction of no or negative curvature was met.
+// x = A^-1 b by preconditioned conjugate gradients from x = 0, to the linear tolerance in the preconditioned
+// norm. false: a direction of zero or negative curvature was met.
 bool conjugate_gradients(Island& island, const Options& o, Which b, Which x) {
   constexpr Which R = &Tendon::cg_remainder, Z = &Tendon::cg_preconditioned;
   constexpr Which P = &Tendon::cg_direction, Y = &Tendon::cg_image;
@@ -129,7 +129,7 @@ bool is_banded(const Island& island, const Options& o) {
   return !island.coupled && o.linear_solver != LinearSolver::pcg;
 }
 
-// Where unknowns of bodies pull at the tendons, at least.
+// x = A^-1 b, at least in the blocks of the border (first to last).
 bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x) {
   if (!is_banded(island, o)) return apply_inverse(island, o, b, x);
   for (size_t k = 0; k < island.tendons.size(); ++k) {
@@ -140,7 +140,7 @@ bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x)
   return true;
 }
 
-// The answers of the tendons to what the unknowns of panel p pull at them, where bodies touch them.
+// Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
 bool answer_columns(Island& island, const Options& o, size_t p) {
   const bool banded = is_banded(island, o);
   for (size_t k = 0; k < island.tendons.size() && banded; ++k) {
@@ -157,7 +157,8 @@ bool answer_columns(Island& island, const Options& o, size_t p) {
   return true;
 }
 
-// Whether the complement, of which the inertia of the bodies is the identity, is more than a share of that.
+// Whether the Schur complement minus kInertiaLeft times the identity, the inertia of the bodies, is positive
+// definite.
 bool keeps_inertia(Island& island) {
   const int n = island.bodies.freedom;
   for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] -= kInertiaLeft;
@@ -172,7 +173,7 @@ bool keeps_inertia(Island& island) {
 
 size_t panels_of(const Island& island) { return (island.bodies.freedom + kLanes - 1) / kLanes; }
 
-// The complement of the tendons, and its root.
+// Computes the Schur complement of the tendons and its Cholesky factor.
 bool factorise_bodies(Island& island, const Options& o, bool definite) {
   for (size_t p = 0; p < panels_of(island); ++p) {
     if (!answer_columns(island, o, p)) return false;
@@ -183,7 +184,7 @@ bool factorise_bodies(Island& island, const Options& o, bool definite) {
   return true;
 }
 
-// What bodies make of it beside the tendons, to corner_side.
+// Solves for bodies (corner_side) and tendons (x).
 bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
   if (!apply_inverse_at_border(island, o, b, x)) return false;
   island.bodies.corner_side.resize(island.bodies.freedom);
@@ -219,11 +220,11 @@ bool solve_linear(Island& island, const StepContext& context, bool definite) {
 
 namespace {
 
-// Tendons that touch each other: their bands and what joins them, as one sparse matrix.
+// The sparse matrix of tendons in contact: their bands and the blocks of coupling contacts.
 
 int block_at(const Island& island, int tendon, int i) { return island.matrix.offset[tendon] + i; }
 
-// Returns how many there are.
+// Numbers the blocks of the tendons. Returns the number of blocks.
 int number_blocks(Island& island) {
   island.matrix.offset.assign(island.slots->size(), -1);
   int count = 0;
@@ -234,8 +235,8 @@ int number_blocks(Island& island) {
   return count;
 }
 
-// Which blocks are joined: by all contacts that were pressed once in this solution, so that the pattern
-// lasts.
+// Finds the sparsity pattern. It includes all contacts that were active at any time in this solution, so that
+// it changes rarely.
 void find_pattern(Island& island) {
   bool same = island.matrix.factor.blocks() > 0 && island.matrix.patterned;
   for (Contact* contact : island.acting)
@@ -266,7 +267,7 @@ void find_pattern(Island& island) {
   island.matrix.factor.analyse(count, island.matrix.edges);
 }
 
-// first: block of the tendon's first particle.
+// Adds the band of a tendon. first: block of its first particle.
 void add_band(SparseFactor& factor, const Tendon& c, int first) {
   for (int i = 0; i < c.n(); ++i) factor.add(first + i, first + i, block_of(c.matrix.block(i)));
   for (int reach = 1; reach <= c.matrix.half; ++reach)
@@ -277,7 +278,7 @@ void add_band(SparseFactor& factor, const Tendon& c, int first) {
     }
 }
 
-// What holds leave free of every block's particle, as a projector.
+// By block, the projector on the directions that anchors and direct contacts leave free.
 void find_freedom(Island& island) {
   island.matrix.free.assign(island.matrix.factor.blocks(), identity(1));
   auto leave = [&](int tendon, int i, const Sym3& free) {
@@ -292,7 +293,7 @@ void find_freedom(Island& island) {
             across(contact->geometry.normal));
 }
 
-// The blocks of a contact between tendons that are beside the bands.
+// Adds the blocks of a contact between tendons that are outside the bands.
 void add_coupling(Island& island, const Contact& contact) {
   const int a[2] = {block_at(island, contact.a.tendon, contact.a.first),
                     block_at(island, contact.a.tendon, contact.a.first + 1)};

@@ -295,8 +295,7 @@ void end(Solution& s) {
   Island& island = s.island;
   for (Contact* contact : island.contacts)
     if (contact->normal_force.held)
-      contact->force.total +=
-          contact->normal_force.value * contact->geometry.normal;  // the constraint force
+      contact->force.total += contact->normal_force.value * contact->geometry.normal;  // the constraint force
   find_worst(island);
   island.result.iterations += s.iteration;
 }

@@ -1,4 +1,4 @@
-// The paper's own steppers: explicit Euler (6) and one linearisation of implicit Euler (8), (9).
+// The methods of the paper: explicit Euler (6) and one linearisation of implicit Euler (8), (9).
 #include "solver/published_methods.h"
 
 #include <algorithm>
@@ -13,8 +13,8 @@ namespace bt {
 
 namespace {
 
-// tendon.residual = minus all forces but those of holds and contacts, at (x, v), with damping forces
-// times `damping_share`; matrix: their blocks.
+// tendon.residual = minus all forces except those of anchors and contacts, at (x, v), with damping forces
+// times `damping_share`. matrix: adds their blocks to tendon.matrix.
 void forces_now(Tendon& c, const StepContext& context, bool matrix, double damping_share) {
   if (matrix) c.matrix.zero();
   for (int k = 0; k < 3; ++k) {
@@ -36,7 +36,7 @@ void contacts_now(Island& island, bool matrix) {
     contact->normal_force.direct = false;
     const Vec3 relative = relative_position(island, *contact, &Tendon::x);
     contact->friction.limit = 0;
-    contact->evaluate(relative, true);  // for the normal force, which limits friction
+    contact->evaluate(relative, true);  // first for the normal force, which limits friction
     contact->friction.limit = contact->friction.coefficient * contact->normal_force.value;
     contact->evaluate(relative, true);
     if (contact->normal_force.value <= 0) continue;
@@ -62,7 +62,7 @@ void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
   }
 }
 
-// The force of a contact after the displacements, by its own linearisation: what the solution used.
+// The force of a contact after the displacements, by the linearisation that the solution used.
 void predict(Island& island, Contact& contact) {
   if (contact.normal_force.value <= 0) return;
   contact.force.total -= contact.force.block * relative_position(island, contact, &Tendon::displacement);
@@ -88,7 +88,7 @@ Vec3 spring_forces_after(const Tendon& c, int i) {
   return sum;
 }
 
-// On the holder, after the displacements: minus what the particle needs beyond its other forces.
+// Force on the anchor after the displacements [N]: the particle's other forces minus mass times acceleration.
 Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor& h,
                             const StepContext& context) {
   const int i = h.particle;
@@ -136,14 +136,14 @@ void explicit_euler(Island& island, const StepContext& context) {
   island.result.converged = true;
 }
 
-// (9): (M - dt df/dv - dt^2 df/dx) dv = dt (f_0 + dt df/dx v_0), solved for the displacements
-// u = dt (v_0 + dv). Divided by dt^2 it reads
+// (9): (M - dt df/dv - dt^2 df/dx) dv = dt (f_0 + dt df/dx v_0), solved for the displacements u = dt (v_0 +
+// dv). Divided by dt^2 it reads
 //
-//   A u = M v_0/dt + f_0 - (df/dv) v_0,     A = M/dt^2 - df/dx - (df/dv)/dt,
+//   A u = M v_0/dt + f_0 - (df/dv) v_0,     A = M/dt^2 - df/dx - (df/dv)/dt.
 //
-// where A is the sum of the blocks at (x_0, v_0), and (df/dv) v_0 is q times the damping force,
-// which is homogeneous of degree q in the velocities. Held displacements u_0 are known: what is
-// solved for is w = u - u_0 from A w = right-hand side - A u_0.
+// A is the sum of the blocks at (x_0, v_0). (df/dv) v_0 is q times the damping force, which is homogeneous of
+// degree q in the velocities. The displacements u_0 of anchored particles are known. The system is solved for
+// w = u - u_0: A w = right-hand side - A u_0.
 void single_linearisation(Island& island, const StepContext& context) {
   const double dt = context.dt;
   start_bodies(island);

@@ -1,11 +1,11 @@
-// The paper's methods: one linearisation, and explicit Euler.
+// The methods of the paper.
 #pragma once
 #include "integrator/scheme.h"
 #include "solver/island.h"
 
 namespace bt {
 
-void single_linearisation(Island& island, const StepContext& context);  // implicit, as published
+void single_linearisation(Island& island, const StepContext& context);  // one linearisation of implicit Euler
 void explicit_euler(Island& island, const StepContext& context);
 
 }  // namespace bt
