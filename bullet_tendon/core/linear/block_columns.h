@@ -8,8 +8,8 @@
 namespace bt {
 
 // Eight columns for the blocks of a tendon: three vectors of eight numbers per block, one for each axis. An
-// additional block of zeros follows the last one: a contact point on the last particle has it as its second
-// particle (contact/segment_point.h).
+// additional block of zeros follows the last one, for a SegmentPoint (contact/segment_point.h) whose `first`
+// is the last particle.
 class Columns {
  public:
   void resize(int blocks) { data_.assign(size_of(blocks), 0.0); }

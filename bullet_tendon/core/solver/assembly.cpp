@@ -46,11 +46,11 @@ double tendon_residual(Tendon& c) {
 
 }  // namespace
 
-// The residual at the particle is the force that the body supplies.
 bool update_direct(Island& island, Contact& contact) {
   Tendon& c = island.at(contact.a);
   int i = contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
   if (contact.normal_force.held) {
+    // The residual at the particle is the force that the body supplies.
     contact.normal_force.value = std::max(0.0, dot(c.residual.at(i), contact.geometry.normal));
     if (contact.normal_force.value == 0) {
       contact.normal_force.held = false;

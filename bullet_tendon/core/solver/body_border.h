@@ -15,7 +15,8 @@ struct Panel {
   bool moved = false;       // moves are not zero
 };
 
-// All columns, for one tendon. They are zero in all blocks but `pulled`, which lie between first and last.
+// All columns, for one tendon. Pulls and moves are zero in all blocks but `pulled`, which lie between first
+// and last.
 struct Border {
   std::vector<Panel> panels;
   std::vector<int> pulled;

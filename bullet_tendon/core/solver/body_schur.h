@@ -27,9 +27,10 @@ void add_body_residual(Island& island);
 // Largest residual of a body, as a force at its most mobile touched point [N].
 double body_residual(const Island& island);
 // Assembles the border and the corner of the matrix, before anchors are removed from the tendons' part.
-// definite: the corner is positive definite.
+// definite: the terms of large rotations are positive semidefinite.
 void make_border(Island& island, bool definite);
-// Copies one column of panel p to tendon.column, and tendon.solved to its answer.
+// Copies one column of panel p (number `lane`) to tendon.column, and A^-1 times it from tendon.solved to the
+// panel.
 void take_column(Island& island, size_t p, int lane);
 void put_answer(Island& island, size_t p, int lane);
 // corner -= C^T A^-1 C, with columns of panel p and rows of panel q; and corner_side -= C^T x.

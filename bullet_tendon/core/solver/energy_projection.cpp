@@ -7,7 +7,7 @@
 //
 // over springs (energy U, force F_1) and contacts, which store no energy (U = 0). A spring in tension has a
 // convex potential, so its term is negative. A spring in compression that turns creates energy, about |F| l
-// (1 - cos angle). So does a contact whose normal turns, or that pushes out of a depth. Usually the numerical
+// (1 - cos angle). So does a contact that pushes around a corner or out of a depth. Usually the numerical
 // dissipation of the method, the second sum, is larger. Where it is smaller, inelastic impulses between pairs
 // of interacting points remove the created energy (passivity controller: Hannaford and Ryu 2002). The first
 // impulses act along contact normals and springs, which conserves linear and angular momentum. The next ones

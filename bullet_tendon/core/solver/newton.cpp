@@ -207,7 +207,7 @@ bool find_step(Solution& s, const Assembly& a) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
     }
-    // The matrix is indefinite: solve again without the geometric stiffness of compression.
+    // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
     residual_of(island, true);
   }
   assemble(island, how, true, true);
