@@ -72,11 +72,11 @@ class Articulated {
   std::vector<Twist> twists_;
   Vec3 base_at_;
   int base_ = 0;    // its degrees of freedom
-  int places_ = 0;  // numbers that tell where the joints are
+  int places_ = 0;  // number of joint position values
 };
 
-// b <- mass^-1 b, b (n, columns) and the mass matrix (n, n). Degrees of freedom whose pivot is lost in
-// rounding, without mass, do not answer.
+// b <- mass^-1 b, with b (n, columns) and the mass matrix (n, n). A degree of freedom whose pivot is
+// rounding, without mass, has no response.
 void answer(int n, int columns, const double* mass, double* b);
 
 }  // namespace bt
