@@ -13,7 +13,7 @@ namespace bt {
 
 namespace {
 
-// Cosine of force and torque under which a wrench is one force at some point: rounding [-].
+// Cosine between force and torque below which a wrench is a single force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
@@ -170,7 +170,7 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   body.stops(places.data(), m.limits);
 }
 
-// Velocity and spin of a link by the rates, and by the base's motion where that is moved by hand.
+// Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
 void set_motion(Link& l, const Articulated& body, const Reading& reading, const std::vector<double>& rates) {
   l.now_velocity = l.now_spin = {};
   if (!body.floats()) {
@@ -243,7 +243,7 @@ void bind_bodies(py::module_& m, GuardedWorld& world) {
 
 namespace {
 
-// Articulated bodies: how they are built, and how a mass matrix answers.
+// Articulated bodies.
 
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
 // limits (2).

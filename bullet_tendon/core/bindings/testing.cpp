@@ -40,8 +40,8 @@ std::vector<double> dense_of(const Band& a) {
 
 }  // namespace
 
-// Structure or shear springs at x, `before` one step of weight b [s] earlier, with the plain Newton
-// linearisation and nothing cut off.
+// Structure or shear springs at x, and at `before` one step of weight b [s] earlier, with the plain Newton
+// linearisation and its full Hessian.
 Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& before, double b) {
   Term term;
   SpringSet s = shear ? c.shear : c.structure;
@@ -196,7 +196,7 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
 
 }  // namespace
 
-// Bending and clamps at x, nothing cut off.
+// Bending and clamps at x, with the full Hessian.
 Term bending_term(const Tendon& c, const Field& x) {
   Term term;
   Tendon at(c);
