@@ -134,7 +134,7 @@ class GuardedWorld {
   py::class_<World> of_;
 };
 
-// What pybullet tells of links (bindings/bodies.cpp) and of bodies with joints (bindings/bodies.cpp).
+// Readers of links and of bodies with joints (bindings/bodies.cpp).
 void bind_links(py::module_& m, GuardedWorld& world);
 void bind_bodies(py::module_& m, GuardedWorld& world);
 // Distances that have closed forms (bindings/collision.cpp).
@@ -148,7 +148,7 @@ void bind_pairs(py::module_& testing);
 // The sparse and the banded solver by themselves (bindings/testing.cpp).
 void bind_sparse(py::module_& testing);
 
-// A tendon about which something is going to change.
+// A tendon that is about to be changed. Wakes it.
 inline Tendon& stirred(World& w, int tendon) {
   w.wake_tendon(tendon);
   return *w.scene.tendons[tendon];

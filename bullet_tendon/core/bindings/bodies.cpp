@@ -13,7 +13,7 @@ namespace bt {
 
 namespace {
 
-// Cosine of force and torque under which a wrench is one force at some point: rounding [-].
+// Cosine between force and torque below which a wrench is a single force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
@@ -38,8 +38,8 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
 }
 
 // A link by p.getDynamicsInfo, (centre of mass, orientation of the inertial frame) and (velocity, spin);
-// alone: it moves by itself, by its own mass, where it has one; falls: gravity makes it. 0: some number is
-// not finite; 2: its contacts are needed (set_contacts); else 1.
+// alone: it moves with its own mass, if it has one; falls: gravity acts on it. Returns 0 if a number is not
+// finite, 2 if its contacts are needed (set_contacts), else 1.
 int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where, const py::tuple& motion,
               bool alone, bool falls) {
   w.ensure_link(slot);
@@ -59,7 +59,7 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   return 1;
 }
 
-// Its velocity and spin right after a step; whether it seems to have been let go.
+// Takes its velocity and spin right after a step. Returns whether it was released.
 bool sample_link(World& w, int slot, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
   return w.sample(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
@@ -67,9 +67,9 @@ bool sample_link(World& w, int slot, const py::tuple& motion) {
 
 using Links = std::vector<std::pair<int, int>>;
 
-// By p.getContactPoints, those with the links `immovable`: the normal towards the body, what it makes of its
-// spin about its centre of mass, and the distance. keep: they are those of the step to come, whatever
-// pybullet tells then. A body that was never read has none.
+// Sets the contacts of a body with the links `immovable` from p.getContactPoints: the normal towards the
+// body, its moment about the centre of mass, and the distance. keep: use them for the next step, whatever
+// pybullet reports then. A body that was never read has no contacts.
 void set_contacts(World& w, int slot, const py::tuple& points, const Links& immovable,
                   const py::tuple& centre, bool keep) {
   if (slot >= static_cast<int>(w.scene.bodies.size()) || w.scene.bodies[slot].n() == 0) return;
@@ -170,7 +170,7 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   body.stops(places.data(), m.limits);
 }
 
-// Velocity and spin of a link by the rates, and by the base's motion where that is moved by hand.
+// Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
 void set_motion(Link& l, const Articulated& body, const Reading& reading, const std::vector<double>& rates) {
   l.now_velocity = l.now_spin = {};
   if (!body.floats()) {
@@ -186,7 +186,7 @@ void set_motion(Link& l, const Articulated& body, const Reading& reading, const 
   l.now_spin += Vec3{twist[3], twist[4], twist[5]};
 }
 
-// Links of one body, by their slots, in the first of which is the body's body. false: some number is not
+// Reads the links of one body. The first slot holds its GeneralizedBody. Returns false if a number is not
 // finite.
 bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
                const py::list& infos, const py::tuple& base, const py::tuple& motion,
@@ -209,7 +209,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 
-// Its rates right after a step; whether it seems to have been let go.
+// Takes its rates right after a step. Returns whether it was released.
 bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
                  const py::tuple& joints) {
   std::vector<double> rates, places;
@@ -243,7 +243,7 @@ void bind_bodies(py::module_& m, GuardedWorld& world) {
 
 namespace {
 
-// Articulated bodies: how they are built, and how a mass matrix answers.
+// Articulated bodies.
 
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
 // limits (2).
@@ -301,8 +301,8 @@ Array wrenches(const World& w) {
   return out;
 }
 
-// Slot, force, its point and the torque about that of the links that answer to one; None for a torque where
-// the force is all, as of one attachment.
+// Slot, force, point and torque about the point of every link that yields and has a wrench. The torque is
+// None where the wrench is a single force, as from one attachment.
 py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.scene.links.size(); ++i) {

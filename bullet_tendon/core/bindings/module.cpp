@@ -1,4 +1,4 @@
-// The Python face of the core (module bullet_tendon._core): arrays in, arrays out, no logic.
+// The Python interface of the core (module bullet_tendon._core): arrays in, arrays out, no logic.
 // Python validates before it calls; nothing here is public.
 #include <pybind11/stl.h>
 

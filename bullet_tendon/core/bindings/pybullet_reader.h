@@ -31,7 +31,7 @@ inline Rot3 turn_of(PyObject* tuple) {
 void place(Link& l, PyObject* info, PyObject* where);
 // Whether all numbers of a link and its body are finite.
 bool is_finite(const World& w, int slot);
-// The link is one that nothing moves.
+// Marks the link as one that tendons do not move.
 void stand_still(World& w, int slot);
 
 }  // namespace bt

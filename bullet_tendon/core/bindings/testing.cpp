@@ -40,8 +40,8 @@ std::vector<double> dense_of(const Band& a) {
 
 }  // namespace
 
-// Structure or shear springs at x, `before` one step of weight b [s] earlier, with the plain Newton
-// linearisation and nothing cut off.
+// Structure or shear springs at x, and at `before` one step of weight b [s] earlier, with the plain Newton
+// linearisation and its full Hessian.
 Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& before, double b) {
   Term term;
   SpringSet s = shear ? c.shear : c.structure;
@@ -68,7 +68,7 @@ py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, cons
   return term_of(spring_term(*w.scene.tendons[c], shear, field_of(x), field_of(before), b));
 }
 
-// A contact row at a position, as the position has it.
+// A contact, evaluated at a relative position.
 py::tuple contact_term(int kind, const Array& relative, const Array& normal, double offset,
                        const Array& point, const Array& axis, double ring, double stiffness, double carried,
                        double grip, double limit, const Array& stuck, bool definite) {
@@ -93,7 +93,7 @@ py::tuple contact_term(int kind, const Array& relative, const Array& normal, dou
                         row.friction.sliding);
 }
 
-// All of a row's block on the particles that it touches with the weights P: P^T block P, and the levers.
+// The full block of a contact on its particles with the weights P: P^T block P, and the sliding-point terms.
 Array full_block(const Contact& row, const double* P, int particles) {
   const Block3 block = block_of(row.force.block);
   Array full({3 * particles, 3 * particles});
@@ -196,7 +196,7 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
 
 }  // namespace
 
-// Bending and clamps at x, nothing cut off.
+// Bending and clamps at x, with the full Hessian.
 Term bending_term(const Tendon& c, const Field& x) {
   Term term;
   Tendon at(c);
@@ -242,7 +242,7 @@ struct Probe {
     search.clear();
   }
 
-  // Tendons at x that are foreseen to be at `ahead`: rows of tendon, segment, tendon, segment, u, w and
+  // Tendons at x that are predicted to be at `ahead`: rows of tendon, segment, tendon, segment, u, w and
   // distance; and how many lists were collected and served again. swept: where tendons approach
   // (narrow_phase.h).
   py::tuple find(const std::vector<Array>& x, const std::vector<Array>& ahead, bool swept) {

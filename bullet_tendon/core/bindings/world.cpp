@@ -83,7 +83,7 @@ bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& se
   return w.attempt(dt, gravity, whole, oracle, read);
 }
 
-// What an attempt with pybullet's own parameters came to.
+// Result of `apply`.
 enum Outcome { kFailed = 0, kSolved = 1, kBadParameters = 2 };
 
 // A step of p.getPhysicsEngineParameters' length and gravity.
@@ -107,7 +107,7 @@ int apply(World& w, const py::dict& parameters, const py::object& sense, const p
   return attempt(w, values[0], {values[1], values[2], values[3]}, false, sense, measure) ? kSolved : kFailed;
 }
 
-// A step of another length, in which bodies neither move nor yield, and which is not cut.
+// A step of another length, which is not divided, and in which bodies neither move nor yield.
 bool hold(World& w, double dt, const py::tuple& gravity, const py::object& sense, const py::object& measure) {
   return attempt(w, dt, vector(gravity.ptr()), true, sense, measure);
 }

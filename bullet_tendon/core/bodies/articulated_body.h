@@ -1,6 +1,6 @@
 // Jacobians and mass matrix of a tree of rigid links on joints (Featherstone 2008, chapters 4 and 6).
-// Link 0 is the base; joint k carries link k + 1. Degrees of freedom: of a floating base the velocity of
-// its centre of mass and its spin, world axes; then the joints in order.
+// Link 0 is the base. Joint k carries link k + 1. Degrees of freedom: of a floating base, the velocity of its
+// centre of mass and its spin, in world axes; then those of the joints in order.
 #pragma once
 #include <vector>
 
@@ -44,8 +44,8 @@ class Articulated {
   void weight(double* out) const;
   // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
   void mass_matrix(double* out) const;
-  // out: coordinate, side and depth (bodies/body_response.h) of the limits that are reached, by the places of
-  // joints' degrees of freedom.
+  // out: coordinate, side and depth (bodies/body_response.h) of the limits that are reached. places: as in
+  // `place`.
   void stops(const double* places, std::vector<double>& out) const;
 
  private:
@@ -58,7 +58,7 @@ class Articulated {
     double mass = 0;
     Sym3 inertia;  // world axes
   };
-  // A unit rate's motion: spin, and velocity of the point that is at the base's centre of mass.
+  // Motion by a unit rate: spin, and velocity of the point at the base's centre of mass.
   struct Twist {
     int carried = 0;
     bool slides = false;
@@ -72,11 +72,11 @@ class Articulated {
   std::vector<Twist> twists_;
   Vec3 base_at_;
   int base_ = 0;    // its degrees of freedom
-  int places_ = 0;  // numbers that tell where the joints are
+  int places_ = 0;  // number of joint position values
 };
 
-// b <- mass^-1 b, b (n, columns) and the mass matrix (n, n). Degrees of freedom whose pivot is lost in
-// rounding, without mass, do not answer.
+// b <- mass^-1 b, with b (n, columns) and the mass matrix (n, n). A degree of freedom whose pivot is
+// rounding, without mass, has no response.
 void answer(int n, int columns, const double* mass, double* b);
 
 }  // namespace bt

@@ -9,16 +9,16 @@ namespace bt {
 
 namespace {
 
-// Square of the angle by which a body turns in a step from which arms are taken at the end of the step
-// [rad^2]. Larger: attached points lag behind. Smaller: the swing of what hangs on an arm is damped.
+// If the squared rotation angle of a body in a step is larger, arms are those at the end of the step
+// [rad^2]. Larger: attached points lag behind. Smaller: the swing of a body that hangs on an arm is damped.
 constexpr double kFarTurn = 0.01;
-// The same of dt^2 |f| |r| / (moment of inertia), the share of a turn by which the arm r would swing under
-// the pull f [-]. Larger: light bodies swing up under taut tendons, from 4 on without end. Smaller: the swing
-// of what hangs on an arm is damped.
+// The same for dt^2 |f| |r| / (moment of inertia), the rotation of the arm r under the force f [-]. Larger:
+// the swing of light bodies on taut tendons grows, from 4 on without bound. Smaller: the swing of a body that
+// hangs on an arm is damped.
 constexpr double kFarSwing = 0.25;
 
-// Share of the square of a direction that has to be left beside the other directions for it to be a new one
-// [-]. Larger: bodies do not yield where they could. Smaller: rounding counts as a direction.
+// A direction is new if at least this share of its square is orthogonal to the others [-]. Larger: bodies do
+// not yield where they could. Smaller: rounding counts as a direction.
 constexpr double kSameDirection = 1e-20;
 
 }  // namespace
@@ -32,7 +32,7 @@ Vec3 GeneralizedBody::gyroscopic() const {
   return -(turning * cross(spin, inverse(turning) * spin));
 }
 
-// Acceleration without tendons and without what holds the body.
+// Acceleration by gravity and gyroscopic torque alone.
 const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   work_.known.assign(n(), 0.0);
   if (gravity_response.empty()) return work_.known;
@@ -47,7 +47,7 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   return work_.known;
 }
 
-// The same of the step before, with what its stops added.
+// The same, plus the acceleration by the stops of the last step.
 const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
   known(gravity);
   if (stopped_by_.size() == work_.known.size())
@@ -58,7 +58,7 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
 void GeneralizedBody::sense(Vec3 gravity) {
   doubt_stops();
   const bool stops_known = !contacts.empty() && !slipped_;
-  // Of several tendons, or what they press at, it cannot be told what they would have done.
+  // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
   observer.observe(rates, free, unforced(gravity), alone, stops_known);
   contacts_known = false;
@@ -69,7 +69,8 @@ void GeneralizedBody::widen(Numbers direction) {
   const size_t size = direction.size();
   const double whole = dense::dot(direction, direction);
   Numbers along, part;
-  for (int twice = 0; twice < 2 && !unknowns.basis.empty(); ++twice) {  // Gram and Schmidt, to rounding
+  // Gram-Schmidt, repeated once for accuracy to rounding.
+  for (int twice = 0; twice < 2 && !unknowns.basis.empty(); ++twice) {
     dense::multiply(unknowns.basis, direction, along);
     dense::multiply_transposed(unknowns.basis, along, part);
     for (size_t i = 0; i < size; ++i) direction[i] -= part[i];

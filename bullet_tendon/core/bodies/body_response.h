@@ -1,19 +1,18 @@
-// A pybullet body by its generalized coordinates, and its response to forces.
+// A pybullet body in generalized coordinates, and its response to forces.
 //
-// The links of a body share its coordinates. With J the Jacobian of a link (velocity of its centre of mass,
-// spin) and E the root of the response (bodies/response_observer.h), a force f at the point p of a link, at
-// the arm r from its centre of mass, displaces every point of the body within a step by
+// The links of a body share its coordinates. J is the Jacobian of a link (velocity of its centre of mass,
+// spin), E the root of the response (bodies/response_observer.h). A force f at a point of a link, at the arm
+// r from its centre of mass, gives the displacement u of a point of the body within a step:
 //
 //   B = s [I, -[r]] J E,     u = B y,     y = B^T f,     s^2 = (time since the step began) (length of the
-//   substep),
+//   substep).
 //
-// so that y, of energy |y|^2/2, are the body's unknowns in the solution (solver/body_schur.cpp), whatever
-// holds it. Only the span of all B^T of touched points is reached: with an orthonormal basis Q of it, y = Q z
-// with fewer unknowns z (World::narrow_bodies).
+// Therefore y, with the energy |y|^2/2, are the unknowns of the body (solver/body_schur.cpp), whatever holds
+// the body. Forces reach only the span of all B^T of touched points. With an orthonormal basis Q of the span,
+// y = Q z has fewer unknowns z (World::narrow_bodies).
 //
-// Joint limits and contacts with bodies that do not move are predicted: where the rate along a direction d
-// would pass through one, pybullet gives it a rate that takes back a share of the depth
-// (bodies/unilateral_stops.cpp).
+// Joint limits and contacts with bodies without mass are predicted. Where the rate along a direction d would
+// violate one, pybullet sets a rate that corrects a share of the depth (bodies/unilateral_stops.cpp).
 #pragma once
 #include <vector>
 
@@ -27,46 +26,46 @@ namespace bt {
 struct BodyUnknowns {
   using Numbers = dense::Numbers;
   bool any = false;
-  int freedom = 0;          // how many
-  Numbers basis;            // Q^T (freedom n), where they are fewer than n
-  Numbers y, dy, residual;  // z, its change, and the residual
-  int first = 0;            // their place among those of the island
+  int freedom = 0;          // number of unknowns
+  Numbers basis;            // Q^T (freedom n), where freedom < n
+  Numbers y, dy, residual;  // z, its change, and its residual
+  int first = 0;            // index of the first one among the body unknowns of the island
   double lever = 0;         // largest |B| of its touched points
 };
 
-// Space for intermediate results. Of it, only `through` (D E) and `within` (D R D^T), of all stops, last for
-// a step.
+// Workspace. Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
 struct BodyWorkspace {
   dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along;
 };
 
-// Whether a free body turns far in this step, so that arms are not those at its start.
+// Whether a free body rotates so far in this step that its arms change.
 struct BodyTurning {
   bool far = false;
-  Vec3 torque;      // of the tendons, by the last solution [N m]
-  double pull = 0;  // sum of their forces times arms [N m]
+  Vec3 torque;      // of the tendons in the last solution [N m]
+  double pull = 0;  // sum of |force| |arm| of the tendons [N m]
 };
 
 struct GeneralizedBody {
   using Numbers = dense::Numbers;
-  Numbers rates;             // now: velocity of the centre of mass and spin, of the base, and of the joints
-  Numbers free;              // M^-1 (n n)
-  Numbers gravity_response;  // acceleration by a unit of gravity (n 3); empty: not known
-  Vec3 gyroscopic_acceleration;  // of a rigid body, its gyroscopic acceleration in this step [rad/s^2]
-  Numbers limits;  // (coordinate, side, depth) of every limit that is passed: side 1 where it pushes up
-  // Of a rigid body: direction (6) and distance, below 0 inside, of every contact with a body without mass.
+  // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
+  Numbers rates;
+  Numbers free;                  // free response M^-1 (n n)
+  Numbers gravity_response;      // acceleration per unit of gravity (n 3); empty: not known
+  Vec3 gyroscopic_acceleration;  // of a rigid body, in this step [rad/s^2]
+  Numbers limits;  // (coordinate, side, depth) of every limit that is reached; side 1: it pushes upwards
+  // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   Observer observer;
-  Numbers root;    // E, without what the stops take away in this step
-  Numbers change;  // of the rates in this step, foreseen but for the tendons, and by earlier parts of it
-  Numbers forces;  // generalized, of the tendons in this step
+  Numbers root;    // E, reduced by the stops that act in this step
+  Numbers change;  // predicted change of the rates in this step, by all but the tendons and by past substeps
+  Numbers forces;  // generalized forces of the tendons in this step
   BodyTurning turning;
-  int touches = 0;          // attachments and contacts of tendons
-  bool point_mass = false;  // it is a spring in the solution (World::aim_attachments)
+  int touches = 0;          // number of attachments and contacts of tendons
+  bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;
 
-  // Coordinates that a limit stops in this step.
+  // Coordinates whose limits act in this step.
   std::vector<int> stopped() const {
     std::vector<int> coordinates;
     for (const Stop& s : stops_)
@@ -75,23 +74,25 @@ struct GeneralizedBody {
   }
   bool may_stop() const { return !stops_.empty(); }
   bool is_stopped() const;
-  // Whether contacts may decide what it is going to do.
+  // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
-  // One more direction (n) that it can be moved in, of which it gets the part that is new.
+  // Adds the part of a direction (n) that is orthogonal to the basis Q.
   void widen(Numbers direction);
-  // What it did since the last step, and what it is going to do.
+  // Learns from its motion since the last step.
   void sense(Vec3 gravity);
+  // Predicts its motion in the step.
   void predict(double dt, Vec3 gravity);
-  // Its rates right after the step; whether it seems to have been let go (Observer::sample).
+  // Takes its rates right after the step. Returns whether it was released (Observer::sample).
   bool sample(const Numbers& after, Vec3 gravity);
-  // The tendons' forces of a step of dt.
+  // Records the tendons' forces of a step of dt [s].
   void act(double dt);
-  // Whether it turns far within dt with this predicted spin, or its arms would under the tendons' pulls.
+  // Whether it rotates far within dt [s] with this predicted spin, or under the forces of the tendons.
   bool turns_far(Vec3 spin, double dt) const;
-  // Whether other stops act with these forces of the tendons than those that are foreseen; then they are now.
+  // Determines the stops that act under these forces of the tendons. Returns whether they are other ones than
+  // before.
   bool settle_stops(const Numbers& forces, double dt);
-  // An impulse, generalized, changes its motion.
+  // Applies a generalized impulse.
   void push(const Numbers& impulse);
 
  private:
@@ -109,15 +110,15 @@ struct GeneralizedBody {
   void stop(double dt);
   void take_away(double dt);
   void push_by(const Numbers& impulse);
-  Numbers stopped_by_;  // acceleration that the stops made in the last step, beside the response
+  Numbers stopped_by_;  // acceleration by the stops in the last step
   std::vector<Stop> stops_;
   Numbers directions_;    // D (n in each row)
-  Numbers pushes_;        // lambda, of the stops that were looked at last
-  Numbers unstopped_;     // change without them and without the tendons
-  Numbers pushed_;        // impulses of the tendons in the parts that are done
-  Numbers doubted_;       // by coordinate, not 0: it went on through what pybullet tells as its limit
-  bool rested_ = false;   // on contacts, in the last step
-  bool slipped_ = false;  // through them
+  Numbers pushes_;        // lambda of all stops, of the last evaluation
+  Numbers unstopped_;     // change without stops and without tendons
+  Numbers pushed_;        // impulses of the tendons in past substeps
+  Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
+  bool rested_ = false;   // contacts stopped it in the last step
+  bool slipped_ = false;  // it passed through contacts
   BodyWorkspace work_;
   friend struct StateFields;  // world/state_fields.h
 };

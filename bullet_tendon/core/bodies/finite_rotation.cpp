@@ -9,7 +9,7 @@ namespace bt {
 
 namespace {
 
-// pybullet turns a body by the spin times the step up to this angle, beyond it by less [rad].
+// Up to this angle pybullet rotates a body by spin times step, beyond it by less [rad].
 constexpr double kWholeTurn = 0.78539816339744831;
 // Square of an angle below which A and B are evaluated by their series [rad^2].
 constexpr double kSmallTurn = 1e-3;

@@ -1,9 +1,9 @@
-// The finite rotation of a free rigid body that turns far in a step.
+// The finite rotation of a free rigid body that rotates far in a step.
 //
-// pybullet turns a body by the rotation vector psi = g(t) theta, theta = dt w, t = |theta|, w its spin at the
-// end of the step: g = 1, but beyond pi/4 g = 2 atan(c t)/t, c = 4/pi tan(pi/8) (btMultiBody). A point at the
-// arm r of its centre is taken to exp(psi) r, and a small change of theta moves it by d = (Q d theta) x r'
-// with
+// pybullet rotates a body by the rotation vector psi = g(t) theta, theta = dt w, t = |theta|, w its spin at
+// the end of the step: g = 1, but beyond pi/4 g = 2 atan(c t)/t, c = 4/pi tan(pi/8) (btMultiBody). A point at
+// the arm r of its centre is taken to exp(psi) r, and a small change of theta moves it by d = (Q d theta) x
+// r' with
 //
 //   r' = exp(psi) r,      Q = T P,      P = g + (g'/t) theta theta^T,
 //   T = 1 + A [psi] + B [psi]^2,        A = (1 - cos p)/p^2,        B = (p - sin p)/p^3,        p = |psi|
@@ -18,7 +18,7 @@
 namespace bt {
 
 struct FiniteRotation {
-  bool far = false;  // else arms are those at the start of the substep
+  bool far = false;  // false: arms are those at the start of the substep
   // Rotation vectors: predicted from the start of the step to that of the substep, and within the substep;
   // the share of the latter that is taken; and theta, with what the tendons add.
   Vec3 begun, more, straight, theta;
@@ -31,9 +31,9 @@ struct FiniteRotation {
   Sym3 stiffness() const;
 };
 
-// The rotation that pybullet makes of the vector theta.
+// The rotation by which pybullet moves a body, for the vector theta [rad].
 Rot3 rotation_of_step(Vec3 theta);
-// Without negative eigenvalues.
+// The matrix with its negative eigenvalues set to zero.
 Sym3 positive_part(const Sym3& s);
 
 }  // namespace bt

@@ -6,7 +6,7 @@ namespace bt {
 
 namespace {
 
-// A matrix (6 n) times the numbers x.
+// The product of a matrix (6 n) and the vector x (n).
 Twist times(const dense::Numbers& a, const dense::Numbers& x) {
   double sums[6];
   dense::of_size(static_cast<int>(x.size()), [&](auto n) {
@@ -90,14 +90,14 @@ dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
 void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
   const size_t n = to.size();
   const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
-  if (through.empty()) {  // its own six
+  if (through.empty()) {  // the identity
     for (size_t k = 0; k < std::min<size_t>(n, 6); ++k) to[k] += wrench[k];
     return;
   }
   dense::add_rows(through, 6, wrench, to);
 }
 
-// B B^T / s^2, of B = s [I, -[r]] root.
+// B B^T / s^2 with B = s [I, -[r]] root.
 Sym3 Link::mobility(Vec3 p) const {
   if (!yields()) return {};
   const Vec3 r = p - centre;

@@ -1,4 +1,4 @@
-// A pybullet link: its placement, how it moves with its body, and the wrench of the tendons on it.
+// A pybullet link: its pose, its motion with its body, and the wrench of the tendons on it.
 #pragma once
 #include "bodies/body_response.h"
 #include "bodies/finite_rotation.h"
@@ -21,61 +21,62 @@ inline Wrench operator+(const Wrench& a, const Wrench& b) { return {a.force + b.
 struct Link {
   Pose pose;        // of the URDF link frame, at the start of the substep
   Vec3 centre;      // centre of mass, world axes, at the start of the substep [m]
-  Pose start_pose;  // both at the start of the step
+  Pose start_pose;  // pose and centre at the start of the step
   Vec3 start_centre;
   Vec3 now_velocity, now_spin;  // at the start of the step [m/s], [rad/s]
-  Vec3 velocity, spin;          // predicted for its end, without the tendons [m/s], [rad/s]
+  Vec3 velocity, spin;          // predicted for the end of the step, without the tendons [m/s], [rad/s]
   int body = -1;                // -1: tendons do not move it
   bool yielded = false;         // tendons could move it in the last step
   bool moved = false;           // its pose has changed, or it has a velocity, since the last step began
   dense::Numbers jacobian;      // J (6 n); empty: the identity, of a free rigid body
   dense::Numbers root;          // J E (6 n)
-  Wrench wrench;                // of the tendons, averaged over the step: the substeps that are done
-  Wrench part;                  // what the substep that was solved last adds to that
-  // In a solution in which its body is unknown: J E Q, the motion by the unknowns and by their change, and
-  // the load of the residual.
-  dense::Numbers reached;  // (6 freedom)
+  Wrench wrench;                // of the tendons in the finished substeps, averaged over the step
+  Wrench part;                  // contribution of the substep that was solved last
+  // In a solution with unknowns of its body:
+  dense::Numbers reached;  // J E Q (6 freedom)
+  // Displacement by the unknowns, displacement by their last change, wrench of the residual.
   Twist given, stepped, load;
   FiniteRotation turned;
 
   bool yields() const { return body >= 0; }
-  // Keeps `moved`, after the link was read and before start_pose is set.
+  // Updates `moved`. Call it after the link was read and before start_pose is set.
   void note_motion();
-  // Velocity and spin predicted by the change of the body's rates.
+  // Sets velocity and spin by the predicted change of the body's rates.
   void follow(const GeneralizedBody& m);
-  // The same, and the root of its response.
+  // The same, and sets `root`.
   void go_with(const GeneralizedBody& m);
-  // The root of the body's unknowns.
+  // Sets `reached`.
   void reach(const GeneralizedBody& m);
   // Derivative of the displacement of the point at the arm, along one axis of space, by the body's
   // coordinates y (n), without s.
   dense::Numbers motion_of(int direction, Vec3 arm) const;
-  // Moves to `time` after the start of the step, with the predicted velocity.
+  // Sets the pose at `time` [s] after the start of the step, with the predicted velocity and spin.
   void advance_to(double time);
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
-  // Response of the point p to a force there: W = [I, -[r]] R [I, -[r]]^T [1/kg].
+  // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const;
-  // A force at the world point p, in the whole step.
+  // Adds a force at the world point p, averaged over the step [N].
   void apply(Vec3 f, Vec3 p) {
     wrench.force += f;
     wrench.torque += cross(p - centre, f);
   }
   // From the centre of mass to a point of the link's frame, at the start of the substep.
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
-  // An arm at the end of the substep.
+  // The arm at the end of the substep.
   Vec3 now(Vec3 arm) const { return turned.rotation * arm; }
-  // Sets the finite rotation by a share of the predicted one and by the unknowns.
+  // Sets the finite rotation from a share of the predicted one and from the unknowns.
   void turn(const GeneralizedBody& m, double share);
-  // Displacement of the point at the arm by the unknowns; of what turns far, also from its straight path.
+  // Displacement of the point at the arm by the unknowns. If the link rotates far, relative to the straight
+  // predicted path.
   Vec3 displaced(Vec3 arm) const;
-  // Torque of a force at the arm, on the rotation vector of the step.
+  // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
-  // The twist of unknowns (or their change), over s.
+  // Twist by the unknowns, or by their change, divided by s.
   Twist twist_of(const dense::Numbers& y) const;
-  // The same; of what turns far, its change of theta (bodies/finite_rotation.h).
+  // The same; if the link rotates far, the angular part is the change of theta.
   Twist spin_of(const dense::Numbers& y) const;
-  // Adds through^T wrench, a generalized force.
+  // Adds the generalized force through^T wrench.
   void add_generalized(const dense::Numbers& through, const Twist& wrench, dense::Numbers& to) const;
 };
 

@@ -8,16 +8,15 @@ namespace bt {
 
 namespace {
 
-// Share of a held body's free response to the forces by which its motion along them has to exceed the
-// predicted one for the body to have been released [-]. Larger: light bodies are shot off. Smaller: held ones
-// are solved twice.
+// A held body was released if its motion along the forces exceeds the predicted one by this share of its free
+// response [-]. Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
 constexpr double kReleased = 0.2;
 
-// Share of the forces by which they have to change for anything to be learned [-]: rounding and noise.
+// Smallest relative change of the forces from which the observer learns [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
-// What is evidence that the response is another one [-]: the share of the free response to the change of the
-// forces by which the motion missed the prediction, the cosine between both, and, for more response than
-// before, the share of the forces that has changed.
+// Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
+// the change of the forces, the cosine between both, and, for an increased response, the relative change of
+// the forces.
 constexpr double kEvidence = 0.1;
 
 }  // namespace
@@ -122,9 +121,9 @@ void Observer::compare(const Sample& now) {
   for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
 }
 
-// A rate that pybullet has cut off would have gone farther. A motion short of the predicted one is taken for
-// the predicted one. A motion beyond it is the least possible one. Returns whether there is such a rate:
-// nothing is learned from it. Bodies whose spin is cut off are left alone, because their arms are not known.
+// Without the cut-off, the rate would have been larger. A motion short of the prediction is replaced by the
+// prediction. A motion beyond it is the least possible one. Returns whether a rate was cut off; then nothing
+// is learned. Bodies whose spin was cut off are not corrected, because their arms are not known.
 bool Observer::leave_out_cut(const Numbers& rates) {
   bool any = false;
   for (int i = 3; i < n_; ++i)
@@ -139,7 +138,7 @@ bool Observer::leave_out_cut(const Numbers& rates) {
   return any;
 }
 
-// The body moved along the forces by more of its free response than predicted.
+// Whether the body moved along the forces by more than predicted (kReleased).
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);
   multiply_transposed(root_, now.forces, one_);
@@ -164,9 +163,9 @@ void Observer::learn(const Sample& now) {
   for (int i = 0; i < n_; ++i) e_[i] -= other_[i];
   const double es = dot(e_, s_), ee = dot(e_, e_);
   if (ee <= kEvidence * kEvidence * news) return;
-  // A difference that is not along the change of the forces has another cause.
+  // An error that is not along the change of the forces has another cause.
   if (es * es <= kEvidence * kEvidence * ee * news) return;
-  // A body that is moved by hand changes its motion a little in every step, whatever the forces do.
+  // The motion of a body that the user moves changes slightly in every step, independently of the forces.
   if (es > 0 && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
@@ -177,7 +176,7 @@ void Observer::learn(const Sample& now) {
   take_effective();
 }
 
-// Eigenvalues into [0, 1], and the root.
+// Limits the eigenvalues of G to [0, 1], and computes S.
 void Observer::limit_share() {
   turned_ = share_;
   eigen(n_, turned_, vectors_);

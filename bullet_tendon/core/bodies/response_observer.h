@@ -1,56 +1,55 @@
 // The response of a body to the tendons' forces, learned from its motion.
 //
-// Generalized forces w alone would change the rates of a body by the acceleration R w (and gravity's), R =
-// M^-1 its free response. Motors, contacts, limits and constraints take part of this away, and push by
-// themselves. Both are learned from the last two steps, a the acceleration that was seen (without gravity's),
-// d the difference between the steps:
+// The forces w accelerate a free body by R w (besides gravity), R = M^-1 its free response. Motors, contacts,
+// limits and constraints reduce this response, and add accelerations of their own. Both are learned from the
+// last two steps. a is the observed acceleration (without gravity's), d the difference between the steps:
 //
-//   response   R_eff = L G L^T with R = L L^T (Cholesky); what is held shows as d(a) != R_eff d(w).
+//   response   R_eff = L G L^T with R = L L^T (Cholesky). A held body has d(a) != R_eff d(w).
 //              With s = L^T d(w), y = L^-1 d(a), e = y - G s: G += e e^T/(e.s), the symmetric rank-one update
-//              (Conn, Gould and Toint 1991), its eigenvalues kept in [0, 1]: never more than free. One
-//              rigid constraint is found by one update.
-//   push       r = a - R_eff w, of two steps the smaller by coordinate, so that an impact is not repeated. Of
-//              a rate that pybullet cut off, r is the least possible one.
+//              (Conn, Gould and Toint 1991). The eigenvalues of G are limited to [0, 1], because no response
+//              exceeds the free one. One update finds one rigid constraint.
+//   push       r = a - R_eff w, the smaller one of two steps by coordinate, so that an impact is not
+//              repeated. For a rate that pybullet cut off, r is the least possible one.
 //
-// Accelerations are compared by the norm of the kinetic energy, |L^-1 a|. A body that was held and yields
-// more along the forces than R_eff predicted has been released. Then the forces were those on a held body,
-// and the step has to be solved again (world/resolve.cpp).
+// Accelerations are compared in the norm of the kinetic energy, |L^-1 a|. A held body that moved more along
+// the forces than R_eff predicted has been released. The forces of that step were those on a held body.
+// Therefore the step is solved again (world/resolve.cpp).
 #pragma once
 #include "math/small_matrix.h"
 
 namespace bt {
 
-// Rate at which pybullet cuts off [m/s], [rad/s]. Share of it from which a rate counts as cut off [-]:
-// damping comes after the cut.
+// Rate at which pybullet cuts off [m/s], [rad/s], and share of it from which a rate counts as cut off [-],
+// because pybullet damps after it cuts off.
 constexpr double kMostRate = 100.0;
 constexpr double kCutOff = 0.999;
 
 class Observer {
  public:
   using Numbers = dense::Numbers;
-  // Learns from the rates (n) now, with the free response (n n), and gravity's acceleration (n). alone: the
-  // motion of the step before was predicted completely, but for a push. stops_known: so are the stops that
-  // hold it, and nothing is learned.
+  // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n). alone: the
+  // motion of the last step was predicted completely, except for a push. stops_known: the stops of the body
+  // are predicted, and nothing is learned.
   void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
                bool stops_known);
-  // The rates right after the step; whether they mean that it was released. Rates that are observed later may
-  // have been set from outside since.
+  // Takes the rates right after the step. Returns whether the body was released. Rates that are observed
+  // later may have been set from outside.
   bool sample(const Numbers& rates, const Numbers& gravity);
-  // The rates were set from outside.
+  // Takes rates that were set from outside.
   void refresh(const Numbers& rates);
-  // The generalized forces that act from now on for dt [s].
+  // Records the generalized forces that act during the next dt [s].
   void act(const Numbers& forces, double dt);
-  // As if it was free, in this step.
+  // Treats the body as free from this step on.
   void set_free();
-  // As if it was free, from the step before on.
+  // The same, and forgets the last steps.
   void let_go();
 
-  // The push is that of the last step; or the part that the last two steps agree on.
+  // Sets the push to that of the last step, or to the part that the last two steps have in common.
   void trust_last();
   void require_two() { find_push(); }
 
   bool is_new() const { return samples_ < 2; }             // fewer than two steps are known
-  bool held() const { return held_; }                      // something takes part of the response
+  bool held() const { return held_; }                      // R_eff is less than the free response
   bool released() const { return released_; }              // it was held until the last step
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
   const Numbers& push() const { return push_; }            // acceleration
@@ -63,7 +62,7 @@ class Observer {
   friend struct StateFields;  // world/state_fields.h
   struct Sample {
     Numbers forces, acceleration;
-    Numbers cut;  // by rate: its sign where pybullet cut it off, else 0
+    Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
   };
   void start(int n);
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
@@ -85,7 +84,7 @@ class Observer {
   Numbers sampled_;  // rates right after the last step, if sampled
   Sample last_, previous_;
   double dt_ = 0;
-  int samples_ = 0;  // steps that are known: 0, 1 or 2
+  int samples_ = 0;  // number of known steps: 0, 1 or 2
   bool known_ = false, acted_ = false, held_ = false, released_ = false;
   Sample now_;  // work space, like the rest
   dense::Scratch s_, e_, one_, other_, turned_, vectors_;

@@ -1,13 +1,12 @@
 // Joint limits and contacts that stop a body in this step.
 //
-// Without them the tendons' forces w would take the rates to u = rates + change + dt R w, R = E E^T. A stop
-// along d gives the least impulse that keeps d u from falling below the rate that it wants:
+// Without stops, the forces w of the tendons would change the rates to u = rates + change + dt R w, R = E
+// E^T. A stop along d adds the smallest impulse that keeps d u at or above its bound `wanted`:
 //
 //   D u' - wanted >= 0,   lambda >= 0,   complementary,     u' = u + R D^T lambda.
 //
-// Which ones act is found with the forces at hand by projected Gauss and Seidel, before the solution by those
-// of the last step and after it by its own (World::settle_stops). The solution itself takes those that act,
-// S, for what does not yield:
+// Projected Gauss-Seidel finds the active stops S: before the solution with the forces of the last step,
+// after it with its own forces (World::settle_stops). The solution treats S as rigid:
 //
 //   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
 #include "bodies/unilateral_stops.h"
@@ -22,37 +21,36 @@ namespace bt {
 
 namespace {
 
-// Share of the largest eigenvalue of a response under which it is nothing [-]: joints yield in some
-// directions only.
+// A direction whose response is below this share of the free response does not yield [-]. Joints yield in
+// some directions only.
 constexpr double kRank = 1e-9;
 
-// Share of the depth behind a joint's limit that pybullet takes back in a step (Bullet's erp) [-]. It cannot
-// be asked for; where it was set otherwise, that is learned as what holds the body.
+// Share of the depth behind a joint limit that pybullet corrects in a step (Bullet's erp) [-]. pybullet does
+// not report it. The effect of another value is learned as a push on the body.
 constexpr double kTakenBack = 0.2;
-// What a contact may be deep without being pushed apart [m], and the share of the rest that is taken back in
-// a step [-] (pybullet's slop and contactERP, as it sets them; they cannot be asked for).
+// Depth of a contact that pybullet does not correct [m], and share of the remaining depth that it corrects in
+// a step [-] (the defaults of pybullet's slop and contactERP; it does not report them).
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
 
-// A limit or contact acts where what it changes is more than this share of the rates at hand [-]: rounding.
+// A stop acts if it changes the rate by more than this share of the rates involved [-]: rounding.
 constexpr double kLeastPush = 1e-9;
 
-// Sweeps over the limits and contacts of a body at most, to find which ones stop it, and change of a rate by
-// one, as a share of those at hand, under which no more are made [-]. Fewer: wrong ones of many.
+// Maximum number of Gauss-Seidel sweeps over the stops of a body, and change of a rate, as a share of the
+// rates involved, below which the sweeps end [-]. Fewer: wrong active stops if there are many.
 constexpr int kStopSweeps = 100;
 constexpr double kStopSettled = 1e-11;
 
-// Share of what was missing to the rate at a limit or contact that has to be made up for the limit to be
-// believed [-].
+// A stop exists if it corrected at least this share of the missing rate [-].
 constexpr double kLeastStopped = 0.5;
 
-// Depth from which it does not (its split impulse) [rad], [m].
+// Depth from which pybullet's rate at a limit does not correct depth (its split impulse) [rad], [m].
 constexpr double kDeepBehind = 0.04;
 
-// The rate that pybullet gives what is behind a limit: outwards, or none where it is deep.
+// The rate that pybullet sets behind a limit: outwards, or 0 if the depth is large.
 double rate_at_limit(double depth, double dt) { return depth < kDeepBehind ? kTakenBack * depth / dt : 0; }
 
-// And at a contact, which may be deeper than it shows by its slop.
+// The same at a contact, which may be deeper by the slop.
 double rate_at_contact(double distance, double dt) {
   const double room = distance + kContactSlop;
   return room > 0 ? -room / dt : -kContactTakenBack * room / dt;
@@ -60,8 +58,8 @@ double rate_at_contact(double distance, double dt) {
 
 }  // namespace
 
-// Limits that were changed (changeDynamics) are told as they were loaded, and contacts for longer than they
-// hold: what goes on through one has none.
+// pybullet reports limits as they were loaded, even after changeDynamics, and contacts for longer than they
+// exist. A limit or contact that the body passed through is ignored.
 void GeneralizedBody::doubt_stops() {
   doubted_.resize(n());
   if (contacts.empty()) slipped_ = false;
@@ -94,7 +92,7 @@ double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
   return sum;
 }
 
-// Along work_.direction.
+// Adds a stop along work_.direction.
 void GeneralizedBody::add_stop(double wanted, int coordinate) {
   dense::multiply_transposed(root, work_.direction, work_.half);
   dense::multiply(free, work_.direction, work_.known);
@@ -122,17 +120,17 @@ void GeneralizedBody::find_stops(double dt) {
   }
   for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
-    // What it rests on gives way slowly and steadily.
+    // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, rates);
     add_stop(rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
   }
 }
 
-// Pushes that answer to what is missing, by projected Gauss and Seidel from those of the last time.
+// Computes lambda by projected Gauss-Seidel, starting from the last lambda.
 void GeneralizedBody::find_pushes(double dt) {
   const size_t m = stops_.size();
   if (pushes_.size() != m) pushes_.assign(m, 0.0);
-  bool settled = false;  // but for a share of the rates at hand
+  bool settled = false;
   for (int sweep = 0; sweep < kStopSweeps && !settled; ++sweep) {
     settled = true;
     for (size_t a = 0; a < m; ++a) {
@@ -146,7 +144,7 @@ void GeneralizedBody::find_pushes(double dt) {
   }
 }
 
-// By lambda of the complementarity problem above; whether they are other ones.
+// Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   bool other = false;
@@ -182,7 +180,7 @@ void GeneralizedBody::stop(double dt) {
   if (dense::dot(pushed_, pushed_) > 0) push_by(pushed_);
 }
 
-// S E, in work_.half, and S R S^T, of those that act.
+// Collects S E in work_.half and S R S^T in work_.within_acting, of the active stops.
 void GeneralizedBody::gather_acting() {
   work_.half.clear();
   work_.within_acting.clear();
@@ -196,7 +194,8 @@ void GeneralizedBody::gather_acting() {
   }
 }
 
-// What acts keeps the rates, and takes its directions from the response: with S E = L W, L L^T = S R S^T,
+// The active stops set the rates along them and remove their directions from the response. With S E = L W,
+// L L^T = S R S^T,
 //
 //   change += E W^T L^-1 missing,     E -= E W^T W.
 void GeneralizedBody::take_away(double dt) {

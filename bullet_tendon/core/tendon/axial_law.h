@@ -1,4 +1,4 @@
-// The axial law of a spring, per strain (paper, equations 3 and 4; note on powers of compression).
+// The axial law of a spring, per strain (paper, equations 3 and 4).
 //
 //   s = (length - l) / l                    strain [-], l the rest length
 //   f(s) = K sgn(s) |s|^p                   elastic force [N], for |s| <= e_t
@@ -21,8 +21,8 @@ struct Law {
   bool whole_velocity = false;  // damping by the whole relative velocity, as printed in equation 4
 };
 
-// |s|^p and its derivative p |s|^(p-1), for s >= 0. P is twice the exponent where that is a
-// small whole number, so that the common exponents need no pow; P = 0 stands for any exponent.
+// s^p and its derivative p s^(p-1), for s >= 0. P is twice the exponent for the common exponents, which need
+// no pow. P = 0 is for any other exponent.
 template <int P>
 inline void power(double s, double p, double& value, double& slope) {
   if constexpr (P == 2) {
@@ -46,7 +46,7 @@ inline void power(double s, double p, double& value, double& slope) {
 
 inline int power_class(double p) { return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0; }
 
-// Elastic force per unit K and its slope with respect to strain.
+// Elastic force per unit K, and its derivative by the strain.
 template <int P>
 inline void elastic(const Law& law, double s, double& force, double& slope) {
   double a = std::fabs(s), inside = a < law.toe_strain ? a : law.toe_strain;
@@ -72,8 +72,8 @@ inline void elastic_any(const Law& law, double s, double& force, double& slope) 
   }
 }
 
-// Strain at which the elastic force per unit K is t > 0, within a tolerance that only costs
-// iterations: the inverse of `elastic` in tension.
+// The inverse of `elastic` in tension: the strain at which the elastic force per unit K is t > 0. An error
+// of it only costs iterations.
 template <int P>
 inline double strain_of(const Law& law, double t) {
   double s;
@@ -105,7 +105,7 @@ inline double elastic_energy(const Law& law, double s) {
   return inside * value / (p + 1) + value * beyond + 0.5 * slope * beyond * beyond;
 }
 
-// Damping force per unit C and its slope with respect to the rate.
+// Damping force per unit C, and its derivative by the strain rate.
 inline void damping(const Law& law, double rate, double& force, double& slope) {
   if (law.damping_exponent == 1) {
     force = rate;

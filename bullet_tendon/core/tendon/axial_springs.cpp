@@ -10,9 +10,9 @@ namespace bt {
 
 namespace {
 
-// Share of the inertia m/b^2 that a compressed spring may take off a particle [-]. Each particle has
-// up to four springs, and a difference of displacements squared is at most twice the sum of their
-// squares: below 1/8 the matrix stays definite whatever the compression.
+// Largest share of the inertia m/b^2 of a particle that a compressed spring may subtract from it [-]. A
+// particle has up to four springs, and the square of a difference of displacements is at most twice the sum
+// of their squares. Therefore the matrix is definite for any compression if the share is below 1/8.
 constexpr double kInertiaShare = 0.12;
 
 // Plane of entry (row, column) of a symmetric block.
@@ -83,7 +83,7 @@ BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
   }
 }
 
-// The elastic law linearised where the multipliers are (tendon/axial_springs.h).
+// Linearises the elastic law at the strains of the multipliers (tendon/axial_springs.h).
 template <int P>
 BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
@@ -107,7 +107,7 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
   }
 }
 
-// One of the templates above for the law's exponent.
+// Calls one of the templates above with the exponent of the law.
 template <class Call>
 BT_WITHIN inline void by_exponent(const Law& law, Call call) {
   switch (power_class(law.exponent)) {
@@ -124,17 +124,17 @@ BT_WITHIN inline void by_exponent(const Law& law, Call call) {
   }
 }
 
-// Share of the damping that acts on spring k: all of it, but for tension-only springs, whose damping
-// fades in over the toe (or the reference strain) by the strain at the start of the step. A damping
-// that switched on at strain 0 would be a jump in the force.
+// Share of the damping that acts on spring k [-]: 1, except for tension-only springs. Their damping rises
+// linearly with the strain at the start of the step, up to the toe strain or the reference strain, because
+// damping that starts at strain 0 would make the force jump.
 double damping_share_of(const SpringSet& s, const Law& law, int k, double length_before) {
   if (!law.tension_only) return 1;
   double full = std::min(law.toe_strain, kReferenceStrain), strain = length_before / s.rest[k] - 1;
   return strain <= 0 ? 0 : std::min(1.0, strain / full);
 }
 
-// Axial damping at the rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). What is
-// tension-only never pushes, damping included.
+// Adds axial damping at the strain rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). The
+// total force of a tension-only spring is never negative.
 template <class Rate>
 void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share,
                        Rate rate_of) {
@@ -161,7 +161,7 @@ BT_VECTOR void vectors(SpringSet& s) {
   }
 }
 
-// inertia: 1/b^2; 0 where compressed springs' transverse part is to be left out altogether.
+// inertia: 1/b^2 [1/s^2]; 0 leaves out the transverse part of compressed springs; infinity never limits it.
 BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
@@ -187,7 +187,8 @@ BT_VECTOR void blocks(SpringSet& s, double inertia) {
   }
 }
 
-// C |w|^(q-1) w with w = (v_j - v_i)/l (equation 4 as printed): force vector and, if asked, block.
+// Adds the damping C |w|^(q-1) w with w = (v_j - v_i)/l (equation 4 as printed): its block if `block`, else
+// its force vector.
 template <class Velocity>
 void add_whole_damping(SpringSet& s, const Law& law, double b, double share, bool block, Velocity velocity) {
   for (int k = 0; k < s.count; ++k) {
@@ -305,7 +306,7 @@ double stored_energy(const SpringSet& s, const Law& law) {
 
 namespace {
 
-// From springs to particles: residuals and matrices.
+// Residuals and matrices of the particles from those of the springs.
 
 // r -= f(k) at the first particle of every spring, r += f(k) at the second.
 template <class Force>
@@ -317,7 +318,7 @@ BT_WITHIN inline void scatter(double* r, int m, int reach, Force f) {
   for (int i = std::max(m, reach); i < m + reach; ++i) r[i] += f(i - reach);
 }
 
-// own w + the blocks b of structure springs.
+// d = own w + the diagonal blocks b of structure springs.
 BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, int n) {
   d[0] = own * w[0] + b[0];
   d[n - 1] = own * w[n - 1] + b[n - 2];
@@ -325,8 +326,8 @@ BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, con
   for (int i = 1; i < n - 1; ++i) d[i] = own * w[i] + b[i] + b[i - 1];
 }
 
-// And those of shear springs, s. All at once: what was stored a moment ago and is read again, shifted by a
-// few, has the processor wait.
+// The same with the blocks s of shear springs. One loop adds all of them, because the processor stalls where
+// it reads values, shifted by a few places, that it has just stored.
 BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, const double* s,
                                      int n) {
   auto at = [&](int i) {

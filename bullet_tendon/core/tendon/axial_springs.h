@@ -4,23 +4,22 @@
 //
 //   F(len) = K f(len/l - 1) + C d((len - len_h)/(b l)),
 //
-// with len_h the history length and b the step weight of the integrator (integrator/scheme.h), so that it
-// has a potential, is exactly axial, and brakes no rigid rotation. Its matrix block is
+// with len_h the history length and b the step weight of the integrator (integrator/scheme.h). Therefore the
+// force has a potential, is exactly axial, and does not damp rigid rotation. Its matrix block is
 //
 //   B = F' n n^T + (T/len) (I - n n^T),     n = x_ij / |x_ij|,
 //
-// where T is the carried multiplier: the force that the last iteration predicted linearly, kept from
-// step to step. Where that makes the matrix indefinite (a compressed tendon that buckles), negative
-// T/len are cut off at what inertia outweighs. Taking T from the current positions instead makes B wild,
-// because an error of a micrometre is newtons.
+// where T is the multiplier: the force that the last iteration predicted linearly. It is kept from step to
+// step. A compressed tendon that buckles would make the matrix indefinite. There negative T/len are limited
+// to a share of the inertia. With T from the current positions B would change strongly between iterations,
+// because an error of a micrometre changes the force by newtons.
 //
-// The elastic law is linearised where the multiplier says that the spring is, at the strain s* with
-// K f(s*) = T_e (T_e the elastic part of T), not where the positions happen to be: that is
-// Newton's method for forces and positions as independent unknowns (mixed). A stiffening law
-// linearised at a strain that is too small sends the positions far away in one iteration, but
-// predicts the right force; the next iteration, linearised there, brings the positions home.
-// The residual is always measured with the true force F; `linear` is the force that the
-// linearisation gives at the present length.
+// The elastic law is linearised at the strain s* of the multiplier, K f(s*) = T_e (T_e the elastic part of
+// T), not at the strain of the positions. This is Newton's method with forces and positions as independent
+// unknowns (mixed). Where a stiffening law is linearised at too small a strain, one iteration moves the
+// positions too far, but predicts the right force. The next iteration is linearised at that force, and
+// corrects the positions. The residual is always computed with the true force F. `linear` is the force of
+// the linearisation at the current length.
 #pragma once
 #include <vector>
 
@@ -29,99 +28,99 @@
 
 namespace bt {
 
-// A direction cannot be taken from a spring shorter than this share of its rest length [-].
-// Larger: a collapsed tendon loses forces. Smaller: the direction is rounding noise.
+// A spring shorter than this share of its rest length has no direction [-]. Larger: a collapsed tendon loses
+// forces. Smaller: the direction is rounding noise.
 constexpr double kDegenerateLength = 1e-9;
 
-// Strain at which the material's tangent is taken for the contact stiffness of a slack tendon [-].
-// A power law has no stiffness at rest, and a contact must be stiff before the load comes.
+// Strain at which the contact stiffness of a slack tendon uses the tangent of the material [-]. A power law
+// has no stiffness at rest, but a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;
 
-// What of springs a step leaves to the next one.
+// The part of springs that one step passes to the next.
 struct SpringState {
   std::vector<double> lambda;   // T [N]
   std::vector<double> elastic;  // T_e [N]
-  std::vector<double> slope;    // F' at the linearisation [N/m]; contacts take their stiffness from it
+  std::vector<double> slope;    // F' of the linearisation [N/m]; the contact stiffness follows from it
 };
 
 struct SpringSet : SpringState {
-  int reach = 1;  // joins particle k with k + reach
+  int reach = 1;  // spring k joins the particles k and k + reach
   int count = 0;
-  // From the tendon's rest lengths, masses and material (Tendon::set_rest).
+  // Computed from the tendon's rest lengths, masses and material (Tendon::set_rest).
   std::vector<double> rest, stiffness, damping;  // l [m], K [N], C [N s^q]
   std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
   bool damped = false;                           // some C is not 0
-  // Of damped springs, in this step: lengths at its start, and len_h [m].
+  // Of damped springs: lengths at the start of the substep, and len_h [m].
   std::vector<double> start, history;
-  // As last evaluated or linearised.
+  // Results of the last evaluation or linearisation.
   std::vector<double> length, force;         // len [m], F [N]
   std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
-  std::vector<double> elastic_slope;         // its elastic part of F' [N/m]
-  std::vector<double> damping_slope;         // and its damping part [N/m]
-  std::vector<double> stiffness_now;         // all of F' and |F|/l, at the present state [N/m]
+  std::vector<double> elastic_slope;         // elastic part of F' [N/m]
+  std::vector<double> damping_slope;         // damping part of F' [N/m]
+  std::vector<double> stiffness_now;         // F' + |F|/l at the current state [N/m]
   Planes direction;                          // n
-  Planes block;                              // B, symmetric, six planes
-  Planes vector;                             // force vector on the first particle
+  Planes block;                              // B, symmetric, six planes [N/m]
+  Planes vector;                             // force vector on the first particle [N]
 
   void resize(int reach_, int particles);
 };
 
 enum class Linearisation {
   multiplier,  // at the strains and forces of the multipliers (mixed Newton)
-  position,    // at the present positions (plain Newton, true multipliers)
+  position,    // at the current positions, with the true forces as multipliers (plain Newton)
 };
 
-// A step of the integrator. The unknown of a step is the displacement from its start: differences of
-// displacements are more exact than differences of positions, whose rounding alone makes forces of K eps
-// |x|/l.
+// A step of the integrator. Its unknown is the displacement since its start. Differences of displacements
+// are more accurate than differences of positions, whose rounding alone causes forces of K eps |x|/l.
 struct Motion {
-  const Field &x, &displacement;  // at the start of the step, and since then
-  const Field& x_before;          // one step before the start
+  const Field &x, &displacement;  // positions at the start, and the displacement since then [m]
+  const Field& x_before;          // positions one step before the start [m]
   double history;                 // xh = x + history (x_before - x)
   double h_eff;                   // b [s]
 
-  // At the end of the step: (x + displacement - xh)/b.
+  // Velocity at the end of the step, (x + displacement - xh)/b [m/s].
   Vec3 velocity(int i) const {
     return (1 / h_eff) * (displacement.at(i) - history * (x_before.at(i) - x.at(i)));
   }
 };
 
-// Lengths and directions at x, or at x + displacement.
+// Compute lengths and directions at x, or at x + displacement.
 void measure(SpringSet& s, const Field& x);
 void measure(SpringSet& s, const Field& x, const Field& displacement);
-// True forces at the end of the step, with its rates: (len - len_h)/(b l), or the velocities where the
-// damping takes the whole velocity. Returns the largest |F| [N].
+// Computes the true forces at the end of the step. The damping uses the rates (len - len_h)/(b l), or the
+// velocities if `whole_velocity`. Returns the largest |F| [N].
 double evaluate(SpringSet& s, const Law& law, const Motion& motion);
-// Slopes, forces of the linearisation and blocks, after evaluate. A spring whose multiplier is below
-// floor_force [N] keeps its true force, and a slope of at least the one at that force: it costs
-// nothing where forces are larger, and couples a slack tendon at once. definite: compressed springs are
-// cut off at what inertia outweighs; else they enter in full.
+// Computes slopes, forces of the linearisation and blocks, after `evaluate`. A spring whose multiplier is
+// below floor_force [N] keeps its true force. Its slope is at least the slope at floor_force, which couples a
+// slack tendon at once and changes nothing where forces are larger. definite: the negative T/len of
+// compressed springs are limited to a share of the inertia; else they are not limited.
 void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, const Motion& motion,
                bool definite);
-// Both, at a state (x, v) that need not satisfy v = (x - xh)/b: explicit Euler and the single
-// linearisation. Damping forces enter the force vector times damping_share, the slopes in full.
+// Evaluates and linearises at a state (x, v) that need not satisfy v = (x - xh)/b, for explicit Euler and
+// for the paper's single linearisation. Damping forces are scaled by damping_share, their slopes are not.
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
                  double damping_share);
 
-// right_hand += what the linearisation adds to the true forces; nothing where they agree.
+// right_hand += forces of the linearisation less the true forces.
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
 // residual -= spring forces.
 void scatter_forces(const SpringSet& s, Field& residual);
 // matrix = inverse M + the blocks of structure and shear springs, inverse = 1/b^2.
 void start_matrix(const SpringSet& structure, const SpringSet& shear, const std::vector<double>& mass,
                   double inverse, Band& matrix);
-// matrix += blocks; the blocks of shear springs beside the diagonal are the first that come there.
+// matrix += blocks. The off-diagonal blocks of shear springs are set, not added, because nothing else has
+// been added there before.
 void scatter_blocks(const SpringSet& s, Band& matrix);
-// T_e and T after the displacements dx, as the linearisation predicts them.
+// Sets T_e and T to the forces that the linearisation predicts after the displacements dx.
 void carry(SpringSet& s, const Law& law, const Field& dx);
-// Largest stiffness at the present state, along and across a spring [N/m].
+// Largest sum of axial and transverse stiffness of a spring at the current state [N/m]. b: step weight [s].
 double largest_stiffness(SpringSet& s, const Law& law, double b);
-// Elastic energy [J] at the lengths last measured; of spring k at a length.
+// Elastic energy [J] of all springs at the lengths last measured; of spring k at a given length.
 double stored_energy(const SpringSet& s, const Law& law);
 double stored_energy(const SpringSet& s, const Law& law, int k, double length);
 
-// What springs carry over from one step to the next.
+// A copy of the multipliers of a tendon.
 struct Multipliers {
   std::vector<double> lambda[2], elastic[2];  // of structure and shear springs [N]
 };

@@ -31,7 +31,8 @@ void add_own(Mat3& a, double w, Vec3 t, Vec3 p, double c, double inverse) {
   add_across(a, -w * c * inverse * inverse, t);
 }
 
-// The same where the turn is small, which is what is left when the rest could be negative.
+// Adds the part of the second derivatives of c that remains for a small angle between the segments, times
+// w. It is used where the rest could be negative.
 void add_small_turn(Bend& b, double w, Vec3 t, Vec3 u, double ie, double jf) {
   add_across(b.dee, w * ie * ie, t);
   add_across(b.dff, w * jf * jf, u);
@@ -56,7 +57,7 @@ Bend bend(Vec3 e, Vec3 f, double k, bool hessian, bool definite) {
   const double first = -2 * k / (open * open);
   double second = 4 * k / (open * open * open);
   b.energy = k * (1 - c) / open;
-  if (1 + c < kSharpest) {  // on along the tangent
+  if (1 + c < kSharpest) {  // continue along the tangent
     b.energy = k * (2 - kSharpest) / kSharpest + first * (1 + c - kSharpest);
     second = 0;
   }
@@ -80,7 +81,7 @@ Bend bend(Vec3 e, Vec3 f, double k, bool hessian, bool definite) {
 
 namespace {
 
-// One element: which particles its two segments join (-1: a clamp's fixed direction), and its k.
+// One element: first particles of its two segments (-1: the fixed direction of a clamp), and its k [J].
 struct Element {
   int e0 = -1, f0 = -1;  // e from e0 to e0 + 1, f from f0 to f0 + 1
   Vec3 fixed;
@@ -156,7 +157,7 @@ void add_bending_forces(Tendon& c, const Field& x) {
 void add_bending_blocks(Tendon& c, const Field& x, bool definite) {
   if (!bends(c)) return;
   Band& m = c.matrix;
-  auto own = [&](int i, const Mat3& a) {  // a segment's own part
+  auto own = [&](int i, const Mat3& a) {  // dee or dff, of the segment that starts at particle i
     m.add(i, symmetric(a));
     m.add(i + 1, symmetric(a));
     add_below(m, i, 1, -1, a);

@@ -1,8 +1,9 @@
-// Stretches of a tendon that were laid through each other.
+// Stretches of a tendon that overlap at the start.
 //
-// Where centrelines were put nearer to each other than this, neither side is the right one: pushed apart
-// by what direction happens to be between them, a collapsed tendon ties itself in a knot. Such pairs do not
-// touch until they have come apart, and neither do their neighbours, onto which the crossing slides.
+// Where centrelines start much nearer to each other than two radii, the correct side of the contact is not
+// known. If contacts pushed them apart along the direction that is between them by chance, a collapsed tendon
+// would form a knot. Such pairs have no contacts until they have separated. Neither do the neighbouring
+// pairs to which the crossing slides.
 #include "tendon/initial_overlap.h"
 
 #include <algorithm>
@@ -16,10 +17,11 @@ namespace bt {
 
 namespace {
 
-// Distance of two stretches of one tendon, in sums of radii, under which they are laid through each other
-// [-]. Larger: what touches at the start gets through itself. Smaller: a crumpled start ties knots.
+// Two segments of one tendon overlap at the start if their distance is below this share of the sum of the
+// radii [-]. Larger: stretches that touch at the start pass through each other. Smaller: a crumpled start
+// forms knots.
 constexpr double kOverlaid = 0.5;
-// The same under which neighbours of such pairs are laid through each other too [-]: no contact is so deep.
+// The same for neighbours of such pairs [-]. No contact is so deep.
 constexpr double kStillOverlaid = 0.9;
 
 uint64_t pair_of(int k, int m) { return static_cast<uint64_t>(k) << 32 | static_cast<uint32_t>(m); }
@@ -46,7 +48,7 @@ void Tendon::find_overlaid() {
       if (arc < kSelfContactArc * radius) continue;
       const double far = norm(0.5 * (x.at(m) + x.at(m + 1)) - middle) - longest - near;
       if (far < 0 && distance_of(x, k, m) < near) overlaid.push_back(pair_of(k, m));
-      // As many segments farther on, none can be near.
+      // The next far/longest segments cannot be near. Skip them.
       for (int skip = longest > 0 ? static_cast<int>(far / longest) : 0; skip > 0 && m + 2 < n_; --skip)
         arc += rest[++m - 1];
     }
@@ -67,7 +69,7 @@ void Tendon::let_overlaid_part() {
   for (const uint64_t pair : overlaid) {
     const int k = static_cast<int>(pair >> 32), m = static_cast<int>(pair & 0xffffffffu);
     if (distance_of(x, k, m) < 2 * radius) still.push_back(pair);
-    // Where it slides on to.
+    // The neighbouring pairs to which the crossing slides.
     for (int i = std::max(k - 1, 0); i <= k + 1; ++i)
       for (int j = std::max(m - 1, i + 2); j <= std::min(m + 1, n_ - 2); ++j)
         if (distance_of(x, i, j) < kStillOverlaid * 2 * radius) still.push_back(pair_of(i, j));

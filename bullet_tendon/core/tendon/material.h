@@ -1,4 +1,4 @@
-// What a tendon is made of.
+// Material and cross-section of a tendon.
 #pragma once
 #include "tendon/axial_law.h"
 

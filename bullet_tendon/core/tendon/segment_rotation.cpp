@@ -1,16 +1,16 @@
-// Segments that turn within an iteration.
+// Segments that rotate within an iteration.
 //
-// A linear solution moves particles along straight lines, so a segment of length l that turns by the angle
-// phi gets l phi^2 / 2 too long. In a stiff tendon that is nearly all of the next residual: a micrometre is
-// newtons. Here each segment is given the length that the solution meant, m = l + u.d with d = d_k+1 - d_k,
-// in its new direction: e of the length |e| is too long by
+// A linear solution moves particles along straight lines. Therefore a segment of length l that rotates by
+// the angle phi becomes l phi^2 / 2 too long. In a stiff tendon this is nearly all of the next residual,
+// because a micrometre changes the force by newtons. Here each segment gets the length of the linear
+// solution, m = l + u.d with d = d_k+1 - d_k, in its new direction e. Its length |e| is too large by
 //
-//   |e| - m = |d - (u.d) u|^2 / (|e| + m),
+//   |e| - m = |d - (u.d) u|^2 / (|e| + m).
 //
-// which rounding leaves as small as it is (two lengths subtracted would be rounding at last). What that
-// shifts is summed along the tendon from where it is held; between two holds the sum is spread evenly. The
-// shift is of second order in the solution: it changes how fast Newton's method gets to the fixed point, not
-// the fixed point.
+// This form has no cancellation; the difference of the two lengths would end as rounding noise. The
+// corrections are summed along the tendon, starting at its anchors. Between two anchors the closing error is
+// distributed evenly. The correction is of second order in the solution: it changes the speed of convergence
+// of Newton's method, but not its fixed point.
 #include "tendon/segment_rotation.h"
 
 #include <algorithm>
@@ -20,7 +20,7 @@ namespace bt {
 
 namespace {
 
-// By how much the end of each segment has to shift relative to its start.
+// Computes the shift of the end of each segment relative to its start [m].
 BT_VECTOR void measure_shifts(const Tendon& c, Field& shift) {
   const SpringSet& s = c.structure;
   const double *x = c.x[0], *y = c.x[1], *z = c.x[2];
@@ -37,7 +37,7 @@ BT_VECTOR void measure_shifts(const Tendon& c, Field& shift) {
     const double along = ux[k] * ax + uy[k] * ay + uz[k] * az, meant = length[k] + along;
     const double px = ax - along * ux[k], py = ay - along * uy[k], pz = az - along * uz[k];
     const double now = std::sqrt(ex * ex + ey * ey + ez * ez), across = px * px + py * py + pz * pz;
-    // What is turned over or collapsed stays as it is.
+    // A reversed or collapsed segment is not corrected.
     const double factor = meant > 0 && now > 0 ? -across / (now * (now + meant)) : 0;
     sx[k + 1] = factor * ex;
     sy[k + 1] = factor * ey;
@@ -52,13 +52,14 @@ void sum_up(Field& shift) {
   }
 }
 
-// Adds the shifts of particles from `from` up to but without `to`, less what goes from one base to another.
+// Moves the particles from..to-1 by their shifts, less `base` and less a share of `change` that grows
+// linearly from 0 at `from` to 1 at `to`.
 void shift_span(Tendon& c, const Field& shift, int from, int to, Vec3 base, Vec3 change) {
   const double share = to > from ? 1.0 / (to - from) : 0;
   for (int i = from; i < to; ++i) c.move(i, shift.at(i) - base - ((i - from) * share) * change);
 }
 
-// Where nothing is held, the centre of mass stays.
+// Mean shift weighted by mass. Without anchors it is subtracted, so that the centre of mass does not move.
 Vec3 mean_shift(const Tendon& c, const Field& shift) {
   Vec3 sum;
   double mass = 0;
@@ -87,10 +88,10 @@ BT_VECTOR double greatest_turn(const Tendon& c) {
 }
 
 void keep_lengths(Tendon& c) {
-  Field& shift = c.residual;  // which this iteration has used up
+  Field& shift = c.residual;  // free to reuse: this iteration no longer needs it
   measure_shifts(c, shift);
   sum_up(shift);
-  int last = -1;  // held particle, and its shift
+  int last = -1;  // previous particle with an anchor, and its shift `base`
   Vec3 base;
   for (int i = 0; i < c.n(); ++i) {
     const auto anchors = [i](const Anchor& h) { return h.particle == i; };

@@ -1,15 +1,15 @@
-// How far segments rotate in a step, and what that makes of their lengths.
+// Rotation of segments within a step, and the correction of their lengths for it.
 #pragma once
 #include "tendon/tendon.h"
 
 namespace bt {
 
-// After tendon.dx was added to tendon.x_new: without what segments got longer by turning
-// (tendon/segment_rotation.cpp).
+// Call it after tendon.dx was added to tendon.x_new. Removes the elongation of segments that is caused by
+// their rotation alone (tendon/segment_rotation.cpp).
 void keep_lengths(Tendon& c);
 
-// Greatest sine of the angle by which a segment turns from tendon.x to the guess in tendon.x_new; what is
-// turned over along itself does not count.
+// Largest sine of the angle by which a segment rotates from tendon.x to the iterate tendon.x_new. A segment
+// that is exactly reversed counts as not rotated.
 double greatest_turn(const Tendon& c);
 
 }  // namespace bt

@@ -11,10 +11,10 @@ namespace bt {
 
 namespace {
 
-// Particles that are put closer together than that are spread by this share of the rest length [-].
+// Distance by which a particle is moved off a coincident neighbour, as a share of the rest length [-].
 constexpr double kSpread = 1e-6;
 
-// Shear springs with a smaller share of the stiffness are left out [-].
+// Shear springs with a smaller share of the stiffness are omitted [-].
 constexpr double kLeastShear = 1e-12;
 
 }  // namespace
@@ -26,7 +26,7 @@ Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_
                    &column, &solved, &predicted})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
-  // So small a share would be lost in rounding, and its strain at any force is beyond all bounds.
+  // A smaller share would be lost in rounding, and its strain at any force would be unbounded.
   if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
   point_mass.assign(n_, 0.0);
@@ -67,9 +67,9 @@ void Tendon::set_point_mass(int particle, double kilograms) {
   set_rest(std::vector<double>(rest));
 }
 
-// A cross-section in segment k is crossed by structure spring k and the shear springs k-1 and k
-// where they exist; the structure spring gets what the shear springs leave of the stiffness, so
-// that at a uniform strain s every cross-section carries stiffness * s^p, at the ends too.
+// Structure spring k and the shear springs k-1 and k, where they exist, cross segment k. The structure spring
+// gets the stiffness that the shear springs leave. Therefore every cross-section carries stiffness * s^p at a
+// uniform strain s, also at the ends.
 void Tendon::share_out() {
   auto shear_at = [&](int k) { return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness; };
   double share = material.damping / material.stiffness;
@@ -150,7 +150,8 @@ BT_VECTOR bool leaves_predicted_region(const Tendon& c) {
   return count > 0;
 }
 
-// Directions that fill a sphere evenly, one by the golden angle from the last (Saff and Kuijlaars 1997).
+// The directions are distributed evenly over a sphere, each rotated by the golden angle from the last (Saff
+// and Kuijlaars 1997).
 void Tendon::spread_coincident() {
   const Field given = x;
   for (int i = 1; i < n_; ++i) {
@@ -180,7 +181,7 @@ void Tendon::guess_multipliers(Vec3 gravity) {
     }
 }
 
-// Of copies: the multipliers and slopes of the last step are part of the state.
+// Evaluates copies of the springs, because the multipliers and slopes of the last step are part of the state.
 void Tendon::tension(std::vector<double>& out) const {
   out.assign(n_ - 1, 0.0);
   for (SpringSet s : {structure, shear}) {

@@ -1,4 +1,4 @@
-// One tendon in the core: particles, springs, holds and history.
+// One tendon in the core: particles, springs, anchors and history.
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -9,52 +9,52 @@
 
 namespace bt {
 
-// Contacts are foreseen over the motion that the step is begun with, and this share of the radius [-].
-// What moves otherwise than that makes the step look again. Larger: more queries and rows. Smaller:
-// more looks.
+// Contacts are detected around the predicted positions at the end of the substep. A particle may miss its
+// predicted position by this share of the radius [-]. Otherwise contacts are detected again. Larger: more
+// queries and contacts. Smaller: more detections.
 constexpr double kSlack = 0.05;
 
-// What of a tendon only the user changes. A step changes nothing of it.
+// The part of a tendon that only the user changes. A step never changes it.
 struct TendonModel {
   Field force;                     // constant external force [N]
-  std::vector<double> rest;        // lengths of the segments without load [m]
-  std::vector<double> point_mass;  // added to the particles [kg]
-  std::vector<double> mass;        // of the particles, from rest lengths and point masses [kg]
+  std::vector<double> rest;        // rest lengths of the segments [m]
+  std::vector<double> point_mass;  // additional masses of the particles [kg]
+  std::vector<double> mass;        // masses of the particles, point masses included [kg]
 };
 
-// What of a tendon a step changes, beside its springs.
+// The part of a tendon that a step changes, except the springs.
 struct TendonState {
-  Field x, v;
+  Field x, v;  // positions [m] and velocities [m/s] of the particles
   std::vector<Anchor> anchors;
-  std::vector<uint64_t> overlaid;  // pairs, the lower segment in the upper half
-  std::vector<int> tunnel_of;      // tunnel slot a particle is in, or -1
+  std::vector<uint64_t> overlaid;  // overlapping segment pairs (find_overlaid), lower index in the upper half
+  std::vector<int> tunnel_of;      // tunnel slot that each particle is in, or -1
   // History of the integrator.
-  Field x_before, v_before;  // one step back (bdf2, starting guess)
-  double dt_before = 0;      // 0: no history
-  bool smooth = true;        // nothing was made, lost, changed or struck since: two-step methods may go on
-  double quiet = 0;          // for how long it has been at rest, up to the last step [s]
-  int bed = -1;              // it sleeps (world/sleeping.cpp), with all others of the same number
-  uint64_t touching = 0;     // a hash of the contacts with bodies
-  bool touched = false;      // a contact pressed on it in the last step
+  Field x_before, v_before;  // one step back [m], [m/s] (bdf2, starting guess)
+  double dt_before = 0;      // length of that step [s]; 0: no history
+  bool smooth = true;        // no anchor or contact changed and no impact since: bdf2 needs no restart
+  double quiet = 0;          // duration of rest up to the last step [s]
+  int bed = -1;              // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp)
+  uint64_t touching = 0;     // hash of the contacts with bodies
+  bool touched = false;      // a contact exerted a force on it in the last step
 };
 
-// Where particles are predicted to be at the end of the step [m], and by how much they may miss it [m]:
-// around there contacts are looked for.
+// The region in which contacts are detected: predicted positions at the end of the substep [m], and the
+// distance by which each particle may miss its predicted position [m].
 struct PredictedRegion {
   Field predicted;
   std::vector<double> slack;
-  double most_slack = 0;
+  double most_slack = 0;  // largest slack [m]
 };
 
-// Work space of a step: nothing of it outlasts one. The unknown is the displacement from the start of the
-// step; the positions at its end, x_new, are x + displacement, rounded.
+// Workspace of a substep. Nothing in it outlasts a step. The unknown is the displacement since the start of
+// the substep. The positions at its end, x_new, are x + displacement, rounded.
 struct TendonWorkspace : PredictedRegion {
-  double h_eff = 0;               // step weight of this step (integrator/scheme.h)
+  double h_eff = 0;               // step weight b [s] (integrator/scheme.h)
   Multipliers start_multipliers;  // at the start of the substep
-  double history = 0;             // share of the step before in the history: xh = x + history (x_before - x)
+  double history = 0;  // weight of the previous step in the history: xh = x + history (x_before - x)
   Field displacement, x_new;
-  Field v_new;                  // at the end of the step
-  Field inertial_displacement;  // y - x, where the particles would be without forces of springs and contacts
+  Field v_new;                  // at the end of the substep [m/s]
+  Field inertial_displacement;  // y - x, the displacement without forces of springs and contacts [m]
   Field dx, residual, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved;
   Band matrix;
   BandFactor factor;
@@ -65,53 +65,56 @@ struct TendonWorkspace : PredictedRegion {
 
 class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
  public:
-  // points (n); rest lengths are the distances between them.
+  // The rest lengths are the distances between the n points [m].
   Tendon(const std::vector<Vec3>& points, double radius, double friction, const Material& material);
 
   int n() const { return n_; }
-  double shortest_rest() const;  // of its segments [m]
-  double rest_length() const;    // of all of it [m]
-  // Rest lengths of the segments [m]; masses and spring constants follow.
+  double shortest_rest() const;  // smallest rest length of a segment [m]
+  double rest_length() const;    // sum of all rest lengths [m]
+  // Sets the rest lengths of the segments [m], and updates masses and spring constants.
   void set_rest(const std::vector<double>& rest);
-  // A weight on a particle beside the tendon's own mass [kg]; 0: none.
+  // Sets the additional mass of a particle [kg].
   void set_point_mass(int particle, double kilograms);
   Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
-  // Change the displacement of a particle, and x_new; of all particles, by alpha dx.
+  // These three change displacement and x_new: of a particle by `by`, of a particle to the position `at`, of
+  // all particles by alpha dx.
   void move(int particle, Vec3 by);
   void place(int particle, Vec3 at);
   void advance(double alpha);
-  // At rest where it is, its multipliers kept.
+  // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
   void keep_multipliers(Multipliers& to) const;
   void restore_multipliers(const Multipliers& from);
-  // Where contacts are to be looked for: around the end of the step as it is thought to be now.
+  // Centres the predicted region, in which contacts are detected, on x_new.
   void predict();
-  // Particles at the place of their neighbour get a direction from it.
+  // Moves each particle that coincides with its neighbour by a small distance, so that the segment has a
+  // direction.
   void spread_coincident();
-  // Pairs of own segments laid through each other, which do not touch until they have parted.
+  // Finds the pairs of segments of this tendon that overlap at the start (tendon/initial_overlap.cpp). They
+  // have no contacts until they have separated.
   void find_overlaid();
   bool is_overlaid(int k, int m) const;
   void let_overlaid_part();
-  // Lengths and multipliers at x, after positions were set from outside.
+  // Computes lengths and multipliers at x, after positions were set from outside.
   void reset_history();
-  // Raises the multipliers of loose springs to what half of all loads would pull, as a first guess at
-  // the forces of an equilibrium that is far away: a tendon taken to be tight falls into shape.
+  // Raises the multipliers of all springs to at least the tension under half of the total load. This is a
+  // starting guess for a distant equilibrium: a tendon that is assumed to be tight converges to it.
   void guess_multipliers(Vec3 gravity);
-  // Force carried by every cross-section: the sum over the springs that cross segment k [N].
+  // The tension of each segment k: the sum of the forces of the springs that cross it [N].
   void tension(std::vector<double>& out) const;
   double energy() const;  // elastic and kinetic [J]
 
-  double radius, friction;
+  double radius, friction;  // [m], Coulomb coefficient [-]
   Material material;
   SpringSet structure, shear;
-  int rest_set = 0;  // how often rest lengths were
+  int rest_set = 0;  // number of calls of set_rest
 
  private:
   void share_out();
   int n_;
 };
 
-// Whether any particle ends up elsewhere than foreseen.
+// Whether x_new of any particle is outside its predicted region.
 bool leaves_predicted_region(const Tendon& c);
 
 }  // namespace bt
