@@ -1,8 +1,8 @@
 // Converts state to bytes and back: archives that visit named fields (world/state_fields.h).
 //
 // Layout: each field begins with the hash of its name (4 bytes). Numbers and vectors are stored as in memory.
-// A list begins with its length (8 bytes). The reader checks everything: it throws StateMismatch where the
-// bytes end too early, a name differs, a flag is neither 0 nor 1, or a number is not finite.
+// A list begins with its length (8 bytes). The reader throws StateMismatch where the bytes end
+// too early, a name differs, a flag is neither 0 nor 1, or a number is not finite.
 #pragma once
 #include <cmath>
 #include <cstdint>

@@ -36,8 +36,8 @@ void World::count_touches() {
   each_touch([&](int body, int) { ++scene.bodies[body].touches; });
 }
 
-// Marks point masses: free rigid bodies with one attachment at the centre of mass, and without other
-// contacts.
+// Marks point masses: free rigid bodies with one attachment, at the centre of mass, and without contacts,
+// shapes or tunnels.
 void World::find_point_masses() {
   count_touches();
   for (GeneralizedBody& m : scene.bodies) m.point_mass = false;

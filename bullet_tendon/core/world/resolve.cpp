@@ -1,4 +1,4 @@
-// The previous step is solved again where it released a body that was predicted as held, or where an
+// The previous step is solved again if a body that was predicted as held was released in it, or if an
 // unpredicted force acted on a body.
 //
 // pybullet shows a force of the user, or an impact, only by the motion that it has caused. By then the body,

@@ -1,8 +1,8 @@
 // All fields of a saved state, by name: visit(archive, struct) for every saved struct.
 //
 // The order of the fields affects only the bytes. The hash of a field's name precedes it in the bytes, so
-// that a reader rejects another layout and names the first field that differs. Some names differ from those
-// of the members, because a changed name would make older states unreadable.
+// that a reader rejects another layout and names the first field that differs. Some names
+// differ from those of the members.
 #pragma once
 #include "collision/proximity_cache.h"
 #include "world/checkpoint.h"

@@ -54,7 +54,7 @@ struct StepState {
   Budget budget;
   int parts = 1;               // initial number of substeps of a step in which a segment turns far
   bool failed = false;         // a solution is not finite
-  double motion_limit = 1;     // share of the substep before an undetected contact is possible [-]
+  double motion_limit = 1;     // share of the substep in which nothing can pass through anything [-]
   bool unconverged = false;    // an island did not converge
   int detections = 0;          // contact detections after a solution of this substep
   int stop_changes = 0;        // times that this substep was solved again because joint stops changed
@@ -152,7 +152,7 @@ class World {
   void forbid_resolve() { history_.may_resolve = false; }
   // One step of dt [s]. First `sense` (if any) reads the bodies. false: a solution is not finite. In that
   // case, and if it throws, the state is unchanged. whole: without substeps (for relaxation, where dt has no
-  // physical meaning); bodies do not move.
+  // physical meaning); bodies are held.
   bool attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                const std::function<void()>& sense);
   // The step without a checkpoint. If it fails, the state is undefined.
