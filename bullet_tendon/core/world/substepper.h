@@ -46,11 +46,9 @@ class Substepper {
   // Begins a step of dt [s]. divisible: substeps may be shorter than the step.
   void start(double dt, bool divisible);
   bool done() const { return done_ == kUnits; }
-  double step() const { return dt_; }                // length of the whole step [s]
-  double h() const { return dt_ * size_ / kUnits; }  // length of this substep [s]
-  double end() const {
-    return dt_ * (done_ + size_) / kUnits;
-  }  // of this substep, from the start of the step [s]
+  double step() const { return dt_; }                            // length of the whole step [s]
+  double h() const { return dt_ * size_ / kUnits; }              // length of this substep [s]
+  double end() const { return dt_ * (done_ + size_) / kUnits; }  // its end, from the start of the step [s]
   // Shares of the step [-]: this substep; up to its end; before it.
   double share() const { return static_cast<double>(size_) / kUnits; }
   double share_at_end() const { return static_cast<double>(done_ + size_) / kUnits; }
