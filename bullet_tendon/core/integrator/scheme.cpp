@@ -9,20 +9,21 @@ namespace bt {
 
 namespace {
 
-// What a touched tendon's velocities are off by from where their last change led, squared, as a share of
-// their own squares, above which its next step is taken by implicit Euler [-]. Larger: heaps go on vibrating
-// by methods of second order. Smaller: what swings beside a contact in more than about 17 steps loses their
-// order.
+// A tendon in contact takes its next step by implicit Euler if its velocities differ from their linear
+// extrapolation by more than this: squared difference over squared velocities, weighted by mass [-]. Larger:
+// heaps keep vibrating with BDF2. Smaller: a tendon in contact that swings with a period of more than about
+// 17 steps loses second order.
 constexpr double kRough = 0.01;
-// Speed, in radii a second, up to which what touches something takes all its steps by implicit Euler [1/s].
-// Larger: what is drawn slowly loses its order. Smaller: BDF2 keeps heaps from falling asleep.
+// A tendon in contact that is slower than this, in radii per second, takes all its steps by implicit Euler
+// [1/s]. Larger: tendons that are pulled slowly lose second order. Smaller: BDF2 keeps heaps from falling
+// asleep.
 constexpr double kCreep = 1e-3;
 
 }  // namespace
 
 BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   const double dt = context.dt;
-  // What touches something has velocities that jump: they are not to be extrapolated.
+  // The velocities of a tendon in contact can be discontinuous, and are not extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
   const bool second_order = is_second_order(method) && !(context.part && c.touched);
@@ -32,7 +33,7 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   c.history = last;
   c.h_eff = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
   const double g[3] = {context.gravity.x, context.gravity.y, context.gravity.z};
-  // Where the method's own velocity would take it; of the second order, where the motion does.
+  // Starting guess x + dt v + ahead (v - v_before).
   const double ahead = history ? (two ? 0.5 : 1.0) * dt * std::min(1.0, dt / c.dt_before) : 0;
   for (int k = 0; k < 3; ++k) {
     const double *x = c.x[k], *v = c.v[k], *xb = c.x_before[k], *vb = c.v_before[k], *f = c.force[k];
@@ -82,16 +83,17 @@ void finish_step(Tendon& c, const StepContext& context) {
   c.dt_before = context.dt;
 }
 
-// Where methods of second order begin anew, by a step of implicit Euler, beside contacts.
+// Restart of BDF2 by a step of implicit Euler, for tendons in contact.
 //
-// BDF2 carries velocities of before an impact on: what comes at V and is stopped at a wall, h before which
-// the step began, leaves it with
+// BDF2 retains velocities from before an impact. A particle of velocity V that a wall stops leaves the wall
+// with the following velocities, where h is its distance from the wall at the start of the step:
 //
 //   v_1 = V/2 - 3 h/(2 dt),     v_2 = (4 v_1 + V)/3,     ...     v_1 + (3/2) (v_2 - v_1),
 //
-// up to 5/4 V. A heap, where something is stopped all the time, never comes to rest by that. So BDF2 does not
-// go on where what touches something changes its velocities otherwise than their last change foretold. It
-// comes back one step after motion is smooth again, so that the order of smooth motion beside contacts stays.
+// up to 5/4 V. A heap, in which particles are stopped all the time, would never come to rest. Therefore BDF2
+// does not continue where the velocities of a tendon in contact differ from the extrapolation of their last
+// change. It continues one step after the motion is smooth again, so that smooth motion in contact keeps
+// second order.
 
 bool goes_smoothly(const Tendon& c, double dt) {
   const double creep = kCreep * c.radius, growth = c.dt_before > 0 ? dt / c.dt_before : 0;
@@ -110,8 +112,8 @@ bool goes_smoothly(const Tendon& c, double dt) {
 
 namespace {
 
-// Linear solutions between two polls [-]. More: Ctrl-C waits longer. Fewer: the interpreter is locked for
-// nothing.
+// Linear solutions between two polls [-]. Larger: Ctrl-C takes longer. Smaller: the interpreter is locked
+// more often than necessary.
 constexpr long kBetweenPolls = 64;
 
 }  // namespace

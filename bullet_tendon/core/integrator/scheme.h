@@ -1,4 +1,4 @@
-// Time stepping (paper, section 4.2): one step of a group of tendons that touch each other.
+// Time integration of a tendon (paper, section 4.2).
 //
 // With b the step weight and history positions and velocities xh, vh,
 //
@@ -20,32 +20,33 @@
 
 namespace bt {
 
-// Growth of a step from the last one up to which BDF2 goes on [-]: 1 + sqrt(2), where it ceases to be stable
-// (Grigorieff 1983). After shorter ones it is restarted.
+// Largest ratio of a step to the last step with which BDF2 continues [-]: 1 + sqrt(2), its stability limit
+// (Grigorieff 1983). With larger ratios it restarts.
 constexpr double kMostGrowth = 2.414;
 
 struct StepContext {
-  double dt = 0;
+  double dt = 0;           // length of the substep [s]
   double reach = 0;        // s of bodies/body_response.h [s]
-  bool may_halve = false;  // a solution that does not converge is given up, and the substep cut
+  bool may_halve = false;  // a solution that does not converge is rejected, and the substep halved
   Budget* budget = nullptr;
-  bool whole = false;     // the step's length means nothing: it is a way to rest
-  bool part = false;      // of a step: what touches something takes it by implicit Euler
-  bool warm = false;      // from the last solution, with more rows
-  bool may_look = false;  // for rows where particles stray: solutions are left for that before they are exact
+  bool whole = false;     // dt has no physical meaning: the step is part of a relaxation
+  bool part = false;      // the substep is shorter than the step: tendons in contact take implicit Euler
+  bool warm = false;      // starts from the last solution, with newly detected contacts
+  bool may_look = false;  // contacts may be detected again: a solution that leaves its region may end early
   Vec3 gravity;
   Options options;
 };
 
-// History, goal y, starting guess and held particles of a tendon.
+// Computes the history, the inertial target y, the starting guess and the rigid anchors' particles of a
+// tendon.
 void begin_step(Tendon& c, const StepContext& context);
 
-// tendon.v_new, from the displacement.
+// Computes v_new from the displacement.
 void find_velocities(Tendon& c);
 // Whether two-step methods may continue with a tendon that touches something, after a step of dt
 // (integrator/scheme.cpp).
 bool goes_smoothly(const Tendon& c, double dt);
-// Takes tendon.x_new and v_new as the new state.
+// Makes x_new and v_new the new state.
 void finish_step(Tendon& c, const StepContext& context);
 
 }  // namespace bt

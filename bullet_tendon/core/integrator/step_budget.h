@@ -1,25 +1,25 @@
-// The work that one step may take.
+// The work limit of one step.
 #pragma once
 #include <chrono>
 #include <functional>
 
 namespace bt {
 
-// Linear solutions and wall time that a whole step may take.
+// Limits the linear solutions and the wall time of a whole step.
 class Budget {
  public:
-  // most: linear solutions; seconds: of wall time, 0 for any. poll: called now and then; it may throw, which
-  // ends the step.
+  // most: linear solutions. seconds: wall time [s]; 0: unlimited. poll: called repeatedly; it may throw,
+  // which ends the step.
   void start(long most, double seconds, std::function<void()> poll);
-  // One linear solution more.
+  // Counts one linear solution.
   void spend();
   bool exhausted() const { return exhausted_; }
-  // Whether work that is left to do is not done any more. It is asked only where there is such work.
+  // Whether the budget refuses further work. Call it only if there is such work: it records the refusal.
   bool refuses() {
     refused_ |= exhausted_;
     return exhausted_;
   }
-  // Whether it refused anything.
+  // Whether the budget has refused work.
   bool refused() const { return refused_; }
   long spent() const { return spent_; }
 

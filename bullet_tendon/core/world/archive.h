@@ -1,9 +1,8 @@
-// How state becomes bytes, and bytes state again: archives that go through named fields
-// (world/state_fields.h).
+// Converts state to bytes and back: archives that visit named fields (world/state_fields.h).
 //
-// Bytes: before every field the hash of its name (4); numbers and vectors as they are in memory; of a list
-// its length (8) first. A reader takes nothing for granted: it throws StateMismatch where bytes end too
-// early, a name is another one, a flag is neither 0 nor 1, or a number is not finite.
+// Layout: each field begins with the hash of its name (4 bytes). Numbers and vectors are stored as in memory.
+// A list begins with its length (8 bytes). The reader throws StateMismatch where the bytes end
+// too early, a name differs, a flag is neither 0 nor 1, or a number is not finite.
 #pragma once
 #include <cmath>
 #include <cstdint>
@@ -16,7 +15,7 @@
 
 namespace bt {
 
-// Kept byte by byte: numbers, and structs that are nothing but doubles.
+// Types that are copied byte by byte: numbers, and structs that consist of doubles.
 template <class T>
 constexpr bool kOfDoubles = std::is_same_v<T, double> || std::is_same_v<T, Vec3> || std::is_same_v<T, Sym3> ||
                             std::is_same_v<T, Rot3> || std::is_same_v<T, Pose>;
@@ -91,7 +90,7 @@ class StateReader {
     if (size) std::memcpy(p, at_, size);
     at_ += size;
   }
-  // Of a list whose elements take a byte at least.
+  // Reads the length of a list whose elements have at least one byte.
   size_t length() {
     uint64_t n;
     bytes(&n, sizeof n);

@@ -1,4 +1,4 @@
-// Bodies in a step: which of them are unknowns of the solution, their prediction, and the forces on them.
+// Bodies in a step: which are unknowns of the solution, their prediction, and the forces on them.
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -9,15 +9,16 @@ namespace bt {
 
 namespace {
 
-// A part of a step is solved again at most this often because other limits and contacts act than foreseen.
+// Largest number of times that a substep is solved again because stops act differently from the prediction
+// [-].
 constexpr int kSettlings = 8;
-// Share of a body's mobility at an attachment that its rotation adds, under which the attachment is at the
-// centre of mass: rounding [-].
+// An attachment is at the centre of mass if rotation adds at most this share to the body's mobility there
+// [-]. The share allows for rounding errors.
 constexpr double kAtCentre = 1e-12;
 
 }  // namespace
 
-// what(body, tendon) for every attachment and every contact of a body that yields.
+// Calls what(body, tendon) for every attachment and every contact on a body that yields.
 template <class Do>
 void World::each_touch(Do what) const {
   for (size_t c = 0; c < step_.slots.size(); ++c)
@@ -35,7 +36,8 @@ void World::count_touches() {
   each_touch([&](int body, int) { ++scene.bodies[body].touches; });
 }
 
-// A free rigid body on one attachment at its centre of mass, which nothing else can touch, is a point mass.
+// Marks point masses: free rigid bodies with one attachment, at the centre of mass, and without contacts,
+// shapes or tunnels.
 void World::find_point_masses() {
   count_touches();
   for (GeneralizedBody& m : scene.bodies) m.point_mass = false;
@@ -54,7 +56,7 @@ void World::find_point_masses() {
     }
 }
 
-// All bodies that tendons touch are unknowns of an implicit step, but for point masses.
+// All bodies that tendons touch, except point masses, are unknowns of an implicit step.
 void World::find_unknowns() {
   count_touches();
   for (GeneralizedBody& m : scene.bodies)
@@ -66,7 +68,7 @@ void World::find_unknowns() {
                     scene.bodies[scene.links[contact.link].body].unknowns.any;
 }
 
-// Joins the islands of tendons that touch one unknown body.
+// Joins the islands of tendons that touch the same body with unknowns.
 void World::find_bodies() {
   islands_.touches.assign(scene.bodies.size(), -1);
   each_touch([&](int body, int tendon) {
@@ -76,7 +78,7 @@ void World::find_bodies() {
   });
 }
 
-// Links that tendons can touch anywhere.
+// Marks links with shapes or tunnels: tendons can touch them at any point.
 void World::find_solid_links() {
   islands_.solid.assign(scene.links.size(), 0);
   for (size_t s = 0; s < scene.shapes.size(); ++s)
@@ -85,8 +87,9 @@ void World::find_solid_links() {
     if (scene.tunnel_alive[t]) islands_.solid[scene.tunnels[t].link] = 1;
 }
 
-// The unknowns of bodies, by what can touch them: a link with shapes or tunnels anywhere, other links at
-// their attached points alone. A body that turns far has all.
+// Reduces the unknowns of each body to the motions that tendons can cause. Tendons can touch links with
+// shapes or tunnels at any point, and other links only at attached points. A body that turns far keeps all
+// unknowns.
 void World::narrow_bodies() {
   if (std::none_of(scene.bodies.begin(), scene.bodies.end(),
                    [](const GeneralizedBody& m) { return m.unknowns.any; }))
@@ -119,7 +122,7 @@ void World::narrow_bodies() {
     if (l.yields() && scene.bodies[l.body].unknowns.any) l.reach(scene.bodies[l.body]);
 }
 
-// Generalized forces of wrenches on links.
+// Computes the generalized forces of bodies from wrenches on their links, times scale.
 template <class Of>
 void World::sum_forces(double scale, Of wrench_of) {
   for (GeneralizedBody& m : scene.bodies) m.forces.assign(m.n(), 0.0);
@@ -130,7 +133,7 @@ void World::sum_forces(double scale, Of wrench_of) {
   }
 }
 
-// Marks bodies that turn far, by the forces of the last solution. Returns whether there is a new one.
+// Marks bodies that turn far under the forces of the last solution. Returns whether any is newly marked.
 bool World::find_turning() {
   if (step_.whole || options.integrator == Integrator::explicit_euler ||
       options.iteration == Iteration::single)
@@ -159,8 +162,7 @@ bool World::find_turning() {
   return any;
 }
 
-// Whether limits and contacts act with the forces of this solution that were not foreseen to, or the other
-// way.
+// Updates joint limits and contacts of bodies to the forces of this solution. Returns whether any changed.
 bool World::settle_stops() {
   if (step_.whole || step_.stop_changes >= kSettlings ||
       std::none_of(scene.bodies.begin(), scene.bodies.end(),
@@ -180,14 +182,14 @@ bool World::settle_stops() {
   return other;
 }
 
-// The forces of the whole step.
+// Applies the mean forces of the whole step to the bodies.
 void World::act_on_bodies() {
   sum_forces(1, [](const Link& l) { return l.wrench; });
   for (GeneralizedBody& m : scene.bodies)
     if (m.n() > 0) m.act(step_.substeps.step());
 }
 
-// What the substep that was solved did to the bodies, in the substeps to come.
+// Adds the impulse of the solved substep to the bodies' rates for the following substeps.
 void World::push_bodies() {
   sum_forces(step_.substeps.step(), [](const Link& l) { return l.part; });
   for (GeneralizedBody& m : scene.bodies)

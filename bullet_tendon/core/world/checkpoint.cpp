@@ -1,4 +1,4 @@
-// Taking a checkpoint and going back to it, and a checkpoint as bytes.
+// Captures and restores checkpoints, and converts them to bytes.
 #include "world/checkpoint.h"
 
 #include <chrono>
@@ -48,14 +48,14 @@ void World::apply(const Checkpoint& from) {
   const int count = static_cast<int>(scene.links.size());
   scene.links = from.links;
   scene.bodies = from.bodies;
-  ensure_link(count - 1);  // what was added since then refers to it
+  ensure_link(count - 1);  // shapes or tunnels added since then refer to links
   contacts_.memory = from.memory;
   contacts_.all = from.contacts;
   contacts_.asleep = from.sleeping_contacts;
   sleep_.gravity = from.rest_gravity;
   history_.last_step = from.last_step;
   history_.may_resolve = from.may_resolve;
-  detection_.broad_phase.clear();  // what it finds does not depend on what it has kept
+  detection_.broad_phase.clear();  // its results do not depend on its cache
 }
 
 bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
@@ -64,7 +64,7 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
   capture(history_.now);
   Clock::duration sensed{};
   bool solved = false, stepping = false;
-  // start belongs to the step to come as soon as that is the last one.
+  // Once the step begins, history_.start is the checkpoint before it.
   auto undo = [&] {
     if (stepping) std::swap(history_.now, history_.start);
     apply(history_.now);
@@ -89,7 +89,7 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
 
 namespace {
 
-// FNV-1a over what a state can only be restored with.
+// FNV-1a hash of the properties that a world must share with a state to restore it.
 class Mark {
  public:
   template <class... T>
@@ -150,7 +150,7 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
   require(std::is_sorted(s.overlaid.begin(), s.overlaid.end()), "in order");
 }
 
-// Numbers of a body with n coordinates come by coordinate, by pair of them, or by coordinate and axis.
+// Arrays of a body with n coordinates have n, n^2 or 3 n numbers, or none.
 bool fits(const dense::Numbers& list, size_t n) {
   const size_t size = list.size();
   return size == 0 || size == n || size == n * n || size == 3 * n;
@@ -195,7 +195,7 @@ void require_link(const Link& l, const std::vector<GeneralizedBody>& bodies) {
 
 }  // namespace
 
-// Whether all sizes and indices are those of this world. Throws StateMismatch.
+// Throws StateMismatch unless all sizes and indices fit this world.
 void World::require_state(const Checkpoint& c) const {
   require(c.tendons.size() == scene.tendons.size(), kSizes);
   require(c.last_step.dt >= 0, "with a last step of a length of at least 0");

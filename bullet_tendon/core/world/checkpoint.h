@@ -1,9 +1,8 @@
-// A copy of all state that a step changes. It is the only way back: for a step that fails, for a step that is
-// solved again, and, with the models of the tendons, for a state that a user saves.
+// A copy of all state that a step changes. It restores the state before a step that fails or is solved again.
+// With the models of the tendons, it is also the state that a user saves.
 //
-// Copies go into existing vectors, so that a checkpoint in every step allocates nothing. What is not in it is
-// made anew from it (the search for pairs of tendons), or checks by itself whether it holds (distances,
-// collision/proximity_cache.h).
+// Copies reuse existing vectors, so that a checkpoint in every step allocates nothing. Other data is
+// recomputed (pairs of segments), or checks its own validity (distances, collision/proximity_cache.h).
 #pragma once
 #include <stdexcept>
 #include <vector>
@@ -20,7 +19,7 @@ struct TendonCheckpoint {
   SpringState structure, shear;
 };
 
-// A step that was taken.
+// Length and gravity of a completed step.
 struct StepRecord {
   double dt = 0;  // [s]
   Vec3 gravity;   // [m/s^2]
@@ -33,15 +32,15 @@ struct Checkpoint {
   std::vector<GeneralizedBody> bodies;
   std::vector<ContactMemory> memory;
   std::vector<Contact> contacts, sleeping_contacts;
-  Vec3 rest_gravity;
+  Vec3 rest_gravity;  // when the last tendon fell asleep [m/s^2]
   StepRecord last_step;
   bool may_resolve = false;  // the last step can be solved again
-  // Links and bodies as they were read from pybullet for the step that begins here.
+  // Links and bodies as read from pybullet for the step that begins at this checkpoint.
   std::vector<Link> sensed_links;
   std::vector<GeneralizedBody> sensed_bodies;
 };
 
-// Bytes that are no state of this world.
+// The bytes are not a state of this world.
 struct StateMismatch : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

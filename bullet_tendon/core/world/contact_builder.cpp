@@ -1,4 +1,4 @@
-// Contacts of bones, planes and tendon pairs, and what contacts remember between steps.
+// Builds the contacts of a substep from the detected distances, and keeps the contact memory.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -12,51 +12,54 @@ namespace bt {
 
 namespace {
 
-// Contact stiffness in units of what holds a particle back across its tendon: inertia and tension over
-// length [-]. The contact force itself comes from carried multipliers, so this sets how fast depth
-// vanishes, not how deep a resting contact is. Larger: active contacts are found in more iterations.
-// Smaller: more rounds of stiffening after impacts.
+// Contact stiffness over the transverse stiffness of a particle (inertia over the squared step weight, and
+// tension over segment length) [-]. The multipliers carry the load, so that this ratio sets how fast depth
+// vanishes, and not the depth of a resting contact. Larger: the active set takes more iterations. Smaller:
+// impacts need more augmented Lagrangian updates.
 constexpr double kContactRatio = 30.0;
 
-// The same for the weights of two-step methods [-]. A force that is carried over lags behind the depth that
-// it answers to, which feeds vibrations; the less so the stiffer, and two-step methods damp them hardly. At
-// 30 what rests over an edge begins to vibrate; at 100 it does not.
+// The same for two-step methods [-]. A multiplier from the last step lags behind the depth, which excites
+// vibrations. Stiffer contacts excite them less. Two-step methods damp them little: at 30, tendons that rest
+// over an edge begin to vibrate; at 100 they do not.
 constexpr double kTwoStepContactRatio = 300.0;
 
-// The same in units of the inertia of what hangs from the tendon, T/g over the step's weight squared, as far
-// as that is more [-]; and for two-step methods. By g = (N_0 - N)/k, N_0 the force of a step ago, the contact
-// works N g' = dt N'^2/k on what vibrates, on average over a cycle: it never dies away where that is more
-// than the method damps, for two-step methods at k < 4 m/dt^2, and weights creep over rough edges in steps of
-// a coarse tendon. Smaller: they do. Larger: active contacts are found in more iterations.
+// Lower bound of the contact stiffness over the inertia of the hanging load, T/g over the squared step weight
+// [-]; and the same for two-step methods. With g = (N_0 - N)/k, where N_0 is the force of the last step, the
+// contact does the work N g' = dt N'^2/k on a vibration, averaged over a cycle. A vibration persists where
+// this work exceeds the damping of the method: for two-step methods at k < 4 m/dt^2. Smaller: vibrations
+// persist, and weights on a coarse tendon creep over rough edges. Larger: the active set takes more
+// iterations.
 constexpr double kHungRatio = 1.0;
 constexpr double kTwoStepHungRatio = 4.0;
 
-// Depth that a step pushes out at most, in radii [-]. Depth over the step's length is a velocity, which
-// stays: larger, and a tendon that was put into a bone is shot out of it. Smaller: it takes longer.
+// Largest depth that one step corrects, in radii [-]. Depth over dt is a velocity, which remains after the
+// step. Larger: a tendon that was placed inside a bone leaves it at high speed. Smaller: the correction takes
+// longer.
 constexpr double kPushOut = 0.5;
 
-// Stiffness of a sticking contact, in the same units [-]. It sets how far a contact yields before it
-// slides (micrometres). Larger: the corner between sticking and sliding gets so sharp that
-// iterations step over it. Smaller: a sticking tendon gives visibly.
+// Tangential stiffness of a sticking contact over the transverse stiffness of a particle [-]. It sets the
+// elastic displacement before sliding (micrometres). Larger: the transition from sticking to sliding is so
+// sharp that iterations alternate across it. Smaller: a sticking tendon moves visibly.
 constexpr double kTangentRatio = 1.0;
 
-// What the particle's inertia adds to that, in units of the inertia [-]. What is laid on a slope gathers
-// g dt before its contacts are stretched: with friction larger than its weight's pull by a share of less than
-// about 1 / this, it slips first. Larger: more iterations. Smaller: tendons that should lie creep first.
+// Further tangential stiffness, over the particle's inertia divided by the squared step weight [-]. A tendon
+// that is laid on a slope gains the velocity g dt before its contacts are strained. It slips first where the
+// friction limit exceeds the tangential weight by a share of less than about 1 / kLooseTangentRatio. Larger:
+// more iterations. Smaller: tendons that should stick creep first.
 constexpr double kLooseTangentRatio = 300.0;
 
-// Both for methods that carry no multipliers, in units of all the stiffness that a particle has [-].
-// Larger: worse conditioned. Smaller: deeper contacts.
+// Normal and tangential stiffness of contacts without multipliers, over the whole stiffness of a particle
+// [-]. Larger: worse conditioned. Smaller: deeper contacts.
 constexpr double kSpringRatio = 10.0;
 constexpr double kSpringTangentRatio = 0.1;
 
-// What a surface is nearer to the inside of a segment than to its ends, in radii, for the segment to get
-// a contact of its own [-]. Larger: rounded bones go deeper in between. Smaller: contacts on flat ones
-// come three to a segment, and share the load as rounding has it.
+// A segment gets its own contact where its interior is nearer to a surface than its ends are, by more than
+// this many radii [-]. Larger: round bones penetrate deeper between particles. Smaller: on flat bones each
+// segment has three contacts, whose shares of the load depend on rounding errors.
 constexpr double kNoBulge = 1e-5;
 
-// A particle: across the tendon its inertia and the tension on both sides; and (along) what its springs have
-// at least at the reference strain besides.
+// Stiffness of a particle: across the tendon, from its inertia and the tension of both segments. along: its
+// springs add their slope, at least that at the reference strain. gravity [m/s^2].
 HeldBack held_at(const Tendon& c, int i, bool along, double gravity) {
   HeldBack held;
   held.inertia = held.stiffness = c.mass[i] / (c.h_eff * c.h_eff);
@@ -74,23 +77,24 @@ HeldBack held_at(const Tendon& c, int i, bool along, double gravity) {
   return held;
 }
 
-// A point of a segment: its ends by their weights, so that nothing jumps where the point moves along.
+// Stiffness of a point of a segment, interpolated between its ends, so that it is continuous along the
+// segment.
 HeldBack held_at(const Tendon& c, const SegmentPoint& s, bool along, double gravity) {
   const HeldBack one = held_at(c, s.first, along, gravity), other = held_at(c, s.first + 1, along, gravity);
   return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia,
           s.w0 * one.hung + s.w1 * other.hung};
 }
 
-// Two points that push each other apart: equal forces move both, by the sum of what they yield, so that the
-// softer one decides. The harmonic mean is that, as stiff as each of them where they are alike, and the same
-// whichever is named first.
+// Stiffness of a pair of points under equal and opposite forces: the harmonic mean. The compliances add, so
+// that the softer point dominates. The mean is symmetric, and equals the stiffness of both points if they are
+// equal.
 double mean_of(double one, double other) { return one + other > 0 ? 2 * one * other / (one + other) : 0; }
 
 HeldBack mean_of(const HeldBack& a, const HeldBack& b) {
   return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia), mean_of(a.hung, b.hung)};
 }
 
-// Whether a shape comes nearer to the inside of segment k than to its ends, which have contacts of their own.
+// Whether a shape is nearer to the interior of segment k than to its ends, which have contacts of their own.
 bool bulges(const NearCache& cache, int n, int k, double radius) {
   const Plane& e = cache.entries[n + k].now;
   if (e.u <= 1e-6 || e.u >= 1 - 1e-6) return false;
@@ -131,7 +135,7 @@ void World::collect_contacts() {
   tendon_contacts();
 }
 
-// A plane fixed to a link, where it will be at the end of the step but for the tendons' forces.
+// Contact with a plane on a link, at its predicted pose at the end of the substep without tendon forces.
 Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal, const ContactKey& key,
                              double friction) {
   const Link& link = scene.links[link_slot];
@@ -151,17 +155,17 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 
   return contact;
 }
 
-// Gap, negative where there is depth now, that the part of the step has to leave: it takes its share of
-// what the step is to push out, which is at most `most` [m].
+// Gap that may remain at the end of the substep [m], negative where there is depth now. The substep corrects
+// its share of the depth that the whole step corrects, which is at most `most` [m].
 double World::depth_to_leave(const Contact& contact, double most) const {
   Contact now = contact;
   now.evaluate(contact.friction.relative_start, true);
   const double depth = std::max(0.0, -now.geometry.gap), share = step_.substeps.share_left();
-  const double left = most * (1 - step_.substeps.share_before());  // by the rest of the step
+  const double left = most * (1 - step_.substeps.share_before());  // correction left to the remaining step
   return -(depth - share * std::min(depth, left));
 }
 
-// Stiffness and memory.
+// Sets stiffness, depth allowance and warm start of a contact of one particle.
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *step_.slots[tendon_slot];
   contact.geometry.radius = c.radius;
@@ -183,17 +187,17 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   const bool carries = bt::carries(options), chosen = options.contact_stiffness > 0;
   if (chosen)
     contact.normal_force.stiffness = options.contact_stiffness;
-  else if (!carries)  // without multipliers, contacts have to be stiff by themselves
+  else if (!carries)  // without multipliers only stiffness limits the depth
     contact.normal_force.stiffness = kSpringRatio * held.stiffness;
   else if (two_step)
     contact.normal_force.stiffness =
         std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
   else
     contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, kHungRatio * held.hung);
-  // A particle that lies loose is gripped before it gathers speed.
+  // The inertia term makes a particle without tension stick before it gains speed.
   contact.friction.stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                        : kSpringTangentRatio * held.stiffness;
-  // Friction and normal force act on the point of the centreline: particles do not spin.
+  // Friction and normal force act on the centreline, because particles do not spin.
   if (contact.link >= 0)
     contact.arm = contact.a.of(step_.slots[contact.a.tendon]->x) - scene.links[contact.link].centre;
   contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
@@ -211,9 +215,9 @@ void World::recall(Contact& contact, double inertia) {
   if (found == contacts_.memory.end() || !(found->key == contact.key)) return;
   const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
-      bt::carries(options) && options.contact_stiffness == 0;  // a spring as published has no memory
+      bt::carries(options) && options.contact_stiffness == 0;  // the paper's spring has no multiplier
   contact.friction.anchor = without(turn * found->tangent_anchor, contact.geometry.normal);
-  // What sticks goes on with its force where its stiffness changes with the step's weight.
+  // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
     const double per_inertia = kTangentRatio + kLooseTangentRatio;
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
@@ -352,7 +356,7 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   add_contact(contact);
 }
 
-// Algorithm 2: which stretch of a tendon is in which tunnel, and the contacts of bores and mouths.
+// Algorithm 2: the tunnels in which particles are, and the contacts of bores and mouths.
 
 void World::find_bores() {
   detection_.bores.resize(scene.tunnels.size());
@@ -367,8 +371,8 @@ void World::find_bores() {
     if (c && !scene.tunnels.empty()) classify(*c);
 }
 
-// Step 1. A particle enters a bore within its radius, and then stays in it wherever it is pushed
-// until it is beyond a mouth: a bore that a violent step left is not forgotten.
+// Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius. It belongs to the bore
+// until it is beyond a mouth, even if a step moves it farther from the axis.
 void World::classify(Tendon& c) {
   Box box;
   for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
@@ -389,8 +393,8 @@ void World::classify(Tendon& c) {
   }
 }
 
-// What is outside of a bore's box by all that the tendon and the bore can do in the step, and by the longest
-// segment, has no contact of it (bore_rows, mouth_reach).
+// A tunnel is skipped if the tendon is farther from the bore's box than both can move in the substep plus the
+// longest segment: it then has no contacts (bore_contacts, mouth_reach).
 void World::find_near_tunnels(const Tendon& c) {
   detection_.near_tunnels.clear();
   if (scene.tunnels.empty()) return;
@@ -407,7 +411,7 @@ void World::find_near_tunnels(const Tendon& c) {
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!scene.tunnel_alive[t]) continue;
     const Link& link = scene.links[scene.tunnels[t].link];
-    // The bore's motion is linear in the place.
+    // Motion of the bore, which is linear in position: its bound over the tendon's box.
     const double carried =
         norm(link.drift(middle, step_.context.dt)) + step_.context.dt * norm(link.spin) * half;
     ++step_.report.near.tunnels;
@@ -419,7 +423,7 @@ void World::find_near_tunnels(const Tendon& c) {
   }
 }
 
-// Step 2: |across(axis)(x - p)| <= R - r for particles inside, or about to be.
+// Algorithm 2, step 2: |across(axis)(x - p)| <= R - r for particles that are, or are predicted to be, inside.
 void World::bore_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
@@ -430,7 +434,7 @@ void World::bore_contacts(int tendon, int t) {
     const bool inside = c.tunnel_of[i] == t;
     if (!inside && !(bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius)) continue;
     const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
-    // Within a chamfer the wall is the mouth's own round edge.
+    // Within a chamfer the mouth contact represents the wall.
     if (z < bore.chamfer || z > bore.length - bore.chamfer) continue;
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
@@ -450,7 +454,7 @@ void World::bore_contacts(int tendon, int t) {
   }
 }
 
-// Step 3: the segments near a mouth's circle.
+// Algorithm 2, step 3: contacts of segments near the circle of a mouth.
 void World::mouth_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
@@ -463,7 +467,7 @@ void World::mouth_contacts(int tendon, int t) {
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(centre - a, d) / length2)) : 0;
       if (norm(a + u * d - centre) > radius + reach) continue;
-      // Both ends deep inside: the bore's own contacts hold them.
+      // Both ends are inside the bore, beyond the chamfer: the bore contacts are sufficient.
       auto inside = [&](Vec3 p, int i) {
         double s = bore.along(p);
         return c.tunnel_of[i] == t && s >= bore.chamfer && s <= bore.length - bore.chamfer;
@@ -474,13 +478,13 @@ void World::mouth_contacts(int tendon, int t) {
   }
 }
 
-// How far segment k can come towards an edge of the tunnel's mouths within the step [m].
+// Distance from an edge of the tunnel's mouths within which segment k can touch it in the substep [m].
 double World::mouth_reach(int tendon, int t, int k) const {
   const Link& link = scene.links[scene.tunnels[t].link];
   auto reach = [&](int i) {
     return reach_of(*step_.slots[tendon], i, link, step_.context.dt, options.contact_threshold);
   };
-  // A segment longer: the edge is sharp, and what lies beside it can be over it in a step.
+  // One segment length is added: the edge is sharp, and a segment beside it can be over it after one step.
   return std::max(reach(k), reach(k + 1)) + step_.slots[tendon]->rest[k] + scene.tunnels[t].chamfer;
 }
 
@@ -489,11 +493,11 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore,
   const Link& link = scene.links[scene.tunnels[t].link];
   const double dt = step_.context.dt;
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
-  // The point that is nearest at the end of the step: another one would have slid past the edge by then,
-  // which would push it on.
+  // The point that is predicted to be nearest at the end of the substep. The point that is nearest now would
+  // have slid past the edge by then, and the contact would push it further.
   const double u = nearest_to_circle(c.predicted.at(k) - link.drift(a, dt),
                                      c.predicted.at(k + 1) - link.drift(b, dt), centre, bore.axis, radius);
-  if (u >= 1 && k + 2 < c.n()) return;  // the next segment starts there
+  if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
   const Vec3 x = (1 - u) * a + u * b;
   const Vec3 sideways = unit_or(without(x - centre, bore.axis), any_perpendicular(bore.axis));
   const Vec3 edge = nearest_on_circle(x, centre, bore.axis, radius, sideways);

@@ -1,4 +1,4 @@
-// Which tendons are solved together, and their solution.
+// Divides the tendons into islands, and solves each island.
 #include <algorithm>
 #include <limits>
 #include <numeric>
@@ -18,7 +18,7 @@ void World::join_islands(int a, int b) {
   islands_.parent[island_root(std::max(a, b))] = island_root(std::min(a, b));
 }
 
-// Tendons that a contact or a body joins are solved together (union-find).
+// Contacts and bodies join tendons to islands (union-find).
 void World::make_islands() {
   const int count = static_cast<int>(step_.slots.size());
   islands_.parent.resize(count);
@@ -73,7 +73,7 @@ void World::make_islands() {
           static_cast<int>(l));
 }
 
-// false: some solution is not finite.
+// false: a solution is not finite.
 bool World::solve_each_island() {
   bool finite = true;
   step_.attempt = Report{};

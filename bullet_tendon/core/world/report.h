@@ -1,4 +1,4 @@
-// What a step tells of itself.
+// Report of a step, and records of its contacts.
 #pragma once
 #include "collision/narrow_phase.h"
 #include "collision/proximity_cache.h"
@@ -7,13 +7,13 @@
 
 namespace bt {
 
-// What a contact was in the last step, for reading out.
+// A contact of the last step, for the user.
 struct ContactRecord {
   int tendon = 0, segment = 0, other_tendon = -1, link = -1;
   ContactKind kind = ContactKind::bone;
-  Vec3 position, normal;  // on the centreline; from the body (or tendon b) to tendon a
+  Vec3 position, normal;  // position on the centreline [m]; normal from the body (or tendon b) to tendon a
   double distance = 0;    // between the surfaces [m]
-  double normal_force = 0, friction_force = 0;
+  double normal_force = 0, friction_force = 0;  // [N]
 };
 
 struct Report {
@@ -24,14 +24,14 @@ struct Report {
   NearCounts near;
   PairCounts pairs;
   long contacts = 0, islands = 0, asleep = 0;
-  // Wall time [s]: reading bodies; distances that could matter; the rest of the step; and of that the search
-  // for segments of tendons that could touch.
+  // Wall time [s]: reading of bodies; distances to shapes; the rest of the step; and, included in the rest,
+  // the search for pairs of segments.
   double sense_seconds = 0, near_seconds = 0, solve_seconds = 0, search_seconds = 0;
-  int substeps = 1;          // that the step was taken in
-  long linear_solves = 0;    // of all islands, whatever came of them
-  bool over_budget = false;  // the budget was used up
-  ReasonCounts reasons{};    // how often substeps were solved again, by reason
-  // Adds a substep that was solved.
+  int substeps = 1;          // taken in the step
+  long linear_solves = 0;    // of all islands, including those of rejected solutions
+  bool over_budget = false;  // the exhausted budget refused work
+  ReasonCounts reasons{};    // number of repeated or cut substeps, by reason
+  // Adds the report of a solved substep.
   void take(const Report& part);
 };
 

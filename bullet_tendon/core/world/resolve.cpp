@@ -1,10 +1,10 @@
-// The previous step is solved again where a body was released in it that was predicted as held, or where a
-// push acted on a body that was not predicted.
+// The previous step is solved again if a body that was predicted as held was released in it, or if an
+// unpredicted force acted on a body.
 //
-// pybullet reports a force of the user, or an impact, by the motion that it has caused. Until then the body,
-// and the end of a tendon on it, have moved by F dt^2/m. The tendon had no part in that motion. To undo it
-// within one step would take a velocity of the distance over dt. So the step is solved again with the
-// acceleration that was observed.
+// pybullet shows a force of the user, or an impact, only by the motion that it has caused. By then the body,
+// and the end of a tendon on it, have moved by F dt^2/m without resistance of the tendon. To undo this motion
+// within one step would take a velocity of the distance over dt. Therefore the step is solved again with the
+// observed acceleration.
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -15,14 +15,16 @@ namespace bt {
 
 namespace {
 
-// Stretch of a tendon by the motion of its body that was not predicted, over the tendon's length, from which
-// the step is solved again [-]; and share of that motion by which the velocity times the step may miss it,
-// where pybullet takes substeps. Larger: the response to a sudden push is a step late. Smaller: small impacts
+// The step is solved again if the unpredicted motion of a body stretches its tendon by more than this share
+// of the tendon's length [-]. Larger: the response to a sudden force is a step late. Smaller: small impacts
 // are solved twice.
 constexpr double kSuddenPull = 1e-4;
+// Largest difference between the unpredicted motion and the unpredicted velocity times dt, as a share of the
+// motion [-]. They differ where pybullet takes substeps.
 constexpr double kSubsteps = 0.6;
-// Rotation by which the body may miss the prediction, which takes arms at the start [rad]. Larger: bodies
-// that spin gain energy.
+// Largest unpredicted rotation for which the step is solved again [rad]; the prediction uses lever arms at
+// the start. It is also the largest motion across the tendon, over the tendon's length [-], of a body whose
+// speed pybullet limited. Larger: bodies that spin gain energy.
 constexpr double kFarthestTurn = 0.2;
 
 bool same_anchors(const TendonState& a, const TendonState& b) {
@@ -41,7 +43,7 @@ bool same_anchors(const Checkpoint& a, const Checkpoint& b) {
   return true;
 }
 
-// Keeps what the user has set since then.
+// Copies anchor targets and parameters that the user may have set since then.
 void choose_again(const TendonState& user, TendonState& c) {
   for (size_t h = 0; h < c.anchors.size(); ++h) {
     const Anchor& chosen = user.anchors[h];
@@ -63,7 +65,7 @@ void World::let_go(int body) {
   interrupt();
 }
 
-// The checkpoint does not apply where tendons or anchors were made or removed since.
+// Restores the state before the last step. false: tendons or anchors were added or removed since then.
 bool World::take_back() {
   if (!history_.may_resolve || !history_.start.valid) return false;
   Checkpoint last;
@@ -86,10 +88,9 @@ std::vector<int> World::released_bodies() const {
   return released;
 }
 
-// Motion of an attachment's point away from its particle that stretches the tendon, over the tendon's length.
-// -1 where the body turned too far, or where pybullet cut its speed off other than along the tendon. 0 where
-// the motion is not that of the velocity: what was moved by hand has no such velocity, and a body whose
-// velocity was set has not moved.
+// Stretch of a tendon by the motion of the attached point away from its particle, over the tendon's length
+// [-]. -1: the body turned too far, or pybullet limited its speed while it moved across the tendon. 0: the
+// motion does not agree with the velocity, because the user set the position or the velocity of the body.
 double World::pulled_away(const Tendon& c, const Anchor& h) const {
   const Link& link = scene.links[h.link];
   const GeneralizedBody& body = scene.bodies[link.body];
@@ -152,12 +153,12 @@ bool World::rewind(const std::vector<int>& pulled) {
     for (size_t i = 0; i < std::min(scene.bodies.size(), sensed_bodies.size()); ++i) {
       std::swap(scene.bodies[i].observer, sensed_bodies[i].observer);
       scene.bodies[i] = sensed_bodies[i];
-      predict(static_cast<int>(i));  // by what has been learned since, of all of them
+      predict(static_cast<int>(i));  // with the observers' present data
     }
     contacts_.all.clear();
   }
   for (int i : released) let_go(i);
-  // They are the contacts that decide about the step to come. pybullet may list later ones (restoreState).
+  // The next step needs these contacts of bodies. pybullet may list later ones (restoreState).
   for (size_t i = 0; i < contacts.size(); ++i) {
     scene.bodies[i].contacts = contacts[i];
     scene.bodies[i].contacts_known = true;

@@ -1,13 +1,13 @@
-// Tendons at rest are left out of steps until something that acts on them changes.
+// Steps leave out sleeping tendons until something that acts on them changes.
 //
-// An island falls asleep where all its tendons have been at rest for a while (turning points of a swing do
-// not count), where something of the world holds or carries it, and where it touches no body that yields,
-// because pybullet decides about the rest of bodies. Its tendons keep their state and the forces on what
-// holds them. Their velocities are zero. Its contacts are kept for reports.
+// An island falls asleep if all its tendons have been at rest for kRestTime (turning points of a swing do not
+// count), if a contact or an anchor supports it, and if it touches no body that yields, because pybullet
+// decides when bodies rest. Its tendons keep their state and their forces on links. Their velocities are
+// zero. Its contacts are kept for reports.
 //
-// The whole island wakes when one of its tendons, the options or gravity are changed, when a link moves that
-// has a shape, a tunnel or an attachment within reach, and when another tendon comes within reach. Additions
-// to the world and removals wake all islands.
+// The whole island wakes when one of its tendons, the options or gravity change, when a link with a shape, a
+// tunnel or an attachment within reach moves, and when another tendon comes within reach. Adding or removing
+// shapes and tunnels wakes all islands.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -20,16 +20,17 @@ namespace bt {
 
 namespace {
 
-// Speed up to which a tendon is at rest, in radii a second [1/s]; time of rest after which it sleeps [s], and
-// least number of steps. Larger speed, or less time: motion that creeps, or turns back, is stopped. Smaller
-// speed, or more time: heaps, which settle ever more slowly, are solved for longer.
+// Largest speed of a tendon at rest, in radii per second [1/s]; and time at rest after which it sleeps [s].
+// Larger speed, or less time: creep, and motion at a turning point, is stopped. Smaller speed, or more time:
+// heaps, which settle ever more slowly, are solved for longer.
 constexpr double kRestSpeed = 1e-5;
 constexpr double kRestTime = 0.5;
-// Share of its largest force, or of its weight, that a tendon's dampers carry at most when it is at rest [-].
+// Largest damping force of a tendon at rest, over its largest spring force or its weight [-].
 constexpr double kRestDamped = 1e-4;
+// Least number of steps at rest before a tendon sleeps [-].
 constexpr int kRestSteps = 30;
 
-// Whether the last step, of dt, took no particle farther than kRestSpeed allows.
+// Whether no particle was faster than kRestSpeed in the last step of dt [s].
 bool rests(const Tendon& c, double dt) {
   const double slow = kRestSpeed * c.radius, near = dt * slow;
   for (int k = 0; k < 3; ++k) {
@@ -40,7 +41,7 @@ bool rests(const Tendon& c, double dt) {
   return true;
 }
 
-// Whether dampers carry no load. A tendon whose dampers carry its load creeps towards its rest.
+// Whether damping forces are negligible. A tendon whose damping forces carry load is still creeping.
 bool unloads_dampers(const Tendon& c, double gravity) {
   if (!c.structure.damped && !c.shear.damped) return true;
   if (c.material.law.whole_velocity) return false;
@@ -53,7 +54,7 @@ bool unloads_dampers(const Tendon& c, double gravity) {
   return true;
 }
 
-// Around segments first to last, where they are.
+// Bounding box of segments first to last at the start of the step.
 Box box_of(const Tendon& c, int first, int last, double margin) {
   Box box;
   for (int i = first; i <= last + 1; ++i) box.include(c.x.at(i));
@@ -61,7 +62,7 @@ Box box_of(const Tendon& c, int first, int last, double margin) {
   return box;
 }
 
-// Around all that a tendon could touch within the step.
+// Bounding box of all that a tendon can touch in the step.
 BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
   Box box;
   double square = 0;
@@ -74,7 +75,7 @@ BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
   return box;
 }
 
-// Whether the box of a part of a link is within reach of a tendon, anywhere in the link's step.
+// Whether the box lo, hi in the frame `pose` on a link comes within reach [m] of a tendon in the link's step.
 bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec3 lo, Vec3 hi, double reach) {
   Box box, around;
   double moves = 0;
@@ -88,7 +89,7 @@ bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec
   return overlap(box, around, reach + moves);
 }
 
-// History of a tendon at rest, for two-step methods.
+// Sets velocities to zero, and the history of two-step methods to the present state.
 void lie_still(Tendon& c) {
   c.x_before = c.x;
   c.v.zero();
@@ -142,7 +143,7 @@ bool World::feels(const Tendon& c, int slot, double dt) const {
   return false;
 }
 
-// Wakes islands by what has changed since the last step.
+// Wakes islands that changes since the last step affect.
 void World::wake_disturbed(double dt) {
   if (any_asleep()) {
     if (step_.whole || !options.sleep || !same(step_.context.gravity, sleep_.gravity)) wake_all();
@@ -171,7 +172,7 @@ bool World::is_met(const Tendon& asleep) const {
   return false;
 }
 
-// Wakes tendons that others have come within reach of. Returns whether there are any.
+// Wakes islands that an awake tendon has come within reach of. Returns whether there are any.
 bool World::wake_met() {
   if (!any_asleep()) return false;
   bool any = false;
@@ -187,7 +188,7 @@ bool World::wake_met() {
   return any;
 }
 
-// Adds the tendons that are awake to the step. Of those that slept until now, forces were constant.
+// Adds awake tendons to the step. The forces of tendons that wake now were constant in earlier substeps.
 void World::join_step() {
   step_.slots.resize(scene.tendons.size());
   for (size_t c = 0; c < scene.tendons.size(); ++c) {
@@ -201,7 +202,7 @@ void World::join_step() {
   }
 }
 
-// Counts for how long each tendon has been at rest [s]. false: none long enough.
+// Updates how long each tendon has been at rest [s]. false: none has been for kRestTime.
 bool World::count_rest(double dt) {
   const bool solved = step_.substeps.taken() == 1 && step_.report.converged;
   bool any = false;
@@ -214,7 +215,8 @@ bool World::count_rest(double dt) {
   return any;
 }
 
-// Islands that something holds or carries, and of which nothing touches a body that yields.
+// Marks islands that a contact or an anchor supports (restful), and islands that touch a body that yields or
+// have a tendon that has not rested long enough (restless).
 void World::find_restful() {
   sleep_.restful.assign(step_.slots.size(), 0);
   sleep_.restless.assign(step_.slots.size(), 0);
@@ -248,7 +250,7 @@ void World::fall_asleep() {
   sleep_.gravity = step_.context.gravity;
 }
 
-// Adds the constant forces of tendons at rest to the wrenches on links.
+// Adds the constant forces of sleeping tendons to the wrenches on links.
 void World::push_asleep() {
   if (!any_asleep()) return;
   for (const Contact& contact : contacts_.asleep)

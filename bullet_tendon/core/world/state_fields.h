@@ -1,7 +1,8 @@
-// The list of all fields of a state, by name: visit(archive, struct) for every struct that is saved.
+// All fields of a saved state, by name: visit(archive, struct) for every saved struct.
 //
-// The order of the fields does not matter to anything but the bytes. A name stands in the bytes before its
-// field, so that bytes of another layout are refused, and tell where they differ.
+// The order of the fields affects only the bytes. The hash of a field's name precedes it in the bytes, so
+// that a reader rejects another layout and names the first field that differs. Some names
+// differ from those of the members.
 #pragma once
 #include "collision/proximity_cache.h"
 #include "world/checkpoint.h"
@@ -29,7 +30,7 @@ void visit(A& a, Anchor& h) {
   a("step_force", h.step_force);
 }
 
-// Masses and spring constants follow from the rest.
+// Masses and spring constants are computed from these fields.
 template <class A>
 void visit(A& a, TendonModel& m) {
   a("force", m.force);
@@ -184,7 +185,7 @@ void visit(A& a, SegmentPoint& s) {
   a("w1", s.w1);
 }
 
-// Contacts of the last step are read out after it, and those at rest go on pushing at links.
+// Only what reports of the last step need, and what sleeping contacts need to act on links.
 template <class A>
 void visit(A& a, Contact& r) {
   a("key", r.key);
@@ -209,7 +210,7 @@ void visit(A& a, Plane& p) {
   a("hole", p.hole);
 }
 
-// The list of triangles is made again from where it was made.
+// The list of near triangles is recomputed from a, b and listed.
 template <class A>
 void visit(A& a, Entry& e) {
   a("known", e.known);

@@ -1,18 +1,19 @@
-// One step of a world, by its stages, in substeps where it would outrun its contacts or does not converge.
+// One step of a world. The step is divided into substeps where motion leaves the range of contact detection,
+// or where an island does not converge.
 //
-// Contacts are detected at the start of a substep, in the region where particles are predicted to move. A
-// solution that leaves this region is predicted where it is, and contacts are detected again: those that it
-// had go on from its multipliers, and it is the starting guess. What presses in a solution is within the new
-// region, so that two detections cannot take turns.
+// Contacts are detected at the start of a substep, in the region where particles are predicted to move. If a
+// solution leaves this region, the predicted positions are moved to it and contacts are detected again.
+// Contacts that exist in both detections keep their multipliers, and the solution is the starting guess. The
+// new region includes the active contacts of the solution, so that two detections cannot alternate.
 //
-// A substep is a step of its own, with contacts of its own. Links go as they were going, and as earlier
-// substeps have pushed them, from the start of the step on: pybullet moves them by the step's length times
-// the velocity that all of it gives them. Their wrenches are the means over the substeps, so that impulses
-// stay exact. A depth at the start of a substep is pushed out by the share that the substep has of what is
-// left of the step: depth over the length of a short substep would be a wild velocity.
+// Each substep is a complete implicit step with its own contacts. Links move with their predicted velocities
+// and with the velocities that earlier substeps added, both from the start of the step: pybullet moves a link
+// by the step length times its velocity at the end of the step. The wrenches on links are averaged over the
+// substeps, so that impulses are exact. A penetration depth at the start of a substep is corrected in
+// proportion to the substep's share of the remaining step. Otherwise a short substep would turn the depth
+// into a very large velocity.
 //
-// A substep that is solved again needs nothing put back but what a solution carries from iteration to
-// iteration: the state changes where a substep is taken, and nowhere else.
+// When a substep is solved again, only the multipliers are restored. The state changes only in take_substep.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -25,11 +26,11 @@ namespace bt {
 
 namespace {
 
-// Sine of the angle that a segment is predicted to turn by in a step above which BDF2 takes it in substeps
-// [-]. Larger: the crack of a whip is lost. Smaller: fast spinning costs more.
+// BDF2 divides a step in which a segment is predicted to turn by more than this sine [-]. Larger: the fast
+// motion of a whip's end is lost. Smaller: fast rotation costs more.
 constexpr double kTurn = 0.6;
 
-// Where a grip leads its particle by the end of a substep: straight to its goal.
+// Target of each grip at the end of the substep. share: the substep's share of the remaining step [-].
 void aim_grips(Tendon& c, double share) {
   for (Anchor& h : c.anchors)
     if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
@@ -88,7 +89,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.stop_changes = 0;
 }
 
-// History, inertial targets and starting guess of every tendon, and where contacts are looked for.
+// Computes history, inertial targets, starting guess and predicted region of every tendon.
 void World::predict() {
   step_.context.dt = step_.substeps.h();
   step_.context.whole = step_.whole;
@@ -113,7 +114,7 @@ void World::predict() {
   find_bores();
 }
 
-// One try at the substep. Returns why it has to be solved again, if it has.
+// Solves the substep once. Returns the reason to solve it again, if any.
 std::optional<Reason> World::solve_substep() {
   step_.failed = false;
   if (const auto why = outlast_history()) return why;
@@ -123,7 +124,7 @@ std::optional<Reason> World::solve_substep() {
   if (step_.motion_limit < 1 && step_.substeps.may_cut(step_.budget)) return Reason::motion;
   const bool again = step_.detections > 0;
   if (!again || !contacts_.all.empty() || !contacts_.solved.empty()) {
-    // Detecting contacts takes no linear solution; solving with them does.
+    // A solution with the new contacts needs linear solutions, which an exhausted budget refuses.
     if (again && step_.budget.refuses()) {
       contacts_.all.swap(contacts_.solved);
       return {};
@@ -139,9 +140,9 @@ std::optional<Reason> World::solve_substep() {
   return {};
 }
 
-// A step of second order is begun with as many substeps as its segments are predicted to turn by: fewer
-// beside contacts, where each takes more iterations; and with two where the last step was so short that BDF2
-// would begin anew.
+// Whether a BDF2 step has to be divided at its start. A step in which a segment turns far is divided into
+// three substeps, or into two where a tendon is in contact, because substeps with contacts take more
+// iterations. A step that is so much longer than the last one that BDF2 would restart is divided into two.
 std::optional<Reason> World::outlast_history() {
   if (!is_second_order(options.integrator) || !step_.substeps.divisible() || !step_.substeps.is_whole() ||
       step_.detections > 0)
@@ -194,7 +195,8 @@ void World::solve_again(Reason why) {
   predict();
 }
 
-// Particles that left their predicted region are predicted where the solution has them. true: some did.
+// Moves the predicted region of particles that left it to their solved positions. true: some particles left
+// it.
 bool World::predict_at_solution() {
   bool any = false;
   for (Tendon* c : step_.slots) {
@@ -211,7 +213,7 @@ bool World::predict_at_solution() {
   return any;
 }
 
-// Contacts that the last solution had go on from it.
+// Contacts that also existed in the previous solution of this substep start from its multipliers.
 void World::inherit_multipliers() {
   auto by_key = [](const Contact& a, const Contact& b) { return a.key < b.key; };
   std::sort(contacts_.solved.begin(), contacts_.solved.end(), by_key);
@@ -226,7 +228,7 @@ void World::inherit_multipliers() {
   }
 }
 
-// What the substep that was solved adds to the wrenches on links.
+// Computes what this substep adds to the step's mean wrenches on links.
 void World::measure_wrenches() {
   const double share = step_.substeps.share();
   for (Link& l : scene.links) l.part = {};
@@ -243,7 +245,7 @@ void World::measure_wrenches() {
     }
 }
 
-// The solution of the substep becomes the state, and its wrenches act on the links.
+// Makes the solution the new state, and applies its wrenches to the links.
 void World::take_substep() {
   step_.report.take(step_.attempt);
   const double share = step_.substeps.share();
@@ -294,7 +296,7 @@ bool World::share_weights() {
   for (bool any = is_second_order(options.integrator); any; changed |= any) {
     any = false;
     for (const Contact& contact : contacts_.all) {
-      // The history of both tendons has the force that the contact had in the last step.
+      // Both tendons' histories contain the contact force of the last step.
       const bool acts = !contact.passes || norm(contact.force.last_mean) > 0;
       if (contact.b.tendon < 0 || !acts) continue;
       Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
@@ -307,12 +309,12 @@ bool World::share_weights() {
   return changed;
 }
 
-// An attached particle follows its point on the link. The point is predicted without the tendons' forces in
-// this substep. The unknowns of its body move it from there (solver/body_schur.cpp). A point mass on a tendon
-// has no unknowns: with s^2 = (time since the step began) (length of the substep), the force F on the mass m
-// moves it by s^2 F/m, so that the particle is held by a spring of the stiffness m/s^2. Explicit steps have
-// no unknowns of bodies. pybullet may have moved the body otherwise than predicted in the last step: the
-// distance that this leaves between particle and point is closed evenly over the substeps.
+// Sets the targets of attached particles. A target is the attached point on the link, predicted without the
+// tendon forces of this substep. The unknowns of the body move the point from there (solver/body_schur.cpp).
+// A point mass has no unknowns: with s^2 = (time from the start of the step to the end of the substep)
+// (length of the substep), the force F moves the mass m by s^2 F/m. Therefore a spring of stiffness m/s^2
+// holds the particle. Explicit steps have no body unknowns. If pybullet moved the body differently from the
+// prediction in the last step, the distance between particle and point is closed evenly over the substeps.
 void World::aim_attachments(Tendon& c) {
   for (Anchor& h : c.anchors) {
     if (h.link < 0) continue;

@@ -1,8 +1,9 @@
-// The substeps of one step: where the next one begins, how long it is, and why one was solved again or cut.
+// The substeps of one step: start and length of the current substep, and the reasons why substeps were solved
+// again or cut.
 //
-// It is the only one that repeats a part of a step. Lengths are counted in units of the step, so that
-// substeps add up to it exactly. The work of a whole step has one budget, of linear solutions and of wall
-// time: once that is used up, a substep is no longer solved again, and takes the iterate that there is.
+// Only this class cuts or repeats substeps. Lengths are integers in units of the step, so that substeps add
+// up to the step exactly. One budget limits the linear solutions and the wall time of a whole step. When it
+// is exhausted, a substep is not solved again and takes its last iterate.
 #pragma once
 #include <array>
 
@@ -10,64 +11,66 @@
 
 namespace bt {
 
-// Units of a step [-], three times a power of two: the shortest substep that motion near a body or another
-// tendon can ask for.
+// Units in a step [-], three times a power of two. One unit is the shortest substep, which only motion near a
+// body or another tendon can require.
 constexpr int kUnits = 3 * 8192;
-// Substeps that a step without convergence is cut into at most [-]. More: violent steps cost more before they
-// are given up. Fewer: a step of seconds of a stiff, folded tendon may stay unsolved.
+// Largest number of substeps of a step that does not converge [-]. Larger: steps that cannot be solved cost
+// more. Smaller: a step of seconds of a stiff, folded tendon may stay unsolved.
 constexpr int kMostSubsteps = 2048;
-// The same once the budget is used up [-]: motion is still limited, so that nothing passes through anything.
+// Largest number of substeps once the budget is exhausted [-]. Motion is still limited, so that nothing
+// passes through anything.
 constexpr int kMostOverBudget = 64;
-// Times that a substep of one length is solved again at most, whatever the reason [-].
+// Largest number of times that a substep of one length is solved again, for any reason [-].
 constexpr int kMostRepeats = 64;
-// Times that contacts are detected again for a substep before it is halved [-]. Fewer: more substeps where
-// contacts appear one after another.
+// Largest number of times that contacts are detected again for a substep before it is halved [-]. Smaller:
+// more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
 
 // Why a substep was solved again.
 enum class Reason : int {
-  motion = 0,       // something near a contact moves by more than its radius: cut
-  turn,             // a segment turns far in a step of second order: cut in three, or beside contacts in two
-  growth,           // BDF2 would begin anew, because the last step was so much shorter: cut in two
-  not_converged,    // an island has no solution within its iterations: halved
-  left_prediction,  // particles ended where contacts were not looked for: contacts are detected again, then
-                    // halved
-  woken,            // an island at rest was reached
-  step_weights,     // tendons that press on each other had step weights of different methods
-  joint_stops,      // joint limits or contacts of a body act otherwise than predicted
-  body_rotation,    // a body turns far that was taken to turn little
+  motion = 0,       // a tendon moves by more than its radius relative to something near it: cut
+  turn,             // a segment turns far in a BDF2 step: divided in three, or with contacts in two
+  growth,           // BDF2 would restart, because the last step was much shorter: divided in two
+  not_converged,    // an island did not converge within its iterations: halved
+  left_prediction,  // particles left their predicted region: contacts are detected again; later halved
+  woken,            // a tendon came within reach of a sleeping one, which wakes: repeated
+  step_weights,     // tendons in contact with each other had different step weights: repeated
+  joint_stops,      // joint limits or contacts of a body act differently from the prediction: repeated
+  body_rotation,    // a body turns far that was predicted to turn little: repeated
 };
 constexpr int kReasons = 9;
 using ReasonCounts = std::array<int, kReasons>;
 
 class Substepper {
  public:
-  // divisible: whether substeps may be shorter than the step.
+  // Begins a step of dt [s]. divisible: substeps may be shorter than the step.
   void start(double dt, bool divisible);
   bool done() const { return done_ == kUnits; }
   double step() const { return dt_; }                            // length of the whole step [s]
-  double h() const { return dt_ * size_ / kUnits; }              // of this substep [s]
-  double end() const { return dt_ * (done_ + size_) / kUnits; }  // of it, from the start of the step [s]
+  double h() const { return dt_ * size_ / kUnits; }              // length of this substep [s]
+  double end() const { return dt_ * (done_ + size_) / kUnits; }  // its end, from the start of the step [s]
+  // Shares of the step [-]: this substep; up to its end; before it.
   double share() const { return static_cast<double>(size_) / kUnits; }
   double share_at_end() const { return static_cast<double>(done_ + size_) / kUnits; }
   double share_before() const { return static_cast<double>(done_) / kUnits; }
-  // Its share of what is left of the step.
+  // The substep's share of the remaining step [-].
   double share_left() const { return static_cast<double>(size_) / (kUnits - done_); }
   bool is_whole() const { return size_ == kUnits; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
-  // Whether a substep without convergence is cut.
+  // Whether a substep that does not converge may be halved.
   bool may_halve() const { return divisible_ && size_ > kUnits / kMostSubsteps; }
   bool may_cut(Budget& budget) const {
     return divisible_ && size_ > 1 && (size_ > smallest(budget) || !budget.refuses());
   }
   bool may_repeat() const { return repeats_ < kMostRepeats; }
 
-  // The substep is solved again, with the same length, or cut to that share of it, by halves; or in `parts`.
+  // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided
+  // by `parts`.
   void repeat(Reason why);
   void cut(Reason why, double share, const Budget& budget);
   void divide(Reason why, int parts);
-  // The substep was taken. The next one is twice as long where that fits.
+  // Ends the substep. The next one is twice as long where that aligns with the units of the step.
   void accept();
 
   int taken() const { return taken_; }

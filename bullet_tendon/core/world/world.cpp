@@ -37,7 +37,7 @@ void World::remove_tendon(int slot) {
 
 namespace {
 
-// Into the first slot that is not alive, or a further one.
+// Puts a part into the first slot that is not alive, or into a new slot. Returns the slot.
 template <class Part>
 int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
   const size_t slot = std::find(alive.begin(), alive.end(), 0) - alive.begin();
@@ -50,7 +50,7 @@ int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
   return static_cast<int>(slot);
 }
 
-// As if the part had never been there.
+// Empties the slot, and removes empty slots at the end.
 template <class Part>
 void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
   parts[slot] = Part{};
@@ -112,13 +112,14 @@ void World::forget_memory_of(int tendon) {
   });
 }
 
-// The surface inside a bore does not count, so a change of bores changes the nearest points.
+// Deletes all cached planes. Surfaces inside a bore are ignored, so that a new set of bores changes the
+// nearest points.
 void World::forget_planes() {
   for (auto& tendon_caches : detection_.caches)
     for (auto& cache : tendon_caches) cache.entries.clear();
 }
 
-// Tendons that it is near now wake when it reaches them (wake_met).
+// Sleeping tendons near its new position wake in wake_met.
 void World::forget_contacts(int tendon) {
   wake_tendon(tendon);
   auto touches = [&](const Contact& contact) {
@@ -132,14 +133,15 @@ void World::forget_contacts(int tendon) {
   std::fill(scene.tendons[tendon]->tunnel_of.begin(), scene.tendons[tendon]->tunnel_of.end(), -1);
 }
 
-// A cache for every tendon and shape that are there.
+// Makes a cache for every pair of tendon and shape.
 void World::size_caches() {
   detection_.caches.resize(scene.tendons.size());
   for (size_t c = 0; c < scene.tendons.size(); ++c)
     detection_.caches[c].resize(scene.tendons[c] ? scene.shapes.size() : 0);
 }
 
-// A cache without known entries equals one of a shape that was never near: equal states have equal bytes.
+// Empties caches without known entries, so that they equal caches of shapes that were never near: equal
+// states have equal bytes.
 void World::empty_caches() {
   auto known = [](const Entry& e) { return e.known || e.inside; };
   for (auto& of_tendon : detection_.caches)
@@ -147,7 +149,8 @@ void World::empty_caches() {
       if (std::none_of(cache.entries.begin(), cache.entries.end(), known)) cache.entries.clear();
 }
 
-// The distances of this substep: those that the core knows, and the oracle's.
+// Updates the distances of this substep: from the cache or the core where possible, otherwise from the
+// oracle.
 void World::update_proximity(DistanceOracle& oracle) {
   detection_.queries.clear();
   size_caches();

@@ -1,12 +1,12 @@
-// The core's world: tendons, links, shapes and tunnels, and one step of them in named stages.
+// The world: tendons, links, shapes and tunnels. One step has these stages:
 //
 //   predict           history, inertial targets and starting guess of every tendon
-//   update_proximity  which distances are needed, and their values
-//   collect_contacts  contacts from planes, bores, mouths and pairs of tendons, warm started
-//   solve_islands     each island by itself
-//   take_substep      new states, contact memories, and one wrench per touched link
+//   update_proximity  distances between tendons and shapes, where they are needed
+//   collect_contacts  contacts with bones, bores, mouths and tendons, with warm start
+//   solve_islands     solves each island by itself
+//   take_substep      updates tendons, contact memory and the wrenches on links
 //
-// world/step.cpp has the loop, and world/checkpoint.cpp the way back where a step fails.
+// world/step.cpp has the loop. world/checkpoint.cpp restores the state when a step fails.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -26,20 +26,20 @@ namespace bt {
 class DistanceOracle {
  public:
   virtual ~DistanceOracle() = default;
-  // By query: distance [m], nearest surface point (3) and parameter of the segment
-  // (collision/proximity_cache.h, answer).
+  // Writes for each query the distance [m], the nearest surface point (3 values, [m]) and the segment
+  // parameter in [0, 1] (collision/proximity_cache.h, answer).
   virtual void measure(const std::vector<Query>& queries, std::vector<double>& distance,
                        std::vector<double>& points, std::vector<double>& u) = 0;
-  // Called now and then in a step. It may throw, which ends the step.
+  // Called repeatedly during a step. It may throw, which ends the step.
   virtual void poll() {}
 };
 
-// What a world is made of. Slots keep their numbers: a removed part leaves an empty slot, and the next
-// addition takes it.
+// The objects of a world. Slots keep their numbers: a removed object leaves an empty slot, which the next
+// added object takes.
 struct Scene {
   std::vector<std::unique_ptr<Tendon>> tendons;
   std::vector<Link> links;
-  std::vector<GeneralizedBody> bodies;  // each in the slot of one of its links; empty in the others
+  std::vector<GeneralizedBody> bodies;  // each body is in the slot of one of its links; other slots are empty
   std::vector<Shape> shapes;
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive;
@@ -49,25 +49,25 @@ struct Scene {
 // One step, and the substep that is being solved.
 struct StepState {
   StepContext context;
-  bool whole = false;  // it must not be cut
+  bool whole = false;  // the step must not be divided into substeps
   Substepper substeps;
   Budget budget;
-  int parts = 1;               // that a step whose segments turn far is begun with
+  int parts = 1;               // initial number of substeps of a step in which a segment turns far
   bool failed = false;         // a solution is not finite
-  double motion_limit = 1;     // share of the substep that can pass before something unpredicted touches
+  double motion_limit = 1;     // share of the substep in which nothing can pass through anything [-]
   bool unconverged = false;    // an island did not converge
-  int detections = 0;          // of contacts, after a solution of this substep
-  int stop_changes = 0;        // times that this substep was solved again for other joint stops
-  std::vector<Tendon*> slots;  // tendons of this step, by slot
-  Report report;               // of the step
-  Report attempt;              // of the last solution of a substep
+  int detections = 0;          // contact detections after a solution of this substep
+  int stop_changes = 0;        // times that this substep was solved again because joint stops changed
+  std::vector<Tendon*> slots;  // awake tendons, by slot; null elsewhere
+  Report report;               // of the whole step
+  Report attempt;              // of the last substep solution
 };
 
-// What is near what.
+// Distances and candidate pairs for contacts.
 struct Detection {
   std::vector<std::vector<NearCache>> caches;  // [tendon][shape]
   std::vector<Query> queries;
-  std::vector<double> distances;  // the answers to them
+  std::vector<double> distances;  // answers by query: distances [m], surface points, segment parameters
   std::vector<double> points;
   std::vector<double> parameters;
   BroadPhase broad_phase;
@@ -77,47 +77,47 @@ struct Detection {
   std::vector<int> near_tunnels;  // of one tendon
 };
 
-// Contacts of this substep or of the last one, and what is remembered of them.
+// Contacts of this substep and their memory.
 struct ContactSet {
-  std::vector<Contact> all;     // of this detection
-  std::vector<Contact> solved;  // of the last solution of this substep
-  std::vector<Contact> asleep;  // of tendons that sleep
+  std::vector<Contact> all;     // of the current detection
+  std::vector<Contact> solved;  // of the previous solution of this substep
+  std::vector<Contact> asleep;  // of sleeping tendons
   std::vector<ContactMemory> memory;
   std::vector<uint64_t> touching;
 };
 
-// Which islands may sleep.
+// Decides which islands sleep.
 struct SleepState {
-  Vec3 gravity;                // when the last tendon fell asleep
-  std::vector<char> restful;   // by root of an island
-  std::vector<char> restless;  // by root of an island
-  std::vector<Box> reach;      // of tendons that do not sleep, by slot
+  Vec3 gravity;                // when the last tendon fell asleep [m/s^2]
+  std::vector<char> restful;   // by island root: something supports the island
+  std::vector<char> restless;  // by island root: the island must not sleep
+  std::vector<Box> reach;      // of awake tendons in the step, by slot
 };
 
-// Which tendons are solved together (union-find), and by which bodies.
+// Tendons that are solved together (union-find).
 struct IslandSet {
   std::vector<Island> all;
-  std::vector<int> parent;   // of a tendon
-  std::vector<int> touches;  // by body, one of the tendons that touch it
-  std::vector<char> solid;   // by link: it has a shape or a tunnel
+  std::vector<int> parent;   // union-find, by tendon
+  std::vector<int> touches;  // by body: one tendon that touches it, or -1
+  std::vector<char> solid;   // by link: the link has a shape or a tunnel
 };
 
-// Checkpoints of the last step and of the step to come.
+// Checkpoints that restore the state before the last step or before a failed one.
 struct History {
-  Checkpoint start;          // of the last step
-  Checkpoint now;            // of an attempt whose step has not begun
-  StepRecord last_step;      // that is not whole
-  bool may_resolve = false;  // the last step can be solved again: bodies had a part in it
+  Checkpoint start;          // before the last step
+  Checkpoint now;            // before an attempt whose step has not begun
+  StepRecord last_step;      // the last step that was not `whole`
+  bool may_resolve = false;  // the last step can be solved again; only where bodies move
 };
 
 class World {
  public:
-  // Held by whoever calls a method while other threads may do so too.
+  // Locked by callers of methods where other threads may call them too.
   mutable std::recursive_mutex mutex;
   Options options;
   Scene scene;
 
-  // Makes the slot of a link. Until the link is read from pybullet, it is one that nothing moves.
+  // Creates the slot of a link. Until the link is read from pybullet, it does not move.
   void ensure_link(int link);
   int add_tendon(std::unique_ptr<Tendon> tendon);
   void remove_tendon(int slot);
@@ -125,52 +125,52 @@ class World {
   void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
-  // Forgets contacts, planes and tunnels of one tendon, after it was moved from outside.
+  // Deletes contacts, contact memory, cached planes and tunnel membership of a tendon that the user has
+  // moved.
   void forget_contacts(int tendon);
 
-  // Observes how links moved since the last step, and predicts how they will move in the next one, of dt.
-  // held: nothing moves them, and nothing is learned.
+  // Observes the motion of links since the last step, and predicts their motion in the next step of dt [s].
+  // held: links do not move, and the observers learn nothing.
   void sense(double dt, Vec3 gravity, bool held);
-  // Bodies that were released in the last step, which was solved as if they were held.
+  // Bodies that were released in the last step, while the step predicted them as held.
   std::vector<int> released_bodies() const;
-  // Free rigid bodies that an unpredicted force moved in the last step, so far that it stretches their
-  // tendons.
+  // Free rigid bodies that an unpredicted force moved in the last step, far enough to stretch their tendons.
   std::vector<int> pulled_bodies() const;
-  // Goes back to before the last step, to solve it again. Released bodies are free from now on, and the
-  // observed motion of the bodies `pulled` is their predicted motion in that step. false: it cannot be solved
-  // again, and only the released bodies have changed.
+  // Restores the state before the last step, so that it can be solved again. Released bodies become free. The
+  // bodies `pulled` are predicted with their observed motion. false: the step cannot be solved again, and
+  // only the released bodies have changed.
   bool rewind(const std::vector<int>& pulled);
   bool any_held() const;
-  // Records the rates of a body right after a step; whether it seems to have been released.
+  // Records the rates of a body after a step. Returns whether the body appears to have been released.
   bool sample(int body, const dense::Numbers& rates);
-  // The body is free: nothing can hold it.
+  // Treats the body as free: nothing but the tendons holds it.
   void let_go(int body);
-  // Ends the correction of the last step, in which the rates of bodies were set from outside. That step is
-  // not solved again, and an attempt that fails goes back to this state.
+  // Ends the correction of the last step, in which the caller set the rates of bodies. That step is not
+  // solved again. An attempt that fails restores this state.
   void finish_resolve();
-  // The last step is not solved again: something that it began from was changed.
+  // The last step is not solved again, because its initial state was changed.
   void forbid_resolve() { history_.may_resolve = false; }
-  // One step of dt [s], after `sense` (if any) has read the bodies. false: some solution is not finite. Then,
-  // and where it throws, all state is that of before. whole: not in substeps, whatever happens (for steps
-  // whose length means nothing); bodies neither move nor yield.
+  // One step of dt [s]. First `sense` (if any) reads the bodies. false: a solution is not finite. In that
+  // case, and if it throws, the state is unchanged. whole: without substeps (for relaxation, where dt has no
+  // physical meaning); bodies are held.
   bool attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                const std::function<void()>& sense);
-  // The step alone. Where it fails, the state is undefined.
+  // The step without a checkpoint. If it fails, the state is undefined.
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
-  // The last step that is not whole.
+  // The last step that was not `whole`.
   const StepRecord& last_step() const { return history_.last_step; }
   // Called after every substep, for tests.
   std::function<void()> after_substep;
 
-  // All state as bytes (world/state_fields.h lists it), and back. restore throws StateMismatch, and changes
-  // nothing, unless the bytes are a state of a world that is made of the same parts.
+  // Converts all state (listed in world/state_fields.h) to bytes and back. If the bytes are not a state of a
+  // world with the same objects, restore throws StateMismatch and changes nothing.
   std::vector<char> save();
   void restore(const char* from, size_t size);
 
   const Report& report() const { return step_.report; }
   Vec3 gravity() const { return step_.context.gravity; }  // of the last step
   std::vector<ContactRecord> contacts() const;
-  // The tendon steps again, with all that sleep with it, because something about it has changed.
+  // Wakes the whole island of a tendon.
   void wake_tendon(int tendon);
   void wake_all();
 
@@ -189,11 +189,11 @@ class World {
   bool any_moved() const;
   double pulled_away(const Tendon& c, const Anchor& anchor) const;
   bool take_back();
-  // Predicts how a body will move in this step.
+  // Predicts the motion of a body, and of its links, in this step.
   void predict(int body);
   void lead_links(int body);
-  // The motion of a link has a jump: two-step methods restart in all tendons, because tendons that share
-  // forces must have the same step weights.
+  // Restarts two-step methods in all tendons, because the motion of a link is discontinuous. All restart,
+  // because tendons that exert forces on each other must have the same step weight.
   void interrupt();
   void aim_attachments(Tendon& c);
   // world/step.cpp
@@ -209,9 +209,8 @@ class World {
   void measure_wrenches();
   bool predict_at_solution();
   void inherit_multipliers();
-  // integrator/scheme.cpp
-  // Tendons that press on each other get the same step weight, so that their impulses are equal and opposite.
-  // true: some tendons had another one.
+  // Gives tendons in contact with each other the same step weight, so that their impulses are equal and
+  // opposite. true: a step weight has changed.
   bool share_weights();
   // world/bodies.cpp
   template <class Do>
@@ -242,7 +241,7 @@ class World {
   void finish_pair(Contact& contact);
   void add_contact(const Contact& contact);
   double depth_to_leave(const Contact& contact, double most) const;
-  // inertia: of the particle that the contact is of, over the step's weight squared [N/m].
+  // Warm start from the contact memory. inertia: of the particle, over the squared step weight [N/m].
   void recall(Contact& contact, double inertia);
   void remember();
   // world/sleeping.cpp
@@ -259,7 +258,7 @@ class World {
   // world/contact_builder.cpp
   void find_bores();
   void classify(Tendon& c);
-  // Those that the tendon could touch in the step, by boxes, and those that it is in, into near_tunnels_.
+  // Writes to detection_.near_tunnels the tunnels that contain the tendon or that it can reach in the step.
   void find_near_tunnels(const Tendon& c);
   void bore_contacts(int tendon, int tunnel);
   void mouth_contacts(int tendon, int tunnel);
