@@ -13,16 +13,16 @@ namespace bt {
 
 namespace {
 
-// By how much tendons part, an arc along both, from where they are held nearer to each other than they are
-// thick [-]. Larger: what is held at one point is bent there, and stretched by that. Smaller: it overlaps for
-// longer.
+// Increase of the contact distance of two tendons per arc length along both, from anchors whose distance is
+// less than the sum of radii [-]. Larger: tendons with one common anchor are bent and stretched there.
+// Smaller: they overlap along a longer arc.
 constexpr double kParting = 0.1;
 
-// Methods that do not split their steps foresee tendon pairs up to this many sums of radii [-]. A row
-// is a plane; far from touching it would hold back what passes beside it.
+// Greatest relative motion for which methods without substeps predict tendon pairs, in sums of radii [-].
+// Larger: a contact is a plane, and would stop distant segments that would pass beside each other.
 constexpr double kFarthest = 2.0;
 
-// In blocks of 64 by 64 segments, and these in blocks of 8 by 8.
+// Sort key of a candidate: blocks of 64 by 64 segments, divided into blocks of 8 by 8.
 uint64_t order_of(const Candidate& s) {
   auto part = [](int segment, int shift, int bits) {
     return static_cast<uint64_t>(segment >> shift & ((1 << bits) - 1));
@@ -34,23 +34,23 @@ uint64_t order_of(const Candidate& s) {
 
 double sum_of_radii(const TendonBvh& a, const TendonBvh& b) { return a.tendon().radius + b.tendon().radius; }
 
-// Relative motion that is foreseen in the step, at most [m].
+// Predicted relative motion in the step, limited to `most` [m].
 double foreseen(const TendonBvh& a, const TendonBvh& b, double most) {
   return std::min(most, relative_motion(a.ahead(), b.ahead()));
 }
 
 }  // namespace
 
-// Goes down both hierarchies where segments may be near each other.
+// Descends both hierarchies where segments may be within the limit.
 struct Collector {
   TendonBvh &a, &b;
-  const double reach;  // of both [m]
-  const double most;   // relative motion within the step [m]
-  const double limit;  // of distances [m]
-  const bool once;     // the list is to serve for this step alone
+  const double reach;  // sum of both tendons' [m]
+  const double most;   // limit of the relative motion within the step [m]
+  const double limit;  // of the distances of candidates [m]
+  const bool once;     // the list is for this step only
   CandidateList& list;
   const bool self = &a == &b;
-  // Two tendons may move towards each other as wholes.
+  // Relative mean motion of two tendons within the step [m].
   const double towards = self ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
 
   using Node = TendonBvh::Node;
@@ -59,12 +59,12 @@ struct Collector {
     return highest(highest(p.lo - q.hi, q.lo - p.hi), {});
   }
 
-  // Where they are and will be, relative to the tendon's mean motion.
+  // Box around the present and the predicted positions, less the tendon's mean motion.
   static Box swept(const Node& s, Vec3 mean) {
     return {lowest(s.at.lo, s.at.lo + s.ahead.lo - mean), highest(s.at.hi, s.at.hi + s.ahead.hi - mean)};
   }
 
-  // Of segments whose boxes have that distance, squared, and do not meet.
+  // Whether segments can touch within this step. Their boxes are disjoint; square: squared distance [m^2].
   bool may_touch_now(const Node& p, const Node& q, double square) const {
     const Vec3 moves = highest(p.ahead.hi - q.ahead.lo, q.ahead.hi - p.ahead.lo);
     const double enough = (1 + kRoundedUp) * (reach + std::min(most, norm(moves)));
@@ -82,7 +82,7 @@ struct Collector {
     between(2 * i, 2 * i + 1);
   }
 
-  // Of one tendon: i comes before j.
+  // If both are nodes of one tendon, i comes before j.
   void between(int i, int j) {
     if (a.is_empty(i) || b.is_empty(j)) return;
     if (self && a.joins(a.first(i), b.last(j))) return;
@@ -194,20 +194,21 @@ void BroadPhase::find_between(int i, int j, Foresight foresight, PairCounts& cou
 
 namespace {
 
-// Tendons whose held particles are nearer to each other than they are thick.
+// Contact distance near anchors whose distance is less than the sum of radii.
 //
-// No force moves what is held, or not from each other on one link: a contact there has no solution, and next
-// to it one that bends both tendons as sharply as their segments let them. So from there on they part little
-// by little. With d the distance of the held particles and s, t the arcs from them to the points that touch,
-// what is kept apart is
+// No force moves fixed anchors, or changes the distance of two anchors on one link. A contact between them
+// has no solution. A contact next to them would bend both tendons as sharply as their segments allow.
+// Therefore the contact distance increases gradually with the arc length. With the distance d of the anchors,
+// and the arcs s and t from them to the contact points, it is
 //
-//   min(r_a + r_b, d + kParting (s + t)).
+//   min(r_a + r_b, d + kParting (s + t))  [m].
 
+// Whether no force moves the anchor.
 bool stays(const Anchor& h, const std::vector<Link>& links) {
   return h.link < 0 ? h.rigid : !links[h.link].yields();
 }
 
-// Rest length between two particles, in order; and from one to the point u of segment k.
+// Rest length between particles first <= last, and from a particle to the point u of segment k [m].
 double arc_between(const Tendon& c, int first, int last) {
   return std::accumulate(c.rest.begin() + first, c.rest.begin() + last, 0.0);
 }
@@ -227,7 +228,7 @@ double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon&
       if (!together && !(stays(h, links) && stays(g, links))) continue;
       const double d = norm(h.aim - g.aim);
       if (d >= apart) continue;
-      // Of one tendon, two holds side by side do not contradict a contact: what is between them is none.
+      // Adjacent anchors of one tendon contradict no contact, because segments between them make none.
       const auto [first, last] = std::minmax(h.particle, g.particle);
       if (&a == &b && arc_between(a, first, last) < kSelfContactArc * a.radius) continue;
       const double arcs = arc_to(a, h.particle, p.segment_a, at.u) + arc_to(b, g.particle, p.segment_b, at.w);

@@ -1,14 +1,14 @@
-// Which pairs of segments of tendons could touch within a step.
+// Broad phase: the pairs of tendon segments that could touch within a step.
 //
-// Of every two tendons, and of every tendon with itself, a list of candidates is kept: all segments that are
-// nearer to each other than a limit, but neighbours along the tendon. It is collected from both tendons'
-// hierarchies of boxes (tendon_bvh.h), and serves until
+// Every two tendons, and every tendon with itself, have a list of candidates: all pairs of segments nearer to
+// each other than a limit, except neighbours along the tendon. The list is collected from the bounding volume
+// hierarchies of both tendons (tendon_bvh.h). It is valid until
 //
-//   reach + motion since then + motion foreseen in this step  >=  least distance of what it leaves out,
+//   reach + motion since then + motion predicted in this step  >=  least distance of the pairs not listed.
 //
-// motions being those of one tendon relative to the other. Each candidate that could touch, by the same
-// inequality with its own distance, is tested (narrow_phase.h). So nothing depends on when a list was
-// collected: what it leaves out could not touch.
+// Motions are those of one tendon relative to the other. A candidate that could touch, by the same inequality
+// with its own distance, is tested (narrow_phase.h). Pairs that are not listed cannot touch. Therefore the
+// result does not depend on when a list was collected.
 #pragma once
 #include <vector>
 
@@ -16,24 +16,26 @@
 
 namespace bt {
 
-// What the limit of a list is more than the reach of both tendons, in sums of radii [-]. More: lists serve
-// for longer, and what lies side by side is on them, which makes steps slower. Less: they are collected more
-// often. Where more than half of it is foreseen to be used up in one step, the list is for that step alone.
+// Margin of the limit of a list over the reach of both tendons, in sums of radii [-]. Larger: lists are valid
+// for longer, but contain tendons that lie side by side, which makes steps slower. Smaller: lists are
+// collected more often. Where one step is predicted to use more than half of it, the list is collected for
+// that step only.
 constexpr double kListMargin = 0.35;
 
 struct Candidate {
   int k, m;
-  double distance;  // at least, when it was collected [m]
+  double distance;  // lower bound at the time of collection [m]
 };
 
-// The candidates of two tendons, or of one with itself.
+// The candidates of two tendons, or of one tendon with itself.
 class CandidateList {
  public:
-  // How near segments had to be when they were collected to touch within this step, each tendon moving
-  // relative to the other by `most` at most within it [m].
+  // Greatest distance at the time of collection of segments that can touch within this step [m]. `most`:
+  // limit of the relative motion of the tendons within the step [m].
   double needed(const TendonBvh& a, const TendonBvh& b, double most) const;
+  // Whether the list contains all pairs that were nearer than `needed`.
   bool serves(const TendonBvh& a, const TendonBvh& b, double needed) const;
-  // Whether some candidate is as near as needed.
+  // Whether a candidate is within the distance `needed` [m].
   bool any_within(double needed) const { return !(nearest_ > needed); }
   void collect(TendonBvh& a, TendonBvh& b, double most);
   const std::vector<Candidate>& candidates() const { return candidates_; }
@@ -41,25 +43,25 @@ class CandidateList {
  private:
   friend struct Collector;
   std::vector<Candidate> candidates_;
-  double left_out_ = -1;           // least distance of what is not listed, when it was collected [m]
-  double nearest_ = 0;             // least distance of what is [m]
-  MotionBound a_moved_, b_moved_;  // then
-  int a_rest_ = -1, b_rest_ = -1;  // TendonBvh::rest_set() then
+  double left_out_ = -1;           // least distance of the pairs not listed, at collection [m]
+  double nearest_ = 0;             // least distance of the candidates, at collection [m]
+  MotionBound a_moved_, b_moved_;  // at collection
+  int a_rest_ = -1, b_rest_ = -1;  // TendonBvh::rest_set() at collection
 };
 
 class BroadPhase {
  public:
-  // Forgets all lists: tendons were added, removed or changed.
+  // Deletes all lists, because tendons were added, removed or changed.
   void clear();
-  // Appends the pairs that could touch, by tendons, and of two tendons in blocks of segments. tendons: null
-  // for those that are left out. threshold: distance of the surfaces at which contacts begin [m].
+  // Appends the pairs that could touch, ordered by tendons, then by blocks of segments. tendons: null entries
+  // are left out. threshold: distance of the surfaces at which contacts begin [m].
   PairCounts find(const std::vector<Tendon*>& tendons, double threshold, Foresight foresight,
                   std::vector<SegmentPair>& out);
 
  private:
   void find_between(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
   std::vector<TendonBvh> tendons_;
-  std::vector<CandidateList> lists_;  // of tendons i <= j at i + j (j + 1) / 2
+  std::vector<CandidateList> lists_;  // tendons i <= j at i + j (j + 1) / 2
   StraightStretches straight_;
 };
 

@@ -9,16 +9,15 @@ namespace bt {
 
 namespace {
 
-// Least cosine between a stretch of tendon's segments and its chord for it to count as straight [-].
+// Least cosine between the segments of a straight stretch and its chord [-].
 constexpr double kStraight = 0.75;
 
-// Stretches of eight segments that are looked at for being straight together at most [-].
+// Most stretches of eight segments that one straight run can have [-].
 constexpr int kFarthestStretch = 64;
 
-// What nearly parallel segments may be nearer to each other between their contacts than there, in sums of
-// radii
-// [-]. Larger: they go deeper. Smaller: contacts of segments that cross lie nearer together, and hold them
-// less against turning.
+// Difference between the distance of nearly parallel segments at their contacts and their least distance
+// between the contacts, in sums of radii [-]. Larger: more penetration. Smaller: the contacts of crossing
+// segments are nearer to each other, and resist rotation less.
 constexpr double kSag = 2e-3;
 
 BT_VECTOR bool runs_straight(const Field& at) {
@@ -40,8 +39,8 @@ BT_VECTOR bool runs_straight(const Field& at) {
 
 bool is_straight(const Tendon& c) { return runs_straight(c.x) && runs_straight(c.predicted); }
 
-// With every segment of stretch j within the angle t of its heading, and cos(t) >= kStraight = cos(f), all
-// are within f of another heading if that is within f - t of the stretch's:
+// If every segment of stretch j is within the angle t of its heading, and cos(t) >= kStraight = cos(f), then
+// all are within f of another heading that is within f - t of the stretch's heading:
 //
 //   cos(f - t) = cos f cos t + sin f sin t.
 void StraightStretches::find(TendonBvh& tendon) {
@@ -60,11 +59,12 @@ void StraightStretches::find(TendonBvh& tendon) {
       const double size = norm(d);
       least = std::min(least, size > 0 ? dot(d, heading_[i]) / size : -1.0);
     }
-    agrees_[i] = 2;  // than which no cosine is greater
+    agrees_[i] = 2;  // greater than any cosine: never straight
     if (least >= kStraight)
       agrees_[i] = kStraight * least + sine * std::sqrt(std::max(0.0, 1 - least * least));
   }
-  const bool deforms = tendon.most_off_mean() > kFarthestMove * c.radius;  // it may be bent at the step's end
+  const bool deforms =
+      tendon.most_off_mean() > kFarthestMove * c.radius;  // may be bent at the end of the step
   for (int i = 0; i < count; ++i) {
     const int end = deforms ? i : std::min(count, i + kFarthestStretch);
     int j = i;
@@ -73,7 +73,7 @@ void StraightStretches::find(TendonBvh& tendon) {
   }
 }
 
-// How much two segments move relative to each other in the step, as foreseen [m].
+// Predicted relative motion of two segments in the step [m].
 double NarrowPhase::motion(int k, int m) const {
   const Tendon &p = a.tendon(), &q = b.tendon();
   double farthest = 0;
@@ -83,7 +83,7 @@ double NarrowPhase::motion(int k, int m) const {
   return farthest;
 }
 
-// What a straight stretch of one tendon joins turns with it.
+// Two segments joined by a straight stretch of one tendon turn with it. This rotation is removed.
 Sweep NarrowPhase::sweep(int k, int m) const {
   const Tendon &p = a.tendon(), &q = b.tendon();
   const Field &y = p.predicted, &z = q.predicted;
@@ -105,7 +105,7 @@ PairPoint NarrowPhase::point(int k, int m, double u, double w) const {
   return at;
 }
 
-// Where two segments touch that are nearest as found.
+// Sets the contact points of a pair whose nearest points are known. reach [m].
 void NarrowPhase::find_points(SegmentPair& s, double reach) const {
   const Tendon &p = a.tendon(), &q = b.tendon();
   const int k = s.segment_a, m = s.segment_b;
@@ -126,7 +126,7 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
 
 void NarrowPhase::test(int k, int m) {
   const Tendon &p = a.tendon(), &q = b.tendon();
-  // Two tendons may move towards each other as wholes.
+  // Relative mean motion of two tendons within the step [m].
   const double towards = straight ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
   if (!overlap(swept_box(p, k, a.mean_motion(), a.skin()), swept_box(q, m, b.mean_motion(), b.skin()),
                towards))
@@ -137,11 +137,11 @@ void NarrowPhase::test(int k, int m) {
   const double radii = p.radius + q.radius, skins = a.skin() + b.skin(), moves = motion(k, m);
   const double slack = std::max(p.slack[k], p.slack[k + 1]) + std::max(q.slack[m], q.slack[m + 1]);
   const double reach = skins + slack + std::min(moves, most);
-  const double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1
+  const double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1 of algorithm 1
   if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
   SegmentPair s{slot_a, k, slot_b, m};
   double u, w;
-  nearest_parameters(p0, p1, q0, q1, u, w);  // step 2
+  nearest_parameters(p0, p1, q0, q1, u, w);  // step 2 of algorithm 1
   s.nearest = point(k, m, u, w);
   if (s.nearest.distance >= reach) return;
   find_points(s, reach);

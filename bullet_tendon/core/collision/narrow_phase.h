@@ -1,4 +1,5 @@
-// Algorithm 1: whether two segments of tendons could touch within a step, and where they are nearest.
+// Narrow phase (paper, algorithm 1): whether two tendon segments could touch within a step, and their nearest
+// points.
 #pragma once
 #include <vector>
 
@@ -11,68 +12,67 @@ namespace bt {
 // A point of each segment: x_a + u (x_a+1 - x_a) and x_b + w (x_b+1 - x_b).
 struct PairPoint {
   double u = 0, w = 0;
-  Vec3 apart;  // from b to a [m], turned as they are predicted to turn together within the step
-  double distance = 0;
-  int end = 0;  // of the stretch along which they touch
+  Vec3 apart;           // from b to a, turned by the predicted common rotation of both within the step [m]
+  double distance = 0;  // [m]
+  int end = 0;          // which end of the stretch along which they touch
 };
 
 struct SegmentPair {
   int tendon_a, segment_a, tendon_b, segment_b;
   PairPoint nearest;
-  bool passes = false;    // as predicted they do not touch
-  bool parallel = false;  // nearly: they touch at the ends of a stretch, else where they are nearest
-  // Where they touch. An end at the second particle of a segment is left to the next segment.
+  bool passes = false;    // predicted not to touch
+  bool parallel = false;  // nearly parallel: contacts at the ends of a stretch, else at the nearest points
+  // Contact points. An end at the second particle of a segment belongs to the next segment.
   int count = 0;
   PairPoint points[2];
 };
 
-// Distance that the centrelines of a pair are kept at [m]: the sum of their radii, or less near held
-// particles that are nearer than that (collision/broad_phase.cpp).
+// Distance of the centrelines of a pair in contact [m]: the sum of the radii, or less near anchors that are
+// nearer to each other than that (collision/broad_phase.cpp).
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
                         const std::vector<Link>& links);
 
-// What a search for pairs did.
+// Statistics of a search for pairs.
 struct PairCounts {
-  long considered = 0;  // pairs of segments that were measured, because their boxes meet
+  long considered = 0;  // pairs of segments that were measured because their boxes overlap
   long near = 0;        // those of them that could touch within the step
-  long searches = 0;    // pairs of tendons (each with itself too) whose candidates were collected anew
-  long skipped = 0;     // those whose candidates served again, or that need none
-  double room = 1;      // share of the step until tendons that are not near could touch, as foreseen [-]
+  long searches = 0;    // pairs of tendons (also with themselves) whose candidates were collected
+  long skipped = 0;     // pairs of tendons with valid lists, or that need none
+  double room = 1;      // predicted share of the step before tendons that are not near could touch [-]
 };
 
-// Which pairs could touch within a step: of what is within kFarthest; or of all, however far they move, but
-// only where they approach (geometry/segment_distance.h).
+// near: relative motions of at most kFarthest sums of radii (collision/broad_phase.cpp). swept: any motion,
+// but only pairs that approach each other (geometry/segment_distance.h).
 enum class Foresight { near, swept };
 
-// Whether a tendon as a whole runs so straight, now and, as foreseen, at the end of the step, that it cannot
-// touch itself.
+// Whether the whole tendon is too straight to touch itself, at present and at the predicted end of the step.
 bool is_straight(const Tendon& c);
 
-// Up to where a tendon runs so straight that it cannot touch itself: points an arc a apart are at least
-// kStraight a apart, and kStraight kSelfContactArc exceeds two.
+// The stretches of a tendon that are too straight to touch themselves. The distance of two points of such a
+// stretch is at least kStraight times the arc between them, and kStraight kSelfContactArc exceeds two.
 class StraightStretches {
  public:
   void find(TendonBvh& tendon);
   bool join(int k, int m) const { return m / kSegments <= to_[k / kSegments]; }
 
  private:
-  static constexpr int kSegments = 8;  // in a stretch
-  std::vector<int> to_;                // the last stretch, by stretch
-  std::vector<Vec3> heading_;          // of each stretch's chord
-  std::vector<double> agrees_;  // least cosine of another heading with it for all its segments to be straight
+  static constexpr int kSegments = 8;  // per stretch
+  std::vector<int> to_;                // last stretch of the straight run from each stretch
+  std::vector<Vec3> heading_;          // unit vector of each stretch's chord
+  std::vector<double> agrees_;  // least cosine to another heading at which all its segments are straight
 };
 
-// Of two tendons, or of one where a is b.
+// Tests pairs of segments of two tendons, or of one tendon (a is b).
 struct NarrowPhase {
   TendonBvh &a, &b;
   const int slot_a, slot_b;
   const Foresight foresight;
-  const StraightStretches* straight;  // of one tendon
-  const double most;                  // relative motion that is foreseen at most [m]
+  const StraightStretches* straight;  // null for two tendons
+  const double most;                  // limit of the predicted relative motion [m]
   PairCounts& counts;
   std::vector<SegmentPair>& out;
 
-  // Appends the segments k of a and m of b, if they could touch within the step.
+  // Appends the pair of segment k of a and segment m of b if they could touch within the step.
   void test(int k, int m);
 
  private:

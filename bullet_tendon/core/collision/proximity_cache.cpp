@@ -8,17 +8,18 @@ namespace bt {
 
 namespace {
 
-// A tunnel's bore is taken to reach this many radii beyond its mouths when bone surface is looked
-// for [-]: a mouth drilled at up to 63 degrees from the surface's normal leaves no lid.
+// Length beyond each mouth, in radii, over which a bore removes bone surface [-]. It is enough for bores at
+// up to 63 degrees from the surface normal: no surface remains across the mouth.
 constexpr double kBoreReach = 2.0;
 
-// Steps for which a plane is reused at most by a feature that has moved along it by more than this share of
-// its distance [-]. More: what has come to rest leans on tilted planes for longer. Fewer: more queries.
+// Most steps for which a feature reuses a plane after it has moved along it by more than kFresh of its
+// distance
+// [-]. Larger: features that come to rest use tilted planes for longer. Smaller: more queries.
 constexpr int kOldest = 24;
 constexpr double kFresh = 1e-2;
 
-// Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
-// [-]. Larger: lists cost more. Smaller: more searches.
+// Motion of a feature, as a share of its distance, for which its list of triangles is complete [-]. Larger:
+// lists cost more. Smaller: more searches.
 constexpr double kListed = 0.05;
 
 }  // namespace
@@ -71,10 +72,10 @@ Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, const Pose& pose, const std
   return plane_at((1 - found.u) * a + found.u * b, found.point, found.u, 1, pose, bores, fallback);
 }
 
-// What is too far away makes no contact, also where it was measured.
+// Features beyond their reach make no contact, even if they were measured.
 bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.reach; }
 
-// Decides for one feature between skipping, reusing and querying.
+// Decides for one feature between skipping, reusing, searching and querying.
 struct Considering {
   const Shape& shape;
   const Pose pose;
@@ -121,8 +122,8 @@ struct Considering {
     return true;
   }
 
-  // What was nearest is no farther away than from the feature as it is now. Where the feature's ends have
-  // moved by no more than its distance, or have not gone through the surface, it is on the side where it was.
+  // The present distance to the last nearest point is an upper bound. The feature is on the same side of the
+  // surface if its ends have moved by less than its distance, or have not crossed the surface.
   bool searched(Entry& e, const Query& q, double moved) const {
     const Surface& surface = *shape.surface;
     if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
@@ -143,7 +144,7 @@ struct Considering {
   bool still_true(Entry& e, const Query& q, double moved) const {
     const Vec3 n = e.asked.normal;
     const double aside = std::max(norm(without(q.a - e.a, n)), norm(without(q.b - e.b, n)));
-    // What has moved is measured now and then all the same, so that what comes to rest rests on true planes.
+    // A feature that has moved is measured every kOldest steps, so that it comes to rest on an exact plane.
     if (aside > kFresh * e.distance) ++e.age;
     if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance || e.age >= kOldest) return false;
     e.now = e.asked;
@@ -157,7 +158,7 @@ struct Considering {
 void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
   const int n = tendon.n();
-  // Put into the cache, which most shapes need nothing of, only where the shape is near.
+  // Copied into the cache only where the shape is near. Most shapes are not.
   thread_local std::vector<Vec3> local;
   thread_local std::vector<double> motion;
   local.resize(n);
@@ -184,7 +185,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   cache.motion = motion;
   Considering consider{shape, pose, context, queries, counts};
   auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
-  double before = 0;  // reach of the particle before
+  double before = 0;  // reach of the previous particle [m]
   bool bored_before = false;
   for (int i = 0; i < n; ++i) {
     const Vec3 here = cache.local[i];
@@ -212,8 +213,8 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Shape& 
             const std::vector<Bore>& bores, Entry& e) {
   const Vec3 nearest = (1 - u) * q.a + u * q.b;
   const double length = norm(nearest - point);
-  // A distance below zero is believed where its point is that far away: the way out of a
-  // primitive. A mesh gives no such point: the last good plane stays.
+  // A negative distance is valid if its point is at that distance: the penetration depth of a primitive. A
+  // mesh gives no such point, and the last valid plane is kept.
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
   if (!believed) {
     e.inside = true;
@@ -242,20 +243,20 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Shape& 
 
 namespace {
 
-// Planes of a curved surface, tangential where a feature will be at the end of the step.
+// Planes of a curved surface, tangent at the predicted position of a feature at the end of the step.
 //
-// A plane that touches where the feature is now leans back by (motion in the step) / R when the feature
-// gets where it goes: its normal force then brakes like friction with that coefficient. The curvature
-// along the tendon is read from the planes of the neighbouring features, so no further query is made.
+// A plane that is tangent at the present position is tilted by the angle (motion in the step) / R at the end
+// of the step. Its normal force then acts like friction with that coefficient. The curvature along the tendon
+// follows from the planes of the neighbouring features, without further queries.
 
-// Whether the planes at both places can be of one smooth stretch of surface.
+// Whether the planes at both points can belong to one smooth part of the surface.
 bool usable(const Entry& e, Vec3 from, double farthest) {
   const double away = norm(e.now.point - from);
   return e.wanted && away > 1e-3 * farthest && away <= farthest;
 }
 
-// Of two curvatures the one that is nearer to flat, and flat where they disagree: beside an edge,
-// the surface on this side of it is what counts.
+// The smaller of two curvatures, or zero if their signs differ [1/m]. Beside an edge, this is the curvature
+// on the feature's side of it.
 double flatter(double a, double b) { return a * b <= 0 ? 0 : std::fabs(a) < std::fabs(b) ? a : b; }
 
 }  // namespace

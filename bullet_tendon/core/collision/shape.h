@@ -1,4 +1,4 @@
-// What a tendon can touch: shapes of links, and the bores in them.
+// Collision shapes of links, and the bores in them.
 #pragma once
 #include <memory>
 
@@ -11,14 +11,14 @@ namespace bt {
 
 struct Shape {
   int link = 0;
-  Pose local;   // of the shape's frame in the link's frame
-  Vec3 lo, hi;  // box around it in its own frame
+  Pose local;   // of the shape's frame, in the link's frame
+  Vec3 lo, hi;  // bounding box, shape frame [m]
   bool half_space = false;
-  Vec3 plane_normal;  // of a half-space: n.x = offset is the surface
-  double plane_offset = 0;
-  double friction = 0;
-  std::shared_ptr<const Surface> surface;  // of a mesh
-  Primitive primitive;                     // of a closed form
+  Vec3 plane_normal;                       // half-space: its surface is n.x = plane_offset, shape frame
+  double plane_offset = 0;                 // [m]
+  double friction = 0;                     // coefficient [-]
+  std::shared_ptr<const Surface> surface;  // mesh; else null
+  Primitive primitive;                     // closed form; else of kind none
 };
 
 Pose in_world(const Shape& shape, const Link& link);

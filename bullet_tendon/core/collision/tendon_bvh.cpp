@@ -10,10 +10,10 @@ namespace bt {
 
 namespace {
 
-// Rounding of a sum, as a share of it [-].
+// Relative rounding error of a sum [-].
 constexpr double kSumRounding = 3e-16;
 
-// Empty where both are.
+// Empty if both are empty.
 Box around_both(const Box& p, const Box& q) { return {lowest(p.lo, q.lo), highest(p.hi, q.hi)}; }
 
 }  // namespace

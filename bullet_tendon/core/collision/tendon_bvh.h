@@ -1,5 +1,5 @@
-// A tendon as the search for tendons that could touch sees it: a bounding volume hierarchy of its segments,
-// how far it moves, and which of its segments are neighbours.
+// The data of a tendon for the broad phase: a bounding volume hierarchy of its segments, bounds of its
+// motion, and which of its segments are neighbours.
 #pragma once
 #include <algorithm>
 #include <vector>
@@ -10,28 +10,29 @@
 
 namespace bt {
 
-// The box around where a segment is and, as foreseen, will be at the end of the step, relative to its
-// tendon's mean motion, grown by skin and slack.
+// Box around the present and the predicted position of a segment, less its tendon's mean motion, grown by
+// skin and slack [m].
 Box swept_box(const Tendon& c, int segment, Vec3 mean_motion, double skin);
 
 // The hierarchy is an implicit binary tree: node 1 is the root, nodes 2 i and 2 i + 1 are the children of
-// node i, and the second half of all nodes, a power of two, are the segments. Those beyond the tendon's end
-// are empty boxes, which are near nothing.
+// node i, and the second half of the nodes (a power of two) are the leaves, one per segment. Leaves beyond
+// the tendon's end are empty boxes.
 class TendonBvh {
  public:
-  // Follows the tendon, always the same, to where it is and is foreseen to be. threshold: distance of the
-  // surfaces at which contacts begin [m].
+  // Updates the motion bounds to the tendon's present and predicted positions. Every call needs the same
+  // tendon. threshold: distance of the surfaces at which contacts begin [m].
   void follow(const Tendon& c, double threshold);
   const Tendon& tendon() const { return *tendon_; }
 
-  // Motion since the first call of follow(): the sum over all calls; and within this step, as foreseen.
+  // Motion since the first call of follow(), summed over all calls; and the predicted motion of this step.
   const MotionBound& moved() const { return moved_; }
   const MotionBound& ahead() const { return ahead_; }
-  // How far its centreline acts; and that, where it may end off what is foreseen [m].
+  // Distance of contact from the centreline; and the same plus the greatest deviation from the prediction
+  // [m].
   double skin() const { return skin_; }
   double reach() const { return skin_ + tendon_->most_slack; }
 
-  // Where segments are, and what they are foreseen to move by within the step.
+  // Boxes around the positions of segments, and around their predicted displacements within the step [m].
   struct Node {
     Box at;
     Box ahead;
@@ -40,19 +41,19 @@ class TendonBvh {
   const Node& operator[](int node) const { return nodes_[node]; }
   bool is_leaf(int node) const { return node >= leaves_; }
   int first(int node) const { return node * width(node) - leaves_; }
-  // No segment lies below it: there are as many leaves as the next power of two.
+  // Whether no segment is below the node.
   bool is_empty(int node) const { return first(node) >= tendon_->n() - 1; }
   int last(int node) const { return std::min(first(node) + width(node), tendon_->n() - 1) - 1; }
-  // Segments below a node, those beyond the end included.
+  // Number of leaves below a node, with those beyond the tendon's end.
   int width(int node) const { return leaves_ >> (31 - __builtin_clz(static_cast<unsigned>(node))); }
 
-  // Rest length between two segments, k before m [m].
+  // Rest length between segments k < m [m].
   double arc_between(int k, int m) const { return arc_[m] - arc_[k + 1]; }
-  // Segments that a spring joins, or so near along the tendon that no bend brings them together.
+  // Whether segments share a particle, or are so near along the tendon that no bend brings them into contact.
   bool joins(int k, int m) const { return m - k <= 1 || arc_between(k, m) < joined_arc_; }
-  int rest_set() const { return rest_set_; }  // changes with the rest lengths
+  int rest_set() const { return rest_set_; }  // number of the set of rest lengths; changes with them
 
-  // Of its particles within the step, as foreseen; and the most that one moves besides [m].
+  // Predicted mean motion of the particles within the step, and the greatest deviation of one from it [m].
   Vec3 mean_motion();
   double most_off_mean();
 
@@ -64,7 +65,7 @@ class TendonBvh {
   double skin_ = 0;
   std::vector<Node> nodes_;
   int leaves_ = 0;
-  bool fitted_ = false;    // in this call of follow()
+  bool fitted_ = false;    // since the last call of follow()
   bool averaged_ = false;  // the same
   Vec3 mean_motion_;
   std::vector<double> arc_;  // rest length up to each particle [m]

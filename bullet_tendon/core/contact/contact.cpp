@@ -7,13 +7,14 @@ namespace bt {
 
 namespace {
 
-// Depth, in radii, from which a contact is stiffened within the step, by how much, and until when [-].
-// Stiffer: what the sliding of a segment over an edge presses in becomes a wild force.
+// A contact deeper than kDepth radii is stiffened within the step, by the factor kStiffening, up to
+// kMostStiffening times its first stiffness [-]. A larger kMostStiffening: the small depths that arise where
+// a segment slides over an edge give excessive forces.
 constexpr double kDepth = 5e-4;
 constexpr double kStiffening = 10.0;
 constexpr double kMostStiffening = 50.0;
 
-// Gap, normal and curvature against the wall of a bore.
+// Gap [m], normal and curvature [1/m] of the wall of a bore at x. `around`: tangential unit vector.
 void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
   Vec3 radial = without(x - contact.geometry.axis_point, contact.geometry.axis);
   double rho = norm(radial);
@@ -28,7 +29,7 @@ void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
 }  // namespace
 
 void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
-  // By which moving around the axis, and across a mouth's edge, brings the point nearer [1/m].
+  // Curvatures of the surface around the axis, and across the edge of a mouth [1/m].
   double curvature = 0, across_edge = 0;
   Vec3 around;
   if (key.kind == ContactKind::bore)
@@ -41,7 +42,7 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   if (!normal_force.direct)
     normal_force.value = std::max(0.0, normal_force.lambda - normal_force.stiffness * geometry.gap);
   if (at_position) normal_force.lambda_predicted = normal_force.value;
-  // A direct contact's normal force is what the constraint supplies: only its friction is a force here.
+  // The constraint supplies the normal force of a direct contact. Only its friction is a force here.
   normal_force.pressed =
       !normal_force.direct && (normal_force.value > 0 || normal_force.lambda_predicted > 0);
   force.total = normal_force.direct ? Vec3{} : normal_force.value * geometry.normal;

@@ -1,18 +1,18 @@
-// What contacts remember from one step to the next, and how they are told apart.
+// State of contacts that is kept from step to step.
 #pragma once
 #include "contact/contact.h"
 
 namespace bt {
 
-// What a contact remembers from one step to the next.
+// The kept state of one contact.
 struct ContactMemory {
   ContactKey key;
   double lambda = 0;            // N [N]
-  double lambda_confirmed = 0;  // the least of the last two [N]
+  double lambda_confirmed = 0;  // the smaller N of the last two steps [N]
   bool sliding = false;
-  Vec3 mean_force;
+  Vec3 mean_force;      // on the point a [N]
   double h_eff = 0;     // step weight of the tendon [s]
-  Vec3 tangent_anchor;  // in the link's frame, or the world's for two tendons
+  Vec3 tangent_anchor;  // xi [m], in the link's frame; in the world frame for two tendons
 };
 
 }  // namespace bt

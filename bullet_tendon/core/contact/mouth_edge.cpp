@@ -1,13 +1,13 @@
-// A segment against the edge of a tunnel's mouth, a circle of radius R around c with the axis e.
+// Contact of a segment with the edge of a tunnel mouth: a circle of radius R, centre c and axis e.
 //
 //   D(x) = sqrt((R - rho)^2 + z^2)         distance of a point from the circle [m]
-//   H    = m m^T / D - kappa t t^T         its second derivative; t runs around the axis, m = t x n,
-//                                          kappa = (R - rho) / (D rho)
-//   g(a, b) = min_u D(a + u l) - r         gap of a segment, l = b - a
+//   H    = m m^T / D - kappa t t^T         second derivative of D [1/m]; t is the tangent of the circle,
+//                                          m = t x n, kappa = (R - rho) / (D rho)
+//   g(a, b) = min_u D(a + u l) - r         gap of the segment a-b [m], l = b - a
 //   g''     = P^T H P - v v^T / (l.H l)    P = (1 - u, u), v = P^T H l + (-n, n)
 //
-// The gap goes by the point that is nearest in every iteration: with a fixed one, a segment that slides or
-// turns would leave the edge or get into it, and what pushes there turns it on.
+// The contact point is the nearest point of every iteration. With a fixed point, a segment that slides or
+// turns would leave the edge or penetrate it, and the normal force would turn the segment further.
 #include <algorithm>
 #include <cmath>
 
@@ -18,8 +18,8 @@ namespace bt {
 
 namespace {
 
-// Steps of the search for a segment's nearest point to an edge, an iteration [-]; it goes on from the last
-// one.
+// Search steps per iteration for the point of a segment nearest to an edge [-]. The search starts at the last
+// point.
 constexpr int kFollowing = 4;
 
 }  // namespace
@@ -29,7 +29,7 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_
   double rho = norm(radial), z = dot(from, geometry.axis), inward = geometry.feature_radius - rho;
   Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(geometry.axis);
   double d = std::sqrt(inward * inward + z * z);
-  // A segment of the bore that has got beyond the circle is in the bone: back through the edge.
+  // A segment through the mouth that is beyond the circle is inside the bone. It is pushed back to the bore.
   double sign = geometry.threads_mouth && inward < 0 ? -1 : 1;
   geometry.gap = sign * d - geometry.offset;
   if (d > 0) {

@@ -1,16 +1,16 @@
-// A segment against a segment of a tendon, both free to slide and turn.
+// Contact of two segments of tendons. Both can slide and turn.
 //
-//   D      = |d|, d = a(u) - b(w)          distance of the nearest points, n = d / D
-//   H      = (I - n n^T) / D               second derivative of |d|
-//   g      = min_u,w D - (r_a + r_b)       gap
+//   D      = |d|, d = a(u) - b(w)          distance of the nearest points [m], n = d / D
+//   H      = (I - n n^T) / D               second derivative of |d| [1/m]
+//   g      = min_u,w D - (r_a + r_b)       gap [m]
 //   g''    = P^T H P - V S^-1 V^T          P = (1 - u, u, -(1 - w), -w)
 //   V      = (P^T H l_a + (-n, n, 0, 0), -P^T H l_b + (0, 0, n, -n)),  l the segments
 //   S      = (l_a.H l_a, -l_a.H l_b; ., l_b.H l_b)
 //
-// As at an edge (contact/mouth_edge.cpp), points that stay where the step began would be turned about or left
-// by what slides. A point at its segment's end stays there, and has no part in V. Nearly parallel segments
-// have no point that is nearest: they have a contact at each end of the stretch along which they touch
-// (geometry/segment_distance.h), and the points of these contacts stay.
+// The contact points are the nearest points of every iteration, for the same reason as at an edge
+// (contact/mouth_edge.cpp). A point at the end of its segment is fixed and has no column in V. Nearly
+// parallel segments have no unique nearest points. They have a contact with fixed points at each end of the
+// stretch along which they touch (geometry/segment_distance.h).
 #include <algorithm>
 #include <cmath>
 
@@ -27,7 +27,7 @@ void Contact::follow_pair(const Vec3 (&x)[4]) {
   nearest_parameters(x[0], x[1], x[2], x[3], u, w);
   const Vec3 apart = x[0] + u * along - (x[2] + w * other);
   const double distance = norm(apart), height = dot(apart, geometry.side);
-  // Centrelines that have all but met, or passed: the plane of the step's start knows the side.
+  // Where the centrelines nearly meet or have crossed, the normal of the start of the step defines the side.
   geometry.follows = distance > kNearlyMet * geometry.offset && height > 0;
   if (!geometry.follows) {
     geometry.normal = geometry.side;
@@ -66,7 +66,8 @@ void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
   };
   if (inside_a) take(va, 1 / aa);
   if (!inside_b) return;
-  const double mixed = inside_a ? ab / aa : 0, rest = bb - mixed * ab;  // S by its Cholesky factors
+  const double mixed = inside_a ? ab / aa : 0,
+               rest = bb - mixed * ab;  // elimination in S, as by its Cholesky factors
   for (int i = 0; i < 4; ++i) vb[i] += -mixed * va[i];
   if (rest > 0) take(vb, 1 / rest);
 }

@@ -1,10 +1,9 @@
-// A point of a tendon.
 #pragma once
 #include "math/soa_field.h"
 
 namespace bt {
 
-// A point on segment `first` of a tendon: w0 x_first + w1 x_first+1.
+// A point of segment `first` of a tendon: w0 x_first + w1 x_first+1, w0 + w1 = 1.
 struct SegmentPoint {
   int tendon = -1;
   int first = 0;
@@ -16,7 +15,7 @@ struct SegmentPoint {
   }
 };
 
-// Takes a pull at a spot off what its two particles have.
+// Subtracts the force `pull` at the point s from its two particles, in shares w0 and w1.
 inline void pull_back(Field& f, const SegmentPoint& s, Vec3 pull) {
   f.add(s.first, -s.w0 * pull);
   f.add(s.first + 1, -s.w1 * pull);
