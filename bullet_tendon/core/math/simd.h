@@ -10,9 +10,9 @@ typedef double Eight __attribute__((vector_size(8 * kLanes), aligned(8), may_ali
 
 // Loops over particles and springs are compiled for several vector instruction sets. The loader selects the
 // best one that the processor supports. Fused multiply-adds are disabled (setup.py), so that all versions
-// give the same bits.
+// give the same bits. Sanitizers are not ready when the loader runs its selection.
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__)
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 #define BT_VECTOR __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define BT_VECTOR
