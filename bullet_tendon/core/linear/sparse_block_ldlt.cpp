@@ -1,6 +1,10 @@
 #include "linear/sparse_block_ldlt.h"
 
 #include <algorithm>
+#include <functional>
+#include <iterator>
+#include <queue>
+#include <utility>
 #include <vector>
 
 #include "math/simd.h"
@@ -52,67 +56,56 @@ void SparseFactor::analyse(int n, const Edges& edges) {
   if (n == n_ && edges == edges_) return;
   n_ = n;
   edges_ = edges;
-  find_neighbours();
-  node_ = minimum_degree_.order(graph_);
-  find_columns();
+  eliminate_symbolically();
   plan_updates();
   diagonal_.resize(n_);
   below_.resize(rows_.size());
 }
 
-void SparseFactor::find_neighbours() {
-  std::vector<int>&first = graph_.first, &nodes = graph_.nodes;
-  first.assign(n_ + 2, 0);
+// Eliminates always the block that has the fewest neighbours (minimum degree), of several the first one. Its
+// neighbours are the blocks below its pivot, and become neighbours of each other.
+void SparseFactor::eliminate_symbolically() {
+  neighbours_.resize(n_);
+  for (std::vector<int>& list : neighbours_) list.clear();
   for (auto [i, j] : edges_) {
-    ++first[i + 2];
-    ++first[j + 2];
+    neighbours_[i].push_back(j);
+    neighbours_[j].push_back(i);
   }
-  for (int i = 0; i < n_; ++i) first[i + 2] += first[i + 1];
-  nodes.resize(2 * edges_.size());
-  for (auto [i, j] : edges_) {
-    nodes[first[i + 1]++] = j;
-    nodes[first[j + 1]++] = i;
+  where_.assign(n_, -1);
+  node_.clear();
+  // Number of neighbours and block. A block is entered again when its number changes.
+  using Degree = std::pair<size_t, int>;
+  std::priority_queue<Degree, std::vector<Degree>, std::greater<Degree>> degrees;
+  for (int i = 0; i < n_; ++i) {
+    std::vector<int>& list = neighbours_[i];
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+    degrees.push({list.size(), i});
   }
-  first.pop_back();
-  int kept = 0;
-  for (int i = 0, from = 0; i < n_; ++i) {
-    const int to = first[i + 1];
-    std::sort(nodes.begin() + from, nodes.begin() + to);
-    for (int k = from; k < to; ++k)
-      if (k == from || nodes[k] != nodes[k - 1]) nodes[kept++] = nodes[k];
-    from = to;
-    first[i + 1] = kept;
+  std::vector<int> joined;
+  while (!degrees.empty()) {
+    const auto [degree, pivot] = degrees.top();
+    degrees.pop();
+    const std::vector<int>& around = neighbours_[pivot];
+    if (where_[pivot] >= 0 || degree != around.size()) continue;
+    where_[pivot] = static_cast<int>(node_.size());
+    node_.push_back(pivot);
+    for (int i : around) {
+      joined.clear();
+      std::set_union(neighbours_[i].begin(), neighbours_[i].end(), around.begin(), around.end(),
+                     std::back_inserter(joined));
+      neighbours_[i].clear();
+      std::copy_if(joined.begin(), joined.end(), std::back_inserter(neighbours_[i]),
+                   [i, pivot = pivot](int j) { return j != i && j != pivot; });
+      degrees.push({neighbours_[i].size(), i});
+    }
   }
-  nodes.resize(kept);
-}
-
-// The blocks below pivot k: its later neighbours, and the blocks below those pivots whose first block below
-// is k.
-void SparseFactor::find_columns() {
-  where_.resize(n_);
-  for (int k = 0; k < n_; ++k) where_[node_[k]] = k;
   first_.assign(1, 0);
   rows_.clear();
-  child_.assign(n_, -1);
-  sibling_.assign(n_, -1);
-  seen_.assign(n_, -1);
-  for (int k = 0; k < n_; ++k) {
-    seen_[k] = k;
-    auto take = [&](int row) {
-      if (row > k && seen_[row] != k) {
-        seen_[row] = k;
-        rows_.push_back(row);
-      }
-    };
-    for (int a = graph_.first[node_[k]]; a < graph_.first[node_[k] + 1]; ++a) take(where_[graph_.nodes[a]]);
-    for (int c = child_[k]; c >= 0; c = sibling_[c])
-      for (int a = first_[c]; a < first_[c + 1]; ++a) take(rows_[a]);
-    std::sort(rows_.begin() + first_[k], rows_.end());
+  for (int pivot : node_) {
+    for (int i : neighbours_[pivot]) rows_.push_back(where_[i]);
+    std::sort(rows_.begin() + first_.back(), rows_.end());
     first_.push_back(static_cast<int>(rows_.size()));
-    if (first_[k + 1] == first_[k]) continue;
-    const int parent = rows_[first_[k]];
-    sibling_[k] = child_[parent];
-    child_[parent] = k;
   }
 }
 

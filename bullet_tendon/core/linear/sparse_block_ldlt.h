@@ -13,7 +13,6 @@
 #include <utility>
 #include <vector>
 
-#include "linear/minimum_degree.h"
 #include "math/sym3.h"
 
 namespace bt {
@@ -46,19 +45,16 @@ class SparseFactor {
   void solve(std::vector<Vec3>& b);
 
  private:
-  void find_neighbours();
-  void find_columns();
+  void eliminate_symbolically();
   void plan_updates();
   int slot(int row, int column) const;
 
   int n_ = 0;
   Edges edges_;
-  Adjacency graph_;
-  MinimumDegree minimum_degree_;
-  std::vector<int> where_, node_;            // position of a block in the elimination order, and the inverse
-  std::vector<int> first_, rows_;            // positions of the blocks below pivot k: rows_[first_[k] ...]
-  std::vector<int> child_, sibling_, seen_;  // of the elimination tree, used by find_columns
-  std::vector<int> target_;                  // target block of each update, in order
+  std::vector<std::vector<int>> neighbours_;  // of each block when it is eliminated, ascending
+  std::vector<int> where_, node_;             // position of a block in the elimination order, and the inverse
+  std::vector<int> first_, rows_;             // positions of the blocks below pivot k: rows_[first_[k] ...]
+  std::vector<int> target_;                   // target block of each update, in order
   std::vector<PaddedBlock> diagonal_, below_;  // D^-1 and L once factorised
   std::vector<PaddedBlock> scaled_;            // W of one pivot, by block below it
   std::vector<Vec3> right_;                    // of a solution, by position
