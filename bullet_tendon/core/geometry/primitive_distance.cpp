@@ -1,7 +1,6 @@
 #include "geometry/primitive_distance.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace bt {
@@ -56,8 +55,6 @@ struct AlongPrimitive {
   const Primitive& primitive;
   const Vec3 a, d;
   const double reach = sum_of(d), rounding = kLineRounding * (sum_of(a) + reach);
-  std::array<double, 6> breaks{};
-  int count = 0;
 
   Vec3 at(double u) const { return a + u * d; }
 
@@ -68,55 +65,21 @@ struct AlongPrimitive {
     return std::fabs(value) <= reach * (kParallel * sum_of(gap) + rounding) ? 0 : value;
   }
 
-  void add_break(double u) {
-    if (u > 0 && u < 1) breaks[count++] = u;
-  }
-  void add_walls(double x, double way, double half) {
-    if (way != 0) {
-      add_break((half - x) / way);
-      add_break((-half - x) / way);
-    }
-  }
-  // Where the nearest point passes from one part of the surface to another.
-  void find_breaks() {
-    if (primitive.kind == Primitive::Kind::box) {
-      add_walls(a.x, d.x, primitive.half.x);
-      add_walls(a.y, d.y, primitive.half.y);
-      add_walls(a.z, d.z, primitive.half.z);
-    } else {
-      add_walls(a.z, d.z, primitive.half_length);
-      const double square = d.x * d.x + d.y * d.y;
-      if (square > 0) {
-        const double nearest = -(a.x * d.x + a.y * d.y) / square;  // to the axis: the root, beside the mantle
-        const double x = a.x + nearest * d.x, y = a.y + nearest * d.y;
-        const double chord = (primitive.radius * primitive.radius - x * x - y * y) / square;
-        const double half = std::sqrt(std::max(chord, 0.0));
-        add_break(nearest - half);
-        add_break(nearest);
-        add_break(nearest + half);
-      }
-    }
-    std::sort(breaks.begin(), breaks.begin() + count);
-  }
-
-  double nearest() {
+  double nearest() const {
     const double low = slope(0), high = slope(1);
     // Flat at both ends: parallel to the surface, so the middle speaks for it.
     if (low == 0 && high == 0 && reach > 0) return 0.5;
     if (low >= 0) return 0;
     if (high <= 0) return 1;
-    find_breaks();
     return root(low, high);
   }
 
-  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1. Breaks first, because between them a
-  // box's is linear and a cylinder's smooth; then regula falsi with the Illinois rule, which ends at once
-  // where it is linear.
-  double root(double low, double high) {
+  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1: regula falsi with the Illinois rule.
+  double root(double low, double high) const {
     double left = 0, right = 1, u = 0;
     int kept = 0;
     for (int step = 0; step < kRootSteps && right - left >= kRootWidth; ++step) {
-      u = step < count ? breaks[step] : (left * high - right * low) / (high - low);
+      u = (left * high - right * low) / (high - low);
       const double value = slope(u);
       if (value == 0) break;
       if (value < 0) {
@@ -129,9 +92,7 @@ struct AlongPrimitive {
         kept = 1;
         right = u;
         high = value;
-        count = std::min(count, step);  // the others are beyond
       }
-      if (step < count) kept = 0;
     }
     return u;
   }
@@ -144,20 +105,13 @@ struct AlongPrimitive {
 
   // Golden section on the core's signed distance, which is convex along a line.
   double deepest() const {
-    double left = 0, right = 1, u = 1 - kGolden, v = kGolden;
-    double at_u = signed_distance(u), at_v = signed_distance(v);
+    double left = 0, right = 1;
     while (right - left > kDeepestWidth) {
-      if (at_u <= at_v) {
+      const double u = right - kGolden * (right - left), v = left + kGolden * (right - left);
+      if (signed_distance(u) <= signed_distance(v))
         right = v;
-        v = u;
-        at_v = at_u;
-        at_u = signed_distance(u = right - kGolden * (right - left));
-      } else {
+      else
         left = u;
-        u = v;
-        at_u = at_v;
-        at_v = signed_distance(v = left + kGolden * (right - left));
-      }
     }
     double best = 0;
     for (const double w : {1.0, 0.5 * (left + right)})
@@ -167,7 +121,7 @@ struct AlongPrimitive {
 };
 
 PrimitiveNearest Primitive::nearest(Vec3 a, Vec3 b) const {
-  AlongPrimitive along{*this, a, b - a};
+  const AlongPrimitive along{*this, a, b - a};
   double u = along.nearest();
   Vec3 normal = gap(along.at(u));
   double size = norm(normal);
