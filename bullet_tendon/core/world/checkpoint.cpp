@@ -168,12 +168,14 @@ struct SizesOfBody {
         fit &= size % 3 == 0;
       else if (field == "contacts")
         fit &= size % 7 == 0;
-      else if (field == "directions")
+      else if (field == "directions_")
         fit &= n == 0 ? size == 0 : size % n == 0;
-      else if (field != "pushes" && field != "doubted")
+      else if (field != "pushes_" && field != "doubted_")
         fit &= fits(value, n);
     } else if constexpr (std::is_same_v<T, std::vector<Stop>>) {
       for (const Stop& stop : value) fit &= stop.coordinate == -1 || within(stop.coordinate, n);
+    } else if constexpr (!kPlain<T>) {
+      visit(*this, value);
     }
   }
 };

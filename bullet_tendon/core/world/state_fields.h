@@ -1,249 +1,68 @@
-// All fields of a saved state, by name: visit(archive, struct) for every saved struct.
+// All fields of a saved state: visit(archive, struct) for every saved struct gives the archive each field
+// with its name.
 //
 // The order of the fields affects only the bytes. The hash of a field's name precedes it in the bytes, so
-// that a reader rejects another layout and names the first field that differs. Some names
-// differ from those of the members.
+// that a reader rejects another layout and names the first field that differs.
 #pragma once
 #include "collision/proximity_cache.h"
 #include "world/checkpoint.h"
 
 namespace bt {
 
-template <class A>
-void visit(A& a, Anchor& h) {
-  a("id", h.id);
-  a("particle", h.particle);
-  a("link", h.link);
-  a("local", h.local);
-  a("rigid", h.rigid);
-  a("clamped", h.clamped);
-  a("direction", h.direction);
-  a("stiffness", h.stiffness);
-  a("goal", h.goal);
-  a("aim", h.aim);
-  a("target_before", h.target_before);
-  a("viscosity", h.viscosity);
-  a("force", h.force);
-  a("mean_force", h.mean_force);
-  a("last_mean", h.last_mean);
-  a("sum_force", h.sum_force);
-  a("step_force", h.step_force);
-}
+// BT_FOR_EACH(macro, a, b, c) is macro(a) macro(b) macro(c). A macro does not expand within itself. Therefore
+// the rest of the list waits for one of the 27 scans of BT_SCAN.
+#define BT_SCAN(...) BT_SCAN_9(BT_SCAN_9(BT_SCAN_9(__VA_ARGS__)))
+#define BT_SCAN_9(...) BT_SCAN_3(BT_SCAN_3(BT_SCAN_3(__VA_ARGS__)))
+#define BT_SCAN_3(...) BT_SCAN_1(BT_SCAN_1(BT_SCAN_1(__VA_ARGS__)))
+#define BT_SCAN_1(...) __VA_ARGS__
+#define BT_NOTHING ()
+#define BT_FOR_EACH(macro, ...) BT_SCAN(BT_FIRST(macro, __VA_ARGS__))
+#define BT_FIRST(macro, first, ...) macro(first) __VA_OPT__(BT_REST BT_NOTHING(macro, __VA_ARGS__))
+#define BT_REST() BT_FIRST
 
-// Masses and spring constants are computed from these fields.
-template <class A>
-void visit(A& a, TendonModel& m) {
-  a("force", m.force);
-  a("point_mass", m.point_mass);
-  a("rest", m.rest);
-}
+#define BT_FIELD(member) archive(#member, object.member);
+#define BT_FIELDS(Struct, ...)                       \
+  template <class Archive>                           \
+  static void of(Archive& archive, Struct& object) { \
+    BT_FOR_EACH(BT_FIELD, __VA_ARGS__)               \
+  }
 
-template <class A>
-void visit(A& a, TendonState& s) {
-  a("x", s.x);
-  a("v", s.v);
-  a("anchors", s.anchors);
-  a("overlaid", s.overlaid);
-  a("tunnel_of", s.tunnel_of);
-  a("x_before", s.x_before);
-  a("v_before", s.v_before);
-  a("dt_before", s.dt_before);
-  a("smooth", s.smooth);
-  a("quiet", s.quiet);
-  a("bed", s.bed);
-  a("touching", s.touching);
-  a("touched", s.touched);
-}
-
-template <class A>
-void visit(A& a, SpringState& s) {
-  a("carried", s.lambda);
-  a("elastic", s.elastic);
-  a("slope", s.slope);
-}
-
-template <class A>
-void visit(A& a, TendonCheckpoint& t) {
-  a("alive", t.alive);
-  a("state", t.state);
-  a("structure", t.structure);
-  a("shear", t.shear);
-}
-
-template <class A>
-void visit(A& a, Stop& s) {
-  a("wanted", s.wanted);
-  a("missing", s.missing);
-  a("held_back", s.held_back);
-  a("coordinate", s.coordinate);
-  a("acts", s.acts);
-}
-
+// A struct, because some fields are private (friend).
 struct StateFields {
-  template <class A>
-  static void of(A& a, Observer::Sample& s) {
-    a("forces", s.forces);
-    a("acceleration", s.acceleration);
-    a("cut", s.cut);
-  }
-  template <class A>
-  static void of(A& a, Observer& o) {
-    a("n", o.n_);
-    a("root", o.root_);
-    a("effective_root", o.effective_root_);
-    a("share", o.share_);
-    a("share_root", o.share_root_);
-    a("rates", o.rates_);
-    a("forces", o.forces_);
-    a("push", o.push_);
-    of(a, o.last_);
-    of(a, o.previous_);
-    a("dt", o.dt_);
-    a("samples", o.samples_);
-    a("known", o.known_);
-    a("acted", o.acted_);
-    a("held", o.held_);
-    a("released", o.released_);
-    a("sampled", o.sampled_);
-  }
-  template <class A>
-  static void of(A& a, GeneralizedBody& m) {
-    a("rates", m.rates);
-    a("free", m.free);
-    a("falls", m.gravity_response);
-    a("gyration", m.gyroscopic_acceleration);
-    a("limits", m.limits);
-    a("contacts", m.contacts);
-    a("contacts_known", m.contacts_known);
-    of(a, m.observer);
-    a("root", m.root);
-    a("change", m.change);
-    a("touches", m.touches);
-    a("turns", m.turning.far);
-    a("stopped_by", m.stopped_by_);
-    a("stops", m.stops_);
-    a("directions", m.directions_);
-    a("pushes", m.pushes_);
-    a("unstopped", m.unstopped_);
-    a("pushed", m.pushed_);
-    a("doubted", m.doubted_);
-    a("rested", m.rested_);
-    a("slipped", m.slipped_);
-  }
+  BT_FIELDS(Anchor, id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before,
+            viscosity, force, mean_force, last_mean, sum_force, step_force)
+  // Masses and spring constants are computed from these fields.
+  BT_FIELDS(TendonModel, force, point_mass, rest)
+  BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, quiet,
+            bed, touching, touched)
+  BT_FIELDS(SpringState, lambda, elastic, slope)
+  BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
+  BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts)
+  BT_FIELDS(Observer::Sample, forces, acceleration, cut)
+  BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, push_, last_,
+            previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
+  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, gyroscopic_acceleration, limits, contacts,
+            contacts_known, observer, root, change, touches, turning.far, stopped_by_, stops_, directions_,
+            pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
+  BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, body,
+            yielded, moved, jacobian, root, wrench.force, wrench.torque)
+  BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
+  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, h_eff, tangent_anchor)
+  BT_FIELDS(SegmentPoint, tendon, first, w0, w1)
+  // Only what reports of the last step need, and what sleeping contacts need to act on links.
+  BT_FIELDS(Contact, key, a, b, link, geometry.normal, geometry.depth_allowance, geometry.margin,
+            geometry.gap, normal_force.value, friction.force, force.mean)
+  BT_FIELDS(Plane, point, normal, u, hole)
+  // The list of near triangles is recomputed from a, b and listed.
+  BT_FIELDS(Entry, known, inside, distance, clearance, age, asked, a, b, listed)
+  BT_FIELDS(StepRecord, dt, gravity)
+  BT_FIELDS(Checkpoint, valid, tendons, links, bodies, memory, contacts, sleeping_contacts, rest_gravity,
+            last_step, may_resolve, sensed_links, sensed_bodies)
 };
 
-template <class A>
-void visit(A& a, GeneralizedBody& m) {
-  StateFields::of(a, m);
-}
-
-template <class A>
-void visit(A& a, Link& l) {
-  a("pose", l.pose);
-  a("centre", l.centre);
-  a("start_pose", l.start_pose);
-  a("start_centre", l.start_centre);
-  a("now_velocity", l.now_velocity);
-  a("now_spin", l.now_spin);
-  a("velocity", l.velocity);
-  a("spin", l.spin);
-  a("mover", l.body);
-  a("yielded", l.yielded);
-  a("moved", l.moved);
-  a("jacobian", l.jacobian);
-  a("root", l.root);
-  a("force", l.wrench.force);
-  a("torque", l.wrench.torque);
-}
-
-template <class A>
-void visit(A& a, ContactKey& k) {
-  a("kind", k.kind);
-  a("tendon", k.tendon);
-  a("feature", k.feature);
-  a("other", k.other);
-  a("other_feature", k.other_feature);
-  a("end", k.end);
-}
-
-template <class A>
-void visit(A& a, ContactMemory& m) {
-  a("key", m.key);
-  a("carried", m.lambda);
-  a("confirmed", m.lambda_confirmed);
-  a("sliding", m.sliding);
-  a("mean_force", m.mean_force);
-  a("b", m.h_eff);
-  a("stuck", m.tangent_anchor);
-}
-
-template <class A>
-void visit(A& a, SegmentPoint& s) {
-  a("chain", s.tendon);
-  a("first", s.first);
-  a("w0", s.w0);
-  a("w1", s.w1);
-}
-
-// Only what reports of the last step need, and what sleeping contacts need to act on links.
-template <class A>
-void visit(A& a, Contact& r) {
-  a("key", r.key);
-  a("kind", r.key.kind);
-  a("a", r.a);
-  a("b", r.b);
-  a("link", r.link);
-  a("normal", r.geometry.normal);
-  a("allowed", r.geometry.depth_allowance);
-  a("beyond", r.geometry.margin);
-  a("gap", r.geometry.gap);
-  a("normal_force", r.normal_force.value);
-  a("tangent_force", r.friction.force);
-  a("mean_force", r.force.mean);
-}
-
-template <class A>
-void visit(A& a, Plane& p) {
-  a("point", p.point);
-  a("normal", p.normal);
-  a("u", p.u);
-  a("hole", p.hole);
-}
-
-// The list of near triangles is recomputed from a, b and listed.
-template <class A>
-void visit(A& a, Entry& e) {
-  a("known", e.known);
-  a("inside", e.inside);
-  a("distance", e.distance);
-  a("clearance", e.clearance);
-  a("age", e.age);
-  a("asked", e.asked);
-  a("first", e.a);
-  a("second", e.b);
-  a("listed", e.listed);
-}
-
-template <class A>
-void visit(A& a, StepRecord& s) {
-  a("dt", s.dt);
-  a("gravity", s.gravity);
-}
-
-template <class A>
-void visit(A& a, Checkpoint& c) {
-  a("valid", c.valid);
-  a("tendons", c.tendons);
-  a("links", c.links);
-  a("bodies", c.bodies);
-  a("memory", c.memory);
-  a("contacts", c.contacts);
-  a("sleeping_contacts", c.sleeping_contacts);
-  a("rest_gravity", c.rest_gravity);
-  a("last_step", c.last_step);
-  a("may_resolve", c.may_resolve);
-  a("sensed_links", c.sensed_links);
-  a("sensed_bodies", c.sensed_bodies);
+template <class Archive, class Struct>
+void visit(Archive& archive, Struct& object) {
+  StateFields::of(archive, object);
 }
 
 }  // namespace bt
