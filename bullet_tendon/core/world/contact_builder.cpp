@@ -108,6 +108,11 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
   return true;
 }
 
+// A particle as a point of a segment.
+SegmentPoint particle_of(const Tendon& c, int tendon, int i) {
+  return i < c.n() - 1 ? SegmentPoint{tendon, i, 1, 0} : SegmentPoint{tendon, i - 1, 0, 1};
+}
+
 Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 
 }  // namespace
@@ -273,14 +278,8 @@ void World::bone_contacts() {
         if (!e.wanted) continue;
         const bool segment = f >= n;
         if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius)) continue;
-        const int first = segment ? f - n : std::min(f, n - 2);
-        SegmentPoint spot{tendon, first,
-                          segment      ? 1 - e.now.u
-                          : f == first ? 1.0
-                                       : 0.0,
-                          segment      ? e.now.u
-                          : f == first ? 0.0
-                                       : 1.0};
+        const SegmentPoint spot = segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u}
+                                          : particle_of(*step_.slots[c], tendon, f);
         const Vec3 here = spot.of(step_.slots[c]->x), ahead = spot.of(step_.slots[c]->predicted);
         Vec3 point = e.now.point, normal = e.now.normal;
         lean_ahead(detection_.caches[c][s], f,
@@ -309,9 +308,7 @@ void World::half_space_contacts(int tendon, int s) {
     Vec3 x = c.x.at(i);
     double height = dot(normal, x) - offset;
     if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
-    const int first = std::min(i, c.n() - 2);
-    SegmentPoint spot{tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
-    Contact contact = plane_contact(spot, shape.link, x - height * normal, normal,
+    Contact contact = plane_contact(particle_of(c, tendon, i), shape.link, x - height * normal, normal,
                                     {ContactKind::bone, tendon, i, s}, shape.friction);
     contact.normal_force.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_contact(contact);
@@ -438,10 +435,9 @@ void World::bore_contacts(int tendon, int t) {
     if (z < bore.chamfer || z > bore.length - bore.chamfer) continue;
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
-    const int first = std::min(i, c.n() - 2);
     contact.link = scene.tunnels[t].link;
     contact.key = {ContactKind::bore, tendon, i, t};
-    contact.a = {tendon, first, i == first ? 1.0 : 0.0, i == first ? 0.0 : 1.0};
+    contact.a = particle_of(c, tendon, i);
     contact.geometry.axis_point = on_axis + link.drift(on_axis, dt);
     contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
     contact.geometry.feature_radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
