@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <functional>
 #include <utility>
 #include <vector>
 
@@ -48,6 +49,12 @@ inline std::vector<double> list_of(const Array& a) { return {a.data(), a.data() 
 
 inline Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
 
+inline std::vector<Vec3> points_of(const Array& a) {
+  std::vector<Vec3> points(a.size() / 3);
+  for (size_t i = 0; i < points.size(); ++i) points[i] = vec(a.data() + 3 * i);
+  return points;
+}
+
 inline Field field_of(const Array& a) {
   Field f(static_cast<int>(a.shape(0)));
   fill(f, a);
@@ -83,37 +90,24 @@ class WorldLock {
 };
 
 // The same function, with the world locked.
-template <class W, class R, class... A>
-auto guarded(R (*f)(W&, A...)) {
-  return [f](W& w, A... a) -> R {
+template <class R, class W, class... A>
+auto guarded(std::function<R(W&, A...)> f) {
+  return [f = std::move(f)](W& w, A... a) -> R {
     WorldLock lock(w);
     return f(w, std::forward<A>(a)...);
   };
 }
 template <class R, class... A>
 auto guarded(R (World::*f)(A...)) {
-  return [f](World& w, A... a) -> R {
-    WorldLock lock(w);
-    return (w.*f)(std::forward<A>(a)...);
-  };
+  return guarded(std::function<R(World&, A...)>(f));
 }
 template <class R, class... A>
 auto guarded(R (World::*f)(A...) const) {
-  return [f](const World& w, A... a) -> R {
-    WorldLock lock(w);
-    return (w.*f)(std::forward<A>(a)...);
-  };
-}
-template <class F, class R, class W, class... A>
-auto guarded_lambda(F f, R (F::*)(W&, A...) const) {
-  return [f](W& w, A... a) -> R {
-    WorldLock lock(w);
-    return f(w, std::forward<A>(a)...);
-  };
+  return guarded(std::function<R(const World&, A...)>(f));
 }
 template <class F>
-auto guarded(F f) -> decltype(guarded_lambda(f, &F::operator())) {
-  return guarded_lambda(f, &F::operator());
+auto guarded(F f) {
+  return guarded(std::function(f));
 }
 
 // The Python class of World: every method that is defined through it locks the world.

@@ -22,9 +22,7 @@ int add_tendon(World& w, const Array& points, double radius, double friction, do
   m.shear_stiffness = shear_stiffness;
   m.bending_stiffness = bending_stiffness;
   m.linear_density = linear_density;
-  std::vector<Vec3> p(points.shape(0));
-  for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
-  return w.add_tendon(std::make_unique<Tendon>(p, radius, friction, m));
+  return w.add_tendon(std::make_unique<Tendon>(points_of(points), radius, friction, m));
 }
 
 Anchor& anchor_of(World& w, int tendon, int id) {
