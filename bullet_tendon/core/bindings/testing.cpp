@@ -10,62 +10,54 @@
 
 namespace bt {
 
-struct Term {
-  double energy = 0;           // [J], elastic: damping has none of its own
-  Field gradient;              // what it adds to the residual [N]
-  std::vector<double> matrix;  // 3n x 3n, row-major, coordinates of a particle together [N/m]
-};
-
 namespace {
 
-py::tuple term_of(const Term& term) {
-  const py::ssize_t m = 3 * term.gradient.size();
-  Array matrix({m, m});
-  std::copy(term.matrix.begin(), term.matrix.end(), matrix.mutable_data());
-  return py::make_tuple(term.energy, rows_of(term.gradient), matrix);
-}
-
-std::vector<double> dense_of(const Band& a) {
+// A band as a full matrix, the coordinates of a particle together.
+Array dense_of(const Band& a) {
   const int m = 3 * a.n;
-  std::vector<double> full(static_cast<size_t>(m) * m, 0.0);
+  Array full({m, m});
   Field unit(a.n), image(a.n);
   for (int j = 0; j < m; ++j) {
     unit.zero();
     unit[j % 3][j / 3] = 1;
     a.multiply(unit, image);
-    for (int i = 0; i < m; ++i) full[static_cast<size_t>(i) * m + j] = image[i % 3][i / 3];
+    for (int i = 0; i < m; ++i) full.mutable_at(i, j) = image[i % 3][i / 3];
   }
   return full;
 }
 
-}  // namespace
-
-// Structure or shear springs at x, and at `before` one step of weight b [s] earlier, with the plain Newton
-// linearisation and its full Hessian.
-Term spring_term(const Tendon& c, bool shear, const Field& x, const Field& before, double b) {
-  Term term;
+// A term of the potential: energy [J] (elastic: damping has none), gradient (n, 3) [N], and Hessian
+// (3 n, 3 n) [N/m]. Structure or shear springs at x, and at `before` one step of weight b [s] earlier, with
+// the plain Newton linearisation.
+py::tuple spring_term(const World& w, int slot, bool shear, const Array& at, const Array& at_before,
+                      double b) {
+  const Tendon& c = *w.scene.tendons[slot];
+  const Field x = field_of(at), before = field_of(at_before);
   SpringSet s = shear ? c.shear : c.structure;
   measure(s, before);
   s.start = s.history = s.length;
-  Field displacement(c.n());
+  Field displacement(c.n()), gradient(c.n());
   for (int i = 0; i < c.n(); ++i) displacement.set(i, x.at(i) - before.at(i));
   const Motion motion{before, displacement, before, 0, b};
   evaluate(s, c.material.law, motion);
-  term.gradient.resize(c.n());
-  scatter_forces(s, term.gradient);
-  term.energy = stored_energy(s, c.material.law);
+  scatter_forces(s, gradient);
+  const double energy = stored_energy(s, c.material.law);
   linearise(s, c.material.law, Linearisation::position, 0, motion, false);
   Band matrix;
   matrix.resize(c.n(), c.matrix.half);
   scatter_blocks(s, matrix);
-  term.matrix = dense_of(matrix);
-  return term;
+  return py::make_tuple(energy, rows_of(gradient), dense_of(matrix));
 }
 
-namespace {
-
-py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, const Array& before, double b) {
-  return term_of(spring_term(*w.scene.tendons[c], shear, field_of(x), field_of(before), b));
+// The same of bending and clamps at x.
+py::tuple bending_term(const World& w, int slot, const Array& at) {
+  Tendon c(*w.scene.tendons[slot]);
+  const Field x = field_of(at);
+  c.residual.zero();
+  c.matrix.zero();
+  add_bending_forces(c, x);
+  add_bending_blocks(c, x, false);
+  return py::make_tuple(bending_energy(c, x), rows_of(c.residual), dense_of(c.matrix));
 }
 
 // A contact, evaluated at a relative position.
@@ -187,7 +179,8 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
   double* to = out.mutable_data();
   for (py::ssize_t k = 0; k < within.size(); ++k) {
     const double* from = segments.data() + 6 * k;
-    const Nearest found = surface.search(vec(from), vec(from + 3), within.data()[k]);
+    std::vector<Nearby> listed;
+    const Nearest found = surface.search(vec(from), vec(from + 3), within.data()[k], listed);
     for (const double value : {found.distance, found.point.x, found.point.y, found.point.z, found.u})
       *to++ = value;
   }
@@ -196,20 +189,6 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
 
 }  // namespace
 
-// Bending and clamps at x, with the full Hessian.
-Term bending_term(const Tendon& c, const Field& x) {
-  Term term;
-  Tendon at(c);
-  at.residual.zero();
-  at.matrix.zero();
-  add_bending_forces(at, x);
-  add_bending_blocks(at, x, false);
-  term.energy = bending_energy(at, x);
-  term.gradient = at.residual;
-  term.matrix = dense_of(at.matrix);
-  return term;
-}
-
 void bind_terms(py::module_& testing) {
   testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);
@@ -217,10 +196,8 @@ void bind_terms(py::module_& testing) {
   testing.def("touching_parameters", &touching_parameters);
   testing.def("listed_nearest", &listed_nearest);
   testing.def("searched_nearest", &searched_nearest);
-  testing.def("spring_term", &spring_term_of);
-  testing.def("bending_term", [](const World& w, int c, const Array& x) {
-    return term_of(bending_term(*w.scene.tendons[c], field_of(x)));
-  });
+  testing.def("spring_term", &spring_term);
+  testing.def("bending_term", &bending_term);
 }
 
 namespace {
@@ -232,13 +209,11 @@ struct Probe {
   BroadPhase search;
 
   void add(const Array& points, double radius) {
-    std::vector<Vec3> p(points.shape(0));
-    for (size_t i = 0; i < p.size(); ++i) p[i] = vec(points.data() + 3 * i);
     Material material;
     material.law = {1, 1e300, false, 1, false};
     material.stiffness = 1;
     material.linear_density = 1;
-    tendons.emplace_back(p, radius, 0.0, material);
+    tendons.emplace_back(points_of(points), radius, 0.0, material);
     search.clear();
   }
 
@@ -313,8 +288,7 @@ py::list sparse_solutions(const py::list& systems) {
     const SparseFactor::Edges edges = edges_of(pairs);
     factor.analyse(static_cast<int>(diagonal.shape(0)), edges);
     fill_factor(factor, edges, diagonal, beside);
-    std::vector<Vec3> b;
-    for (py::ssize_t i = 0; i < right.shape(0); ++i) b.push_back(vec(right.data() + 3 * i));
+    std::vector<Vec3> b = points_of(right);
     const bool definite = factor.factorise();
     if (definite) factor.solve(b);
     out.append(py::make_tuple(definite ? py::object(rows_of(b)) : py::none(), factor.below()));
@@ -351,14 +325,13 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
   Field one(a.n);
   for (int i = 0; i < a.n; ++i) one.set(i, {b.at(i)[0][0], b.at(i)[1][0], b.at(i)[2][0]});
   factor.solve(one, one);
-  std::vector<Vec3> alone;
-  for (int i = 0; i < a.n; ++i) alone.push_back(one.at(i));
+  const Array alone = rows_of(one);
   factor.solve(one, one, first, last);
   std::vector<Vec3> within;
   for (int i = first; i <= last; ++i) within.push_back(one.at(i));
   Array solved({py::ssize_t{last} - first + 1, py::ssize_t{3}, py::ssize_t{kLanes}});
   std::copy(x.number(first), x.number(last + 1), solved.mutable_data());
-  return py::make_tuple(solved, rows_of(alone), rows_of(within));
+  return py::make_tuple(solved, alone, rows_of(within));
 }
 
 }  // namespace

@@ -128,9 +128,9 @@ struct Considering {
     const Surface& surface = *shape.surface;
     if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
     const double within = (1 + kRoundedUp) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
-    const Nearest found = surface.search(q.a, q.b, within);
+    const Nearest found = surface.search(q.a, q.b, within, e.nearby);
+    e.nearby.clear();  // it is not complete up to e.listed
     if (found.distance == 0) return false;
-    e.nearby.clear();  // the list can be made again
     e.a = q.a;
     e.b = q.b;
     e.distance = found.distance;

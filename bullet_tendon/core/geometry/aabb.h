@@ -24,5 +24,7 @@ inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the m
   return a.lo.x <= b.hi.x + m && b.lo.x <= a.hi.x + m && a.lo.y <= b.hi.y + m && b.lo.y <= a.hi.y + m &&
          a.lo.z <= b.hi.z + m && b.lo.z <= a.hi.z + m;
 }
+// Distance of two boxes along each axis; 0 where they overlap.
+inline Vec3 gap_between(const Box& a, const Box& b) { return highest(highest(a.lo - b.hi, b.lo - a.hi), {}); }
 
 }  // namespace bt

@@ -41,13 +41,8 @@ Box box_of(Vec3 a, Vec3 b) {
   return box;
 }
 
-double gap(double lo, double hi, double other_lo, double other_hi) {
-  return std::max({0.0, other_lo - hi, lo - other_hi});
-}
-
 double square_between(const Box& p, const Box& q) {
-  const Vec3 apart{gap(p.lo.x, p.hi.x, q.lo.x, q.hi.x), gap(p.lo.y, p.hi.y, q.lo.y, q.hi.y),
-                   gap(p.lo.z, p.hi.z, q.lo.z, q.hi.z)};
+  const Vec3 apart = gap_between(p, q);
   return dot(apart, apart);
 }
 
@@ -142,15 +137,9 @@ int Surface::build(int first, int count) {
   return at;
 }
 
-namespace {
-
-bool nothing(const Box&) { return false; }
-
-}  // namespace
-
 // Leaves within reach, which may shrink meanwhile: of each node's children the nearer one first.
-template <class Skip, class Visit>
-void Surface::visit(const Box& around, const double& reach, Skip skip, Visit leaf) const {
+template <class Visit>
+void Surface::visit(const Box& around, const double& reach, Visit leaf) const {
   struct Open {
     int node;
     double square;
@@ -163,7 +152,6 @@ void Surface::visit(const Box& around, const double& reach, Skip skip, Visit lea
     const Open at = open[--count];
     if (at.square > reach * reach) continue;
     const Node& node = nodes_[at.node];
-    if (skip(node.box)) continue;
     if (node.second < 0) {
       leaf(node);
       continue;
@@ -178,59 +166,22 @@ void Surface::visit(const Box& around, const double& reach, Skip skip, Visit lea
 
 double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) const {
   out.clear();
-  visit(box_of(a, b), reach, nothing, [&](const Node& leaf) { list_leaf(leaf, a, b, reach, out); });
+  visit(box_of(a, b), reach, [&](const Node& leaf) { list_leaf(leaf, a, b, reach, out); });
   std::sort(out.begin(), out.end(), [](const Nearby& p, const Nearby& q) { return p.triangle < q.triangle; });
   return reach;
 }
 
-namespace {
-
-// The nearest found so far, and the direction from it to the segment. Both are convex, so what lies lower
-// along that than the segment, by more than the distance, is no nearer.
-struct NearestSoFar {
-  const Vec3 a, b;
-  const Box around;
-  double reach;
-  Nearest best{1e300, 0, {}};
-  Vec3 up;
-  double floor = -1e300;  // height of what can be nearer
-
-  bool is_below(const Box& box) const {
-    const Vec3 top{up.x > 0 ? box.hi.x : box.lo.x, up.y > 0 ? box.hi.y : box.lo.y,
-                   up.z > 0 ? box.hi.z : box.lo.z};
-    return dot(up, top) <= floor;
-  }
-  bool is_below(const Triangle& t) const {
-    return dot(up, t.a) <= floor && dot(up, t.b) <= floor && dot(up, t.c) <= floor;
-  }
-  void take(const Triangle& t) {
-    Nearest here = nearest_of(t, a, b);
-    if (is_pierced(t, a, b)) here.distance = 0;
-    if (!(here.distance < best.distance)) return;
-    best = here;
-    reach = std::min(reach, best.distance);
-    up = unit_or((1 - best.u) * a + best.u * b - best.point, {});
-    floor = std::min(dot(up, a), dot(up, b)) - best.distance;
-  }
-};
-
-}  // namespace
-
-Nearest Surface::search(Vec3 a, Vec3 b, double within) const {
-  NearestSoFar found{a, b, box_of(a, b), within};
-  auto below = [&](const Box& box) { return found.is_below(box); };
-  visit(found.around, found.reach, below, [&](const Node& leaf) {
-    for (int k = leaf.first; k < leaf.first + leaf.count; ++k)
-      if (!found.is_below(triangles_[k])) found.take(triangles_[k]);
-  });
-  if (found.best.distance <= kTouches * size_) found.best.distance = 0;
-  return found.best;
+Nearest Surface::search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& found) const {
+  list(a, b, within, found);
+  for (const Nearby& near : found)
+    if (near.distance <= kTouches * size_) return {};
+  return nearest(found, a, b);
 }
 
 bool Surface::is_between(Vec3 from, Vec3 to) const {
   bool found = false;
   const double reach = 0;
-  visit(box_of(from, to), reach, nothing, [&](const Node& leaf) {
+  visit(box_of(from, to), reach, [&](const Node& leaf) {
     for (int k = leaf.first; k < leaf.first + leaf.count && !found; ++k)
       found = is_pierced(triangles_[k], from, to);
   });
@@ -242,7 +193,8 @@ void Surface::list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::ve
   const Box around = box_of(a, b);
   for (int k = leaf.first; k < leaf.first + leaf.count; ++k) {
     if (square_between(box_of(triangles_[k]), around) > reach * reach) continue;
-    const Nearest found = nearest_of(triangles_[k], a, b);
+    Nearest found = nearest_of(triangles_[k], a, b);
+    if (is_pierced(triangles_[k], a, b)) found.distance = 0;
     if (found.distance > reach) continue;
     if (out.size() == kMostNearby) {
       std::pop_heap(out.begin(), out.end(), nearer);

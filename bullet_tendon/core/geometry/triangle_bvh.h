@@ -42,14 +42,14 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b);
 class Surface {
  public:
   explicit Surface(std::vector<Triangle> triangles);
-  // Lists the triangles within reach of a segment, the kMostNearby nearest of them at most. Returns the
-  // distance below which none is missing [m].
+  // Lists the triangles within reach of a segment, the kMostNearby nearest of them at most; one that the
+  // segment crosses is at the distance 0. Returns the distance below which none is missing [m].
   double list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) const;
   // The nearest point of those listed.
   Nearest nearest(const std::vector<Nearby>& listed, Vec3 a, Vec3 b) const;
   // The nearest point of all, no farther than `within` by what is known already [m]. Where the segment
-  // crosses the surface, or all but touches it: a distance of 0.
-  Nearest search(Vec3 a, Vec3 b, double within) const;
+  // crosses the surface, or all but touches it: a distance of 0. Overwrites `found`.
+  Nearest search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& found) const;
   // Whether the way from one point to another leads through the surface.
   bool is_between(Vec3 from, Vec3 to) const;
   // Tells surfaces apart.
@@ -63,8 +63,8 @@ class Surface {
     int second = -1;           // its other child; -1: a leaf
   };
   int build(int first, int count);
-  template <class Skip, class Visit>
-  void visit(const Box& around, const double& reach, Skip skip, Visit leaf) const;
+  template <class Visit>
+  void visit(const Box& around, const double& reach, Visit leaf) const;
   void list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const;
   std::vector<Triangle> triangles_;  // in the order of the leaves
   std::vector<Node> nodes_;
