@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <numeric>
 #include <vector>
 
@@ -21,16 +20,6 @@ constexpr double kParting = 0.1;
 // Greatest relative motion for which methods without substeps predict tendon pairs, in sums of radii [-].
 // Larger: a contact is a plane, and would stop distant segments that would pass beside each other.
 constexpr double kFarthest = 2.0;
-
-// Sort key of a candidate: blocks of 64 by 64 segments, divided into blocks of 8 by 8.
-uint64_t order_of(const Candidate& s) {
-  auto part = [](int segment, int shift, int bits) {
-    return static_cast<uint64_t>(segment >> shift & ((1 << bits) - 1));
-  };
-  const uint64_t outer = part(s.k, 6, 16) << 16 | part(s.m, 6, 16);
-  const uint64_t inner = part(s.k, 3, 3) << 3 | part(s.m, 3, 3);
-  return outer << 12 | inner << 6 | part(s.k, 0, 3) << 3 | part(s.m, 0, 3);
-}
 
 double sum_of_radii(const TendonBvh& a, const TendonBvh& b) { return a.tendon().radius + b.tendon().radius; }
 
@@ -54,10 +43,6 @@ struct Collector {
   const double towards = self ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
 
   using Node = TendonBvh::Node;
-
-  static Vec3 gap_between(const Box& p, const Box& q) {
-    return highest(highest(p.lo - q.hi, q.lo - p.hi), {});
-  }
 
   // Box around the present and the predicted positions, less the tendon's mean motion.
   static Box swept(const Node& s, Vec3 mean) {
@@ -141,7 +126,7 @@ void CandidateList::collect(TendonBvh& a, TendonBvh& b, double most) {
     collector.between(1, 1);
   left_out_ = std::isfinite(limit) ? std::sqrt(left_out_) : 0;
   std::sort(candidates_.begin(), candidates_.end(),
-            [](const Candidate& p, const Candidate& q) { return order_of(p) < order_of(q); });
+            [](const Candidate& p, const Candidate& q) { return p.k != q.k ? p.k < q.k : p.m < q.m; });
   nearest_ = 1e300;
   for (const Candidate& s : candidates_) nearest_ = std::min(nearest_, s.distance);
 }
@@ -186,8 +171,7 @@ void BroadPhase::find_between(int i, int j, Foresight foresight, PairCounts& cou
     needed = list.needed(a, b, most);
   }
   if (!list.any_within(needed)) return;
-  if (i == j) straight_.find(a);
-  NarrowPhase narrow{a, b, i, j, foresight, i == j ? &straight_ : nullptr, most, counts, out};
+  NarrowPhase narrow{a, b, i, j, foresight, most, counts, out};
   for (const Candidate& s : list.candidates())
     if (!(s.distance > needed)) narrow.test(s.k, s.m);
 }

@@ -53,7 +53,7 @@ class BroadPhase {
  public:
   // Deletes all lists, because tendons were added, removed or changed.
   void clear();
-  // Appends the pairs that could touch, ordered by tendons, then by blocks of segments. tendons: null entries
+  // Appends the pairs that could touch, ordered by tendons, then by segments. tendons: null entries
   // are left out. threshold: distance of the surfaces at which contacts begin [m].
   PairCounts find(const std::vector<Tendon*>& tendons, double threshold, Foresight foresight,
                   std::vector<SegmentPair>& out);
@@ -62,7 +62,6 @@ class BroadPhase {
   void find_between(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
   std::vector<TendonBvh> tendons_;
   std::vector<CandidateList> lists_;  // tendons i <= j at i + j (j + 1) / 2
-  StraightStretches straight_;
 };
 
 }  // namespace bt

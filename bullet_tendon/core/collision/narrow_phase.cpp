@@ -12,9 +12,6 @@ namespace {
 // Least cosine between the segments of a straight stretch and its chord [-].
 constexpr double kStraight = 0.75;
 
-// Most stretches of eight segments that one straight run can have [-].
-constexpr int kFarthestStretch = 64;
-
 // Difference between the distance of nearly parallel segments at their contacts and their least distance
 // between the contacts, in sums of radii [-]. Larger: more penetration. Smaller: the contacts of crossing
 // segments are nearer to each other, and resist rotation less.
@@ -39,40 +36,6 @@ BT_VECTOR bool runs_straight(const Field& at) {
 
 bool is_straight(const Tendon& c) { return runs_straight(c.x) && runs_straight(c.predicted); }
 
-// If every segment of stretch j is within the angle t of its heading, and cos(t) >= kStraight = cos(f), then
-// all are within f of another heading that is within f - t of the stretch's heading:
-//
-//   cos(f - t) = cos f cos t + sin f sin t.
-void StraightStretches::find(TendonBvh& tendon) {
-  const Tendon& c = tendon.tendon();
-  const int m = c.n() - 1, count = (m + kSegments - 1) / kSegments;
-  heading_.resize(count);
-  agrees_.resize(count);
-  to_.resize(count);
-  const double sine = std::sqrt(1 - kStraight * kStraight);
-  for (int i = 0; i < count; ++i) {
-    const int from = i * kSegments, to = std::min(from + kSegments, m);
-    heading_[i] = unit_or(c.x.at(to) - c.x.at(from), Vec3{});
-    double least = 1;
-    for (int k = from; k < to; ++k) {
-      const Vec3 d = c.x.at(k + 1) - c.x.at(k);
-      const double size = norm(d);
-      least = std::min(least, size > 0 ? dot(d, heading_[i]) / size : -1.0);
-    }
-    agrees_[i] = 2;  // greater than any cosine: never straight
-    if (least >= kStraight)
-      agrees_[i] = kStraight * least + sine * std::sqrt(std::max(0.0, 1 - least * least));
-  }
-  const bool deforms =
-      tendon.most_off_mean() > kFarthestMove * c.radius;  // may be bent at the end of the step
-  for (int i = 0; i < count; ++i) {
-    const int end = deforms ? i : std::min(count, i + kFarthestStretch);
-    int j = i;
-    while (j < end && dot(heading_[i], heading_[j]) >= agrees_[j]) ++j;
-    to_[i] = j - 1;
-  }
-}
-
 // Predicted relative motion of two segments in the step [m].
 double NarrowPhase::motion(int k, int m) const {
   const Tendon &p = a.tendon(), &q = b.tendon();
@@ -88,7 +51,7 @@ Sweep NarrowPhase::sweep(int k, int m) const {
   const Tendon &p = a.tendon(), &q = b.tendon();
   const Field &y = p.predicted, &z = q.predicted;
   Sweep s({p.x.at(k), p.x.at(k + 1), q.x.at(m), q.x.at(m + 1)}, {y.at(k), y.at(k + 1), z.at(m), z.at(m + 1)});
-  if (!straight) return s;
+  if (!self) return s;
   const Vec3 before = s.from[2] - s.from[1], after = z.at(m) - y.at(k + 1);
   const double enough = kStraight * a.arc_between(k, m);
   if (norm(before) > enough && norm(after) > enough) s.unturn(before, after);
@@ -114,7 +77,7 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
                                      kSag * (p.radius + q.radius), ends);
   s.parallel = count > 0;
   if (!s.parallel) s.points[s.count++] = s.nearest;
-  auto is_pair = [&](int i, int j) { return !straight || (!a.joins(i, j) && !p.is_overlaid(i, j)); };
+  auto is_pair = [&](int i, int j) { return !self || (!a.joins(i, j) && !p.is_overlaid(i, j)); };
   const bool next_a = k + 2 < p.n() && is_pair(k + 1, m), next_b = m + 2 < q.n() && is_pair(k, m + 1);
   for (int end = 0; end < count; ++end) {
     if (count == 1 && ((ends[end].u == 1 && next_a) || (ends[end].w == 1 && next_b))) continue;
@@ -127,11 +90,11 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
 void NarrowPhase::test(int k, int m) {
   const Tendon &p = a.tendon(), &q = b.tendon();
   // Relative mean motion of two tendons within the step [m].
-  const double towards = straight ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
+  const double towards = self ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
   if (!overlap(swept_box(p, k, a.mean_motion(), a.skin()), swept_box(q, m, b.mean_motion(), b.skin()),
                towards))
     return;
-  if (straight && (straight->join(k, m) || a.joins(k, m) || p.is_overlaid(k, m))) return;
+  if (self && (a.joins(k, m) || p.is_overlaid(k, m))) return;
   ++counts.considered;
   const Vec3 p0 = p.x.at(k), p1 = p.x.at(k + 1), q0 = q.x.at(m), q1 = q.x.at(m + 1);
   const double radii = p.radius + q.radius, skins = a.skin() + b.skin(), moves = motion(k, m);

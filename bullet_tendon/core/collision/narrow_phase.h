@@ -48,29 +48,15 @@ enum class Foresight { near, swept };
 // Whether the whole tendon is too straight to touch itself, at present and at the predicted end of the step.
 bool is_straight(const Tendon& c);
 
-// The stretches of a tendon that are too straight to touch themselves. The distance of two points of such a
-// stretch is at least kStraight times the arc between them, and kStraight kSelfContactArc exceeds two.
-class StraightStretches {
- public:
-  void find(TendonBvh& tendon);
-  bool join(int k, int m) const { return m / kSegments <= to_[k / kSegments]; }
-
- private:
-  static constexpr int kSegments = 8;  // per stretch
-  std::vector<int> to_;                // last stretch of the straight run from each stretch
-  std::vector<Vec3> heading_;          // unit vector of each stretch's chord
-  std::vector<double> agrees_;  // least cosine to another heading at which all its segments are straight
-};
-
 // Tests pairs of segments of two tendons, or of one tendon (a is b).
 struct NarrowPhase {
   TendonBvh &a, &b;
   const int slot_a, slot_b;
   const Foresight foresight;
-  const StraightStretches* straight;  // null for two tendons
-  const double most;                  // limit of the predicted relative motion [m]
+  const double most;  // limit of the predicted relative motion [m]
   PairCounts& counts;
   std::vector<SegmentPair>& out;
+  const bool self = &a == &b;
 
   // Appends the pair of segment k of a and segment m of b if they could touch within the step.
   void test(int k, int m);

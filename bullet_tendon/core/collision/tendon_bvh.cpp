@@ -75,15 +75,4 @@ Vec3 TendonBvh::mean_motion() {
   return mean_motion_;
 }
 
-double TendonBvh::most_off_mean() {
-  const Tendon& c = *tendon_;
-  const Vec3 mean = mean_motion();
-  double square = 0;
-  for (int i = 0; i < c.n(); ++i) {
-    const Vec3 off = c.predicted.at(i) - mean - c.x.at(i);
-    square = std::max(square, dot(off, off));
-  }
-  return std::sqrt(square);
-}
-
 }  // namespace bt

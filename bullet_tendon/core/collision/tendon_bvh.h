@@ -53,9 +53,8 @@ class TendonBvh {
   bool joins(int k, int m) const { return m - k <= 1 || arc_between(k, m) < joined_arc_; }
   int rest_set() const { return rest_set_; }  // number of the set of rest lengths; changes with them
 
-  // Predicted mean motion of the particles within the step, and the greatest deviation of one from it [m].
+  // Predicted mean motion of the particles within the step [m].
   Vec3 mean_motion();
-  double most_off_mean();
 
  private:
   void begin(const Tendon& c);
