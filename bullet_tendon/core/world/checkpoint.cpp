@@ -3,7 +3,6 @@
 
 #include <chrono>
 #include <cstdint>
-#include <cstring>
 #include <functional>
 #include <string>
 #include <type_traits>
@@ -88,26 +87,6 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
 }
 
 namespace {
-
-// FNV-1a hash of the properties that a world must share with a state to restore it.
-class Mark {
- public:
-  template <class... T>
-  void add(const T&... values) {
-    (one(values), ...);
-  }
-  uint64_t value() const { return hash_; }
-
- private:
-  template <class T>
-  void one(const T& value) {
-    static_assert(kPlain<T>);
-    unsigned char bytes[sizeof(T)];
-    std::memcpy(bytes, &value, sizeof(T));
-    for (unsigned char b : bytes) hash_ = (hash_ ^ b) * 1099511628211ull;
-  }
-  uint64_t hash_ = 14695981039346656037ull;
-};
 
 void require(bool valid, const char* what) {
   if (!valid) throw StateMismatch(what);
@@ -230,30 +209,35 @@ void World::require_state(const Checkpoint& c) const {
   require(std::is_sorted(c.memory.begin(), c.memory.end(), in_order), "in order");
 }
 
+// FNV-1a hash of the properties that a world must share with a state to restore it.
 uint64_t World::structure_mark() const {
-  Mark mark;
-  mark.add(scene.tendons.size(), scene.shapes.size(), scene.tunnels.size());
+  std::vector<char> bytes;
+  StateWriter write(bytes);
   for (const auto& c : scene.tendons) {
-    mark.add(c != nullptr);
+    int particles = c ? c->n() : 0;
+    write("particles", particles);
     if (!c) continue;
-    const Material& m = c->material;
-    mark.add(c->n(), c->radius, c->friction, m.stiffness, m.damping, m.shear_stiffness, m.bending_stiffness,
-             m.linear_density, m.law.exponent, m.law.toe_strain, m.law.tension_only, m.law.damping_exponent,
-             m.law.whole_velocity);
+    write("radius", c->radius);
+    write("friction", c->friction);
+    write("material", c->material);
   }
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
-    const Shape& shape = scene.shapes[s];
-    const Primitive& form = shape.primitive;
-    mark.add(scene.shape_alive[s], shape.link, shape.local, shape.lo, shape.hi, shape.half_space,
-             shape.plane_normal, shape.plane_offset, shape.friction, form.kind, form.half, form.growth,
-             form.radius, form.half_length, shape.surface ? shape.surface->mark() : uint64_t{0});
+    Shape shape = scene.shapes[s];
+    bool alive = scene.shape_alive[s] != 0;
+    uint64_t surface = shape.surface ? shape.surface->mark() : 0;
+    write("alive", alive);
+    write("shape", shape);
+    write("surface", surface);
   }
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    const Tunnel& tunnel = scene.tunnels[t];
-    mark.add(scene.tunnel_alive[t], tunnel.link, tunnel.start, tunnel.end, tunnel.radius, tunnel.chamfer,
-             tunnel.friction);
+    Tunnel tunnel = scene.tunnels[t];
+    bool alive = scene.tunnel_alive[t] != 0;
+    write("alive", alive);
+    write("tunnel", tunnel);
   }
-  return mark.value();
+  uint64_t hash = 14695981039346656037ull;
+  for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211ull;
+  return hash;
 }
 
 std::vector<char> World::save() {

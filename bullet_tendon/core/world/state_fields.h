@@ -55,6 +55,12 @@ struct StateFields {
   BT_FIELDS(Plane, point, normal, u, hole)
   // The list of near triangles is recomputed from a, b and listed.
   BT_FIELDS(Entry, known, inside, distance, clearance, age, asked, a, b, listed)
+  // What a world must share with a state to restore it. The surface of a mesh has a mark of its own.
+  BT_FIELDS(Law, exponent, toe_strain, tension_only, damping_exponent, whole_velocity)
+  BT_FIELDS(Material, law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density)
+  BT_FIELDS(Primitive, kind, half, growth, radius, half_length)
+  BT_FIELDS(Shape, link, local, lo, hi, half_space, plane_normal, plane_offset, friction, primitive)
+  BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction)
   BT_FIELDS(StepRecord, dt, gravity)
   BT_FIELDS(Checkpoint, valid, tendons, links, bodies, memory, contacts, sleeping_contacts, rest_gravity,
             last_step, may_resolve, sensed_links, sensed_bodies)
