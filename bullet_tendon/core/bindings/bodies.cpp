@@ -30,6 +30,12 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   const double a[3][3] = {{turning.xx, turning.xy, turning.xz},
                           {turning.xy, turning.yy, turning.yz},
                           {turning.xz, turning.yz, turning.zz}};
+  m.velocity_response.assign(6, 0.0);
+  if (falls && inertia.x > 0 && inertia.y > 0 && inertia.z > 0) {  // the gyroscopic torque
+    const Sym3 moments = inertia.x * outer(axes.r0) + inertia.y * outer(axes.r1) + inertia.z * outer(axes.r2);
+    const Vec3 gyroscopic = -(turning * cross(w, moments * w));
+    m.velocity_response = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
+  }
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
     m.free[7 * i] = 1 / number(info, 0);
@@ -167,6 +173,9 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
     for (std::size_t k = 0; k < n; ++k)
       for (std::size_t e = 0; e < 3; ++e)
         m.gravity_response[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
+  std::vector<double> moving(n);
+  body.velocity_force(m.rates.data(), moving.data());
+  dense::multiply(m.free, moving, m.velocity_response);
   body.stops(places.data(), m.limits);
 }
 
@@ -217,7 +226,7 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
   return w.sample(slot, rates);
 }
 
-// J (links, 6, dofs) and the mass matrix.
+// J (links, 6, dofs), the mass matrix, and the generalized force of the motion itself (dofs).
 py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& motion,
                    const py::tuple& joints, const py::list& chosen) {
   std::vector<double> rates, places;
@@ -231,7 +240,9 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
     body.jacobian(link, jacobians.mutable_data() + 6 * n * i);
   }
   body.mass_matrix(mass.mutable_data());
-  return py::make_tuple(jacobians, mass);
+  Array moving(n);
+  body.velocity_force(rates.data(), moving.mutable_data());
+  return py::make_tuple(jacobians, mass, moving);
 }
 
 }  // namespace
@@ -246,16 +257,16 @@ namespace {
 // Articulated bodies.
 
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
-// limits (2).
+// limits (2), damping.
 Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers, bool floating) {
-  if (parents.size() != kinds.size() || numbers.size() != 12 * kinds.size()) throw py::value_error("joints");
+  if (parents.size() != kinds.size() || numbers.size() != 13 * kinds.size()) throw py::value_error("joints");
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
     if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
-    const double* p = numbers.data() + 12 * j;
+    const double* p = numbers.data() + 13 * j;
     joints.push_back(
-        {kind, parents.data()[j], vec(p), vec(p + 3), transposed(rotation_of(p + 6)), p[10], p[11]});
+        {kind, parents.data()[j], vec(p), vec(p + 3), transposed(rotation_of(p + 6)), p[10], p[11], p[12]});
   }
   return {joints, floating};
 }

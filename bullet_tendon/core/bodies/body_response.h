@@ -51,7 +51,9 @@ struct GeneralizedBody {
   Numbers rates;
   Numbers free;                  // free response M^-1 (n n)
   Numbers gravity_response;      // acceleration per unit of gravity (n 3); empty: not known
-  Vec3 gyroscopic_acceleration;  // of a rigid body, in this step [rad/s^2]
+  // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
+  // The first: at the present rates, set by who reads the body. The second: that of the step in progress.
+  Numbers velocity_response, velocity_acceleration;
   Numbers limits;  // (coordinate, side, depth) of every limit that is reached; side 1: it pushes upwards
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
@@ -96,8 +98,6 @@ struct GeneralizedBody {
   void push(const Numbers& impulse);
 
  private:
-  // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
-  Vec3 gyroscopic() const;
   const Numbers& known(Vec3 gravity);
   const Numbers& unforced(Vec3 gravity);
   void doubt_stops();

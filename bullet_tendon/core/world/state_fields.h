@@ -111,7 +111,8 @@ struct StateFields {
     a("rates", m.rates);
     a("free", m.free);
     a("falls", m.gravity_response);
-    a("gyration", m.gyroscopic_acceleration);
+    a("velocity_response", m.velocity_response);
+    a("velocity_acceleration", m.velocity_acceleration);
     a("limits", m.limits);
     a("contacts", m.contacts);
     a("contacts_known", m.contacts_known);
