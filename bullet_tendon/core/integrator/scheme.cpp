@@ -57,8 +57,7 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
     measure(*s, c.x_before);
     for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
   }
-  for (const Anchor& h : c.anchors)
-    if (h.rigid) c.place(h.particle, h.aim);
+  c.place_anchors();
 }
 
 BT_VECTOR void find_velocities(Tendon& c) {

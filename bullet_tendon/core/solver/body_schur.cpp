@@ -129,6 +129,10 @@ void forget_bodies(Island& island) {
   place(island);
 }
 
+void place_bodies(Island& island) {
+  if (!island.bodies.indices.empty()) place(island);
+}
+
 void advance_bodies(Island& island, double alpha) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {

@@ -159,6 +159,47 @@ Assembly judge(Solution& s) {
   return a;
 }
 
+// Whether the guess may be torn by bodies: see choose_guess.
+bool may_be_torn(const Solution& s) { return !s.context.warm && !s.island.bodies.indices.empty(); }
+
+// Largest inertial force if no particle moves in this substep [N].
+double inertia_at_rest(const Island& island) {
+  double most = 0;
+  for (const Tendon* c : island.tendons)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i)
+        most = std::max(most, c->mass[i] * std::fabs(c->inertial_displacement[k][i]) / (c->h_eff * c->h_eff));
+  return most;
+}
+
+// Sets all particles to their positions at the start of the substep, except for anchored ones.
+void rest(Island& island) {
+  for (Tendon* c : island.tendons) {
+    c->displacement.zero();
+    c->x_new = c->x;
+    c->place_anchors();
+  }
+  place_bodies(island);
+}
+
+// The guess continues the motion of the last step. If a body that carries particles was stopped since then,
+// this guess stretches the segments beside them far more than no motion at all. Takes the guess with the
+// smaller residual. residual: of the present guess [N].
+void choose_guess(Solution& s, double residual) {
+  Island& island = s.island;
+  for (Tendon* c : island.tendons) c->dx = c->displacement;
+  rest(island);
+  Assembly a = residual_of(island, true);
+  measure_residual(island, a);
+  if (a.residual < residual) return;
+  for (Tendon* c : island.tendons) {
+    c->displacement.zero();
+    c->advance(1);
+    c->place_anchors();
+  }
+  place_bodies(island);
+}
+
 bool stiffen_contacts(Island& island) {
   bool any = false;
   for (Contact* contact : island.contacts) any |= contact->stiffen();
@@ -190,6 +231,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   }
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
+  if (a.residual > s.smallest && ran_away(island)) return Next::stop;
   if (s.iteration > 0 && s.context.budget->refuses()) return Next::stop;
   return Next::step;
 }
@@ -271,19 +313,19 @@ void take_step(Solution& s) {
 
 // Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors.
 void stay(Island& island) {
-  for (Tendon* c : island.tendons) {
-    c->displacement.zero();
-    c->x_new = c->x;
-    for (const Anchor& h : c->anchors)
-      if (h.rigid) c->place(h.particle, h.aim);
-  }
   forget_bodies(island);
+  rest(island);
 }
 
 // Iterates until the solution ends. Returns the last residual [N].
 double iterate(Solution& s) {
+  Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
-    const Assembly a = judge(s);
+    Assembly a = judge(s);
+    if (s.iteration == 0 && may_be_torn(s) && a.residual > inertia_at_rest(island)) {
+      choose_guess(s, a.residual);
+      a = judge(s);
+    }
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) return a.residual;

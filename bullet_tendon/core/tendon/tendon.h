@@ -80,6 +80,8 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   // all particles by alpha dx.
   void move(int particle, Vec3 by);
   void place(int particle, Vec3 at);
+  // Places the particles of rigid anchors at their targets.
+  void place_anchors();
   void advance(double alpha);
   // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
