@@ -239,7 +239,9 @@ def is_fixed(body, client) -> bool:
 
 def tree_of(infos, floating: bool) -> _core.Articulated | None:
     """How a body's links hang on its joints, by its joint_infos; None where it has others than those."""
-    return _tree(tuple([(info[2], info[16], *info[13:16], info[8:10], info[6:7]) for info in infos]), floating)
+    return _tree(
+        tuple([(info[2], info[16], *info[13:16], info[8:10], info[6:7]) for info in infos]), floating
+    )
 
 
 @lru_cache(maxsize=256)

@@ -166,7 +166,9 @@ def test_a_step_of_pybullet_changes_rates_by_the_motion_itself(client, count):
 def test_damping_of_joints_is_that_of_pybullet(client):
     p.setTimeStep(DT, client)
     flags = p.URDF_USE_INERTIA_FROM_FILE
-    body = p.loadURDF(bt.data_path("tendon_finger.urdf"), useFixedBase=True, flags=flags, physicsClientId=client)
+    body = p.loadURDF(
+        bt.data_path("tendon_finger.urdf"), useFixedBase=True, flags=flags, physicsClientId=client
+    )
     for link in range(-1, p.getNumJoints(body, client)):
         p.changeDynamics(body, link, linearDamping=0, angularDamping=0, physicsClientId=client)
     for joint, rate in enumerate((5.0, -20.0, 30.0)):

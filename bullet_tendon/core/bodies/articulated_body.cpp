@@ -156,8 +156,7 @@ void Articulated::velocity_force(const double* rates, double* out) const {
     const Placed& link = links_[l];
     const Motion& m = motions[l];
     const Vec3 velocity = m.velocity + cross(m.spin, link.centre);
-    const Vec3 force =
-        link.mass * (m.acceleration + cross(m.turning, link.centre) + cross(m.spin, velocity));
+    const Vec3 force = link.mass * (m.acceleration + cross(m.turning, link.centre) + cross(m.spin, velocity));
     const Vec3 torque = link.inertia * m.turning + cross(m.spin, link.inertia * m.spin);
     for (int k : link.moved_by)
       out[k] -= dot(force, twists_[k].velocity + cross(twists_[k].spin, link.centre)) +

@@ -49,8 +49,8 @@ struct GeneralizedBody {
   using Numbers = dense::Numbers;
   // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
   Numbers rates;
-  Numbers free;                  // free response M^-1 (n n)
-  Numbers gravity_response;      // acceleration per unit of gravity (n 3); empty: not known
+  Numbers free;              // free response M^-1 (n n)
+  Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
   // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
   // The first: at the present rates, set by who reads the body. The second: that of the step in progress.
   Numbers velocity_response, velocity_acceleration;

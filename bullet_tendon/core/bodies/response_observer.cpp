@@ -13,8 +13,9 @@ namespace {
 constexpr double kReleased = 0.2;
 
 // Smallest relative change of the forces from which the observer learns, and smallest error of the predicted
-// change of the acceleration, relative to the acceleration, that it learns from [-]: rounding, and the damping
-// of links, which pybullet does not report. Smaller: a free arm that swings fast is taken for a held one.
+// change of the acceleration, relative to the acceleration, that it learns from [-]: rounding, and the
+// damping of links, which pybullet does not report. Smaller: a free arm that swings fast is taken for a held
+// one.
 constexpr double kLeastNews = 3e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
 // the change of the forces, the cosine between both, and, for an increased response, the relative change of
