@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "bindings/pybullet_reader.h"
+#include "bindings/arrays.h"
 
 namespace bt {
 

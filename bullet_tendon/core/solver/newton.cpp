@@ -8,19 +8,13 @@
 // A solution whose residual does not fall is abandoned, and the Substepper cuts the substep. If the substep
 // cannot be cut, the last iterate is accepted if its residual is smaller than that of the guess. Otherwise
 // the particles stay where they are.
-#include "solver/newton.h"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/energy_projection.h"
-#include "solver/friction_limits.h"
-#include "solver/island_step.h"
-#include "solver/linear_solve.h"
-#include "tendon/segment_rotation.h"
+#include "solver/solver.h"
 
 namespace bt {
 

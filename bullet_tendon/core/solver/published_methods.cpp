@@ -1,12 +1,10 @@
 // The methods of the paper: explicit Euler (6) and one linearisation of implicit Euler (8), (9).
-#include "solver/published_methods.h"
-
 #include <algorithm>
 #include <utility>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/linear_solve.h"
+#include "solver/solver.h"
 #include "tendon/bending.h"
 
 namespace bt {

@@ -14,6 +14,11 @@ namespace bt {
 // queries and contacts. Smaller: more detections.
 constexpr double kSlack = 0.05;
 
+// Two segments of one tendon can touch only if the arc length between them exceeds this many radii [-]. A
+// tendon in the tightest possible bend (radius of the centreline = radius of the tendon) touches itself
+// after half a turn. Smaller: neighbours push each other apart in every bend.
+constexpr double kSelfContactArc = 3.14159265358979;
+
 // The part of a tendon that only the user changes. A step never changes it.
 struct TendonModel {
   Field force;                     // constant external force [N]
@@ -116,5 +121,12 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
 
 // Whether x_new of any particle is outside its predicted region.
 bool leaves_predicted_region(const Tendon& c);
+
+// Call it after tendon.dx was added to tendon.x_new. Removes the elongation of segments that is caused by
+// their rotation alone (tendon/segment_rotation.cpp).
+void keep_lengths(Tendon& c);
+// Largest sine of the angle by which a segment rotates from tendon.x to the iterate tendon.x_new. A segment
+// that is exactly reversed counts as not rotated.
+double greatest_turn(const Tendon& c);
 
 }  // namespace bt

@@ -19,7 +19,6 @@
 #include <cmath>
 #include <optional>
 
-#include "tendon/segment_rotation.h"
 #include "world/world.h"
 
 namespace bt {

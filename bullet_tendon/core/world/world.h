@@ -16,7 +16,8 @@
 #include <vector>
 
 #include "collision/broad_phase.h"
-#include "solver/linear_solve.h"
+#include "integrator/scheme.h"
+#include "solver/island.h"
 #include "world/checkpoint.h"
 #include "world/report.h"
 
