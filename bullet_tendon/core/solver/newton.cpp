@@ -171,7 +171,7 @@ Next refine(Solution& s) {
   }
   if (island.result.converged) return Next::stop;
   island.result.left_predicted_region =
-      s.context.may_look && touches(island) && any_left_predicted_region(island);
+      s.context.may_detect && touches(island) && any_left_predicted_region(island);
   return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
@@ -302,7 +302,7 @@ void newton(Island& island, const StepContext& context) {
   double residual = iterate(s);
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
   // If the substep cannot be cut: solve again from its start, along descent directions.
-  if (failed() && !context.may_halve && !context.budget->refused()) {
+  if (failed() && !context.substeps->may_halve() && !context.budget->refused()) {
     stay(island);
     s.descends = true;
     s.start_anew();
@@ -329,7 +329,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
+  if (!island.result.left_predicted_region && (island.result.converged || !context.substeps->may_halve()) &&
       by_euler(island, context))
     project_energy(island, context.gravity);
 }

@@ -3,7 +3,7 @@
 #include "collision/narrow_phase.h"
 #include "collision/proximity_cache.h"
 #include "contact/contact.h"
-#include "world/substepper.h"
+#include "integrator/substepper.h"
 
 namespace bt {
 

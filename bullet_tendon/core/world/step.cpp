@@ -70,6 +70,7 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
 void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.context.gravity = gravity;
   step_.context.options = options;
+  step_.context.substeps = &step_.substeps;
   step_.context.budget = &step_.budget;
   step_.whole = whole;
   find_solid_links();
@@ -91,9 +92,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
 void World::predict() {
   step_.context.dt = step_.substeps.h();
-  step_.context.whole = step_.whole;
-  step_.context.part = !step_.substeps.is_whole();
-  step_.context.may_halve = step_.substeps.may_halve();
   step_.detections = 0;
   find_turning();
   find_point_masses();
@@ -165,7 +163,7 @@ std::optional<Reason> World::solve_islands() {
   step_.context.warm = step_.detections > 0;
   const bool may_detect =
       step_.substeps.divisible() && (step_.detections < kMostDetections || step_.substeps.may_halve());
-  step_.context.may_look = may_detect && !step_.budget.exhausted();
+  step_.context.may_detect = may_detect && !step_.budget.exhausted();
   const bool finite = solve_each_island();
   if ((!finite || step_.unconverged) && step_.substeps.may_halve() && !step_.budget.refuses())
     return Reason::not_converged;
