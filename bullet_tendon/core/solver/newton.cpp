@@ -251,7 +251,9 @@ void take_step(Solution& s) {
   Island& island = s.island;
   if (s.descends) {
     line_search(island);
-    for (Contact* contact : island.contacts) contact->limit_friction();
+    // The normal force of a direct contact is that before the line search. Its limit is kept.
+    for (Contact* contact : island.contacts)
+      if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
     return;
   }
   carry_springs(island);

@@ -227,7 +227,7 @@ void World::recall(Contact& contact, double inertia) {
   contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;
   contact.force.last_mean = found->mean_force;
-  contact.friction.limit = contact.friction.coefficient * contact.normal_force.lambda_previous;
+  contact.limit_friction(contact.normal_force.lambda_previous);
   contact.friction.sliding = found->sliding;
 }
 
