@@ -5,9 +5,15 @@
 // the friction limits and mu N (Coulomb's law). When the residual is small, contacts that are too deep are
 // stiffened (augmented Lagrangian).
 //
-// A solution whose residual does not fall is abandoned, and the Substepper cuts the substep. If the substep
-// cannot be cut, the last iterate is accepted if its residual is smaller than that of the guess. Otherwise
-// the particles stay where they are.
+// A solution whose residual does not fall is abandoned, and the Substepper cuts the substep.
+//
+// If the substep cannot be cut, the solution begins once more, from the positions at the start of the
+// substep, as a descent: plain Newton steps, linearised at the present positions with their true forces. The
+// blocks of springs and contacts are positive semidefinite in this linearisation, so that the matrix is
+// positive definite and the step descends on the incremental potential, whose gradient is the residual at
+// given friction limits. A line search on the slope of the potential shortens the step. Each step keeps the
+// friction limits of the last iterate. If this fails too, the last iterate is accepted if its residual is
+// smaller than that of the guess. Otherwise the particles stay where they are.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -162,12 +168,10 @@ bool stiffen_contacts(Island& island) {
 // After an iteration with a small residual: stiffens contacts, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
-  if (s.stiffened < kMostStiffened) {
-    if (stiffen_contacts(island)) {
-      ++s.stiffened;
-      s.start_anew();
-      return Next::judge;
-    }
+  if (s.stiffened < kMostStiffened && stiffen_contacts(island)) {
+    ++s.stiffened;
+    s.start_anew();
+    return Next::judge;
   }
   if (island.result.converged) return Next::stop;
   island.result.left_predicted_region =
@@ -194,9 +198,8 @@ bool find_step(Solution& s, const Assembly& a) {
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
   island.matrix.tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
-  const Linearisation how = s.descends ? Linearisation::position : Linearisation::multiplier;
   if (!s.descends) {
-    assemble(island, how, false, s.far);
+    assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
@@ -204,7 +207,7 @@ bool find_step(Solution& s, const Assembly& a) {
     // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
     residual_of(island, true);
   }
-  assemble(island, how, true, true);
+  assemble(island, s.descends ? Linearisation::position : Linearisation::multiplier, true, true);
   return solve_linear(island, s.context, true);
 }
 
@@ -224,7 +227,8 @@ void advance(Island& island, double alpha) {
 // differences of the potential would suffer from cancellation.
 void line_search(Island& island) {
   const double start = slope_along(island);
-  double lo = 0, hi = 0, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
+  // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
+  double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
   for (int trial = 0; trial < kMostTrials; ++trial) {
     advance(island, alpha - at);
     at = alpha;
@@ -241,8 +245,8 @@ void line_search(Island& island) {
       hi = alpha;
       slope_hi = finite ? slope : 1e3 * std::fabs(start);
     }
-    const double guess = hi > lo ? lo - slope_lo * (hi - lo) / (slope_hi - slope_lo) : 2 * alpha;
     const double width = hi - lo;
+    const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
     alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
   }
 }
@@ -296,8 +300,7 @@ void end(Solution& s) {
   island.result.iterations += s.iteration;
 }
 
-}  // namespace
-
+// Solves the implicit step of the island. tendon.x_new is the starting guess, and then the result.
 void newton(Island& island, const StepContext& context) {
   Solution s{island, context};
   begin(s);
@@ -318,8 +321,6 @@ void newton(Island& island, const StepContext& context) {
   }
   end(s);
 }
-
-namespace {
 
 bool by_euler(const Island& island, const StepContext& context) {
   return std::all_of(island.tendons.begin(), island.tendons.end(),
