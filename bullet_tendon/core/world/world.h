@@ -177,6 +177,8 @@ class World {
 
  private:
   // world/checkpoint.cpp
+  template <class W, class C, class Copy>
+  static void each_part(W& world, C& checkpoint, Copy copy);
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
