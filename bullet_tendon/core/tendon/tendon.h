@@ -38,9 +38,10 @@ struct TendonState {
   double dt_before = 0;      // length of that step [s]; 0: no history
   bool smooth = true;        // no anchor or contact changed and no impact since: bdf2 needs no restart
   double quiet = 0;          // duration of rest up to the last step [s]
-  int bed = -1;              // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp)
-  uint64_t touching = 0;     // hash of the contacts with bodies
-  bool touched = false;      // a contact exerted a force on it in the last step
+  // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp).
+  int sleeping_island = -1;
+  uint64_t touching = 0;  // hash of the contacts with bodies
+  bool touched = false;   // a contact exerted a force on it in the last step
 };
 
 // The region in which contacts are detected: predicted positions at the end of the substep [m], and the

@@ -232,7 +232,7 @@ void World::recall(Contact& contact, double inertia) {
 }
 
 void World::remember() {
-  auto awake = [&](const ContactMemory& m) { return scene.tendons[m.key.tendon]->bed < 0; };
+  auto awake = [&](const ContactMemory& m) { return scene.tendons[m.key.tendon]->sleeping_island < 0; };
   contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), awake),
                          contacts_.memory.end());
   contacts_.touching.assign(step_.slots.size(), 0);

@@ -283,8 +283,8 @@ void World::finish_step_of_world() {
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
-  step_.report.asleep =
-      std::count_if(scene.tendons.begin(), scene.tendons.end(), [](auto& c) { return c && c->bed >= 0; });
+  step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),
+                                      [](auto& c) { return c && c->sleeping_island >= 0; });
   fall_asleep();
 }
 
