@@ -184,7 +184,7 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
+void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
@@ -225,7 +225,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   const Reading reading{infos, base, motion, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
-  set_mover(m, body, reading);
+  read_dynamics(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.scene.links[slots[i]];
