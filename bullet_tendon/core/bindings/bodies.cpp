@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
-#include "bindings/pybullet_reader.h"
+#include "bindings/arrays.h"
 #include "bodies/articulated_body.h"
 
 namespace bt {
@@ -15,6 +16,36 @@ namespace {
 
 // Cosine between force and torque below which a wrench is a single force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
+
+// Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame). The
+// inverse of the inertial frame's local pose leads to the link's frame. pybullet returns no valid local pose
+// for bodies with maximal coordinates (body type 1). Both frames of these are the same.
+void place(Link& l, PyObject* info, PyObject* where) {
+  PyObject *centre = item(where, 0), *turn = item(where, 1);
+  const bool maximal = number(info, 10) == 1;
+  const Rot3 local = maximal ? Rot3{} : turn_of(item(info, 4));
+  l.pose.rotation = turn_of(turn) * transposed(local);
+  l.centre = vector(centre);
+  l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(item(info, 3)));
+}
+
+// Marks the link as one that tendons do not move.
+void stand_still(World& w, int slot) {
+  w.scene.links[slot].body = -1;
+  w.scene.links[slot].jacobian.clear();
+  if (w.scene.bodies[slot].n() > 0) w.scene.bodies[slot] = GeneralizedBody{};
+}
+
+// Whether all numbers of a link and its body are finite.
+bool is_finite(const World& w, int slot) {
+  const Link& l = w.scene.links[slot];
+  const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
+                   l.pose.rotation.r1 + l.pose.rotation.r2;
+  bool well = max_abs(0 * sum) == 0;
+  for (const dense::Numbers* numbers : {&w.scene.bodies[slot].rates, &w.scene.bodies[slot].free})
+    for (double v : *numbers) well &= std::fabs(v) <= std::numeric_limits<double>::max();
+  return well;
+}
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
@@ -159,7 +190,7 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
+void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
@@ -203,7 +234,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   const Reading reading{infos, base, motion, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
-  set_mover(m, body, reading);
+  read_dynamics(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.scene.links[slots[i]];

@@ -17,10 +17,19 @@
 #include <vector>
 
 #include "bodies/response_observer.h"
-#include "bodies/unilateral_stops.h"
 #include "math/vec3.h"
 
 namespace bt {
+
+// A unilateral constraint of a body: a limit that is reached, or a contact (bodies/unilateral_stops.cpp). In
+// this step it may bound the rate along a direction d from below.
+struct Stop {
+  double wanted = 0;     // lower bound of the rate [m/s], [rad/s]
+  double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
+  double held_back = 0;  // `wanted` less the rate predicted without stops, but with the tendons
+  int coordinate = -1;   // of a limit; -1: a contact
+  bool acts = false;
+};
 
 // The unknowns of a body in the solution of an island.
 struct BodyUnknowns {

@@ -17,7 +17,7 @@
 #include <cmath>
 #include <limits>
 
-#include "solver/linear_solve.h"
+#include "solver/solver.h"
 
 namespace bt {
 
