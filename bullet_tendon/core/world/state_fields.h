@@ -34,16 +34,16 @@ struct StateFields {
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
   BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, quiet,
-            bed, touching, touched)
+            sleeping_island, touching, touched)
   BT_FIELDS(SpringState, lambda, elastic, slope)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts)
   BT_FIELDS(Observer::Sample, forces, acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, push_, last_,
             previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
-  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, gyroscopic_acceleration, limits, contacts,
-            contacts_known, observer, root, change, touches, turning.far, stopped_by_, stops_, directions_,
-            pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
+  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, velocity_response, velocity_acceleration, limits,
+            contacts, contacts_known, observer, root, change, touches, turning.far, stopped_by_, stops_,
+            directions_, pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, body,
             yielded, moved, jacobian, root, wrench.force, wrench.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)

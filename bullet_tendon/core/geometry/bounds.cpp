@@ -1,6 +1,4 @@
-#include "geometry/motion_bound.h"
-
-#include "geometry/aabb.h"
+#include "geometry/bounds.h"
 
 namespace bt {
 

@@ -1,6 +1,6 @@
-// Boxes along the axes.
+// Bounds of points: boxes along the axes, and bounds on how far points move.
 #pragma once
-#include "math/vec3.h"
+#include "math/soa_field.h"
 
 namespace bt {
 
@@ -26,5 +26,18 @@ inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the m
 }
 // Distance of two boxes along each axis; 0 where they overlap.
 inline Vec3 gap_between(const Box& a, const Box& b) { return highest(highest(a.lo - b.hi, b.lo - a.hi), {}); }
+
+// Of points that all move by `by`, each of them give or take `off` [m].
+struct MotionBound {
+  Vec3 by;
+  double off = 0;
+};
+
+MotionBound motion_between(const Field& from, const Field& to);
+
+// By how much a point of one and a point of the other approach each other at most [m].
+inline double relative_motion(const MotionBound& a, const MotionBound& b) {
+  return norm(a.by - b.by) + a.off + b.off;
+}
 
 }  // namespace bt
