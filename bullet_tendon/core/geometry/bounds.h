@@ -33,7 +33,11 @@ struct MotionBound {
   double off = 0;
 };
 
-MotionBound motion_between(const Field& from, const Field& to);
+inline MotionBound motion_between(const Field& from, const Field& to) {
+  Box moved;
+  for (int i = 0; i < from.size(); ++i) moved.include(to.at(i) - from.at(i));
+  return {0.5 * (moved.lo + moved.hi), 0.5 * norm(moved.hi - moved.lo)};
+}
 
 // By how much a point of one and a point of the other approach each other at most [m].
 inline double relative_motion(const MotionBound& a, const MotionBound& b) {
