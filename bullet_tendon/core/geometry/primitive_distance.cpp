@@ -1,6 +1,7 @@
 #include "geometry/primitive_distance.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace bt {
@@ -55,6 +56,8 @@ struct AlongPrimitive {
   const Primitive& primitive;
   const Vec3 a, d;
   const double reach = sum_of(d), rounding = kLineRounding * (sum_of(a) + reach);
+  std::array<double, 6> breaks{};
+  int count = 0;
 
   Vec3 at(double u) const { return a + u * d; }
 
@@ -65,21 +68,55 @@ struct AlongPrimitive {
     return std::fabs(value) <= reach * (kParallel * sum_of(gap) + rounding) ? 0 : value;
   }
 
-  double nearest() const {
+  void add_break(double u) {
+    if (u > 0 && u < 1) breaks[count++] = u;
+  }
+  void add_walls(double x, double way, double half) {
+    if (way != 0) {
+      add_break((half - x) / way);
+      add_break((-half - x) / way);
+    }
+  }
+  // Where the nearest point passes from one part of the surface to another.
+  void find_breaks() {
+    if (primitive.kind == Primitive::Kind::box) {
+      add_walls(a.x, d.x, primitive.half.x);
+      add_walls(a.y, d.y, primitive.half.y);
+      add_walls(a.z, d.z, primitive.half.z);
+    } else {
+      add_walls(a.z, d.z, primitive.half_length);
+      const double square = d.x * d.x + d.y * d.y;
+      if (square > 0) {
+        const double nearest = -(a.x * d.x + a.y * d.y) / square;  // to the axis: the root, beside the mantle
+        const double x = a.x + nearest * d.x, y = a.y + nearest * d.y;
+        const double chord = (primitive.radius * primitive.radius - x * x - y * y) / square;
+        const double half = std::sqrt(std::max(chord, 0.0));
+        add_break(nearest - half);
+        add_break(nearest);
+        add_break(nearest + half);
+      }
+    }
+    std::sort(breaks.begin(), breaks.begin() + count);
+  }
+
+  double nearest() {
     const double low = slope(0), high = slope(1);
     // Flat at both ends: parallel to the surface, so the middle speaks for it.
     if (low == 0 && high == 0 && reach > 0) return 0.5;
     if (low >= 0) return 0;
     if (high <= 0) return 1;
+    find_breaks();
     return root(low, high);
   }
 
-  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1: regula falsi with the Illinois rule.
-  double root(double low, double high) const {
+  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1. Breaks first, because between them a
+  // box's is linear and a cylinder's smooth; then regula falsi with the Illinois rule, which ends at once
+  // where it is linear.
+  double root(double low, double high) {
     double left = 0, right = 1, u = 0;
     int kept = 0;
     for (int step = 0; step < kRootSteps && right - left >= kRootWidth; ++step) {
-      u = (left * high - right * low) / (high - low);
+      u = step < count ? breaks[step] : (left * high - right * low) / (high - low);
       const double value = slope(u);
       if (value == 0) break;
       if (value < 0) {
@@ -92,7 +129,9 @@ struct AlongPrimitive {
         kept = 1;
         right = u;
         high = value;
+        count = std::min(count, step);  // the others are beyond
       }
+      if (step < count) kept = 0;
     }
     return u;
   }
@@ -121,7 +160,7 @@ struct AlongPrimitive {
 };
 
 Primitive::Nearest Primitive::nearest(Vec3 a, Vec3 b) const {
-  const AlongPrimitive along{*this, a, b - a};
+  AlongPrimitive along{*this, a, b - a};
   double u = along.nearest();
   Vec3 normal = gap(along.at(u));
   double size = norm(normal);
