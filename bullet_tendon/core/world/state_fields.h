@@ -38,7 +38,7 @@ struct StateFields {
   BT_FIELDS(SpringState, lambda, elastic, slope)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts)
-  BT_FIELDS(Observer::Sample, forces, acceleration, cut)
+  BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, push_, last_,
             previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, velocity_response, velocity_acceleration, limits,
