@@ -1,12 +1,13 @@
 """Mutation test of the suite: small faults go into the compiled core, one at a time. The tests have to fail.
 
     python tests/stress/mutants.py --count 40 --seed 1 [--rooms contact solver] [--json mutants.json]
-    python tests/stress/mutants.py --only contact/contact.cpp:62:less_to_not_less
+    python tests/stress/mutants.py --only contact/contact.cpp:62:less_to_not_less [--folder build/mutants]
 
-A copy of the checkout is built once. For each mutant the script compiles the changed file, links the core,
-and runs the tests of its room, then all others, until one fails. A mutant that survives is printed with its
-line: either a test is missing, or the mutant is equivalent, which has to be argued. Needs g++, pybind11 and
-what the tests need.
+A copy of the checkout is built once. --folder keeps it for the next call, which compiles only what has
+changed since. For each mutant the script compiles the changed file, links the core, and runs the tests of its
+room, then those of the other rooms, until one fails or takes longer than --test-seconds. A mutant that
+survives is printed with its line: either a test is missing, or the mutant is equivalent, which has to be
+argued. Needs g++, pybind11 and what the tests need.
 """
 
 from __future__ import annotations
@@ -117,22 +118,31 @@ def choose(rooms: list[str], count: int, seed: int) -> list[Mutant]:
 class Build:
     """An in-place build of a copy of the checkout that compiles only what has changed."""
 
-    def __init__(self, folder: Path, jobs: int):
+    def __init__(self, folder: Path, jobs: int, test_seconds: float):
         import pybind11
 
-        self.folder, self.jobs = folder, jobs
+        self.folder, self.jobs, self.test_seconds = folder, jobs, test_seconds
+        headers_changed = False
+        shutil.rmtree(folder / "tests", ignore_errors=True)  # pytest would run what is tracked no more
         tracked = subprocess.run(
             ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
         ).stdout
         for name in tracked.split("\n"):
             if name and (ROOT / name).is_file():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(ROOT / name, folder / name)
+                copy = folder / name
+                if copy.is_file() and copy.read_bytes() == (ROOT / name).read_bytes():
+                    continue
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(ROOT / name, copy)
+                self.object_of(copy).unlink(missing_ok=True)
+                headers_changed |= copy.suffix == ".h"
         for part in ("scenarios", "urdf"):  # as setup.py maps them into the package
-            os.symlink(folder / part, folder / "bullet_tendon" / part)
+            if not (folder / "bullet_tendon" / part).exists():
+                os.symlink(folder / part, folder / "bullet_tendon" / part)
         self.flags = [
             "-std=c++17",
             "-O1",
+            "-DNDEBUG",
             "-fPIC",
             "-fvisibility=hidden",
             "-fno-math-errno",
@@ -140,7 +150,8 @@ class Build:
         ]
         self.flags += ["-ffp-contract=off", "-I" + str(folder / "bullet_tendon/core")]
         self.flags += ["-I" + sysconfig.get_paths()["include"], "-I" + pybind11.get_include()]
-        self.sources = sorted((folder / "bullet_tendon/core").rglob("*.cpp"))
+        self.sources = [folder / n for n in tracked.split("\n") if re.match("bullet_tendon/core/.*cpp$", n)]
+        self.outdated = [s for s in self.sources if headers_changed or not self.object_of(s).is_file()]
         self.module = folder / "bullet_tendon" / ("_core" + sysconfig.get_config_var("EXT_SUFFIX"))
 
     def object_of(self, source: Path) -> Path:
@@ -158,9 +169,11 @@ class Build:
         objects = [str(self.object_of(s)) for s in self.sources]
         return fine and subprocess.run(["g++", "-shared", *objects, "-o", str(self.module)]).returncode == 0
 
-    def first_failure(self, tests: list[str], seconds: float) -> str | None:
+    def first_failure(self, arguments: list[str], seconds: float) -> str | None:
         """The name of the first test that fails, "timeout", or None where all pass."""
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", *tests]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no"]
+        command += ["-o", f"faulthandler_timeout={self.test_seconds}", *arguments]
+        command += ["-o", "faulthandler_exit_on_timeout=true"]
         environment = {**os.environ, "PYTHONPATH": str(self.folder)}
         try:
             run = subprocess.run(
@@ -170,6 +183,8 @@ class Build:
             return "timeout"
         if run.returncode in (0, 5):  # 5: no test was collected
             return None
+        if "Timeout (" in run.stderr:
+            return "timeout in " + ", ".join(sorted(set(re.findall(r" in (test_\w+)", run.stderr))))
         failed = re.search(r"(?:FAILED|ERROR) (\S+)", run.stdout)
         return failed.group(1) if failed else f"exit code {run.returncode}"
 
@@ -177,6 +192,7 @@ class Build:
 def judge(build: Build, mutant: Mutant, seconds: float) -> None:
     """Puts one mutant in, runs the tests, and takes it out again."""
     source = build.folder / "bullet_tendon/core" / mutant.file
+    sound = build.object_of(source).read_bytes()
     text = source.read_text()
     lines = text.split("\n")
     lines[mutant.line - 1] = mutant.after
@@ -186,16 +202,16 @@ def judge(build: Build, mutant: Mutant, seconds: float) -> None:
         if not build.make([source]):
             mutant.result = "does not build"
             return
-        room = mutant.file.split("/")[0]
-        first = [f"tests/{room}"] if (ROOT / "tests" / room).is_dir() else []
-        for tests in [first, ["tests"]] if first else [["tests"]]:
-            mutant.test = build.first_failure(tests, seconds) or ""
-            if mutant.test:
-                break
+        room = "tests/" + mutant.file.split("/")[0]
+        mutant.test = (
+            build.first_failure([room], seconds)
+            or build.first_failure(["tests", f"--ignore={room}"], seconds)
+            or ""
+        )
         mutant.result = "killed" if mutant.test else "survived"
     finally:
         source.write_text(text)
-        build.make([source])
+        build.object_of(source).write_bytes(sound)
         mutant.seconds = round(time.monotonic() - start, 1)
 
 
@@ -208,6 +224,8 @@ def main() -> int:
     parser.add_argument("--rooms", nargs="+", default=list(HOT_ROOMS), choices=HOT_ROOMS)
     parser.add_argument("--only", nargs="+", help="mutants by name: FILE:LINE:OPERATOR")
     parser.add_argument("--seconds", type=float, default=1200, help="limit of one run of tests")
+    parser.add_argument("--test-seconds", type=float, default=300, help="limit of one test")
+    parser.add_argument("--folder", type=Path, help="keeps the copy and its build here")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -215,8 +233,8 @@ def main() -> int:
     if options.only:
         mutants = [m for m in mutants if m.name in options.only]
     with tempfile.TemporaryDirectory() as folder:
-        build = Build(Path(folder), options.jobs)
-        if not build.make(build.sources):
+        build = Build((options.folder or Path(folder)).resolve(), options.jobs, options.test_seconds)
+        if not build.make(build.outdated):
             raise SystemExit("the core does not build")
         for k, m in enumerate(mutants, 1):
             judge(build, m, options.seconds)
