@@ -169,6 +169,20 @@ def between(a, b):
     return np.sqrt(((points[0][:, None] - points[1][None]) ** 2).sum(2).min())
 
 
+@pytest.mark.parametrize("at", [(0, 0, 0), (0.3, -0.2, 0.5)])
+def test_centrelines_that_meet_are_parted_across_both(make_world, at):
+    """They are put through each other. The direction in which they part is perpendicular to the segments."""
+    world = make_world(1e-4)
+    lines = np.array([[[-0.05, 0, 0], [0.05, 0, 0]], [[0, -0.05, 0], [0, 0.05, 0]]]) + at
+    for line in lines:
+        world.add_tendon(line, RADIUS, bt.Material(stiffness=1e3, damping=1.0), 4)
+    world.step()
+    contacts = world.contacts
+    assert len(contacts) == 1
+    assert contacts["normal_force"][0] > 0
+    np.testing.assert_allclose(np.abs(contacts["normal"][0]), [0, 0, 1], atol=1e-9)
+
+
 @pytest.mark.parametrize("solver", ["banded", "pcg"])
 def test_crossed_tendons_pull_against_each_other(make_world, solver):
     world = make_world(1 / 240, linear_solver=solver)
