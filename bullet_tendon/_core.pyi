@@ -17,6 +17,7 @@ testing: ModuleType  # what only tests call: terms, solvers and searches by them
 def allocated_bytes() -> int: ...
 
 CUT_OFF_RATE: float  # m/s, rad/s: from which a rate is taken for one that pybullet cut off
+MOST_RATE: float  # m/s, rad/s: at which pybullet cuts rates off
 
 HINGE: int
 SLIDER: int
@@ -57,7 +58,7 @@ class Primitive:
 
 def dynamics(
     body: Articulated, infos: list, base: tuple, motion: tuple, joints: tuple, links: list, /
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats, _Floats]: ...
 def link_frame(info: tuple, where: tuple, /) -> tuple[_Floats, _Floats]: ...
 def answer(mass: ArrayLike, forces: ArrayLike, /) -> _Floats: ...
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "tendon/initial_overlap.h"
+#include "tendon/tendon.h"
 
 namespace bt {
 
