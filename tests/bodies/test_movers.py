@@ -40,6 +40,28 @@ def test_a_body_on_several_tendons_goes_where_its_attachments_go(make_world, cli
     assert worst < 1
 
 
+def test_torques_about_every_axis_take_as_many_iterations(make_world, client):
+    """A body swings on two tendons, off its centre. The scene is the same with its coordinates rolled."""
+    totals = []
+    for axis in range(3):
+        world = make_world(1 / 240, tuple(np.roll([0, 0, -9.81], axis)))
+        body = box(client, 0.2, [0.02] * 3)
+        iterations = 0
+        for point in ([0.01, 0.02, 0.02], [-0.02, -0.01, 0.02]):
+            ends = np.array([point, np.add(point, [0, 0, 0.1])])
+            t = world.add_tendon(np.roll(ends, axis, axis=1), 0.002, CORD, 8)
+            t.attach(0, body)
+            t.grip(-1)
+        p.resetBaseVelocity(body, np.roll([0.5, 1.0, 0], axis), np.roll([2.0, -3.0, 4.0], axis), client)
+        for _ in range(100):
+            world.step()
+            assert world.report.converged
+            iterations += world.report.iterations
+        totals.append(iterations)
+        p.removeBody(body, client)
+    np.testing.assert_allclose(totals, totals[0], rtol=0.03)
+
+
 def chain(client, links=3, damping=0.0):
     """A fixed arm of hinges about y along x, 0.1 m and 50 g each, its motors off."""
     shapes = [p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)] * links

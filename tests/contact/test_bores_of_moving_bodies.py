@@ -121,3 +121,22 @@ def test_a_segment_that_was_forced_beyond_a_mouths_edge_comes_back(make_world, c
     world, t = led_out(make_world, client, line, 9, [3, 4, 5], (0, 1.5 * BORE, 0))
     world.step(100)
     assert np.hypot(*t.positions.T[1:]).max() <= BORE - R + 0.02 * R
+
+
+def test_a_body_hung_by_its_tunnel_takes_few_iterations(make_world, client):
+    """The tendon slides over both mouths while the body falls into it: their points slide with the body."""
+    world = make_world(DT, (0, 0, -9.81))
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
+    body = p.createMultiBody(0.3, shape, physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    world.add_tunnel(body, -1, [-0.02, 0, 0], [0.02, 0, 0], 0.004, 0.1)
+    line = [[-0.08, 0, 0.06], [-0.02, 0, 0], [0.02, 0, 0], [0.08, 0.01, 0.06]]
+    t = world.add_tendon(line, 0.002, bt.Material(stiffness=3e4, damping=100.0), 30)
+    t.grip(0), t.grip(-1)
+    iterations = []
+    for _ in range(60):
+        world.step()
+        assert world.report.converged
+        iterations.append(world.report.iterations)
+    assert "mouth" in set(world.contacts["kind"])
+    assert np.mean(iterations) <= 9

@@ -136,6 +136,22 @@ def test_a_slope_holds_as_long_as_friction_does(make_world, tmp_path, angle, hol
         assert gained == pytest.approx(G * (math.sin(angle) - 0.5 * math.cos(angle)), rel=1e-3)
 
 
+@pytest.mark.parametrize("angle", [0.10, 0.40])
+def test_the_papers_step_holds_on_a_slope(make_world, tmp_path, angle):
+    """mu = 0.5. The friction springs keep their stretch, K u = m g sin(angle), from step to step."""
+    gravity = (G * math.sin(angle), 0, -G * math.cos(angle))
+    world = make_world(1 / 240, gravity, iteration="single", **PUBLISHED)
+    body = table(world, "plane", tmp_path)
+    rest = RADIUS + PUBLISHED["contact_threshold"]
+    t = world.add_tendon([[0, -0.05, rest], [0, 0.05, rest]], RADIUS, SOFT, 11)
+    world.step(240)
+    place = t.positions[:, 0]
+    world.step(240)
+    np.testing.assert_allclose(t.positions[:, 0], place, atol=1e-8)
+    weight = t.masses.sum() * np.array(gravity)
+    np.testing.assert_allclose(world.wrench(body)[:3], weight, atol=1e-6 * np.linalg.norm(weight))
+
+
 def crossing(world, speed=0.0, friction=0.3):
     """Two tendons that cross at right angles, one above the other, 1 mm apart."""
     rope = bt.Material(stiffness=1e3, damping=0.5, friction=friction)
@@ -151,6 +167,20 @@ def between(a, b):
     fine = np.linspace(0, 20, 401)
     points = [np.column_stack([np.interp(fine, np.arange(21), x[:, c]) for c in range(3)]) for x in (a, b)]
     return np.sqrt(((points[0][:, None] - points[1][None]) ** 2).sum(2).min())
+
+
+@pytest.mark.parametrize("at", [(0, 0, 0), (0.3, -0.2, 0.5)])
+def test_centrelines_that_meet_are_parted_across_both(make_world, at):
+    """They are put through each other. The direction in which they part is perpendicular to the segments."""
+    world = make_world(1e-4)
+    lines = np.array([[[-0.05, 0, 0], [0.05, 0, 0]], [[0, -0.05, 0], [0, 0.05, 0]]]) + at
+    for line in lines:
+        world.add_tendon(line, RADIUS, bt.Material(stiffness=1e3, damping=1.0), 4)
+    world.step()
+    contacts = world.contacts
+    assert len(contacts) == 1
+    assert contacts["normal_force"][0] > 0
+    np.testing.assert_allclose(np.abs(contacts["normal"][0]), [0, 0, 1], atol=1e-9)
 
 
 @pytest.mark.parametrize("solver", ["banded", "pcg"])

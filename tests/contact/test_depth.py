@@ -101,3 +101,34 @@ def test_length_around_a_cylinder(make_world, client, radius, first, second):
     assert world.report.converged
     assert t.tension.min() > 1.0
     assert t.length == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+def test_a_tendon_that_slides_around_a_curve_stays_on_it(make_world, client, kind):
+    """Pressed to the surface, it goes 1/25 of its radius of curvature a step. Half the square of that beside
+    the surface is where the tangent at the start would take it."""
+    world = make_world(1 / 240)
+    curve, radius, speed, n = 0.05, 0.002, 0.5, 21
+    if kind == "sphere":
+        shape = p.createCollisionShape(p.GEOM_SPHERE, radius=curve, physicsClientId=client)
+    else:
+        shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=curve, height=0.2, physicsClientId=client)
+    turn = p.getQuaternionFromEuler([np.pi / 2, 0, 0])
+    world.add_obstacle(
+        p.createMultiBody(0, shape, baseOrientation=turn, physicsClientId=client), friction=0.0
+    )
+    angle = np.linspace(0, 1.5, 200)
+    line = (curve + radius) * np.c_[np.cos(angle), 0 * angle, np.sin(angle)]
+    t = world.add_tendon(line, radius, bt.Material(stiffness=1e3, damping=1.0, friction=0.0), n)
+
+    def outward():
+        return t.positions / np.linalg.norm(t.positions, axis=1)[:, None]
+
+    t.set_positions(t.positions, speed * np.cross([0, -1, 0], outward()))
+    for step in range(40):
+        for i, out in enumerate(outward()):
+            t.set_force(i, -8 * t.masses[i] * speed**2 / curve * out)
+        world.step()
+        if step >= 10:  # it has come down to the surface
+            middles = 0.5 * (t.positions[1:] + t.positions[:-1])
+            np.testing.assert_allclose(np.linalg.norm(middles, axis=1), curve + radius, atol=1.5e-6)

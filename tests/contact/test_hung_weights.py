@@ -72,3 +72,28 @@ def test_weights_beyond_the_limit_of_friction_slide(
     ways = slide(make_world, client, integrator, friction, ratio, segments, 1e-3)
     exact = G * (ratio - limit) / (ratio + limit)
     assert ways[1] > ways[0] > 0.5 * exact * (0.5 * HANG) ** 2 / 2
+
+
+def test_a_weight_hung_beside_a_crossing(make_world, client):
+    """The segment that crosses another tendon ends at the particle that the body moves."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    rope = bt.Material(stiffness=3e4, damping=100.0, friction=0.0)
+    upper = world.add_tendon([[-0.1, 0, 0.02], [0, 0, 0], [0.1, 0, 0.02]], 0.003, rope, 21)
+    line = [[0.003, -0.06, 0.05], [0.003, -0.004, -0.0061], [0.003, 0.004, -0.0061], [0.003, 0.06, 0.05]]
+    lower = world.add_tendon(line, 0.003, rope, 21)
+    grips = [t.grip(end) for t in (upper, lower) for end in (0, -1)]
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    body = p.createMultiBody(0.5, shape, -1, [0, 0, -0.05], physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    upper.attach(10, body)
+    speed = 0.0
+    weight = 9.81 * (0.5 + upper.masses.sum() + lower.masses.sum())
+    for _ in range(60):
+        world.step()
+        assert world.report.converged
+        contacts = world.contacts
+        assert contacts["normal_force"].max() > 0
+        before, speed = speed, 0.5 * p.getBaseVelocity(body, client)[0][2]
+        speed += sum((t.masses * t.velocities[:, 2]).sum() for t in (upper, lower))
+        carried = -sum(g.force[2] for g in grips)
+        assert (speed - before) * 240 == pytest.approx(carried - weight, abs=1e-6 * weight)

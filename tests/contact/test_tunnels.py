@@ -286,3 +286,22 @@ def test_a_tunnel_on_a_fast_body_is_not_culled(make_world, client):
     counts = world.report.counts
     assert counts["tunnels_culled"] < counts["tunnels_considered"]
     assert t.particles == 21
+
+
+@pytest.mark.parametrize("spin", [10.0, -10.0])
+def test_a_tunnel_on_a_spinning_body_is_not_culled(make_world, client, spin):
+    """The body spins about the middle of a long tendon, where it moves nothing. The mouth goes by its end."""
+    world, arm, gap = make_world(1 / 240, sleep=False), 0.45, 0.015
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=1e-3, physicsClientId=client)
+    body = p.createMultiBody(1.0, shape, physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    ends = [[arm, -gap, z] for z in (-0.01, 0.01)]
+    world.add_tunnel(body, -1, *np.sign(spin) * np.array(ends), radius=0.006)
+    world.add_tendon([[-0.5, 0, 0], [0.5, 0, 0]], 0.002, bt.Material(stiffness=1e3), 201)
+    world.step()
+    assert world.report.counts["tunnels_culled"] == world.report.counts["tunnels_considered"] > 0
+    p.resetBaseVelocity(body, [0, 0, 0], [0, 0, spin], client)
+    world.step()
+    assert arm * abs(spin) / 240 > gap  # the step takes the bore across the tendon
+    counts = world.report.counts
+    assert counts["tunnels_culled"] < counts["tunnels_considered"]

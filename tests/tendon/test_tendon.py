@@ -249,3 +249,19 @@ def test_more_than_there_is_cannot_be_reeled(world, length):
     np.testing.assert_array_equal(t.masses, masses)
     t.shorten(0.9 * LENGTH - 1e-9)
     assert t.rest_length == pytest.approx(0.1 * LENGTH, rel=1e-6)
+
+
+@pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.5)])
+def test_particles_in_one_place_are_spread(make_world, where):
+    """A segment without length has no direction. Its end is moved by a millionth of the rest length."""
+    world = make_world(1e-3)
+    t = world.add_tendon([[0, 0, 0], [0.1, 0, 0]], 0.002, bt.Material(stiffness=1e3, damping=1.0), 11)
+    placed = t.positions + where
+    placed[3:6] = placed[3]
+    t.set_positions(placed)
+    moved = np.linalg.norm(t.positions - placed, axis=1)
+    np.testing.assert_allclose(moved, np.where(np.isin(np.arange(11), (4, 5)), 1e-8, 0), atol=1e-15)
+    t.set_positions(np.tile(where, (11, 1)))
+    assert (np.linalg.norm(np.diff(t.positions, axis=0), axis=1) > 1e-9).all()
+    world.step(2000)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(t.positions, axis=0), axis=1), 0.01, rtol=1e-3)

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "bindings/arrays.h"
+#include "bodies/finite_rotation.h"
 #include "tendon/bending.h"
 
 namespace bt {
@@ -190,6 +191,25 @@ Array searched_nearest(const Array& corners, const Array& segments, const Array&
   return out;
 }
 
+// The rotation that a body has turned by, the torque of forces at arms (both (m, 3)) on its rotation vector,
+// and the stiffness that it reports.
+py::tuple finite_rotation_term(const Array& begun, const Array& by, const Array& arms, const Array& forces) {
+  FiniteRotation turned;
+  turned.begun = vec(begun);
+  turned.turn_by(1, vec(by));
+  turned.pulls = {{}, {}, {}};
+  Vec3 torque;
+  for (py::ssize_t i = 0; i < arms.shape(0); ++i) {
+    const Vec3 arm = turned.rotation * vec(arms.data(i)), f = vec(forces.data(i));
+    turned.add_pull(arm, f);
+    torque += transposed_times(turned.rate, cross(arm, f));
+  }
+  const Sym3 k = turned.stiffness();
+  const Rot3& r = turned.rotation;
+  return py::make_tuple(rows_of({r.r0, r.r1, r.r2}), tuple(torque),
+                        rows_of({{k.xx, k.xy, k.xz}, {k.xy, k.yy, k.yz}, {k.xz, k.yz, k.zz}}));
+}
+
 }  // namespace
 
 void bind_terms(py::module_& testing) {
@@ -200,6 +220,7 @@ void bind_terms(py::module_& testing) {
   testing.def("listed_nearest", &listed_nearest);
   testing.def("searched_nearest", &searched_nearest);
   testing.def("spring_term", &spring_term);
+  testing.def("finite_rotation_term", &finite_rotation_term);
   testing.def("bending_term", &bending_term);
 }
 

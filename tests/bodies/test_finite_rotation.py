@@ -1,0 +1,68 @@
+"""The derivatives of a finite rotation, against differences and against pybullet's own rotation."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+from bullet_tendon import _core
+
+# Angles below and above pi/4, beyond which pybullet rotates a body by less than spin times step, and one at
+# which the coefficients are series.
+ANGLES = [0.01, 0.6, 1.1, 2.5]
+
+
+def rotated(begun, by, arms, forces):
+    return _core.testing.finite_rotation_term(begun, by, np.atleast_2d(arms), np.atleast_2d(forces))
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("seed", range(3))
+def test_stiffness_is_the_derivative_of_the_torque(angle, seed):
+    """Its symmetric part, for constant forces at points that the rotation moves."""
+    random = np.random.default_rng(seed)
+    begun, arms, forces = 0.3 * random.normal(size=3), random.normal(size=(4, 3)), random.normal(size=(4, 3))
+    theta = random.normal(size=3)
+    by = angle / np.linalg.norm(theta) * theta - begun  # |begun + by| is the angle
+    _, _, stiffness = rotated(begun, by, arms, forces)
+    h = 1e-5
+
+    def torque(step):
+        return np.array(rotated(begun, by + step, arms, forces)[1])
+
+    slope = np.array([(torque(h * e) - torque(-h * e)) / (2 * h) for e in np.eye(3)]).T
+    size = np.abs(arms).max() * np.abs(forces).max()
+    np.testing.assert_allclose(stiffness, 0.5 * (slope + slope.T), atol=1e-8 * size)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("seed", range(3))
+def test_torque_is_the_virtual_work_of_the_forces(angle, seed):
+    """Its product with a change of the rotation vector is force times motion of the points."""
+    random = np.random.default_rng(seed)
+    begun, arms, forces = 0.3 * random.normal(size=3), random.normal(size=(4, 3)), random.normal(size=(4, 3))
+    theta = random.normal(size=3)
+    by = angle / np.linalg.norm(theta) * theta - begun
+    torque = np.array(rotated(begun, by, arms, forces)[1])
+    h = 1e-5
+
+    def work(step):
+        return np.sum((arms @ rotated(begun, by + step, arms, forces)[0].T) * forces)
+
+    slope = [(work(h * e) - work(-h * e)) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(torque, slope, atol=1e-8 * np.abs(arms).max() * np.abs(forces).max())
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_rotation_is_that_of_pybullet(client, angle):
+    """A free body with equal moments of inertia keeps its spin. pybullet rotates it in one step."""
+    dt = 0.05  # pybullet limits spins to 100 rad/s
+    p.setTimeStep(dt, physicsClientId=client)
+    theta = angle * np.array([0.6, -0.48, 0.64])
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=client)
+    body = p.createMultiBody(1.0, ball, physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    p.resetBaseVelocity(body, [0, 0, 0], theta / dt, client)
+    p.stepSimulation(client)
+    turned = np.reshape(p.getMatrixFromQuaternion(p.getBasePositionAndOrientation(body, client)[1]), (3, 3))
+    rotation = rotated(np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0]
+    np.testing.assert_allclose(rotation, turned, atol=1e-12)
