@@ -11,7 +11,6 @@ namespace {
 // Eight numbers side by side, in two vectors of four, wherever they begin: vectors of eight are taken apart
 // number by number where the machine has none.
 typedef double Four __attribute__((vector_size(32), aligned(sizeof(double)), may_alias));
-constexpr int kRangeLanes = 8;
 
 struct Range {
   Four least[2];
@@ -25,8 +24,8 @@ BT_VECTOR void find_ranges(const Field& from, const Field& to, Range (&range)[3]
     const double *p = from[c], *q = to[c];
     const Four far = Four{} + 1e300;
     Range found{{far, far}, {-far, -far}};
-    for (int k = 0; k < n && n >= kRangeLanes; k += kRangeLanes) {
-      const int i = std::min(k, n - kRangeLanes);
+    for (int k = 0; k < n && n >= kLanes; k += kLanes) {
+      const int i = std::min(k, n - kLanes);
       for (int h = 0; h < 2; ++h) {
         const Four moved =
             *reinterpret_cast<const Four*>(q + i + 4 * h) - *reinterpret_cast<const Four*>(p + i + 4 * h);
@@ -34,7 +33,7 @@ BT_VECTOR void find_ranges(const Field& from, const Field& to, Range (&range)[3]
         found.most[h] = moved > found.most[h] ? moved : found.most[h];
       }
     }
-    for (int i = 0; i < n && n < kRangeLanes; ++i) {
+    for (int i = 0; i < n && n < kLanes; ++i) {
       found.least[i / 4][i % 4] = q[i] - p[i];
       found.most[i / 4][i % 4] = q[i] - p[i];
     }
@@ -51,7 +50,7 @@ MotionBound motion_between(const Field& from, const Field& to) {
   for (int c = 0; c < 3; ++c) {
     low[c] = range[c].least[0][0];
     high[c] = range[c].most[0][0];
-    for (int l = 1; l < kRangeLanes; ++l) {
+    for (int l = 1; l < kLanes; ++l) {
       low[c] = std::min(low[c], range[c].least[l / 4][l % 4]);
       high[c] = std::max(high[c], range[c].most[l / 4][l % 4]);
     }

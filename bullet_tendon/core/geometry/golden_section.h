@@ -1,0 +1,34 @@
+// Minimum of a function of one variable.
+#pragma once
+#include <cmath>
+
+#include "math/rounding.h"
+
+namespace bt {
+
+// Where `value` is least between left and right, if it has one minimum there: golden section (Kiefer 1953). A
+// minimum is flat, so that the least value is accurate to rounding although the place is not.
+template <class Value>
+double golden_section(double left, double right, Value value) {
+  const double golden = 0.5 * (std::sqrt(5.0) - 1);
+  double u = right - golden * (right - left), v = left + golden * (right - left);
+  double at_u = value(u), at_v = value(v);
+  while (right - left > kRoundingShare) {
+    if (at_u <= at_v) {
+      right = v;
+      v = u;
+      at_v = at_u;
+      u = right - golden * (right - left);
+      at_u = value(u);
+    } else {
+      left = u;
+      u = v;
+      at_u = at_v;
+      v = left + golden * (right - left);
+      at_v = value(v);
+    }
+  }
+  return 0.5 * (left + right);
+}
+
+}  // namespace bt
