@@ -12,9 +12,6 @@ namespace {
 // Least cosine between the segments of a straight stretch and its chord [-].
 constexpr double kStraight = 0.75;
 
-// Most stretches of eight segments that one straight run can have [-].
-constexpr int kFarthestStretch = 64;
-
 // Difference between the distance of nearly parallel segments at their contacts and their least distance
 // between the contacts, in sums of radii [-]. Larger: more penetration. Smaller: the contacts of crossing
 // segments are nearer to each other, and resist rotation less.
@@ -66,7 +63,7 @@ void StraightStretches::find(TendonBvh& tendon) {
   const bool deforms =
       tendon.most_off_mean() > kFarthestMove * c.radius;  // may be bent at the end of the step
   for (int i = 0; i < count; ++i) {
-    const int end = deforms ? i : std::min(count, i + kFarthestStretch);
+    const int end = deforms ? i : count;
     int j = i;
     while (j < end && dot(heading_[i], heading_[j]) >= agrees_[j]) ++j;
     to_[i] = j - 1;
