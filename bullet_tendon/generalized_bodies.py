@@ -193,11 +193,27 @@ def jacobians_and_mass(body, links, client) -> tuple[np.ndarray, np.ndarray] | N
     axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all links. None where a joint is of another kind
     than fixed, hinge, slider and spherical.
     """
+    parts = _dynamics(body, links, client)
+    return parts and parts[:2]
+
+
+def velocity_force(body, client) -> np.ndarray | None:
+    """(dofs,) generalized force [N], [N m] that a body's motion causes by itself.
+
+    Centrifugal, Coriolis and gyroscopic terms (Featherstone 2008, section 5.3) and the joints' damping as it
+    was loaded. None as in jacobians_and_mass.
+    """
+    parts = _dynamics(body, [], client)
+    return parts and parts[2]
+
+
+def _dynamics(body, links, client) -> tuple | None:
+    """J, M, and the force of the motion itself (dofs,)."""
     tree = tree_of(joint_infos(body, client), not is_fixed(body, client))
     if tree is None:
         return None
     if tree.dofs == 0:
-        return np.zeros((len(links), 6, 0)), np.zeros((0, 0))
+        return np.zeros((len(links), 6, 0)), np.zeros((0, 0)), np.zeros(0)
     infos = [p.getDynamicsInfo(body, link, client) for link in range(-1, tree.links - 1)]
     base = p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
     joints = joint_states(body, movable_joints(body, client), client)
@@ -223,17 +239,20 @@ def is_fixed(body, client) -> bool:
 
 def tree_of(infos, floating: bool) -> _core.Articulated | None:
     """How a body's links hang on its joints, by its joint_infos; None where it has others than those."""
-    return _tree(tuple([(info[2], info[16], *info[13:16], info[8:10]) for info in infos]), floating)
+    return _tree(
+        tuple([(info[2], info[16], *info[13:16], info[8:10], info[6:7]) for info in infos]), floating
+    )
 
 
 @lru_cache(maxsize=256)
 def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
-    """joints: of every link its joint's kind, parent link, axis, pivot, turn and limits."""
+    """joints: of every link its joint's kind, parent link, axis, pivot, turn, limits and damping."""
     if any(kind not in _KINDS for kind, *_ in joints):
         return None
     numbers = []
-    for kind, _, *places, limits in joints:
-        numbers += [v for part in (*places, limits if kind in _LIMITED else (1, 0)) for v in part]
+    for kind, _, *places, limits, damping in joints:
+        parts = (*places, limits if kind in _LIMITED else (1, 0), damping)
+        numbers += [v for part in parts for v in part]
     parents = [parent + 1 for _, parent, *_ in joints]
     return _core.Articulated([_KINDS[joint[0]] for joint in joints], parents, numbers, floating)
 

@@ -62,8 +62,8 @@ PENETRATION = np.dtype(
 class StepReport:
     """What the last step did and what it skipped.
 
-    iterations: Newton iterations (linear solutions), the most of any group of touching tendons, summed
-    over all that was tried where the step was taken in substeps.
+    iterations: Newton iterations (linear solutions), the most of any island, summed over all that was tried
+    where the step was taken in substeps.
     reasons: how often a substep was solved again or cut, by reason: "motion" (something near a contact moves
     by more than its radius), "turn" (a segment turns far), "growth" (the last step was much shorter),
     "not_converged", "left_prediction" (particles ended where contacts were not looked for), "woken" (tendons
@@ -72,7 +72,7 @@ class StepReport:
     over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged is
     then False.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
-    group reached the tolerance, or its rounding level (always True of methods that do not iterate).
+    island reached the tolerance, or its rounding level (always True of methods that do not iterate).
     worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of
     the solution, what the search for tendons that touch took.
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
@@ -83,8 +83,8 @@ class StepReport:
     was collected anew; tendon_searches_skipped: those whose list served again, because its margin is not used
     up, or that need none, because a tendon is straight; tendon_pairs_considered: pairs of segments of those
     lists that were measured; tendon_pairs_near: those that could touch within the step;
-    rows: contacts in the solution; groups: systems solved apart; substeps: parts that the step was taken in;
-    tendons_asleep: left out of it because they rest.
+    contacts: in the solution; islands: sets of tendons and bodies that were solved by themselves; substeps:
+    parts that the step was taken in; tendons_asleep: left out of it because they rest.
     """
 
     iterations: int = 0
@@ -153,9 +153,9 @@ class Readouts:
 def contact_table(records: list, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:
     """Structured array of CONTACT from the core's records."""
     table = np.zeros(len(records), CONTACT)
-    for row, (chain, segment, other, link, kind, *rest) in zip(table, records, strict=True):
+    for row, (tendon, segment, other, link, kind, *rest) in zip(table, records, strict=True):
         body = links[link] if link >= 0 else (-1, -1)
-        row["tendon"], row["segment"], row["other_tendon"] = names[chain], segment, names.get(other, "")
+        row["tendon"], row["segment"], row["other_tendon"] = names[tendon], segment, names.get(other, "")
         row["bodyUniqueId"], row["linkIndex"] = body
         row["kind"] = KINDS[kind]
         for field, value in zip(CONTACT.names[6:], rest, strict=True):

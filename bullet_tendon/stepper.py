@@ -181,8 +181,8 @@ class Stepper:
             self._exchange_wrenches(given, dt)
         else:
             core.restore(taken)
-            for mover in released:
-                core.let_go(mover)
+            for body in released:
+                core.let_go(body)
         return True
 
     def _solve(self, dt: float, gravity: tuple) -> bool:

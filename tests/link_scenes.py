@@ -11,6 +11,21 @@ TETRA = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
+def add_mesh(world, client, vertices, faces, friction=0.0):
+    """A static obstacle of the triangles as they are; their corners (k, 3, 3) [m]."""
+    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
+    shape = p.createCollisionShape(
+        p.GEOM_MESH,
+        vertices=vertices.tolist(),
+        indices=faces.ravel().tolist(),
+        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
+        physicsClientId=client,
+    )
+    body = p.createMultiBody(0, shape, physicsClientId=client)
+    world.add_obstacle(body, friction=friction, convex=False, meshes=[(vertices, faces)])
+    return vertices[faces]
+
+
 def probe_of(client):
     """A function that asks pybullet for the distance from a world point to a link."""
     shape = p.createCollisionShape(p.GEOM_SPHERE, radius=PROBE, physicsClientId=client)

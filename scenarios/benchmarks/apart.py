@@ -114,4 +114,4 @@ def _step(scene) -> tuple[bool, float, float, int]:
     seconds = perf_counter() - start
     p.stepSimulation(scene.client)
     report = scene.world.report
-    return report.counts["rows"] > 0, seconds, report.search_seconds, report.counts["tendon_searches"]
+    return report.counts["contacts"] > 0, seconds, report.search_seconds, report.counts["tendon_searches"]

@@ -15,18 +15,10 @@ from time import perf_counter
 
 import numpy as np
 import pybullet as p
-from bullet_tendon.scenarios.scene import Scene
 
-import bullet_tendon as bt
+from . import pendulum
 
 PARTICLES = 60
-LENGTH, RADIUS = 0.3, 0.004  # m
-STIFFNESS, EXPONENT = 3e4, 2.0  # N, -
-WEIGHT = 1.0  # kg
-ANGLE = np.radians(60)  # of the tendon with the vertical at the start
-GRAVITY = 9.81  # m/s^2
-TIME_STEP = 1 / 240  # s
-TOLERANCE = 1e-8
 ROUNDS, CALLS, QUICK_CALLS = 20, 200, 5  # CALLS: in each round
 VARIANTS = ("point mass", "body")
 KEYS = ("call_us", "core_us", "beyond_us", "parameters_us", "sense_us", "react_us")
@@ -36,9 +28,9 @@ def run(quick, progress) -> dict:
     """Rows by variant: medians in microseconds."""
     calls = QUICK_CALLS if quick else CALLS
     times = {variant: [] for variant in VARIANTS}
-    with _scene() as light, _scene() as heavy:
-        _build(light, False)
-        _build(heavy, True)
+    with pendulum.scene() as light, pendulum.scene() as heavy:
+        pendulum.add_tendon(light, PARTICLES).set_point_mass(-1, pendulum.WEIGHT)
+        pendulum.attach_weight(heavy, pendulum.add_tendon(heavy, PARTICLES))
         for _ in progress(range(ROUNDS), "rounds"):
             times["point mass"].append(_round(light, calls))
             times["body"].append(_round(heavy, calls))
@@ -70,24 +62,6 @@ def panels(record) -> list[dict]:
     ]
     axes = {"xlabel": ", ".join(labels), "ylabel": "median time [us]"}
     return [{**axes, "title": "One call of a swinging tendon", "curves": curves}]
-
-
-def _scene():
-    return Scene(time_step=TIME_STEP, gravity=-GRAVITY, solver=bt.SolverOptions(tolerance=TOLERANCE))
-
-
-def _build(scene, body):
-    end = LENGTH * np.array([np.sin(ANGLE), 0.0, -np.cos(ANGLE)])
-    material = bt.Material(stiffness=STIFFNESS, exponent=EXPONENT)
-    tendon = scene.world.add_tendon([(0, 0, 0), end], RADIUS, material, PARTICLES)
-    tendon.grip(0)
-    if not body:
-        tendon.set_point_mass(-1, WEIGHT)
-        return
-    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=scene.client)
-    weight = p.createMultiBody(WEIGHT, shape, -1, end.tolist(), physicsClientId=scene.client)
-    p.changeDynamics(weight, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
-    tendon.attach(-1, weight)
 
 
 def _round(scene, calls) -> dict:

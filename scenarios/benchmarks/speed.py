@@ -1,6 +1,6 @@
 """Time of a step against the number of particles, beside one banded LAPACK solve of the same size.
 
-A taut tendon, held at one end, swings with a bob at the other, solved to TOLERANCE at every step.
+A taut tendon, held at one end, swings with a weight at the other, solved to TOLERANCE at every step.
 "Step" is the room `solve` of the world's report: the whole implicit step of the compiled core, all
 its iterations, and the search for contacts of the tendon with itself. "Thin" tendons have segments
 that are no shorter than thick, so that this search ends at once, at every n. "dpbsv" is one
@@ -17,26 +17,20 @@ from time import perf_counter
 
 import numpy as np
 import pybullet as p
-from bullet_tendon.scenarios.scene import Scene
 from scipy.linalg.lapack import dpbsv
 
-import bullet_tendon as bt
 from bullet_tendon import _core
+
+from . import pendulum
+from .pendulum import ANGLE, EXPONENT, GRAVITY, LENGTH, RADIUS, STIFFNESS, TIME_STEP, TOLERANCE, WEIGHT
 
 SIZES, QUICK_SIZES = (20, 60, 200, 600, 2000, 6000), (20, 60)
 FITTED = 60  # particles: the growth is fitted from here on
-LENGTH, RADIUS = 0.3, 0.004  # m
-STIFFNESS, EXPONENT = 3e4, 2.0  # N, -
 VARIANTS = {  # share of the stiffness in each shear spring; whether segments are no shorter than thick
     "block tridiagonal": (0.0, False),
     "with shear springs": (0.1, False),
     "thin": (0.0, True),
 }
-BOB = 1.0  # kg
-ANGLE = np.radians(60)  # of the tendon with the vertical at the start
-GRAVITY = 9.81  # m/s^2
-TIME_STEP = 1 / 240  # s
-TOLERANCE = 1e-8
 STEPS, FEWEST, QUICK_STEPS = 240, 60, 12  # FEWEST: for long tendons
 WARM_UP = 3  # steps that are not counted
 
@@ -111,17 +105,11 @@ def _spring_blocks(edges, rest, stiffness) -> np.ndarray:
 
 
 def _build(scene, particles, share, radius):
-    """The tendon at 60 degrees, as long as it hangs there at rest, with the bob at its end."""
-    stretch = 1 + (BOB * GRAVITY * np.cos(ANGLE) / STIFFNESS) ** (1 / EXPONENT)
-    end = LENGTH * np.array([np.sin(ANGLE), 0.0, -np.cos(ANGLE)])
-    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=scene.client)
-    bob = p.createMultiBody(BOB, shape, -1, (stretch * end).tolist(), physicsClientId=scene.client)
-    p.changeDynamics(bob, -1, linearDamping=0, angularDamping=0, physicsClientId=scene.client)
-    material = bt.Material(stiffness=STIFFNESS, exponent=EXPONENT, shear_stiffness=share * STIFFNESS)
-    tendon = scene.world.add_tendon([(0, 0, 0), end], radius, material, particles)
+    """The pendulum, as long as it hangs at its angle at rest."""
+    stretch = 1 + (WEIGHT * GRAVITY * np.cos(ANGLE) / STIFFNESS) ** (1 / EXPONENT)
+    tendon = pendulum.add_tendon(scene, particles, radius, share)
     tendon.set_positions(stretch * tendon.positions)
-    tendon.grip(0)
-    tendon.attach(-1, bob)
+    pendulum.attach_weight(scene, tendon)
     return tendon
 
 
@@ -129,7 +117,7 @@ def _measure(particles, share, thin, quick) -> dict:
     """One row of the table; times in microseconds."""
     steps = QUICK_STEPS if quick else max(FEWEST, min(STEPS, STEPS * 600 // particles))
     radius = min(RADIUS, LENGTH / (2 * particles)) if thin else RADIUS
-    with Scene(time_step=TIME_STEP, gravity=-GRAVITY, solver=bt.SolverOptions(tolerance=TOLERANCE)) as scene:
+    with pendulum.scene() as scene:
         tendon = _build(scene, particles, share, radius)
         rows = [_one_step(scene, tendon, share) for _ in range(WARM_UP + steps)][WARM_UP:]
         core_bytes, python_bytes = _core_allocated(scene), _python_allocated(scene)
@@ -171,7 +159,7 @@ def _time_lapack(tendon, share) -> float:
     if share:
         spans.append((2, rest[1:] + rest[:-1], share * STIFFNESS))
     masses = tendon.masses
-    masses[-1] += BOB
+    masses[-1] += WEIGHT
     band = band_matrix(tendon.positions, masses, spans, TIME_STEP)
     load = np.asfortranarray((masses[:, None] * [0.0, 0.0, -GRAVITY]).reshape(-1, 1))
     start = perf_counter()

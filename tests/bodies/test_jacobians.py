@@ -5,6 +5,7 @@ import pybullet as p
 import pytest
 from random_robots import KINDS, UNDAMPED, let_go, poses, robot, stop, velocities
 
+import bullet_tendon as bt
 from bullet_tendon import _core
 from bullet_tendon.generalized_bodies import (
     exchange_wrench,
@@ -13,6 +14,7 @@ from bullet_tendon.generalized_bodies import (
     product,
     rates,
     rotation_by,
+    velocity_force,
 )
 
 H = 1e-3  # of finite differences of fourth order [m], [rad]
@@ -142,6 +144,37 @@ def test_a_step_of_pybullet_changes_rates_by_the_response(client, count):
         exact = DT * np.linalg.solve(mass, jacobians[link + 1].T @ wrench)
         atol = 1e-12 * np.abs(exact).max(initial=1e-9)
         np.testing.assert_allclose(rates(body, client), exact, rtol=0, atol=atol)
+
+
+def assert_moves_by_itself(client, body):
+    """A step without loads changes the rates by DT M^-1 (velocity terms and damping of joints)."""
+    mass, before = jacobians_and_mass(body, [], client)[1], rates(body, client)
+    exact = DT * np.linalg.solve(mass, velocity_force(body, client))
+    p.stepSimulation(client)
+    atol = 1e-9 * np.abs(exact).max(initial=1e-9)
+    np.testing.assert_allclose(rates(body, client) - before, exact, rtol=0, atol=atol)
+
+
+@FEW_AND_MANY
+def test_a_step_of_pybullet_changes_rates_by_the_motion_itself(client, count):
+    """By Coriolis, centrifugal and gyroscopic forces."""
+    for _, body, _, mass, _ in robots(client, count):
+        if len(mass):
+            assert_moves_by_itself(client, body)
+
+
+def test_damping_of_joints_is_that_of_pybullet(client):
+    p.setTimeStep(DT, client)
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    body = p.loadURDF(
+        bt.data_path("tendon_finger.urdf"), useFixedBase=True, flags=flags, physicsClientId=client
+    )
+    for link in range(-1, p.getNumJoints(body, client)):
+        p.changeDynamics(body, link, linearDamping=0, angularDamping=0, physicsClientId=client)
+    for joint, rate in enumerate((5.0, -20.0, 30.0)):
+        let_go(client, body, joint)
+        p.resetJointState(body, joint, 0.3, rate, client)
+    assert_moves_by_itself(client, body)
 
 
 @FEW_AND_MANY

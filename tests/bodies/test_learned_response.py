@@ -58,3 +58,35 @@ def test_a_body_is_never_taken_to_be_lighter_than_it_is(make_world, client, shar
     for k in range(4):
         missed = scene.step([40 * (-1) ** k, 100.0])
         np.testing.assert_allclose(missed, 0, atol=1e-4)
+
+
+def free_finger(client, damped):
+    """The three free links of the finger, which turn fast and in opposite senses."""
+    body = p.loadURDF(
+        bt.data_path("tendon_finger.urdf"),
+        useFixedBase=True,
+        flags=p.URDF_USE_INERTIA_FROM_FILE,
+        physicsClientId=client,
+    )
+    for link in range(-1, p.getNumJoints(body, client)):
+        if not damped:
+            p.changeDynamics(body, link, linearDamping=0, angularDamping=0, physicsClientId=client)
+    for joint, (angle, rate) in enumerate(((0.6, 3.0), (0.8, -8.0), (0.7, 12.0))):
+        p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        p.resetJointState(body, joint, angle, rate, client)
+    return body
+
+
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("pull", [0.02, 0.5])
+def test_a_free_arm_is_not_taken_for_a_held_one(make_world, client, damped, pull):
+    """Coriolis forces, and the damping of its links and joints, are not what a motor does."""
+    world = make_world(DT)
+    body = free_finger(client, damped)
+    cord = world.add_tendon([[0, 0.05, 0.1], [0.02, 0, 0.05]], 0.001, bt.Material(stiffness=1e3), 8)
+    cord.attach(-1, body, 2, position=(0.01, 0, 0))
+    cord.set_force(0, (0, 0.3 * pull, pull))
+    for _ in range(12):
+        world.step()
+        assert world.report.converged
+        assert not world._core.held_bodies()

@@ -61,7 +61,7 @@ def test_far_obstacles_cost_no_query(falling, client):
     falling.step()
     counts = falling.report.counts
     features = 2 * t.particles - 1
-    assert (counts["pairs_queried"], counts["pairs_considered"], counts["rows"]) == (0, 0, 0)
+    assert (counts["pairs_queried"], counts["pairs_considered"], counts["contacts"]) == (0, 0, 0)
     assert counts["pairs_culled"] == features
 
 
@@ -74,7 +74,7 @@ def test_resting_contacts_are_not_measured_again(make_world, client):
     falling.step(200)
     counts = falling.report.counts
     assert counts["pairs_queried"] == 0
-    assert counts["rows"] >= 11
+    assert counts["contacts"] >= 11
 
 
 def test_planes_are_reused_within_the_tolerance_only(make_world, client):

@@ -4,6 +4,7 @@ import numpy as np
 import pybullet as p
 import pytest
 from brute_force import segment_triangles
+from link_scenes import add_mesh
 from scipy.spatial import ConvexHull
 
 import bullet_tendon as bt
@@ -88,17 +89,7 @@ def draw(make_world, client, friction, pause=None, speed=1, **options):
     speed: in hundredths of a metre a second.
     """
     world = make_world(gravity=(0, 0, -9.81), **options)
-    vertices, triangles = hills(7)
-    shape = p.createCollisionShape(
-        p.GEOM_MESH,
-        vertices=vertices.tolist(),
-        indices=triangles.ravel().tolist(),
-        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
-        physicsClientId=client,
-    )
-    world.add_obstacle(
-        p.createMultiBody(0, shape, physicsClientId=client), friction=1.0, meshes=[(vertices, triangles)]
-    )
+    add_mesh(world, client, *hills(7), friction=1.0)
     material = bt.Material(stiffness=1e4, damping=1.0, friction=friction)
     t = world.add_tendon([[-0.06, 0, 0.006], [0, 0, 0.008], [0.06, 0, 0.006]], RADIUS, material, 50)
     hand = t.grip(-1)

@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import add_mesh
 
 import bullet_tendon as bt
 
@@ -90,21 +91,6 @@ def test_the_report_counts_what_is_skipped_and_what_is_culled(make_world, client
         assert counts["pairs_skipped"] == 2 * n - 1 == counts["pairs_considered"]
         assert counts["pairs_culled"] == 2 * m - 1
         assert counts["pairs_queried"] == counts["pairs_reused"] == counts["pairs_searched"] == 0
-
-
-def add_mesh(world, client, vertices, faces):
-    """A static obstacle of the triangles as they are; their corners (k, 3, 3) [m]."""
-    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
-    shape = p.createCollisionShape(
-        p.GEOM_MESH,
-        vertices=vertices.tolist(),
-        indices=faces.ravel().tolist(),
-        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
-        physicsClientId=client,
-    )
-    body = p.createMultiBody(0, shape, physicsClientId=client)
-    world.add_obstacle(body, friction=0.0, convex=False, meshes=[(vertices, faces)])
-    return vertices[faces]
 
 
 @pytest.mark.parametrize("speed", [0.03, 0.045, 0.06, 0.075, 0.09])

@@ -79,4 +79,4 @@ def test_tendons_far_apart_are_solved_alone(make_world, client, apart):
         world.add_tendon([(0, apart * k, 1), (LENGTH, apart * k, 1)], RADIUS, MATERIAL, 50)
     world.step(5)
     counts = world.report.counts
-    assert counts["groups"] == 5 and counts["rows"] == counts["tendon_pairs_considered"] == 0
+    assert counts["islands"] == 5 and counts["contacts"] == counts["tendon_pairs_considered"] == 0

@@ -154,7 +154,7 @@ def test_over_the_cylinder_the_reference_slides_as_two_weights_do():
 @pytest.mark.skipif(SANITIZED, reason="a sanitizer has an allocator of its own")
 def test_the_core_counts_what_it_asks_for_and_asks_for_nothing_in_a_step():
     before = _core.allocated_bytes()
-    with speed.Scene(time_step=speed.TIME_STEP, gravity=-speed.GRAVITY, solver=bt.SolverOptions()) as scene:
+    with speed.pendulum.scene() as scene:
         speed._build(scene, 60, 0.1, 0.004)
         assert _core.allocated_bytes() - before > 60 * 8 * 30  # it does count
         scene.world.step(5)

@@ -154,8 +154,8 @@ def unit(random):
     return vector / np.linalg.norm(vector)
 
 
-def contact(random, kind, ring=0.005, offset=0.001):
-    """A row of a kind around a random axis, and a position that is `depth` inside what it keeps out [m]."""
+def contact(random, kind, feature_radius=0.005, offset=0.001):
+    """A contact of a kind around a random axis, and a position at a random depth [m]."""
     axis, place = unit(random), random.standard_normal(3) * 0.1
     out = unit(random)
     out -= axis * (axis @ out)
@@ -164,23 +164,22 @@ def contact(random, kind, ring=0.005, offset=0.001):
     normal = unit(random)
     x = {
         BONE: normal * (offset - depth) + np.cross(normal, unit(random)) * 0.01,
-        BORE: place + out * (ring + depth) + axis * 0.02,
+        BORE: place + out * (feature_radius + depth) + axis * 0.02,
     }.get(kind)
     if kind == MOUTH:
         angle = random.uniform(0.2, 1.2)
         x = (
             place
-            + out * (ring - (offset - depth) * math.cos(angle))
+            + out * (feature_radius - (offset - depth) * math.cos(angle))
             + axis * (offset - depth) * math.sin(angle)
         )
-    stiffness, carried = 1e4, 3.0
+    stiffness, multiplier = 1e4, 3.0
+    surface, smooth = (normal, offset, place, axis, feature_radius), (0.0, 0.0, np.zeros(3))
 
-    def row(at, definite=False):
-        return _core.testing.contact_term(
-            kind, at, normal, offset, place, axis, ring, stiffness, carried, 0.0, 0.0, np.zeros(3), definite
-        )
+    def evaluate(at, definite=False):
+        return _core.testing.contact_term(kind, at, *surface, stiffness, multiplier, *smooth, definite)
 
-    return row, x, stiffness, carried, place, axis
+    return evaluate, x, stiffness, multiplier, place, axis
 
 
 @pytest.mark.parametrize("kind", [BONE, BORE, MOUTH])
@@ -189,23 +188,23 @@ def contact(random, kind, ring=0.005, offset=0.001):
 def test_contacts(kind, seed):
     """The potential is N^2/(2k). What is definite leaves out N/d across a mouth's edge, which is negative."""
     random = np.random.default_rng(seed)
-    row, x, stiffness, carried, place, axis = contact(random, kind)
+    evaluate, x, stiffness, multiplier, place, axis = contact(random, kind)
 
     def potential(at):
-        return max(0.0, carried - stiffness * row(at)[0]) ** 2 / (2 * stiffness)
+        return max(0.0, multiplier - stiffness * evaluate(at)[0]) ** 2 / (2 * stiffness)
 
-    _, normal, force, block, _ = row(x)
-    assert np.linalg.norm(force) > carried
+    _, normal, force, block, _ = evaluate(x)
+    assert np.linalg.norm(force) > multiplier
     agree(-np.array(force), slopes(potential, x, 1e-7))
-    hessian = -slopes(lambda at: row(at)[2], x, 1e-7)
+    hessian = -slopes(lambda at: evaluate(at)[2], x, 1e-7)
     agree(block, hessian)
     if kind == MOUTH:
         out = (x - place) - axis * (axis @ (x - place))
         along = np.cross(np.cross(axis, out), normal)
         along /= np.linalg.norm(along)
-        distance = row(x)[0] + 0.001
+        distance = evaluate(x)[0] + 0.001
         hessian += np.linalg.norm(force) / distance * np.outer(along, along)
-    agree(row(x, definite=True)[3], hessian)
+    agree(evaluate(x, definite=True)[3], hessian)
 
 
 @RANDOM
@@ -213,7 +212,7 @@ def test_contacts(kind, seed):
 def test_edges(seed):
     """A segment across the edge of a mouth: its nearest point goes with it."""
     random = np.random.default_rng(seed)
-    _, x, stiffness, carried, place, axis = contact(random, MOUTH)
+    _, x, stiffness, multiplier, place, axis = contact(random, MOUTH)
     out = (x - place) - axis * (axis @ (x - place))
     out /= np.linalg.norm(out)
     normal = x - place - 0.005 * out
@@ -223,10 +222,10 @@ def test_edges(seed):
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     def edge(at):
-        return _core.testing.edge_term(at[:3], at[3:], 0.001, place, axis, 0.005, stiffness, carried)
+        return _core.testing.edge_term(at[:3], at[3:], 0.001, place, axis, 0.005, stiffness, multiplier)
 
     def potential(at):
-        return max(0.0, carried - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
+        return max(0.0, multiplier - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
 
     force = np.concatenate(edge(ends)[1:3])
     assert np.linalg.norm(force) > 0
@@ -272,24 +271,26 @@ def test_pairs(shares, seed):
 def test_friction(slides, seed):
     """Sticking it is a spring; sliding, its potential is the limit times the distance."""
     random = np.random.default_rng(seed)
-    grip, limit = 50.0, 0.02
+    tangent_stiffness, limit = 50.0, 0.02
     normal = unit(random)
-    stuck = np.cross(normal, unit(random))
-    stuck *= (10 if slides else 0.3) * limit / grip / np.linalg.norm(stuck)
+    tangent_anchor = np.cross(normal, unit(random))
+    tangent_anchor *= (10 if slides else 0.3) * limit / tangent_stiffness / np.linalg.norm(tangent_anchor)
     x = normal * 5e-4
     normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, 1e4, 3.0)
 
-    def row(at, grip=grip, limit=limit):
-        return _core.testing.contact_term(BONE, at, normal, *normal_only, grip, limit, stuck, True)
+    def evaluate(at, tangent_stiffness=tangent_stiffness, limit=limit):
+        return _core.testing.contact_term(
+            BONE, at, normal, *normal_only, tangent_stiffness, limit, tangent_anchor, True
+        )
 
     def pull(at):
-        return np.subtract(row(at)[2], row(at, 0.0, 0.0)[2])
+        return np.subtract(evaluate(at)[2], evaluate(at, 0.0, 0.0)[2])
 
     def potential(at):
-        away = stuck + at - normal * (normal @ (stuck + at))
+        away = tangent_anchor + at - normal * (normal @ (tangent_anchor + at))
         size = np.linalg.norm(away)
-        return limit * size if slides else 0.5 * grip * size**2
+        return limit * size if slides else 0.5 * tangent_stiffness * size**2
 
-    assert row(x)[4] == slides
+    assert evaluate(x)[4] == slides
     agree(-pull(x), slopes(potential, x, 1e-7 if slides else 1e-6))
-    agree(row(x)[3] - row(x, 0.0, 0.0)[3], -slopes(pull, x, 1e-6))
+    agree(evaluate(x)[3] - evaluate(x, 0.0, 0.0)[3], -slopes(pull, x, 1e-6))

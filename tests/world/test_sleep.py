@@ -62,7 +62,7 @@ def test_what_rests_sleeps_and_stays_as_it_was(scene):
     world = scene()
     world.step(REST)
     counts = world.report.counts
-    assert (counts["tendons_asleep"], counts["rows"], counts["groups"], world.report.iterations) == (
+    assert (counts["tendons_asleep"], counts["contacts"], counts["islands"], world.report.iterations) == (
         4,
         0,
         0,

@@ -54,6 +54,31 @@ inline Field field_of(const Array& a) {
   return f;
 }
 
+// pybullet returns nested tuples of numbers. Reading these directly is faster than converting them to arrays.
+
+// Item i of a tuple, and its value as a number.
+inline PyObject* item(PyObject* tuple, int i) {
+  if (PyTuple_CheckExact(tuple) && i < PyTuple_GET_SIZE(tuple)) return PyTuple_GET_ITEM(tuple, i);
+  PyObject* found = PyTuple_GetItem(tuple, i);
+  if (!found) throw py::error_already_set();
+  return found;
+}
+
+inline double number(PyObject* tuple, int i) {
+  PyObject* found = item(tuple, i);
+  if (PyFloat_CheckExact(found)) return PyFloat_AS_DOUBLE(found);
+  const double value = PyFloat_AsDouble(found);
+  if (value == -1 && PyErr_Occurred()) throw py::error_already_set();
+  return value;
+}
+
+inline Vec3 vector(PyObject* tuple) { return {number(tuple, 0), number(tuple, 1), number(tuple, 2)}; }
+
+inline Rot3 turn_of(PyObject* tuple) {
+  const double q[4] = {number(tuple, 0), number(tuple, 1), number(tuple, 2), number(tuple, 3)};
+  return rotation_of(q);
+}
+
 // Articulated bodies (bindings/bodies.cpp).
 void bind_articulated(py::module_& m);
 

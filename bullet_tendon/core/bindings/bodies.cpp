@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
-#include "bindings/pybullet_reader.h"
+#include "bindings/arrays.h"
 #include "bodies/articulated_body.h"
 
 namespace bt {
@@ -15,6 +16,36 @@ namespace {
 
 // Cosine between force and torque below which a wrench is a single force at some point: rounding [-].
 constexpr double kAcross = 1e-14;
+
+// Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame). The
+// inverse of the inertial frame's local pose leads to the link's frame. pybullet returns no valid local pose
+// for bodies with maximal coordinates (body type 1). Both frames of these are the same.
+void place(Link& l, PyObject* info, PyObject* where) {
+  PyObject *centre = item(where, 0), *turn = item(where, 1);
+  const bool maximal = number(info, 10) == 1;
+  const Rot3 local = maximal ? Rot3{} : turn_of(item(info, 4));
+  l.pose.rotation = turn_of(turn) * transposed(local);
+  l.centre = vector(centre);
+  l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(item(info, 3)));
+}
+
+// Marks the link as one that tendons do not move.
+void stand_still(World& w, int slot) {
+  w.scene.links[slot].body = -1;
+  w.scene.links[slot].jacobian.clear();
+  if (w.scene.bodies[slot].n() > 0) w.scene.bodies[slot] = GeneralizedBody{};
+}
+
+// Whether all numbers of a link and its body are finite.
+bool is_finite(const World& w, int slot) {
+  const Link& l = w.scene.links[slot];
+  const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
+                   l.pose.rotation.r1 + l.pose.rotation.r2;
+  bool well = max_abs(0 * sum) == 0;
+  for (const dense::Numbers* numbers : {&w.scene.bodies[slot].rates, &w.scene.bodies[slot].free})
+    for (double v : *numbers) well &= std::fabs(v) <= std::numeric_limits<double>::max();
+  return well;
+}
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
@@ -30,6 +61,12 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   const double a[3][3] = {{turning.xx, turning.xy, turning.xz},
                           {turning.xy, turning.yy, turning.yz},
                           {turning.xz, turning.yz, turning.zz}};
+  m.velocity_response.assign(6, 0.0);
+  if (falls && inertia.x > 0 && inertia.y > 0 && inertia.z > 0) {  // the gyroscopic torque
+    const Sym3 moments = inertia.x * outer(axes.r0) + inertia.y * outer(axes.r1) + inertia.z * outer(axes.r2);
+    const Vec3 gyroscopic = -(turning * cross(w, moments * w));
+    m.velocity_response = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
+  }
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
     m.free[7 * i] = 1 / number(info, 0);
@@ -153,7 +190,7 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
+void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
@@ -167,6 +204,9 @@ void set_mover(GeneralizedBody& m, Articulated& body, const Reading& reading) {
     for (std::size_t k = 0; k < n; ++k)
       for (std::size_t e = 0; e < 3; ++e)
         m.gravity_response[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
+  std::vector<double> moving(n);
+  body.velocity_force(m.rates.data(), moving.data());
+  dense::multiply(m.free, moving, m.velocity_response);
   body.stops(places.data(), m.limits);
 }
 
@@ -194,7 +234,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   const Reading reading{infos, base, motion, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
-  set_mover(m, body, reading);
+  read_dynamics(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.scene.links[slots[i]];
@@ -217,7 +257,7 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
   return w.sample(slot, rates);
 }
 
-// J (links, 6, dofs) and the mass matrix.
+// J (links, 6, dofs), the mass matrix, and the generalized force of the motion itself (dofs).
 py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& motion,
                    const py::tuple& joints, const py::list& chosen) {
   std::vector<double> rates, places;
@@ -231,7 +271,9 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
     body.jacobian(link, jacobians.mutable_data() + 6 * n * i);
   }
   body.mass_matrix(mass.mutable_data());
-  return py::make_tuple(jacobians, mass);
+  Array moving(n);
+  body.velocity_force(rates.data(), moving.mutable_data());
+  return py::make_tuple(jacobians, mass, moving);
 }
 
 }  // namespace
@@ -246,16 +288,16 @@ namespace {
 // Articulated bodies.
 
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
-// limits (2).
+// limits (2), damping.
 Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers, bool floating) {
-  if (parents.size() != kinds.size() || numbers.size() != 12 * kinds.size()) throw py::value_error("joints");
+  if (parents.size() != kinds.size() || numbers.size() != 13 * kinds.size()) throw py::value_error("joints");
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
     if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
-    const double* p = numbers.data() + 12 * j;
+    const double* p = numbers.data() + 13 * j;
     joints.push_back(
-        {kind, parents.data()[j], vec(p), vec(p + 3), transposed(rotation_of(p + 6)), p[10], p[11]});
+        {kind, parents.data()[j], vec(p), vec(p + 3), transposed(rotation_of(p + 6)), p[10], p[11], p[12]});
   }
   return {joints, floating};
 }

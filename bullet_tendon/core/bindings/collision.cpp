@@ -45,7 +45,7 @@ Triple corner_of(const Primitive& s) {
 
 // Of the segment a + u d: signed distance, surface point and u.
 py::tuple measured_along(const Primitive& s, const Triple& a, const Triple& d) {
-  const PrimitiveNearest found = s.nearest(vec_of(a), vec_of(a) + vec_of(d));
+  const Primitive::Nearest found = s.nearest(vec_of(a), vec_of(a) + vec_of(d));
   return py::make_tuple(found.distance, tuple(found.point), found.u);
 }
 

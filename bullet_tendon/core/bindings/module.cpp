@@ -8,7 +8,7 @@
 #include <new>
 #include <utility>
 
-#include "bindings/pybullet_reader.h"
+#include "bindings/arrays.h"
 
 namespace {
 

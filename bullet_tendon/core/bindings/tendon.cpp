@@ -30,7 +30,7 @@ int add_tendon(World& w, const Array& points, double radius, double friction, do
 Anchor& anchor_of(World& w, int tendon, int id) {
   for (Anchor& h : w.scene.tendons[tendon]->anchors)
     if (h.id == id) return h;
-  throw py::key_error("no such hold");
+  throw py::key_error("no such anchor");
 }
 
 void remove_anchor(World& w, int tendon, int id) {
@@ -89,7 +89,7 @@ void bind_world_tendon(GuardedWorld& world) {
              w.scene.tendons[c]->tension(t);
              return copy_of(t);
            })
-      .def("is_asleep", [](World& w, int c) { return w.scene.tendons[c]->bed >= 0; })
+      .def("is_asleep", [](World& w, int c) { return w.scene.tendons[c]->sleeping_island >= 0; })
       .def("energy", [](World& w, int c) { return w.scene.tendons[c]->energy(); })
       .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.scene.tendons[c]->force.at(i)); })

@@ -68,42 +68,54 @@ py::tuple spring_term_of(const World& w, int c, bool shear, const Array& x, cons
   return term_of(spring_term(*w.scene.tendons[c], shear, field_of(x), field_of(before), b));
 }
 
-// A contact, evaluated at a relative position.
+// A contact without friction.
+Contact contact_of(ContactKind kind, double offset, double stiffness, double lambda) {
+  Contact contact;
+  contact.key.kind = kind;
+  contact.geometry.offset = offset;
+  contact.normal_force.stiffness = stiffness;
+  contact.normal_force.lambda = lambda;
+  return contact;
+}
+
+// Sets the axis of a bore, or the circle of a mouth.
+void set_axis(Contact& contact, const Array& point, const Array& axis, double feature_radius) {
+  contact.geometry.axis_point = vec(point);
+  contact.geometry.axis = vec(axis);
+  contact.geometry.feature_radius = feature_radius;
+}
+
+// A contact, evaluated at a relative position [m]: gap, normal, force, block, and whether it slides.
 py::tuple contact_term(int kind, const Array& relative, const Array& normal, double offset,
-                       const Array& point, const Array& axis, double ring, double stiffness, double carried,
-                       double grip, double limit, const Array& stuck, bool definite) {
-  Contact row;
-  row.key.kind = static_cast<ContactKind>(kind);
-  row.geometry.normal = vec(normal);
-  row.geometry.offset = offset;
-  row.geometry.axis_point = vec(point);
-  row.geometry.axis = vec(axis);
-  row.geometry.feature_radius = ring;
-  row.normal_force.stiffness = stiffness;
-  row.normal_force.lambda = carried;
-  row.friction.coefficient = limit > 0 ? 1 : 0;
-  row.friction.limit = limit;
-  row.friction.stiffness = grip;
-  row.friction.anchor = vec(stuck);
-  row.evaluate(vec(relative), true, definite);
+                       const Array& point, const Array& axis, double feature_radius, double stiffness,
+                       double lambda, double tangent_stiffness, double limit, const Array& tangent_anchor,
+                       bool definite) {
+  Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
+  set_axis(contact, point, axis, feature_radius);
+  contact.geometry.normal = vec(normal);
+  contact.friction.coefficient = limit > 0 ? 1 : 0;
+  contact.friction.limit = limit;
+  contact.friction.stiffness = tangent_stiffness;
+  contact.friction.anchor = vec(tangent_anchor);
+  contact.evaluate(vec(relative), true, definite);
   Array block({3, 3});
-  const Block3 b = block_of(row.force.block);
+  const Block3 b = block_of(contact.force.block);
   std::copy(b.v, b.v + 9, block.mutable_data());
-  return py::make_tuple(row.geometry.gap, tuple(row.geometry.normal), tuple(row.force.total), block,
-                        row.friction.sliding);
+  return py::make_tuple(contact.geometry.gap, tuple(contact.geometry.normal), tuple(contact.force.total),
+                        block, contact.friction.sliding);
 }
 
 // The full block of a contact on its particles with the weights P: P^T block P, and the sliding-point terms.
-Array full_block(const Contact& row, const double* P, int particles) {
-  const Block3 block = block_of(row.force.block);
+Array full_block(const Contact& contact, const double* P, int particles) {
+  const Block3 block = block_of(contact.force.block);
   Array full({3 * particles, 3 * particles});
   for (int i = 0; i < particles; ++i)
     for (int j = 0; j < particles; ++j) {
       Block3 part = block;
       for (double& v : part.v) v *= P[i] * P[j];
-      for (int k = 0; k < row.geometry.sliding_terms; ++k) {
-        const Vec3 p = row.geometry.sliding_share[k] * row.geometry.sliding_term[k][i],
-                   q = row.geometry.sliding_term[k][j];
+      for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
+        const Vec3 p = contact.geometry.sliding_share[k] * contact.geometry.sliding_term[k][i],
+                   q = contact.geometry.sliding_term[k][j];
         const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
         for (int e = 0; e < 9; ++e) part.v[e] += rows[e / 3] * columns[e % 3];
       }
@@ -112,46 +124,37 @@ Array full_block(const Contact& row, const double* P, int particles) {
   return full;
 }
 
-// A segment against the edge of a mouth, its point followed: gap, forces on its ends, and all of its block.
+// A segment against the edge of a mouth, at the nearest point of the segment: gap, forces on its ends, and
+// the full block.
 py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
-                    const Array& axis, double ring, double stiffness, double carried) {
-  Contact row;
-  row.key.kind = ContactKind::mouth;
-  row.a = {0, 0, 0.5, 0.5};
-  row.geometry.offset = offset;
-  row.geometry.axis_point = vec(centre);
-  row.geometry.axis = vec(axis);
-  row.geometry.feature_radius = ring;
-  row.normal_force.stiffness = stiffness;
-  row.normal_force.lambda = carried;
+                    const Array& axis, double feature_radius, double stiffness, double lambda) {
+  Contact contact = contact_of(ContactKind::mouth, offset, stiffness, lambda);
+  set_axis(contact, centre, axis, feature_radius);
+  contact.a = {0, 0, 0.5, 0.5};
   const Vec3 a = vec(start), b = vec(end);
-  for (int i = 0; i < 50; ++i) row.follow(a, b);
-  row.evaluate(row.a.w0 * a + row.a.w1 * b, true, false);
-  row.add_sliding_term(a, b, false);
-  const double P[2] = {row.a.w0, row.a.w1};
-  return py::make_tuple(row.geometry.gap, tuple(row.a.w0 * row.force.total),
-                        tuple(row.a.w1 * row.force.total), full_block(row, P, 2));
+  for (int i = 0; i < 50; ++i) contact.follow(a, b);
+  const double P[2] = {contact.a.w0, contact.a.w1};
+  contact.evaluate(P[0] * a + P[1] * b, true, false);
+  contact.add_sliding_term(a, b, false);
+  return py::make_tuple(contact.geometry.gap, tuple(P[0] * contact.force.total),
+                        tuple(P[1] * contact.force.total), full_block(contact, P, 2));
 }
 
-// Two segments (4, 3) that touch, their points followed: gap, forces on the four ends, and all of the block.
-py::tuple pair_term(const Array& ends, double offset, double stiffness, double carried) {
-  Contact row;
-  row.key.kind = ContactKind::tendon;
-  row.a = {0, 0, 0.5, 0.5};
-  row.b = {1, 0, 0.5, 0.5};
-  row.geometry.offset = offset;
-  row.normal_force.stiffness = stiffness;
-  row.normal_force.lambda = carried;
+// Two segments (4, 3) that touch, at their nearest points: gap, forces on the four ends, and the full block.
+py::tuple pair_term(const Array& ends, double offset, double stiffness, double lambda) {
+  Contact contact = contact_of(ContactKind::tendon, offset, stiffness, lambda);
+  contact.a = {0, 0, 0.5, 0.5};
+  contact.b = {1, 0, 0.5, 0.5};
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
-  row.geometry.normal = row.geometry.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
-  row.follow_pair(x);
-  const double P[4] = {row.a.w0, row.a.w1, -row.b.w0, -row.b.w1};
-  row.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
-  row.add_pair_sliding_terms(x, false);
+  contact.geometry.normal = contact.geometry.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
+  contact.follow_pair(x);
+  const double P[4] = {contact.a.w0, contact.a.w1, -contact.b.w0, -contact.b.w1};
+  contact.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
+  contact.add_pair_sliding_terms(x, false);
   Field force(4);
-  for (int i = 0; i < 4; ++i) force.set(i, P[i] * row.force.total);
-  return py::make_tuple(row.geometry.gap, rows_of(force), full_block(row, P, 4));
+  for (int i = 0; i < 4; ++i) force.set(i, P[i] * contact.force.total);
+  return py::make_tuple(contact.geometry.gap, rows_of(force), full_block(contact, P, 4));
 }
 
 // Parameters (k, 2) of the ends of the stretch along which two segments (4, 3) touch

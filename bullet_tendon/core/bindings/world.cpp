@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "bindings/pybullet_reader.h"
+#include "bindings/arrays.h"
 
 namespace bt {
 
@@ -126,8 +126,8 @@ py::dict counts(const Report& r) {
   d["tendon_searches_skipped"] = r.pairs.skipped;
   d["tendon_pairs_considered"] = r.pairs.considered;
   d["tendon_pairs_near"] = r.pairs.near;
-  d["rows"] = r.contacts;
-  d["groups"] = r.islands;
+  d["contacts"] = r.contacts;
+  d["islands"] = r.islands;
   d["substeps"] = r.substeps;
   d["tendons_asleep"] = r.asleep;
   d["linear_solves"] = r.linear_solves;

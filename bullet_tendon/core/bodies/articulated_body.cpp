@@ -22,7 +22,7 @@ int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == Joi
 Articulated::Articulated(const std::vector<Joint>& joints, bool floating)
     : joints_(joints), links_(joints.size() + 1), base_(floating ? 6 : 0) {
   for (int k = 0; k < base_; ++k) {
-    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0, 0});
+    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0, 0, 0});
     links_[0].moved_by.push_back(k);
   }
   for (int j = 0; j < static_cast<int>(joints.size()); ++j) {
@@ -33,7 +33,7 @@ Articulated::Articulated(const std::vector<Joint>& joints, bool floating)
       const Vec3 axis = joint.kind == JointKind::ball ? unit_axis(k) : joint.axis;
       const bool slides = joint.kind == JointKind::slider;
       link.moved_by.push_back(dofs());
-      twists_.push_back({j + 1, slides, axis, {}, {}, joint.lower, joint.upper, places_});
+      twists_.push_back({j + 1, slides, axis, {}, {}, joint.lower, joint.upper, joint.damping, places_});
     }
     places_ += joint.kind == JointKind::ball ? 4 : count_of(joint.kind);
   }
@@ -122,6 +122,46 @@ void Articulated::mass_matrix(double* out) const {
   }
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < i; ++j) out[j * n + i] = out[i * n + j];
+}
+
+std::vector<Articulated::Motion> Articulated::motions_at(const double* rates) const {
+  std::vector<Motion> motions(links_.size());
+  for (int k = 0; k < base_; ++k) {
+    motions[0].velocity += rates[k] * twists_[k].velocity;
+    motions[0].spin += rates[k] * twists_[k].spin;
+  }
+  // The base's rates are the velocity of its centre of mass, which moves away from the point of reference.
+  motions[0].acceleration = -cross(motions[0].spin, motions[0].velocity);
+  int k = base_;
+  for (size_t j = 0; j < joints_.size(); ++j) {
+    const Motion& parent = motions[joints_[j].parent];
+    Vec3 velocity, spin;  // across the joint
+    for (; k < dofs() && twists_[k].carried == static_cast<int>(j) + 1; ++k) {
+      velocity += rates[k] * twists_[k].velocity;
+      spin += rates[k] * twists_[k].spin;
+    }
+    Motion& link = motions[j + 1];
+    link.velocity = parent.velocity + velocity;
+    link.spin = parent.spin + spin;
+    link.turning = parent.turning + cross(parent.spin, spin);
+    link.acceleration = parent.acceleration + cross(parent.spin, velocity) + cross(parent.velocity, spin);
+  }
+  return motions;
+}
+
+void Articulated::velocity_force(const double* rates, double* out) const {
+  for (int k = 0; k < dofs(); ++k) out[k] = -twists_[k].damping * rates[k];
+  const std::vector<Motion> motions = motions_at(rates);
+  for (size_t l = 0; l < links_.size(); ++l) {
+    const Placed& link = links_[l];
+    const Motion& m = motions[l];
+    const Vec3 velocity = m.velocity + cross(m.spin, link.centre);
+    const Vec3 force = link.mass * (m.acceleration + cross(m.turning, link.centre) + cross(m.spin, velocity));
+    const Vec3 torque = link.inertia * m.turning + cross(m.spin, link.inertia * m.spin);
+    for (int k : link.moved_by)
+      out[k] -= dot(force, twists_[k].velocity + cross(twists_[k].spin, link.centre)) +
+                dot(torque, twists_[k].spin);
+  }
 }
 
 void Articulated::stops(const double* places, std::vector<double>& out) const {

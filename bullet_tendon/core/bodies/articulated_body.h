@@ -18,6 +18,7 @@ struct Joint {
   Vec3 pivot;  // in the inertial frame of the parent
   Rot3 turn;   // of the inertial frame of the link in that of the parent, where the joint is at zero
   double lower = 1, upper = 0;  // limits of a hinge [rad] or slider [m]; none where lower > upper
+  double damping = 0;           // torque or force per rate [N m s] or [N s/m]
 };
 
 // Numbers that are read of a link: mass 1, principal moments 3, and its inertial frame in its own frame,
@@ -44,6 +45,10 @@ class Articulated {
   void weight(double* out) const;
   // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
   void mass_matrix(double* out) const;
+  // rates (dofs). out (dofs): the generalized force that the motion causes by itself: minus the velocity
+  // terms sum J^T (m a, I dw/dt + w x I w) at constant rates (Featherstone 2008, section 5.3: centrifugal,
+  // Coriolis and gyroscopic), minus the damping of the joints, explicit as pybullet applies it.
+  void velocity_force(const double* rates, double* out) const;
   // out: coordinate, side and depth (bodies/body_response.h) of the limits that are reached. places: as in
   // `place`.
   void stops(const double* places, std::vector<double>& out) const;
@@ -58,15 +63,21 @@ class Articulated {
     double mass = 0;
     Sym3 inertia;  // world axes
   };
+  // Velocity of a link, and its acceleration at constant rates: of the point of it that is at the base's
+  // centre of mass, and angular (spatial vectors, Featherstone 2008, chapter 2).
+  struct Motion {
+    Vec3 velocity, spin, acceleration, turning;
+  };
   // Motion by a unit rate: spin, and velocity of the point at the base's centre of mass.
   struct Twist {
     int carried = 0;
     bool slides = false;
     Vec3 axis, velocity, spin;
-    double lower = 1, upper = 0;
+    double lower = 1, upper = 0, damping = 0;
     int place = 0;  // among those of the joints
   };
   void place_inertia(Placed& link, const double* numbers);
+  std::vector<Motion> motions_at(const double* rates) const;
   std::vector<Joint> joints_;
   std::vector<Placed> links_;
   std::vector<Twist> twists_;

@@ -20,27 +20,15 @@ constexpr double kFarSwing = 0.25;
 
 }  // namespace
 
-Vec3 GeneralizedBody::gyroscopic() const {
-  if (gravity_response.empty() || n() != 6) return {};
-  auto at = [&](int i, int j) { return free[6 * (3 + i) + 3 + j]; };
-  const Sym3 turning{at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)};
-  if (!(turning.xx > 0 && turning.yy > 0 && turning.zz > 0)) return {};
-  const Vec3 spin{rates[3], rates[4], rates[5]};
-  return -(turning * cross(spin, inverse(turning) * spin));
-}
-
-// Acceleration by gravity and gyroscopic torque alone.
+// Acceleration by gravity and by its own motion alone.
 const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   work_.known.assign(n(), 0.0);
   if (gravity_response.empty()) return work_.known;
   for (int i = 0; i < n(); ++i)
     work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
                      gravity_response[3 * i + 2] * gravity.z;
-  if (n() == 6) {
-    work_.known[3] += gyroscopic_acceleration.x;
-    work_.known[4] += gyroscopic_acceleration.y;
-    work_.known[5] += gyroscopic_acceleration.z;
-  }
+  if (velocity_acceleration.size() == work_.known.size())
+    for (int i = 0; i < n(); ++i) work_.known[i] += velocity_acceleration[i];
   return work_.known;
 }
 
@@ -59,7 +47,7 @@ void GeneralizedBody::sense(Vec3 gravity) {
   const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
   observer.observe(rates, free, unforced(gravity), alone, stops_known);
   contacts_known = false;
-  gyroscopic_acceleration = gyroscopic();
+  velocity_acceleration = velocity_response;
 }
 
 void GeneralizedBody::widen(Numbers direction) {

@@ -17,10 +17,19 @@
 #include <vector>
 
 #include "bodies/response_observer.h"
-#include "bodies/unilateral_stops.h"
 #include "math/vec3.h"
 
 namespace bt {
+
+// A unilateral constraint of a body: a limit that is reached, or a contact (bodies/unilateral_stops.cpp). In
+// this step it may bound the rate along a direction d from below.
+struct Stop {
+  double wanted = 0;     // lower bound of the rate [m/s], [rad/s]
+  double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
+  double held_back = 0;  // `wanted` less the rate predicted without stops, but with the tendons
+  int coordinate = -1;   // of a limit; -1: a contact
+  bool acts = false;
+};
 
 // The unknowns of a body in the solution of an island.
 struct BodyUnknowns {
@@ -49,9 +58,11 @@ struct GeneralizedBody {
   using Numbers = dense::Numbers;
   // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
   Numbers rates;
-  Numbers free;                  // free response M^-1 (n n)
-  Numbers gravity_response;      // acceleration per unit of gravity (n 3); empty: not known
-  Vec3 gyroscopic_acceleration;  // of a rigid body, in this step [rad/s^2]
+  Numbers free;              // free response M^-1 (n n)
+  Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
+  // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
+  // The first: at the present rates, set by who reads the body. The second: that of the step in progress.
+  Numbers velocity_response, velocity_acceleration;
   Numbers limits;  // (coordinate, side, depth) of every limit that is reached; side 1: it pushes upwards
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
@@ -96,8 +107,6 @@ struct GeneralizedBody {
   void push(const Numbers& impulse);
 
  private:
-  // -I^-1 (w x I w) of a rigid body, by the angular block I^-1 of its response [rad/s^2].
-  Vec3 gyroscopic() const;
   const Numbers& known(Vec3 gravity);
   const Numbers& unforced(Vec3 gravity);
   void doubt_stops();

@@ -12,8 +12,11 @@ namespace {
 // response [-]. Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
 constexpr double kReleased = 0.2;
 
-// Smallest relative change of the forces from which the observer learns [-]: rounding and noise.
-constexpr double kLeastNews = 1e-3;
+// Smallest relative change of the forces from which the observer learns, and smallest error of the predicted
+// change of the acceleration, relative to the acceleration, that it learns from [-]: rounding, and the
+// damping of links, which pybullet does not report. Smaller: a free arm that swings fast is taken for a held
+// one.
+constexpr double kLeastNews = 3e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
 // the change of the forces, the cosine between both, and, for an increased response, the relative change of
 // the forces.
@@ -160,9 +163,12 @@ void Observer::learn(const Sample& now) {
   if (news <= kLeastNews * kLeastNews * whole) return;
   forward(root_, e_);
   multiply(share_, s_, other_);
+  one_ = now.acceleration;
+  forward(root_, one_);
+  const double moving = dot(one_, one_);
   for (int i = 0; i < n_; ++i) e_[i] -= other_[i];
   const double es = dot(e_, s_), ee = dot(e_, e_);
-  if (ee <= kEvidence * kEvidence * news) return;
+  if (ee <= kEvidence * kEvidence * news || ee <= kLeastNews * kLeastNews * moving) return;
   // An error that is not along the change of the forces has another cause.
   if (es * es <= kEvidence * kEvidence * ee * news) return;
   // The motion of a body that the user moves changes slightly in every step, independently of the forces.

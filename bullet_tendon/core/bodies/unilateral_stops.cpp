@@ -9,8 +9,6 @@
 // after it with its own forces (World::settle_stops). The solution treats S as rigid:
 //
 //   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
-#include "bodies/unilateral_stops.h"
-
 #include <algorithm>
 #include <cmath>
 #include <utility>

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "collision/proximity_cache.h"
-#include "tendon/initial_overlap.h"
+#include "tendon/tendon.h"
 
 namespace bt {
 

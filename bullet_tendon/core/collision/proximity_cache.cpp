@@ -106,7 +106,7 @@ struct Considering {
     }
     ++counts.queried;
     if (!shape.primitive) return queries.push_back(query);
-    const PrimitiveNearest found = shape.primitive.nearest(query.a, query.b);
+    const Primitive::Nearest found = shape.primitive.nearest(query.a, query.b);
     answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
   }
 

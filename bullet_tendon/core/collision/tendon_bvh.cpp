@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "tendon/initial_overlap.h"
+#include "tendon/tendon.h"
 
 namespace bt {
 

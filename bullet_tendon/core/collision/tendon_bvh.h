@@ -4,8 +4,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "geometry/aabb.h"
-#include "geometry/motion_bound.h"
+#include "geometry/bounds.h"
 #include "tendon/tendon.h"
 
 namespace bt {

@@ -109,10 +109,9 @@ void Contact::predict(Vec3 moved) {
                        !(friction.sliding && dot(next, friction.raw) < 0);
   }
   if (!acts()) return;
-  const double most =
-      friction.coefficient * (normal_force.direct ? normal_force.value : normal_force.lambda_predicted);
-  if (friction.limit <= 0) friction.sliding = friction.stiffness * norm(friction.raw) > most;
-  friction.limit = most;
+  const bool had_limit = friction.limit > 0;
+  limit_friction(normal_force.direct ? normal_force.value : normal_force.lambda_predicted);
+  if (!had_limit) friction.sliding = friction.stiffness * norm(friction.raw) > friction.limit;
 }
 
 }  // namespace bt

@@ -133,9 +133,8 @@ struct Contact {
   void take_over(double force);
   // mu N less the friction limit [N].
   double limit_error() const { return friction.coefficient * normal_force.value - friction.limit; }
-  void limit_friction() {
-    friction.limit = normal_force.direct ? friction.limit : friction.coefficient * normal_force.value;
-  }
+  // Coulomb's cone: sets the friction limit to mu times a normal force [N]. Nothing else computes the limit.
+  void limit_friction(double normal) { friction.limit = friction.coefficient * normal; }
   // Normal force of the linearisation after the relative displacement `moved` [m]; negative: released [N].
   double force_after(Vec3 moved) const {
     return normal_force.lambda - normal_force.stiffness * (geometry.gap + dot(geometry.normal, moved));

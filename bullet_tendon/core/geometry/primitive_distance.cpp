@@ -146,7 +146,7 @@ struct AlongPrimitive {
   }
 };
 
-PrimitiveNearest Primitive::nearest(Vec3 a, Vec3 b) const {
+Primitive::Nearest Primitive::nearest(Vec3 a, Vec3 b) const {
   AlongPrimitive along{*this, a, b - a};
   double u = along.nearest();
   Vec3 normal = gap(along.at(u));

@@ -7,13 +7,12 @@
 
 namespace bt {
 
-struct PrimitiveNearest {
-  double distance = 0;  // below 0: of the way out [m]
-  Vec3 point;           // on the surface
-  double u = 0;         // nearest point of the segment: a + u (b - a); where it runs through, the deepest
-};
-
 struct Primitive {
+  struct Nearest {
+    double distance = 0;  // below 0: of the way out [m]
+    Vec3 point;           // on the surface [m]
+    double u = 0;         // nearest point of the segment: a + u (b - a); where it runs through, the deepest
+  };
   enum class Kind : int { none = 0, box, cylinder };
   Kind kind = Kind::none;
   Vec3 half;                           // of the box [m]
@@ -21,7 +20,7 @@ struct Primitive {
   double radius = 0, half_length = 0;  // of the cylinder [m]
 
   explicit operator bool() const { return kind != Kind::none; }
-  PrimitiveNearest nearest(Vec3 a, Vec3 b) const;
+  Nearest nearest(Vec3 a, Vec3 b) const;
 
  private:
   friend struct AlongPrimitive;

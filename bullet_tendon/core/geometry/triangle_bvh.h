@@ -14,7 +14,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "geometry/aabb.h"
+#include "geometry/bounds.h"
 
 namespace bt {
 

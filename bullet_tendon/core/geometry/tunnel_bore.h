@@ -1,6 +1,6 @@
 // Algorithm 2: a tendon in bone tunnels. Closed forms, no distance queries.
 #pragma once
-#include "geometry/aabb.h"
+#include "geometry/bounds.h"
 
 namespace bt {
 
@@ -8,16 +8,22 @@ namespace bt {
 // or rounded by a chamfer radius.
 struct Tunnel {
   int link = 0;
-  Vec3 start, end;
-  double radius = 0, chamfer = 0, friction = 0;
+  Vec3 start, end;      // centres of the mouths, in the link's frame [m]
+  double radius = 0;    // [m]
+  double chamfer = 0;   // radius of the rounded edges of the mouths [m]; 0: sharp
+  double friction = 0;  // coefficient [-]
 };
 
 // The bore in the world, at the start of a step.
 struct Bore {
-  Vec3 start, axis;
-  double length = 0, radius = 0, chamfer = 0;
-  Box box;  // around it, its chamfers included
+  Vec3 start, axis;    // centre of the first mouth [m]; unit vector towards the other mouth
+  double length = 0;   // [m]
+  double radius = 0;   // [m]
+  double chamfer = 0;  // [m]
+  Box box;             // around it, its chamfers included [m]
+  // Coordinate of p along the axis, from the start [m].
   double along(Vec3 p) const { return dot(p - start, axis); }
+  // Distance of p from the axis [m].
   double off_axis(Vec3 p) const { return norm(without(p - start, axis)); }
   // Within the bore, lengthened by `beyond` at both mouths.
   bool contains(Vec3 p, double beyond) const {

@@ -26,7 +26,8 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   // The velocities of a tendon in contact can be discontinuous, and are not extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
-  const bool second_order = is_second_order(method) && !(context.part && c.touched);
+  // Within a divided step, a tendon in contact takes implicit Euler.
+  const bool second_order = is_second_order(method) && (context.substeps->is_whole() || !c.touched);
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
   const double last = two ? -growth * growth / (1 + 2 * growth) : 0;
@@ -57,8 +58,7 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
     measure(*s, c.x_before);
     for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
   }
-  for (const Anchor& h : c.anchors)
-    if (h.rigid) c.place(h.particle, h.aim);
+  c.place_anchors();
 }
 
 BT_VECTOR void find_velocities(Tendon& c) {

@@ -15,7 +15,7 @@
 // (contact/contact.h).
 #pragma once
 #include "integrator/options.h"
-#include "integrator/step_budget.h"
+#include "integrator/substepper.h"
 #include "tendon/tendon.h"
 
 namespace bt {
@@ -25,14 +25,13 @@ namespace bt {
 constexpr double kMostGrowth = 2.414;
 
 struct StepContext {
-  double dt = 0;           // length of the substep [s]
-  double reach = 0;        // s of bodies/body_response.h [s]
-  bool may_halve = false;  // a solution that does not converge is rejected, and the substep halved
+  double dt = 0;     // length of the substep [s]
+  double reach = 0;  // s of bodies/body_response.h [s]
+  const Substepper* substeps = nullptr;
   Budget* budget = nullptr;
-  bool whole = false;     // dt has no physical meaning: the step is part of a relaxation
-  bool part = false;      // the substep is shorter than the step: tendons in contact take implicit Euler
-  bool warm = false;      // starts from the last solution, with newly detected contacts
-  bool may_look = false;  // contacts may be detected again: a solution that leaves its region may end early
+  bool warm = false;  // starts from the last solution, with newly detected contacts
+  // Contacts may be detected again: a solution may end early where it leaves the predicted region.
+  bool may_detect = false;
   Vec3 gravity;
   Options options;
 };

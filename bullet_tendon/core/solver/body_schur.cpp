@@ -17,7 +17,7 @@
 #include <cmath>
 #include <limits>
 
-#include "solver/linear_solve.h"
+#include "solver/solver.h"
 
 namespace bt {
 
@@ -127,6 +127,10 @@ void forget_bodies(Island& island) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [](GeneralizedBody& m) { m.unknowns.y.assign(m.unknowns.freedom, 0.0); });
   place(island);
+}
+
+void place_bodies(Island& island) {
+  if (!island.bodies.indices.empty()) place(island);
 }
 
 void advance_bodies(Island& island, double alpha) {

@@ -8,7 +8,9 @@ namespace bt {
 
 // Sets the first guess of the unknowns y, and places the carried particles accordingly.
 void start_bodies(Island& island);
-void forget_bodies(Island& island);  // sets y = 0
+void forget_bodies(Island& island);
+// Places the particles that bodies carry, by y.
+void place_bodies(Island& island);  // sets y = 0
 // Adds alpha dy to y.
 void advance_bodies(Island& island, double alpha);
 // The bodies' part of r.d, the slope along the step.

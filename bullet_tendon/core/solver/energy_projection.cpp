@@ -12,12 +12,11 @@
 // of interacting points remove the created energy (passivity controller: Hannaford and Ryu 2002). The first
 // impulses act along contact normals and springs, which conserves linear and angular momentum. The next ones
 // act across them, which is needed where a compressed tendon turns about an anchor.
-#include "solver/energy_projection.h"
-
 #include <algorithm>
 #include <cmath>
 
 #include "solver/body_schur.h"
+#include "solver/solver.h"
 #include "tendon/bending.h"
 
 namespace bt {

@@ -10,15 +10,13 @@
 // Generalised conjugate residuals (Eisenstat, Elman and Schultz 1983) solve it. They need only solutions with
 // the factors of A and of the bodies' Schur complement (solver/body_schur.cpp). Limits from the forces of the
 // last iteration would need more iterations, increasingly with larger friction coefficients.
-#include "solver/friction_limits.h"
-
 #include <cmath>
 #include <utility>
 #include <vector>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/linear_solve.h"
+#include "solver/solver.h"
 
 namespace bt {
 

@@ -4,11 +4,37 @@
 
 #include "bodies/link.h"
 #include "contact/contact.h"
+#include "linear/block_columns.h"
 #include "linear/sparse_block_ldlt.h"
-#include "solver/body_border.h"
 #include "tendon/tendon.h"
 
 namespace bt {
+
+// The border of the tendons' matrix has one column for each unknown of the bodies, in panels of eight. A
+// Panel is eight columns, for one tendon.
+struct Panel {
+  Columns pulls;            // C: derivatives of the residual of its particles by the unknowns
+  Columns answers;          // A^-1 C
+  Columns moves;            // derivatives of the displacements of its carried particles (attached to bodies)
+  std::vector<int> pulled;  // blocks outside which pulls and moves are zero
+  bool moved = false;       // moves are not zero
+};
+
+// All columns, for one tendon. Pulls and moves are zero in all blocks but `pulled`, which lie between first
+// and last.
+struct Border {
+  std::vector<Panel> panels;
+  std::vector<int> pulled;
+  std::vector<char> marks;  // by block: whether it is in `pulled`
+  int first = 0, last = -1;
+  bool carried = false;  // some of its particles are carried by bodies
+};
+
+// Derivatives of the twist of a link by eight unknowns, and of the load on it.
+struct LinkColumns {
+  Eight twist[6], load[6];
+  bool moves = false;  // twist is not zero
+};
 
 // Bodies whose coordinates are unknowns of the solution (solver/body_schur.cpp).
 struct IslandBodies {

@@ -1,10 +1,9 @@
-#include "solver/island_step.h"
-
+// One substep of an island by the method of the options.
 #include <cmath>
 
 #include "math/rounding.h"
 #include "solver/body_schur.h"
-#include "solver/published_methods.h"
+#include "solver/solver.h"
 
 namespace bt {
 

@@ -3,12 +3,11 @@
 // The matrix of one tendon is banded. That of tendons in contact is sparse. Both are factorised. The paper's
 // solver, an option, is conjugate gradients preconditioned by the inverse diagonal blocks. Bodies are a
 // border of the matrix (solver/body_schur.cpp).
-#include "solver/linear_solve.h"
-
 #include <algorithm>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
+#include "solver/solver.h"
 
 namespace bt {
 
@@ -18,207 +17,6 @@ namespace {
 // springs are included [-]. Smaller: excessive steps of light bodies. Larger: indefinite terms are left out
 // more often, and convergence is slower.
 constexpr double kInertiaLeft = 0.5;
-
-}  // namespace
-
-// y += (the blocks of coupling contacts outside the bands) p, with p = cg_direction and y = cg_image.
-void add_coupling(Island& island) {
-  for (const Contact* contact : island.acting) {
-    if (contact->b.tendon < 0) continue;
-    Tendon &a = island.at(contact->a), &b = island.at(contact->b);
-    const Vec3 pull_a = contact->force.block * contact->b.of(b.cg_direction);
-    const Vec3 pull_b = contact->force.block * contact->a.of(a.cg_direction);
-    pull_back(a.cg_image, contact->a, pull_a);
-    pull_back(b.cg_image, contact->b, pull_b);
-  }
-}
-
-void multiply(Island& island) {
-  for (Tendon* c : island.tendons) c->matrix.multiply(c->cg_direction, c->cg_image);
-  if (!island.coupled) return;
-  add_coupling(island);
-  project_anchors(island, &Tendon::cg_image);
-}
-
-void combine(Island& island, double alpha, Which x, double beta, Which y) {
-  for (Tendon* c : island.tendons)
-    for (int k = 0; k < 3; ++k) {
-      const double* from = (c->*x)[k];
-      double* to = (c->*y)[k];
-      for (int i = 0; i < c->n(); ++i) to[i] = alpha * from[i] + beta * to[i];
-    }
-}
-
-namespace {
-
-double inner_product(const Island& island, Which a, Which b) {
-  double sum = 0;
-  for (const Tendon* c : island.tendons) sum += inner(c->*a, c->*b);
-  return sum;
-}
-
-void prepare_blocks(Tendon& c) {
-  for (int i = 0; i < c.n(); ++i) {
-    Sym3 b = inverse(c.matrix.block(i));
-    const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
-    for (int k = 0; k < 6; ++k) c.inverse_blocks[k][i] = v[k];
-  }
-}
-
-void precondition(Island& island) {
-  for (Tendon* c : island.tendons) {
-    const Planes& q = c->inverse_blocks;
-    for (int i = 0; i < c->n(); ++i)
-      c->cg_preconditioned.set(
-          i, Sym3{q[0][i], q[1][i], q[2][i], q[3][i], q[4][i], q[5][i]} * c->cg_remainder.at(i));
-  }
-}
-
-// x = A^-1 b by preconditioned conjugate gradients from x = 0, to the linear tolerance in the preconditioned
-// norm. false: a direction of zero or negative curvature was met.
-bool conjugate_gradients(Island& island, const Options& o, Which b, Which x) {
-  constexpr Which R = &Tendon::cg_remainder, Z = &Tendon::cg_preconditioned;
-  constexpr Which P = &Tendon::cg_direction, Y = &Tendon::cg_image;
-  combine(island, 1, b, 0, R);
-  combine(island, 0, R, 0, x);
-  precondition(island);
-  combine(island, 1, Z, 0, P);
-  double rz = inner_product(island, R, Z);
-  const double relative = std::max(o.linear_tolerance, island.matrix.tolerance);
-  const double enough = relative * relative * rz;
-  int unknowns = 0;
-  for (const Tendon* c : island.tendons) unknowns += 3 * c->n();
-  for (int k = 0; k < 2 * unknowns && rz > enough; ++k) {
-    multiply(island);
-    double py = inner_product(island, P, Y);
-    if (!(py > 0)) return false;
-    double alpha = rz / py;
-    combine(island, alpha, P, 1, x);
-    combine(island, -alpha, Y, 1, R);
-    precondition(island);
-    double rz_next = inner_product(island, R, Z);
-    combine(island, 1, Z, rz_next / rz, P);
-    rz = rz_next;
-  }
-  return true;
-}
-
-bool factorise(Island& island, const Options& o) {
-  if (o.linear_solver == LinearSolver::pcg) {
-    for (Tendon* c : island.tendons) prepare_blocks(*c);
-    return true;
-  }
-  if (island.coupled) return factorise_coupled(island);
-  bool definite = true;
-  for (Tendon* c : island.tendons) definite &= c->factor.factorise(c->matrix);
-  return definite;
-}
-
-}  // namespace
-
-bool apply_inverse(Island& island, const Options& o, Which b, Which x) {
-  if (o.linear_solver == LinearSolver::pcg) return conjugate_gradients(island, o, b, x);
-  if (island.coupled) return solve_coupled(island, b, x), true;
-  for (Tendon* c : island.tendons) c->factor.solve(c->*b, c->*x);
-  return true;
-}
-
-namespace {
-
-bool is_banded(const Island& island, const Options& o) {
-  return !island.coupled && o.linear_solver != LinearSolver::pcg;
-}
-
-// x = A^-1 b, at least in the blocks of the border (first to last).
-bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x) {
-  if (!is_banded(island, o)) return apply_inverse(island, o, b, x);
-  for (size_t k = 0; k < island.tendons.size(); ++k) {
-    Tendon& c = *island.tendons[k];
-    const Border& at = island.bodies.borders[k];
-    if (at.first <= at.last) c.factor.solve(c.*b, c.*x, at.first, at.last);
-  }
-  return true;
-}
-
-// Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
-bool answer_columns(Island& island, const Options& o, size_t p) {
-  const bool banded = is_banded(island, o);
-  for (size_t k = 0; k < island.tendons.size() && banded; ++k) {
-    Border& b = island.bodies.borders[k];
-    if (b.first <= b.last)
-      island.tendons[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
-  }
-  for (int lane = 0; lane < kLanes && !banded && static_cast<int>(p) * kLanes + lane < island.bodies.freedom;
-       ++lane) {
-    take_column(island, p, lane);
-    if (!apply_inverse(island, o, &Tendon::column, &Tendon::solved)) return false;
-    put_answer(island, p, lane);
-  }
-  return true;
-}
-
-// Whether the Schur complement minus kInertiaLeft times the identity, the inertia of the bodies, is positive
-// definite.
-bool keeps_inertia(Island& island) {
-  const int n = island.bodies.freedom;
-  for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] -= kInertiaLeft;
-  dense::root(n, island.bodies.corner, island.bodies.corner_root);
-  bool keeps = true;
-  for (int k = 0; k < n; ++k) {
-    island.bodies.corner[k * n + k] += kInertiaLeft;
-    keeps &= island.bodies.corner_root[k * n + k] > 0;
-  }
-  return keeps;
-}
-
-size_t panels_of(const Island& island) { return (island.bodies.freedom + kLanes - 1) / kLanes; }
-
-// Computes the Schur complement of the tendons and its Cholesky factor.
-bool factorise_bodies(Island& island, const Options& o, bool definite) {
-  for (size_t p = 0; p < panels_of(island); ++p) {
-    if (!answer_columns(island, o, p)) return false;
-    for (size_t q = p; q < panels_of(island); ++q) take_complement(island, p, q);
-  }
-  if (!definite && !keeps_inertia(island)) return false;
-  dense::root(island.bodies.freedom, island.bodies.corner, island.bodies.corner_root);
-  return true;
-}
-
-// Solves for bodies (corner_side) and tendons (x).
-bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
-  if (!apply_inverse_at_border(island, o, b, x)) return false;
-  island.bodies.corner_side.resize(island.bodies.freedom);
-  for (int m : island.bodies.indices) {
-    const GeneralizedBody& body = (*island.bodies.all)[m];
-    std::copy(body.unknowns.residual.begin(), body.unknowns.residual.end(),
-              island.bodies.corner_side.begin() + body.unknowns.first);
-  }
-  for (size_t p = 0; p < panels_of(island); ++p) take_steps(island, p, x);
-  dense::solve(island.bodies.corner_root, island.bodies.corner_side);
-  answer_bodies(island, b);
-  return apply_inverse(island, o, &Tendon::column, x);
-}
-
-}  // namespace
-
-bool solve_again(Island& island, const Options& o, Which b, Which x) {
-  return island.bodies.indices.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);
-}
-
-bool solve_linear(Island& island, const StepContext& context, bool definite) {
-  const Options& o = context.options;
-  context.budget->spend();
-  if (!factorise(island, o)) return false;
-  if (!island.bodies.indices.empty() && !factorise_bodies(island, o, definite)) return false;
-  if (!solve_again(island, o, &Tendon::residual, &Tendon::dx)) return false;
-  for (Tendon* c : island.tendons)
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i) c->dx[k][i] = -c->dx[k][i];
-  move_bodies(island, -1, &Tendon::dx);
-  return true;
-}
-
-namespace {
 
 // The sparse matrix of tendons in contact: their bands and the blocks of coupling contacts.
 
@@ -321,8 +119,6 @@ void add_coupling(Island& island, const Contact& contact) {
       }
 }
 
-}  // namespace
-
 bool factorise_coupled(Island& island) {
   find_pattern(island);
   find_freedom(island);
@@ -343,6 +139,206 @@ void solve_coupled(Island& island, Which b, Which x) {
   block = 0;
   for (Tendon* c : island.tendons)
     for (int i = 0; i < c->n(); ++i) (c->*x).set(i, island.matrix.right_hand[block++]);
+}
+
+// y += (the blocks of coupling contacts outside the bands) p, with p = cg_direction and y = cg_image.
+void add_coupling(Island& island) {
+  for (const Contact* contact : island.acting) {
+    if (contact->b.tendon < 0) continue;
+    Tendon &a = island.at(contact->a), &b = island.at(contact->b);
+    const Vec3 pull_a = contact->force.block * contact->b.of(b.cg_direction);
+    const Vec3 pull_b = contact->force.block * contact->a.of(a.cg_direction);
+    pull_back(a.cg_image, contact->a, pull_a);
+    pull_back(b.cg_image, contact->b, pull_b);
+  }
+}
+
+}  // namespace
+
+void multiply(Island& island) {
+  for (Tendon* c : island.tendons) c->matrix.multiply(c->cg_direction, c->cg_image);
+  if (!island.coupled) return;
+  add_coupling(island);
+  project_anchors(island, &Tendon::cg_image);
+}
+
+void combine(Island& island, double alpha, Which x, double beta, Which y) {
+  for (Tendon* c : island.tendons)
+    for (int k = 0; k < 3; ++k) {
+      const double* from = (c->*x)[k];
+      double* to = (c->*y)[k];
+      for (int i = 0; i < c->n(); ++i) to[i] = alpha * from[i] + beta * to[i];
+    }
+}
+
+namespace {
+
+double inner_product(const Island& island, Which a, Which b) {
+  double sum = 0;
+  for (const Tendon* c : island.tendons) sum += inner(c->*a, c->*b);
+  return sum;
+}
+
+void prepare_blocks(Tendon& c) {
+  for (int i = 0; i < c.n(); ++i) {
+    Sym3 b = inverse(c.matrix.block(i));
+    const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
+    for (int k = 0; k < 6; ++k) c.inverse_blocks[k][i] = v[k];
+  }
+}
+
+void precondition(Island& island) {
+  for (Tendon* c : island.tendons) {
+    const Planes& q = c->inverse_blocks;
+    for (int i = 0; i < c->n(); ++i)
+      c->cg_preconditioned.set(
+          i, Sym3{q[0][i], q[1][i], q[2][i], q[3][i], q[4][i], q[5][i]} * c->cg_remainder.at(i));
+  }
+}
+
+// x = A^-1 b by preconditioned conjugate gradients from x = 0, to the linear tolerance in the preconditioned
+// norm. false: a direction of zero or negative curvature was met.
+bool conjugate_gradients(Island& island, const Options& o, Which b, Which x) {
+  constexpr Which R = &Tendon::cg_remainder, Z = &Tendon::cg_preconditioned;
+  constexpr Which P = &Tendon::cg_direction, Y = &Tendon::cg_image;
+  combine(island, 1, b, 0, R);
+  combine(island, 0, R, 0, x);
+  precondition(island);
+  combine(island, 1, Z, 0, P);
+  double rz = inner_product(island, R, Z);
+  const double relative = std::max(o.linear_tolerance, island.matrix.tolerance);
+  const double enough = relative * relative * rz;
+  int unknowns = 0;
+  for (const Tendon* c : island.tendons) unknowns += 3 * c->n();
+  for (int k = 0; k < 2 * unknowns && rz > enough; ++k) {
+    multiply(island);
+    double py = inner_product(island, P, Y);
+    if (!(py > 0)) return false;
+    double alpha = rz / py;
+    combine(island, alpha, P, 1, x);
+    combine(island, -alpha, Y, 1, R);
+    precondition(island);
+    double rz_next = inner_product(island, R, Z);
+    combine(island, 1, Z, rz_next / rz, P);
+    rz = rz_next;
+  }
+  return true;
+}
+
+bool factorise(Island& island, const Options& o) {
+  if (o.linear_solver == LinearSolver::pcg) {
+    for (Tendon* c : island.tendons) prepare_blocks(*c);
+    return true;
+  }
+  if (island.coupled) return factorise_coupled(island);
+  bool definite = true;
+  for (Tendon* c : island.tendons) definite &= c->factor.factorise(c->matrix);
+  return definite;
+}
+
+// x = A^-1 b of the tendons, by the factors of the last solution. false: conjugate gradients met a direction
+// without positive curvature.
+bool apply_inverse(Island& island, const Options& o, Which b, Which x) {
+  if (o.linear_solver == LinearSolver::pcg) return conjugate_gradients(island, o, b, x);
+  if (island.coupled) {
+    solve_coupled(island, b, x);
+    return true;
+  }
+  for (Tendon* c : island.tendons) c->factor.solve(c->*b, c->*x);
+  return true;
+}
+
+bool is_banded(const Island& island, const Options& o) {
+  return !island.coupled && o.linear_solver != LinearSolver::pcg;
+}
+
+// x = A^-1 b, at least in the blocks of the border (first to last).
+bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x) {
+  if (!is_banded(island, o)) return apply_inverse(island, o, b, x);
+  for (size_t k = 0; k < island.tendons.size(); ++k) {
+    Tendon& c = *island.tendons[k];
+    const Border& at = island.bodies.borders[k];
+    if (at.first <= at.last) c.factor.solve(c.*b, c.*x, at.first, at.last);
+  }
+  return true;
+}
+
+// Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
+bool answer_columns(Island& island, const Options& o, size_t p) {
+  const bool banded = is_banded(island, o);
+  for (size_t k = 0; k < island.tendons.size() && banded; ++k) {
+    Border& b = island.bodies.borders[k];
+    if (b.first <= b.last)
+      island.tendons[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
+  }
+  for (int lane = 0; lane < kLanes && !banded && static_cast<int>(p) * kLanes + lane < island.bodies.freedom;
+       ++lane) {
+    take_column(island, p, lane);
+    if (!apply_inverse(island, o, &Tendon::column, &Tendon::solved)) return false;
+    put_answer(island, p, lane);
+  }
+  return true;
+}
+
+// Whether the Schur complement minus kInertiaLeft times the identity, the inertia of the bodies, is positive
+// definite.
+bool keeps_inertia(Island& island) {
+  const int n = island.bodies.freedom;
+  for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] -= kInertiaLeft;
+  dense::root(n, island.bodies.corner, island.bodies.corner_root);
+  bool keeps = true;
+  for (int k = 0; k < n; ++k) {
+    island.bodies.corner[k * n + k] += kInertiaLeft;
+    keeps &= island.bodies.corner_root[k * n + k] > 0;
+  }
+  return keeps;
+}
+
+size_t panels_of(const Island& island) { return (island.bodies.freedom + kLanes - 1) / kLanes; }
+
+// Computes the Schur complement of the tendons and its Cholesky factor.
+bool factorise_bodies(Island& island, const Options& o, bool definite) {
+  for (size_t p = 0; p < panels_of(island); ++p) {
+    if (!answer_columns(island, o, p)) return false;
+    for (size_t q = p; q < panels_of(island); ++q) take_complement(island, p, q);
+  }
+  if (!definite && !keeps_inertia(island)) return false;
+  dense::root(island.bodies.freedom, island.bodies.corner, island.bodies.corner_root);
+  return true;
+}
+
+// Solves for bodies (corner_side) and tendons (x).
+bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
+  if (!apply_inverse_at_border(island, o, b, x)) return false;
+  island.bodies.corner_side.resize(island.bodies.freedom);
+  for (int m : island.bodies.indices) {
+    const GeneralizedBody& body = (*island.bodies.all)[m];
+    std::copy(body.unknowns.residual.begin(), body.unknowns.residual.end(),
+              island.bodies.corner_side.begin() + body.unknowns.first);
+  }
+  for (size_t p = 0; p < panels_of(island); ++p) take_steps(island, p, x);
+  dense::solve(island.bodies.corner_root, island.bodies.corner_side);
+  answer_bodies(island, b);
+  return apply_inverse(island, o, &Tendon::column, x);
+}
+
+}  // namespace
+
+bool solve_again(Island& island, const Options& o, Which b, Which x) {
+  return island.bodies.indices.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);
+}
+
+bool solve_linear(Island& island, const StepContext& context, bool definite) {
+  const Options& o = context.options;
+  context.budget->spend();
+  if (!factorise(island, o)) return false;
+  if (!island.bodies.indices.empty() && !factorise_bodies(island, o, definite)) return false;
+  if (!solve_again(island, o, &Tendon::residual, &Tendon::dx)) return false;
+  for (Tendon* c : island.tendons)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i) c->dx[k][i] = -c->dx[k][i];
+  move_bodies(island, -1, &Tendon::dx);
+  return true;
 }
 
 }  // namespace bt

@@ -5,21 +5,21 @@
 // the friction limits and mu N (Coulomb's law). When the residual is small, contacts that are too deep are
 // stiffened (augmented Lagrangian).
 //
-// A solution whose residual does not fall is abandoned, and the Substepper cuts the substep. If the substep
-// cannot be cut, the last iterate is accepted if its residual is smaller than that of the guess. Otherwise
-// the particles stay where they are.
-#include "solver/newton.h"
-
+// A solution whose residual does not fall is abandoned, and the Substepper cuts the substep.
+//
+// If the substep cannot be cut, the solution begins once more, from the positions at the start of the
+// substep, as a descent: plain Newton steps, linearised at the present positions with their true forces. The
+// blocks of springs and contacts are positive semidefinite in this linearisation, so that the matrix is
+// positive definite and the step descends on the incremental potential, whose gradient is the residual at
+// given friction limits. A line search on the slope of the potential shortens the step. Each step keeps the
+// friction limits of the last iterate. If this fails too, the last iterate is accepted if its residual is
+// smaller than that of the guess. Otherwise the particles stay where they are.
 #include <algorithm>
 #include <cmath>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/energy_projection.h"
-#include "solver/friction_limits.h"
-#include "solver/island_step.h"
-#include "solver/linear_solve.h"
-#include "tendon/segment_rotation.h"
+#include "solver/solver.h"
 
 namespace bt {
 
@@ -148,6 +148,47 @@ Assembly judge(Solution& s) {
   return a;
 }
 
+// Whether the guess may be torn by bodies: see choose_guess.
+bool may_be_torn(const Solution& s) { return !s.context.warm && !s.island.bodies.indices.empty(); }
+
+// Largest inertial force if no particle moves in this substep [N].
+double inertia_at_rest(const Island& island) {
+  double most = 0;
+  for (const Tendon* c : island.tendons)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < c->n(); ++i)
+        most = std::max(most, c->mass[i] * std::fabs(c->inertial_displacement[k][i]) / (c->h_eff * c->h_eff));
+  return most;
+}
+
+// Sets all particles to their positions at the start of the substep, except for anchored ones.
+void rest(Island& island) {
+  for (Tendon* c : island.tendons) {
+    c->displacement.zero();
+    c->x_new = c->x;
+    c->place_anchors();
+  }
+  place_bodies(island);
+}
+
+// The guess continues the motion of the last step. If a body that carries particles was stopped since then,
+// this guess stretches the segments beside them far more than no motion at all. Takes the guess with the
+// smaller residual. residual: of the present guess [N].
+void choose_guess(Solution& s, double residual) {
+  Island& island = s.island;
+  for (Tendon* c : island.tendons) c->dx = c->displacement;
+  rest(island);
+  Assembly a = residual_of(island, true);
+  measure_residual(island, a);
+  if (a.residual < residual) return;
+  for (Tendon* c : island.tendons) {
+    c->displacement.zero();
+    c->advance(1);
+    c->place_anchors();
+  }
+  place_bodies(island);
+}
+
 bool stiffen_contacts(Island& island) {
   bool any = false;
   for (Contact* contact : island.contacts) any |= contact->stiffen();
@@ -157,16 +198,14 @@ bool stiffen_contacts(Island& island) {
 // After an iteration with a small residual: stiffens contacts, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
-  if (s.stiffened < kMostCorrections) {
-    if (stiffen_contacts(island)) {
-      ++s.stiffened;
-      s.start_anew();
-      return Next::judge;
-    }
+  if (s.stiffened < kMostCorrections && stiffen_contacts(island)) {
+    ++s.stiffened;
+    s.start_anew();
+    return Next::judge;
   }
   if (island.result.converged) return Next::stop;
   island.result.left_predicted_region =
-      s.context.may_look && touches(island) && any_left_predicted_region(island);
+      s.context.may_detect && touches(island) && any_left_predicted_region(island);
   return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
@@ -179,6 +218,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   }
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
+  if (a.residual > s.smallest && ran_away(island)) return Next::stop;
   if (s.iteration > 0 && s.context.budget->refuses()) return Next::stop;
   return Next::step;
 }
@@ -189,9 +229,8 @@ bool find_step(Solution& s, const Assembly& a) {
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
   island.matrix.tolerance = 0.05 * enough / a.residual;
-  const Linearisation how = s.descends ? Linearisation::position : Linearisation::multiplier;
   if (!s.descends) {
-    assemble(island, how, false, s.far);
+    assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
@@ -199,7 +238,7 @@ bool find_step(Solution& s, const Assembly& a) {
     // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
     residual_of(island, true);
   }
-  assemble(island, how, true, true);
+  assemble(island, s.descends ? Linearisation::position : Linearisation::multiplier, true, true);
   return solve_linear(island, s.context, true);
 }
 
@@ -219,7 +258,8 @@ void advance(Island& island, double alpha) {
 // differences of the potential would suffer from cancellation.
 void line_search(Island& island) {
   const double start = slope_along(island);
-  double lo = 0, hi = 0, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
+  // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
+  double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
   for (int trial = 0; trial < kPatience; ++trial) {
     advance(island, alpha - at);
     at = alpha;
@@ -236,8 +276,8 @@ void line_search(Island& island) {
       hi = alpha;
       slope_hi = finite ? slope : 1e3 * std::fabs(start);
     }
-    const double guess = hi > lo ? lo - slope_lo * (hi - lo) / (slope_hi - slope_lo) : 2 * alpha;
     const double width = hi - lo;
+    const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
     alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
   }
 }
@@ -246,7 +286,9 @@ void take_step(Solution& s) {
   Island& island = s.island;
   if (s.descends) {
     line_search(island);
-    for (Contact* contact : island.contacts) contact->limit_friction();
+    // The normal force of a direct contact is that before the line search. Its limit is kept.
+    for (Contact* contact : island.contacts)
+      if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
     return;
   }
   carry_springs(island);
@@ -260,19 +302,19 @@ void take_step(Solution& s) {
 
 // Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors.
 void stay(Island& island) {
-  for (Tendon* c : island.tendons) {
-    c->displacement.zero();
-    c->x_new = c->x;
-    for (const Anchor& h : c->anchors)
-      if (h.rigid) c->place(h.particle, h.aim);
-  }
   forget_bodies(island);
+  rest(island);
 }
 
 // Iterates until the solution ends. Returns the last residual [N].
 double iterate(Solution& s) {
+  Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
-    const Assembly a = judge(s);
+    Assembly a = judge(s);
+    if (s.iteration == 0 && may_be_torn(s) && a.residual > inertia_at_rest(island)) {
+      choose_guess(s, a.residual);
+      a = judge(s);
+    }
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) return a.residual;
@@ -289,15 +331,14 @@ void end(Solution& s) {
   island.result.iterations += s.iteration;
 }
 
-}  // namespace
-
+// Solves the implicit step of the island. tendon.x_new is the starting guess, and then the result.
 void newton(Island& island, const StepContext& context) {
   Solution s{island, context};
   begin(s);
   double residual = iterate(s);
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
   // If the substep cannot be cut: solve again from its start, along descent directions.
-  if (failed() && !context.may_halve && !context.budget->refused()) {
+  if (failed() && !context.substeps->may_halve() && !context.budget->refused()) {
     stay(island);
     s.descends = true;
     s.start_anew();
@@ -312,8 +353,6 @@ void newton(Island& island, const StepContext& context) {
   end(s);
 }
 
-namespace {
-
 bool by_euler(const Island& island, const StepContext& context) {
   return std::all_of(island.tendons.begin(), island.tendons.end(),
                      [&](const Tendon* c) { return c->h_eff == context.dt; });
@@ -324,7 +363,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
+  if (!island.result.left_predicted_region && (island.result.converged || !context.substeps->may_halve()) &&
       by_euler(island, context))
     project_energy(island, context.gravity);
 }

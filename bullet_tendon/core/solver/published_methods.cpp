@@ -1,12 +1,10 @@
 // The methods of the paper: explicit Euler (6) and one linearisation of implicit Euler (8), (9).
-#include "solver/published_methods.h"
-
 #include <algorithm>
 #include <utility>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
-#include "solver/linear_solve.h"
+#include "solver/solver.h"
 #include "tendon/bending.h"
 
 namespace bt {
@@ -35,9 +33,9 @@ void contacts_now(Island& island, bool matrix) {
   for (Contact* contact : island.contacts) {
     contact->normal_force.direct = false;
     const Vec3 relative = relative_position(island, *contact, &Tendon::x);
-    contact->friction.limit = 0;
+    contact->limit_friction(0);
     contact->evaluate(relative, true);  // first for the normal force, which limits friction
-    contact->friction.limit = contact->friction.coefficient * contact->normal_force.value;
+    contact->limit_friction(contact->normal_force.value);
     contact->evaluate(relative, true);
     if (contact->normal_force.value <= 0) continue;
     add_contact_force(island, *contact);

@@ -4,8 +4,6 @@
 // known. If contacts pushed them apart along the direction that is between them by chance, a collapsed tendon
 // would form a knot. Such pairs have no contacts until they have separated. Neither do the neighbouring
 // pairs to which the crossing slides.
-#include "tendon/initial_overlap.h"
-
 #include <algorithm>
 #include <cstdint>
 #include <vector>

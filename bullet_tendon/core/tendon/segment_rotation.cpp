@@ -11,10 +11,10 @@
 // corrections are summed along the tendon, starting at its anchors. Between two anchors the closing error is
 // distributed evenly. The correction is of second order in the solution: it changes the speed of convergence
 // of Newton's method, but not its fixed point.
-#include "tendon/segment_rotation.h"
-
 #include <algorithm>
 #include <cmath>
+
+#include "tendon/tendon.h"
 
 namespace bt {
 

@@ -118,6 +118,11 @@ void Tendon::place(int i, Vec3 at) {
   x_new.set(i, at);
 }
 
+void Tendon::place_anchors() {
+  for (const Anchor& h : anchors)
+    if (h.rigid) place(h.particle, h.aim);
+}
+
 BT_VECTOR void Tendon::advance(double alpha) {
   for (int k = 0; k < 3; ++k) {
     double *u = displacement[k], *at = x_new[k];

@@ -14,6 +14,11 @@ namespace bt {
 // queries and contacts. Smaller: more detections.
 constexpr double kSlack = 0.05;
 
+// Two segments of one tendon can touch only if the arc length between them exceeds this many radii [-]. A
+// tendon in the tightest possible bend (radius of the centreline = radius of the tendon) touches itself
+// after half a turn. Smaller: neighbours push each other apart in every bend.
+constexpr double kSelfContactArc = 3.14159265358979;
+
 // The part of a tendon that only the user changes. A step never changes it.
 struct TendonModel {
   Field force;                     // constant external force [N]
@@ -33,9 +38,10 @@ struct TendonState {
   double dt_before = 0;      // length of that step [s]; 0: no history
   bool smooth = true;        // no anchor or contact changed and no impact since: bdf2 needs no restart
   double quiet = 0;          // duration of rest up to the last step [s]
-  int bed = -1;              // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp)
-  uint64_t touching = 0;     // hash of the contacts with bodies
-  bool touched = false;      // a contact exerted a force on it in the last step
+  // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp).
+  int sleeping_island = -1;
+  uint64_t touching = 0;  // hash of the contacts with bodies
+  bool touched = false;   // a contact exerted a force on it in the last step
 };
 
 // The region in which contacts are detected: predicted positions at the end of the substep [m], and the
@@ -80,6 +86,8 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   // all particles by alpha dx.
   void move(int particle, Vec3 by);
   void place(int particle, Vec3 at);
+  // Places the particles of rigid anchors at their targets.
+  void place_anchors();
   void advance(double alpha);
   // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
@@ -116,5 +124,12 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
 
 // Whether x_new of any particle is outside its predicted region.
 bool leaves_predicted_region(const Tendon& c);
+
+// Call it after tendon.dx was added to tendon.x_new. Removes the elongation of segments that is caused by
+// their rotation alone (tendon/segment_rotation.cpp).
+void keep_lengths(Tendon& c);
+// Largest sine of the angle by which a segment rotates from tendon.x to the iterate tendon.x_new. A segment
+// that is exactly reversed counts as not rotated.
+double greatest_turn(const Tendon& c);
 
 }  // namespace bt

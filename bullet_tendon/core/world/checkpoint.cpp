@@ -16,45 +16,38 @@
 
 namespace bt {
 
+// Calls copy(present, saved) for every part of a world's state and its place in a checkpoint.
+template <class W, class C, class Copy>
+void World::each_part(W& world, C& checkpoint, Copy copy) {
+  for (size_t c = 0; c < world.scene.tendons.size(); ++c) {
+    if (!world.scene.tendons[c]) continue;
+    Tendon& tendon = *world.scene.tendons[c];
+    auto& saved = checkpoint.tendons[c];
+    copy(static_cast<TendonState&>(tendon), saved.state);
+    copy(static_cast<SpringState&>(tendon.structure), saved.structure);
+    copy(static_cast<SpringState&>(tendon.shear), saved.shear);
+  }
+  copy(world.scene.links, checkpoint.links);
+  copy(world.scene.bodies, checkpoint.bodies);
+  copy(world.contacts_.memory, checkpoint.memory);
+  copy(world.contacts_.all, checkpoint.contacts);
+  copy(world.contacts_.asleep, checkpoint.sleeping_contacts);
+  copy(world.sleep_.gravity, checkpoint.rest_gravity);
+  copy(world.history_.last_step, checkpoint.last_step);
+  copy(world.history_.may_resolve, checkpoint.may_resolve);
+}
+
 void World::capture(Checkpoint& to) const {
   to.valid = true;
   to.tendons.resize(scene.tendons.size());
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    TendonCheckpoint& t = to.tendons[c];
-    t.alive = scene.tendons[c] != nullptr;
-    if (!t.alive) continue;
-    t.state = *scene.tendons[c];
-    t.structure = scene.tendons[c]->structure;
-    t.shear = scene.tendons[c]->shear;
-  }
-  to.links = scene.links;
-  to.bodies = scene.bodies;
-  to.memory = contacts_.memory;
-  to.contacts = contacts_.all;
-  to.sleeping_contacts = contacts_.asleep;
-  to.rest_gravity = sleep_.gravity;
-  to.last_step = history_.last_step;
-  to.may_resolve = history_.may_resolve;
+  for (size_t c = 0; c < scene.tendons.size(); ++c) to.tendons[c].alive = scene.tendons[c] != nullptr;
+  each_part(*this, to, [](const auto& present, auto& saved) { saved = present; });
 }
 
 void World::apply(const Checkpoint& from) {
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (!scene.tendons[c]) continue;
-    const TendonCheckpoint& t = from.tendons[c];
-    static_cast<TendonState&>(*scene.tendons[c]) = t.state;
-    static_cast<SpringState&>(scene.tendons[c]->structure) = t.structure;
-    static_cast<SpringState&>(scene.tendons[c]->shear) = t.shear;
-  }
   const int count = static_cast<int>(scene.links.size());
-  scene.links = from.links;
-  scene.bodies = from.bodies;
-  ensure_link(count - 1);  // shapes or tunnels added since then refer to links
-  contacts_.memory = from.memory;
-  contacts_.all = from.contacts;
-  contacts_.asleep = from.sleeping_contacts;
-  sleep_.gravity = from.rest_gravity;
-  history_.last_step = from.last_step;
-  history_.may_resolve = from.may_resolve;
+  each_part(*this, from, [](auto& present, const auto& saved) { present = saved; });
+  ensure_link(count - 1);          // shapes or tunnels added since then refer to links
   detection_.broad_phase.clear();  // its results do not depend on its cache
 }
 

@@ -222,12 +222,12 @@ void World::recall(Contact& contact, double inertia) {
   contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;
   contact.force.last_mean = found->mean_force;
-  contact.friction.limit = contact.friction.coefficient * contact.normal_force.lambda_previous;
+  contact.limit_friction(contact.normal_force.lambda_previous);
   contact.friction.sliding = found->sliding;
 }
 
 void World::remember() {
-  auto awake = [&](const ContactMemory& m) { return scene.tendons[m.key.tendon]->bed < 0; };
+  auto awake = [&](const ContactMemory& m) { return scene.tendons[m.key.tendon]->sleeping_island < 0; };
   contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), awake),
                          contacts_.memory.end());
   contacts_.touching.assign(step_.slots.size(), 0);

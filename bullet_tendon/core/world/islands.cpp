@@ -3,7 +3,7 @@
 #include <limits>
 #include <numeric>
 
-#include "solver/island_step.h"
+#include "solver/solver.h"
 #include "world/world.h"
 
 namespace bt {

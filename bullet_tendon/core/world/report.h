@@ -3,16 +3,20 @@
 #include "collision/narrow_phase.h"
 #include "collision/proximity_cache.h"
 #include "contact/contact.h"
-#include "world/substepper.h"
+#include "integrator/substepper.h"
 
 namespace bt {
 
 // A contact of the last step, for the user.
 struct ContactRecord {
-  int tendon = 0, segment = 0, other_tendon = -1, link = -1;
+  int tendon = 0;         // slot
+  int segment = 0;        // of this tendon
+  int other_tendon = -1;  // slot; -1: contact with a link
+  int link = -1;          // slot; -1: contact with a tendon
   ContactKind kind = ContactKind::bone;
-  Vec3 position, normal;  // position on the centreline [m]; normal from the body (or tendon b) to tendon a
-  double distance = 0;    // between the surfaces [m]
+  Vec3 position;        // on the centreline [m]
+  Vec3 normal;          // unit vector, from the body (or the other tendon) to this tendon
+  double distance = 0;  // between the surfaces [m]
   double normal_force = 0, friction_force = 0;  // [N]
 };
 

@@ -76,7 +76,7 @@ bool World::take_back() {
     if (!scene.tendons[c]) continue;
     const TendonState& user = last.tendons[c].state;
     choose_again(user, *scene.tendons[c]);
-    if (user.bed < 0) wake_tendon(static_cast<int>(c));
+    if (user.sleeping_island < 0) wake_tendon(static_cast<int>(c));
   }
   return true;
 }

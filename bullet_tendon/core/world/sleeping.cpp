@@ -99,15 +99,15 @@ double skin_of(const Tendon& c, double threshold) { return (1 + kSlack) * c.radi
 }  // namespace
 
 void World::wake_tendon(int tendon) {
-  const int bed = scene.tendons[tendon]->bed;
+  const int island = scene.tendons[tendon]->sleeping_island;
   scene.tendons[tendon]->quiet = 0;
-  if (bed < 0) return;
+  if (island < 0) return;
   for (auto& c : scene.tendons)
-    if (c && c->bed == bed) {
-      c->bed = -1;
+    if (c && c->sleeping_island == island) {
+      c->sleeping_island = -1;
       c->quiet = 0;
     }
-  auto woken = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->bed < 0; };
+  auto woken = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island < 0; };
   contacts_.asleep.erase(std::remove_if(contacts_.asleep.begin(), contacts_.asleep.end(), woken),
                          contacts_.asleep.end());
 }
@@ -119,7 +119,7 @@ void World::wake_all() {
 
 bool World::any_asleep() const {
   return std::any_of(scene.tendons.begin(), scene.tendons.end(),
-                     [](const auto& c) { return c && c->bed >= 0; });
+                     [](const auto& c) { return c && c->sleeping_island >= 0; });
 }
 
 bool World::feels(const Tendon& c, int slot, double dt) const {
@@ -147,7 +147,7 @@ void World::wake_disturbed(double dt) {
     if (step_.whole || !options.sleep || !same(step_.context.gravity, sleep_.gravity)) wake_all();
     for (size_t l = 0; l < scene.links.size(); ++l)
       for (size_t c = 0; scene.links[l].moved && c < scene.tendons.size(); ++c)
-        if (scene.tendons[c] && scene.tendons[c]->bed >= 0 &&
+        if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 &&
             feels(*scene.tendons[c], static_cast<int>(l), dt))
           wake_tendon(static_cast<int>(c));
   }
@@ -178,7 +178,7 @@ bool World::wake_met() {
   for (size_t a = 0; a < step_.slots.size(); ++a)
     if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
   for (size_t c = 0; c < scene.tendons.size(); ++c)
-    if (scene.tendons[c] && scene.tendons[c]->bed >= 0 && is_met(*scene.tendons[c])) {
+    if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 && is_met(*scene.tendons[c])) {
       wake_tendon(static_cast<int>(c));
       any = true;
     }
@@ -190,7 +190,7 @@ bool World::wake_met() {
 void World::join_step() {
   step_.slots.resize(scene.tendons.size());
   for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (step_.slots[c] || !scene.tendons[c] || scene.tendons[c]->bed >= 0) continue;
+    if (step_.slots[c] || !scene.tendons[c] || scene.tendons[c]->sleeping_island >= 0) continue;
     step_.slots[c] = scene.tendons[c].get();
     step_.slots[c]->keep_multipliers(step_.slots[c]->start_multipliers);
     for (Anchor& h : step_.slots[c]->anchors) {
@@ -238,10 +238,10 @@ void World::fall_asleep() {
     const int root = step_.slots[c] ? island_root(static_cast<int>(c)) : 0;
     if (step_.slots[c] && sleep_.restful[root] && !sleep_.restless[root]) {
       lie_still(*step_.slots[c]);
-      step_.slots[c]->bed = root;
+      step_.slots[c]->sleeping_island = root;
     }
   }
-  auto sleeps = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->bed >= 0; };
+  auto sleeps = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island >= 0; };
   std::copy_if(contacts_.all.begin(), contacts_.all.end(), std::back_inserter(contacts_.asleep), sleeps);
   contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(), sleeps),
                       contacts_.all.end());
@@ -255,7 +255,7 @@ void World::push_asleep() {
     if (contact.link >= 0)
       scene.links[contact.link].apply(-contact.force.mean, contact.a.of(scene.tendons[contact.a.tendon]->x));
   for (const auto& c : scene.tendons)
-    for (size_t i = 0; c && c->bed >= 0 && i < c->anchors.size(); ++i) {
+    for (size_t i = 0; c && c->sleeping_island >= 0 && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
       if (h.link >= 0) scene.links[h.link].apply(h.step_force, to_world(scene.links[h.link].pose, h.local));
     }

@@ -1,8 +1,8 @@
 // All fields of a saved state, by name: visit(archive, struct) for every saved struct.
 //
 // The order of the fields affects only the bytes. The hash of a field's name precedes it in the bytes, so
-// that a reader rejects another layout and names the first field that differs. Some names
-// differ from those of the members.
+// that a reader rejects another layout and names the first field that differs. A name is that of the
+// member, except for members of nested structs.
 #pragma once
 #include "collision/proximity_cache.h"
 #include "world/checkpoint.h"
@@ -50,14 +50,14 @@ void visit(A& a, TendonState& s) {
   a("dt_before", s.dt_before);
   a("smooth", s.smooth);
   a("quiet", s.quiet);
-  a("bed", s.bed);
+  a("sleeping_island", s.sleeping_island);
   a("touching", s.touching);
   a("touched", s.touched);
 }
 
 template <class A>
 void visit(A& a, SpringState& s) {
-  a("carried", s.lambda);
+  a("lambda", s.lambda);
   a("elastic", s.elastic);
   a("slope", s.slope);
 }
@@ -110,8 +110,9 @@ struct StateFields {
   static void of(A& a, GeneralizedBody& m) {
     a("rates", m.rates);
     a("free", m.free);
-    a("falls", m.gravity_response);
-    a("gyration", m.gyroscopic_acceleration);
+    a("gravity_response", m.gravity_response);
+    a("velocity_response", m.velocity_response);
+    a("velocity_acceleration", m.velocity_acceleration);
     a("limits", m.limits);
     a("contacts", m.contacts);
     a("contacts_known", m.contacts_known);
@@ -119,7 +120,7 @@ struct StateFields {
     a("root", m.root);
     a("change", m.change);
     a("touches", m.touches);
-    a("turns", m.turning.far);
+    a("turns_far", m.turning.far);
     a("stopped_by", m.stopped_by_);
     a("stops", m.stops_);
     a("directions", m.directions_);
@@ -147,7 +148,7 @@ void visit(A& a, Link& l) {
   a("now_spin", l.now_spin);
   a("velocity", l.velocity);
   a("spin", l.spin);
-  a("mover", l.body);
+  a("body", l.body);
   a("yielded", l.yielded);
   a("moved", l.moved);
   a("jacobian", l.jacobian);
@@ -169,17 +170,17 @@ void visit(A& a, ContactKey& k) {
 template <class A>
 void visit(A& a, ContactMemory& m) {
   a("key", m.key);
-  a("carried", m.lambda);
-  a("confirmed", m.lambda_confirmed);
+  a("lambda", m.lambda);
+  a("lambda_confirmed", m.lambda_confirmed);
   a("sliding", m.sliding);
   a("mean_force", m.mean_force);
-  a("b", m.h_eff);
-  a("stuck", m.tangent_anchor);
+  a("h_eff", m.h_eff);
+  a("tangent_anchor", m.tangent_anchor);
 }
 
 template <class A>
 void visit(A& a, SegmentPoint& s) {
-  a("chain", s.tendon);
+  a("tendon", s.tendon);
   a("first", s.first);
   a("w0", s.w0);
   a("w1", s.w1);
@@ -189,16 +190,15 @@ void visit(A& a, SegmentPoint& s) {
 template <class A>
 void visit(A& a, Contact& r) {
   a("key", r.key);
-  a("kind", r.key.kind);
   a("a", r.a);
   a("b", r.b);
   a("link", r.link);
   a("normal", r.geometry.normal);
-  a("allowed", r.geometry.depth_allowance);
-  a("beyond", r.geometry.margin);
+  a("depth_allowance", r.geometry.depth_allowance);
+  a("margin", r.geometry.margin);
   a("gap", r.geometry.gap);
   a("normal_force", r.normal_force.value);
-  a("tangent_force", r.friction.force);
+  a("friction_force", r.friction.force);
   a("mean_force", r.force.mean);
 }
 
@@ -219,8 +219,8 @@ void visit(A& a, Entry& e) {
   a("clearance", e.clearance);
   a("age", e.age);
   a("asked", e.asked);
-  a("first", e.a);
-  a("second", e.b);
+  a("a", e.a);
+  a("b", e.b);
   a("listed", e.listed);
 }
 

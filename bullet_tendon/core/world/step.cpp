@@ -19,7 +19,6 @@
 #include <cmath>
 #include <optional>
 
-#include "tendon/segment_rotation.h"
 #include "world/world.h"
 
 namespace bt {
@@ -71,6 +70,7 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
 void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.context.gravity = gravity;
   step_.context.options = options;
+  step_.context.substeps = &step_.substeps;
   step_.context.budget = &step_.budget;
   step_.whole = whole;
   find_solid_links();
@@ -92,9 +92,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
 void World::predict() {
   step_.context.dt = step_.substeps.h();
-  step_.context.whole = step_.whole;
-  step_.context.part = !step_.substeps.is_whole();
-  step_.context.may_halve = step_.substeps.may_halve();
   step_.detections = 0;
   find_turning();
   find_point_masses();
@@ -166,7 +163,7 @@ std::optional<Reason> World::solve_islands() {
   step_.context.warm = step_.detections > 0;
   const bool may_detect =
       step_.substeps.divisible() && (step_.detections < kMostDetections || step_.substeps.may_halve());
-  step_.context.may_look = may_detect && !step_.budget.exhausted();
+  step_.context.may_detect = may_detect && !step_.budget.exhausted();
   const bool finite = solve_each_island();
   if ((!finite || step_.unconverged) && step_.substeps.may_halve() && !step_.budget.refuses())
     return Reason::not_converged;
@@ -286,8 +283,8 @@ void World::finish_step_of_world() {
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
-  step_.report.asleep =
-      std::count_if(scene.tendons.begin(), scene.tendons.end(), [](auto& c) { return c && c->bed >= 0; });
+  step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),
+                                      [](auto& c) { return c && c->sleeping_island >= 0; });
   fall_asleep();
 }
 

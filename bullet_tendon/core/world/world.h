@@ -16,7 +16,8 @@
 #include <vector>
 
 #include "collision/broad_phase.h"
-#include "solver/linear_solve.h"
+#include "integrator/scheme.h"
+#include "solver/island.h"
 #include "world/checkpoint.h"
 #include "world/report.h"
 
@@ -176,6 +177,8 @@ class World {
 
  private:
   // world/checkpoint.cpp
+  template <class W, class C, class Copy>
+  static void each_part(W& world, C& checkpoint, Copy copy);
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;

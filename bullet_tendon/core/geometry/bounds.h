@@ -1,6 +1,6 @@
-// Boxes along the axes.
+// Bounds of points: boxes along the axes, and bounds on how far points move.
 #pragma once
-#include "math/vec3.h"
+#include "math/soa_field.h"
 
 namespace bt {
 
@@ -23,6 +23,19 @@ struct Box {
 inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the margin m
   return a.lo.x <= b.hi.x + m && b.lo.x <= a.hi.x + m && a.lo.y <= b.hi.y + m && b.lo.y <= a.hi.y + m &&
          a.lo.z <= b.hi.z + m && b.lo.z <= a.hi.z + m;
+}
+
+// Of points that all move by `by`, each of them give or take `off` [m].
+struct MotionBound {
+  Vec3 by;
+  double off = 0;
+};
+
+MotionBound motion_between(const Field& from, const Field& to);
+
+// By how much a point of one and a point of the other approach each other at most [m].
+inline double relative_motion(const MotionBound& a, const MotionBound& b) {
+  return norm(a.by - b.by) + a.off + b.off;
 }
 
 }  // namespace bt

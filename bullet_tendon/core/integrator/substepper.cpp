@@ -1,4 +1,4 @@
-#include "world/substepper.h"
+#include "integrator/substepper.h"
 
 namespace bt {
 

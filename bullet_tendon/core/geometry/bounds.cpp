@@ -1,4 +1,4 @@
-#include "geometry/motion_bound.h"
+#include "geometry/bounds.h"
 
 #include <algorithm>
 

@@ -1,0 +1,52 @@
+// The solution of one island.
+//
+// `solve` is the entry (solver/island_step.cpp). It selects the method by the options:
+//
+//   converged_step         Newton's method to the tolerance (solver/newton.cpp), then the velocities, and the
+//                          removal of the energy that the step created (solver/energy_projection.cpp)
+//   single_linearisation   one linearisation of implicit Euler (solver/published_methods.cpp)
+//   explicit_euler         no linear system (solver/published_methods.cpp)
+//
+// Newton's method repeats: residual_of, update_direct, measure_residual and assemble (solver/assembly.h);
+// solve_linear, for tendon.dx and dy of the bodies (solver/linear_solve.cpp, solver/body_schur.h);
+// solve_limits, which corrects them (solver/friction_limits.cpp).
+//
+// Before: begin_step (integrator/scheme.h) has computed h_eff, the inertial target, the guess tendon.x_new
+// and the rigid anchors' particles of every tendon. The contacts have their geometry and their multipliers.
+// After: tendon.x_new, tendon.v_new, the multipliers, the forces of anchors and contacts, and island.result
+// are those of the solution. tendon.x and tendon.v are unchanged: the Substepper decides whether the solution
+// becomes the state.
+#pragma once
+#include "integrator/scheme.h"
+#include "solver/island.h"
+
+namespace bt {
+
+// One substep by the method of the options.
+void solve(Island& island, const StepContext& context);
+
+void converged_step(Island& island, const StepContext& context);
+void single_linearisation(Island& island, const StepContext& context);
+void explicit_euler(Island& island, const StepContext& context);
+
+// Solves A step = -residual, with all anchors applied and with the unknowns of bodies. A is banded, or sparse
+// where tendons touch. Alternatively it uses preconditioned conjugate gradients. definite: the matrix was
+// assembled to be positive definite. false: the matrix is not positive definite.
+bool solve_linear(Island& island, const StepContext& context, bool definite);
+// x = A^-1 b by the factors of the last solution, bodies included. Their right-hand side is their residual,
+// and corner_side receives their part of x. false: conjugate gradients met a direction without positive
+// curvature.
+bool solve_again(Island& island, const Options& o, Which b, Which x);
+// y = alpha x + beta y, for every tendon.
+void combine(Island& island, double alpha, Which x, double beta, Which y);
+// cg_image = A cg_direction.
+void multiply(Island& island);
+
+// Corrects tendon.dx for friction limits that change with the normal forces of the step. Changes below a
+// small share of `enough` [N] are neglected.
+void solve_limits(Island& island, const StepContext& context, double enough);
+
+// Removes the energy that a step of implicit Euler created from tendon.v_new.
+void project_energy(Island& island, Vec3 gravity);
+
+}  // namespace bt
