@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "geometry/golden_section.h"
+#include "math/rounding.h"
 
 namespace bt {
 

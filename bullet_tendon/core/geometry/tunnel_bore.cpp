@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "geometry/golden_section.h"
+#include "math/rounding.h"
 
 namespace bt {
 
