@@ -17,6 +17,7 @@ testing: ModuleType  # what only tests call: terms, solvers and searches by them
 def allocated_bytes() -> int: ...
 
 CUT_OFF_RATE: float  # m/s, rad/s: from which a rate is taken for one that pybullet cut off
+MOST_RATE: float  # m/s, rad/s: at which pybullet cuts rates off
 
 HINGE: int
 SLIDER: int

@@ -272,6 +272,7 @@ def exchange_wrench(body, link, old, new, dt, client, stopped=()) -> None:
     took, gives = dt * _core.answer(parts[1], jacobian.T @ np.transpose([old, new])).T
     most = np.where(np.abs(now) > _core.CUT_OFF_RATE, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
+    change = np.clip(now + change, -_core.MOST_RATE, _core.MOST_RATE) - now  # and so it does with the new one
     if p.getDynamicsInfo(body, -1, client)[0] > 0:
         _push_base(body, now[:6] + change[:6], change[:6], dt, client)
         change = change[6:]

@@ -29,6 +29,20 @@ def pull(client, body, force):
     return np.array(place)
 
 
+@pytest.mark.parametrize("mass", [1e-3, 0.1])
+def test_pulls_through_the_centre_do_not_turn_a_body(make_world, client, mass):
+    """Also in steps that are cut, in which the body moves before the last forces act."""
+    world, cut = make_world(1 / 1000), 0
+    body, _ = hung(client, world, mass, 1e3)
+    world.step(3)
+    for _ in range(20):
+        pull(client, body, [30.0, -20.0, -400.0])
+        world.step()
+        cut += world.report.counts["substeps"] > 1
+        np.testing.assert_allclose(p.getBaseVelocity(body, client)[1], 0, rtol=0, atol=1e-6)
+    assert cut >= 5
+
+
 @pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 60])
 @pytest.mark.parametrize("mass", [1e-3, 0.1, 10.0])
 @pytest.mark.parametrize("stiffness", [1e3, 1e6])

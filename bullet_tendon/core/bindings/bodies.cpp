@@ -350,13 +350,12 @@ py::list pushes(const World& w) {
   for (std::size_t i = 0; i < w.scene.links.size(); ++i) {
     const Link& l = w.scene.links[i];
     const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
-    const Vec3 centre = l.turned.far ? l.start_centre : l.centre;
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
     if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kAcross * force * torque && force > 0) {
-      const Vec3 point = centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
+      const Vec3 point = l.start_centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
       out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
     } else {
-      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(centre), tuple(l.wrench.torque)));
+      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(l.start_centre), tuple(l.wrench.torque)));
     }
   }
   return out;

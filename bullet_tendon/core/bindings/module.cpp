@@ -47,6 +47,7 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "Compiled core of bullet_tendon: mechanics, contact and time stepping.";
   m.def("allocated_bytes", &allocated_bytes);
   m.attr("CUT_OFF_RATE") = kCutOff * kMostRate;
+  m.attr("MOST_RATE") = kMostRate;
   GuardedWorld world(m);
   bind_report(m);
   bind_articulated(m);

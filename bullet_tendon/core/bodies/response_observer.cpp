@@ -12,14 +12,10 @@ namespace {
 // response [-]. Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
 constexpr double kReleased = 0.2;
 
-// Smallest relative change of the forces from which the observer learns, and smallest error of the predicted
-// change of the acceleration, relative to the acceleration, that it learns from [-]: rounding, and the
-// damping of links, which pybullet does not report. Smaller: a free arm that swings fast is taken for a held
-// one.
-constexpr double kLeastNews = 3e-3;
+// Smallest relative change of the forces from which the observer learns [-]: rounding and noise.
+constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces, the cosine between both, and, for an increased response, the relative change of
-// the forces.
+// the change of the forces, and, for an increased response, the relative change of the forces.
 constexpr double kEvidence = 0.1;
 
 }  // namespace
@@ -44,7 +40,9 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     measure(sampled_.empty() ? rates : sampled_, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    if (!alone || !leave_out_cut(sampled_.empty() ? rates : sampled_)) {
+    const bool cut = alone && leave_out_cut(sampled_.empty() ? rates : sampled_);
+    take_to_root(now_);
+    if (!cut) {
       released_ = held_ && was_released(now_);
       if (samples_ > 0 && !was_cut() && !stops_known) learn(now_);
     }
@@ -148,29 +146,24 @@ bool Observer::was_released(const Sample& now) {
   return beyond > kReleased * dot(one_, one_);
 }
 
+void Observer::take_to_root(Sample& sample) {
+  multiply_transposed(root_, sample.forces, sample.root_forces);
+  sample.root_acceleration = sample.acceleration;
+  forward(root_, sample.root_acceleration);
+}
+
 void Observer::learn(const Sample& now) {
-  // s = L^T d(w), e = L^-1 d(a)
-  other_.resize(n_);
-  e_.resize(n_);
-  for (int i = 0; i < n_; ++i) {
-    other_[i] = now.forces[i] - last_.forces[i];
-    e_[i] = now.acceleration[i] - last_.acceleration[i];
-  }
-  multiply_transposed(root_, now.forces, one_);
-  const double whole = dot(one_, one_);
-  multiply_transposed(root_, other_, s_);
-  const double news = dot(s_, s_);
+  s_.resize(n_);
+  for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
+  const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
   if (news <= kLeastNews * kLeastNews * whole) return;
-  forward(root_, e_);
-  multiply(share_, s_, other_);
-  one_ = now.acceleration;
-  forward(root_, one_);
-  const double moving = dot(one_, one_);
-  for (int i = 0; i < n_; ++i) e_[i] -= other_[i];
+  multiply(share_, s_, e_);
+  for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
   const double es = dot(e_, s_), ee = dot(e_, e_);
-  if (ee <= kEvidence * kEvidence * news || ee <= kLeastNews * kLeastNews * moving) return;
-  // An error that is not along the change of the forces has another cause.
-  if (es * es <= kEvidence * kEvidence * ee * news) return;
+  if (ee <= kEvidence * kEvidence * news) return;
+  // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
+  // has another cause.
+  if (ee > 2 * std::fabs(es)) return;
   // The motion of a body that the user moves changes slightly in every step, independently of the forces.
   if (es > 0 && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)

@@ -5,7 +5,7 @@
 // last two steps. a is the observed acceleration (without gravity's), d the difference between the steps:
 //
 //   response   R_eff = L G L^T with R = L L^T (Cholesky). A held body has d(a) != R_eff d(w).
-//              With s = L^T d(w), y = L^-1 d(a), e = y - G s: G += e e^T/(e.s), the symmetric rank-one update
+//              With s = d(L^T w), y = d(L^-1 a), e = y - G s: G += e e^T/(e.s), the symmetric rank-one update
 //              (Conn, Gould and Toint 1991). The eigenvalues of G are limited to [0, 1], because no response
 //              exceeds the free one. One update finds one rigid constraint.
 //   push       r = a - R_eff w, the smaller one of two steps by coordinate, so that an impact is not
@@ -62,6 +62,8 @@ class Observer {
   friend struct StateFields;  // world/state_fields.h
   struct Sample {
     Numbers forces, acceleration;
+    // L^T w and L^-1 a, with the L of their step: the body has moved since, and L with it.
+    Numbers root_forces, root_acceleration;
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
   };
   void start(int n);
@@ -69,6 +71,7 @@ class Observer {
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   bool leave_out_cut(const Numbers& rates);
+  void take_to_root(Sample& sample);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
   void learn(const Sample& now);

@@ -84,6 +84,8 @@ struct StateFields {
   static void of(A& a, Observer::Sample& s) {
     a("forces", s.forces);
     a("acceleration", s.acceleration);
+    a("root_forces", s.root_forces);
+    a("root_acceleration", s.root_acceleration);
     a("cut", s.cut);
   }
   template <class A>
