@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "math/rounding.h"
 #include "math/sym3.h"
 
 namespace bt {
@@ -16,10 +17,6 @@ constexpr double kFarTurn = 0.01;
 // the swing of light bodies on taut tendons grows, from 4 on without bound. Smaller: the swing of a body that
 // hangs on an arm is damped.
 constexpr double kFarSwing = 0.25;
-
-// A direction is new if at least this share of its square is orthogonal to the others [-]. Larger: bodies do
-// not yield where they could. Smaller: rounding counts as a direction.
-constexpr double kSameDirection = 1e-20;
 
 }  // namespace
 
@@ -64,7 +61,7 @@ void GeneralizedBody::widen(Numbers direction) {
     for (size_t i = 0; i < size; ++i) direction[i] -= part[i];
   }
   const double left = dense::dot(direction, direction);
-  if (!(left > kSameDirection * whole)) return;
+  if (!(left > kRoundingShare * kRoundingShare * whole)) return;  // not a new direction
   for (double v : direction) unknowns.basis.push_back(v / std::sqrt(left));
   ++unknowns.freedom;
 }

@@ -14,14 +14,11 @@
 #include <utility>
 
 #include "bodies/body_response.h"
+#include "math/rounding.h"
 
 namespace bt {
 
 namespace {
-
-// A direction whose response is below this share of the free response does not yield [-]. Joints yield in
-// some directions only.
-constexpr double kRank = 1e-9;
 
 // Share of the depth behind a joint limit that pybullet corrects in a step (Bullet's erp) [-]. pybullet does
 // not report it. The effect of another value is learned as a push on the body.
@@ -30,9 +27,6 @@ constexpr double kTakenBack = 0.2;
 // a step [-] (the defaults of pybullet's slop and contactERP; it does not report them).
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
-
-// A stop acts if it changes the rate by more than this share of the rates involved [-]: rounding.
-constexpr double kLeastPush = 1e-9;
 
 // Maximum number of Gauss-Seidel sweeps over the stops of a body, and change of a rate, as a share of the
 // rates involved, below which the sweeps end [-]. Fewer: wrong active stops if there are many.
@@ -90,11 +84,12 @@ double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
   return sum;
 }
 
-// Adds a stop along work_.direction.
+// Adds a stop along work_.direction, unless its response is rounding: joints yield in some directions only.
 void GeneralizedBody::add_stop(double wanted, int coordinate) {
   dense::multiply_transposed(root, work_.direction, work_.half);
   dense::multiply(free, work_.direction, work_.known);
-  if (!(dense::dot(work_.half, work_.half) > kRank * dense::dot(work_.direction, work_.known))) return;
+  if (!(dense::dot(work_.half, work_.half) > kRoundingShare * dense::dot(work_.direction, work_.known)))
+    return;
   const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
   stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false});
   directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
@@ -154,7 +149,8 @@ bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
     Stop& s = stops_[a];
     s.held_back = s.missing - dt * work_.given[a];
     const double size = std::fabs(s.missing) + dt * std::fabs(work_.given[a]);
-    const bool acts = pushes_[a] * work_.within[a * m + a] > kLeastPush * size;
+    // It acts if it changes the rate by more than rounding.
+    const bool acts = pushes_[a] * work_.within[a * m + a] > kRoundingShare * size;
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;

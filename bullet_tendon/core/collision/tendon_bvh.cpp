@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "tendon/tendon.h"
@@ -9,9 +10,6 @@
 namespace bt {
 
 namespace {
-
-// Relative rounding error of a sum [-].
-constexpr double kSumRounding = 3e-16;
 
 // Empty if both are empty.
 Box around_both(const Box& p, const Box& q) { return {lowest(p.lo, q.lo), highest(p.hi, q.hi)}; }
@@ -43,7 +41,7 @@ void TendonBvh::follow(const Tendon& c, double threshold) {
   if (nodes_.empty()) begin(c);
   const MotionBound since = motion_between(last_, c.x);
   moved_.by += since.by;
-  moved_.off += since.off + kSumRounding * max_abs(moved_.by);
+  moved_.off += since.off + std::numeric_limits<double>::epsilon() * max_abs(moved_.by);  // rounded sums
   ahead_ = motion_between(c.x, c.predicted);
   last_ = c.x;
   if (std::exchange(rest_set_, c.rest_set) == c.rest_set) return;

@@ -7,12 +7,11 @@ namespace bt {
 
 namespace {
 
-// A contact deeper than kDepth radii is stiffened within the step, by the factor kStiffening, up to
-// kMostStiffening times its first stiffness [-]. A larger kMostStiffening: the small depths that arise where
-// a segment slides over an edge give excessive forces.
+// A contact deeper than kDepth radii is stiffened within the step, by the factor kStiffening, at most twice
+// [-]. Larger: the small depths that arise where a segment slides over an edge give excessive forces.
+// Smaller: depths take more multiplier updates.
 constexpr double kDepth = 5e-4;
 constexpr double kStiffening = 10.0;
-constexpr double kMostStiffening = 50.0;
 
 // Gap [m], normal and curvature [1/m] of the wall of a bore at x. `around`: tangential unit vector.
 void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
@@ -90,7 +89,7 @@ bool Contact::stiffen() {
 
 void Contact::take_over(double force) {
   normal_force.lambda = force;
-  if (normal_force.stiffness < kMostStiffening * normal_force.softest) normal_force.stiffness *= kStiffening;
+  if (normal_force.stiffness <= kStiffening * normal_force.softest) normal_force.stiffness *= kStiffening;
 }
 
 void Contact::settle(Vec3 relative) {

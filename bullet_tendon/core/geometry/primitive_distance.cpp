@@ -4,22 +4,16 @@
 #include <array>
 #include <cmath>
 
+#include "math/rounding.h"
+
 namespace bt {
 
 namespace {
 
-// Of closed forms (geometry/primitive_distance.h): cosine between a segment and the way to it up to which it
-// is parallel to the surface; rounding of a place, and what a distance has to exceed to be one, as shares of
-// coordinates [-]. Larger: what is slanted, or a little way off, is taken for flat, or touching. Smaller:
-// rounding decides.
-constexpr double kParallel = 1e-14;
-constexpr double kLineRounding = 2e-16;
-constexpr double kOnSurface = 1e-15;
-// Steps and widths at which searches along a segment end [-]. Fewer, or wider: nearest points are off. More,
-// or narrower: rounding is searched for.
-constexpr int kRootSteps = 60;
-constexpr double kRootWidth = 1e-15, kDeepestWidth = 1e-9;
-constexpr double kGolden = 0.6180339887498949;
+// Rounding of a closed form, as a share of the coordinates [-]: of a place, of a distance, of the cosine
+// between a segment and the way to it, and of the parameter at which a search along a segment ends. Larger:
+// what is slanted, or a little way off, is taken for flat, or touching. Smaller: rounding decides.
+constexpr double kFormRounding = 1e-14;
 
 double beyond(double x, double half) { return x > half ? x - half : x < -half ? x + half : 0; }
 double sum_of(Vec3 v) { return std::fabs(v.x) + std::fabs(v.y) + std::fabs(v.z); }
@@ -55,7 +49,7 @@ double Primitive::inside(Vec3 x, Vec3& normal) const {
 struct AlongPrimitive {
   const Primitive& primitive;
   const Vec3 a, d;
-  const double reach = sum_of(d), rounding = kLineRounding * (sum_of(a) + reach);
+  const double reach = sum_of(d), rounding = kFormRounding * (sum_of(a) + reach);
   std::array<double, 6> breaks{};
   int count = 0;
 
@@ -65,7 +59,7 @@ struct AlongPrimitive {
   double slope(double u) const {
     const Vec3 gap = primitive.gap(at(u));
     const double value = dot(gap, d);
-    return std::fabs(value) <= reach * (kParallel * sum_of(gap) + rounding) ? 0 : value;
+    return std::fabs(value) <= reach * (kFormRounding * sum_of(gap) + rounding) ? 0 : value;
   }
 
   void add_break(double u) {
@@ -111,11 +105,11 @@ struct AlongPrimitive {
 
   // The zero of the slope, which is low < 0 at 0 and high > 0 at 1. Breaks first, because between them a
   // box's is linear and a cylinder's smooth; then regula falsi with the Illinois rule, which ends at once
-  // where it is linear.
+  // where it is linear. Every point is strictly between the ends, so that the search ends.
   double root(double low, double high) {
     double left = 0, right = 1, u = 0;
     int kept = 0;
-    for (int step = 0; step < kRootSteps && right - left >= kRootWidth; ++step) {
+    for (int step = 0; right - left >= kFormRounding; ++step) {
       u = step < count ? breaks[step] : (left * high - right * low) / (high - low);
       const double value = slope(u);
       if (value == 0) break;
@@ -142,18 +136,11 @@ struct AlongPrimitive {
     return size > 0 ? size : primitive.inside(at(u), normal);
   }
 
-  // Golden section on the core's signed distance, which is convex along a line.
+  // Where the core's signed distance, which is convex along a line, is least.
   double deepest() const {
-    double left = 0, right = 1;
-    while (right - left > kDeepestWidth) {
-      const double u = right - kGolden * (right - left), v = left + kGolden * (right - left);
-      if (signed_distance(u) <= signed_distance(v))
-        right = v;
-      else
-        left = u;
-    }
+    const double inner = golden_section(0, 1, [&](double u) { return signed_distance(u); });
     double best = 0;
-    for (const double w : {1.0, 0.5 * (left + right)})
+    for (const double w : {1.0, inner})
       if (signed_distance(w) < signed_distance(best)) best = w;
     return best;
   }
@@ -164,7 +151,7 @@ Primitive::Nearest Primitive::nearest(Vec3 a, Vec3 b) const {
   double u = along.nearest();
   Vec3 normal = gap(along.at(u));
   double size = norm(normal);
-  if (size > kOnSurface * (sum_of(a) + along.reach))
+  if (size > along.rounding)
     normal = (1 / size) * normal;
   else  // it touches, as far as rounding can tell, or runs through
   {

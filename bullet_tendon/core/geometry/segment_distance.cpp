@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "math/rounding.h"
+
 namespace bt {
 
 namespace {
@@ -10,9 +12,6 @@ namespace {
 // Times that two segments are advanced towards each other at most to see when they could touch [-]. Fewer:
 // steps are taken in parts because of what passes by.
 constexpr int kAdvances = 8;
-
-// One and the cosine of a turn, up to which it may as well be about any axis [-].
-constexpr double kHalfTurn = 1e-9;
 
 // Square of the sine between segments under which they are nearly parallel, and under which the crossing of
 // their lines is lost in rounding [-].
@@ -96,7 +95,7 @@ Sweep::Sweep(const Vec3 (&start)[4], const Vec3 (&end)[4]) {
 
 void Sweep::unturn(Vec3 chord, Vec3 chord_after) {
   const Vec3 p = unit_or(chord, {}), q = unit_or(chord_after, {});
-  if (!(dot(p, q) > kHalfTurn - 1)) return;  // about no axis in particular
+  if (!(dot(p, q) > kRoundingShare - 1)) return;  // about no axis in particular
   before = p;
   after = q;
   const Vec3 pivot = from[1], now = from[1] + way[1];

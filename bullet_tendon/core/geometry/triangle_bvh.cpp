@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/segment_distance.h"
+#include "math/rounding.h"
 
 namespace bt {
 
@@ -15,12 +16,6 @@ namespace {
 // [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
 // queries.
 constexpr size_t kMostNearby = 64;
-// Distance, as a share of a surface's size, up to which rounding may hide that it is touched [-]: FCL is
-// asked.
-constexpr double kTouches = 1e-9;
-
-// Triangles in a leaf of a surface's tree [-].
-constexpr int kLeafTriangles = 4;
 
 double along(Vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
 
@@ -110,7 +105,7 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
 }
 
 Surface::Surface(std::vector<Triangle> triangles) : triangles_(std::move(triangles)) {
-  nodes_.reserve(triangles_.size());
+  nodes_.reserve(2 * triangles_.size());
   if (!triangles_.empty()) build(0, static_cast<int>(triangles_.size()));
   if (!nodes_.empty()) size_ = norm(nodes_[0].box.hi - nodes_[0].box.lo);
   const auto* bytes = reinterpret_cast<const unsigned char*>(triangles_.data());
@@ -124,7 +119,7 @@ int Surface::build(int first, int count) {
   Node node{{}, first, count, -1};
   for (int k = first; k < first + count; ++k) node.box.include(box_of(triangles_[k]));
   nodes_.push_back(node);
-  if (count <= kLeafTriangles) return at;
+  if (count == 1) return at;
   const Vec3 size = node.box.hi - node.box.lo;
   const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
   const auto begin = triangles_.begin() + first;
@@ -174,7 +169,7 @@ double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) con
 Nearest Surface::search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& found) const {
   list(a, b, within, found);
   for (const Nearby& near : found)
-    if (near.distance <= kTouches * size_) return {};
+    if (near.distance <= kRoundingShare * size_) return {};
   return nearest(found, a, b);
 }
 

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "math/rounding.h"
+
 namespace bt {
 
 Vec3 nearest_on_circle(Vec3 p, Vec3 centre, Vec3 axis, double radius, Vec3 fallback) {
@@ -22,27 +24,21 @@ double to_circle(Vec3 a, Vec3 d, double u, Vec3 centre, Vec3 axis, double radius
 
 double nearest_to_circle(Vec3 a, Vec3 b, Vec3 centre, Vec3 axis, double radius) {
   const Vec3 d = b - a;
+  auto square = [&](double u) { return to_circle(a, d, u, centre, axis, radius); };
+  // Intervals between samples [-]. Fewer: the nearer one of two minima may be missed. More: slower.
   constexpr int kSamples = 8;
   int best = 0;
-  double least = to_circle(a, d, 0, centre, axis, radius);
+  double least = square(0);
   for (int s = 1; s <= kSamples; ++s) {
-    double value = to_circle(a, d, static_cast<double>(s) / kSamples, centre, axis, radius);
+    const double value = square(static_cast<double>(s) / kSamples);
     if (value < least) {
       least = value;
       best = s;
     }
   }
-  double lo = std::max(0, best - 1) / static_cast<double>(kSamples);
-  double hi = std::min(kSamples, best + 1) / static_cast<double>(kSamples);
-  constexpr double kGolden = 0.6180339887498949;
-  for (int i = 0; i < 36; ++i) {  // golden section: 1e-8 of a segment, where D is flat anyway
-    double u = hi - kGolden * (hi - lo), w = lo + kGolden * (hi - lo);
-    if (to_circle(a, d, u, centre, axis, radius) < to_circle(a, d, w, centre, axis, radius))
-      hi = w;
-    else
-      lo = u;
-  }
-  double u = 0.5 * (lo + hi);
+  const double left = std::max(0, best - 1) / static_cast<double>(kSamples);
+  const double right = std::min(kSamples, best + 1) / static_cast<double>(kSamples);
+  const double u = golden_section(left, right, square);
   return u < 1e-7 ? 0 : u > 1 - 1e-7 ? 1 : u;
 }
 

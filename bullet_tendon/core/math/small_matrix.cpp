@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace bt {
 
@@ -10,11 +11,6 @@ namespace {
 // Pivot of a degree of freedom, relative to its own diagonal entry (mass or response), below which it is
 // rounding [-]. Larger: light bodies that carry heavy links do not respond.
 constexpr double kMassless = 1e-13;
-
-// Largest number of sweeps of Jacobi's method [-]; it converges quadratically, in four to six. Off-diagonal
-// entry, relative to the largest entry, below which it is rounding [-].
-constexpr int kSweeps = 12;
-constexpr double kOffDiagonal = 1e-18;
 
 }  // namespace
 
@@ -169,20 +165,25 @@ void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
     u[k * n + p] = c * v - s * w;
     u[k * n + q] = s * v + c * w;
   }
+  a[p * n + q] = a[q * n + p] = 0;
 }
 
 }  // namespace
 
+// Jacobi's method. Every rotation reduces the sum of the squares of the off-diagonal entries by 2 a_pq^2. The
+// sweeps end when all are rounding errors of the largest entry, after four to six, because the method
+// converges quadratically.
 void eigen(int n, Numbers& a, Numbers& u) {
   set_identity(n, u);
   double largest = 0;
   for (double v : a) largest = std::max(largest, std::fabs(v));
+  const double least = std::numeric_limits<double>::epsilon() * largest;
   bool turned = true;
-  for (int sweep = 0; sweep < kSweeps && turned; ++sweep) {
+  while (turned) {
     turned = false;
     for (int p = 0; p < n; ++p)
       for (int q = p + 1; q < n; ++q)
-        if (std::fabs(a[p * n + q]) > kOffDiagonal * largest) {
+        if (std::fabs(a[p * n + q]) > least) {
           rotate(n, a, u, p, q);
           turned = true;
         }

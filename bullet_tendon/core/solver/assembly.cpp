@@ -19,9 +19,6 @@ constexpr double kFloorShare = 1e-2;
 // Smallest weight of a free particle for a contact on a segment whose other end is anchored rigidly [-].
 constexpr double kLeastEndWeight = 0.25;
 
-// After this number of releases in a step, a directly constrained particle stays free [-].
-constexpr int kMostChanges = 4;
-
 // Residual of one tendon at tendon.x_new: inertia, springs, bending and soft anchors. Returns the largest
 // force [N].
 double tendon_residual(Tendon& c) {
@@ -59,7 +56,7 @@ bool update_direct(Island& island, Contact& contact) {
     return !contact.normal_force.held;
   }
   contact.normal_force.value = 0;
-  if (contact.geometry.gap >= 0 || contact.normal_force.changes >= kMostChanges) return false;
+  if (contact.geometry.gap >= 0 || contact.normal_force.changes >= kMostCorrections) return false;
   contact.normal_force.held = true;
   c.move(i, (-contact.geometry.gap) * contact.geometry.normal);
   return true;

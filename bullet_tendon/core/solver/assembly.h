@@ -4,6 +4,12 @@
 
 namespace bt {
 
+// Largest number of corrections of one kind within a solution [-]: of stiffenings of contacts that are too
+// deep, of releases of a directly constrained particle, and of linear solutions for the friction limits.
+// More: contacts whose depth or limit cannot be corrected take iterations. Fewer: multipliers and limits lag
+// behind.
+constexpr int kMostCorrections = 8;
+
 struct Assembly {
   double scale = 0;      // largest force of a spring, an anchor, a contact or inertia [N]
   double residual = 0;   // largest residual force [N]

@@ -22,11 +22,9 @@ namespace bt {
 
 namespace {
 
-// Relative accuracy of w [-], and largest number of linear solutions for it. Looser, or fewer: more
-// iterations, each with a factorisation. Tighter, or more: solutions for what the next iteration changes
-// anyway.
+// Relative accuracy of w [-]. Looser: more iterations, each with a factorisation. Tighter: solutions for what
+// the next iteration changes anyway.
 constexpr double kLimitAccuracy = 0.03;
-constexpr int kLimitSolutions = 8;
 
 using Numbers = dense::Numbers;
 
@@ -81,7 +79,7 @@ Numbers solve(Island& island, const Options& o, const std::vector<Contact*>& con
   const double enough = kLimitAccuracy * kLimitAccuracy * dense::dot(residual, residual);
   Numbers w(contacts.size(), 0.0);
   std::vector<Numbers> ps, qs;  // directions p, and q = p - G p normalised
-  for (int k = 0; k < kLimitSolutions && dense::dot(residual, residual) > enough; ++k) {
+  for (int k = 0; k < kMostCorrections && dense::dot(residual, residual) > enough; ++k) {
     Numbers p = residual, q;
     apply(island, o, contacts, p, q);
     for (size_t j = 0; j < ps.size(); ++j) {

@@ -1,16 +1,13 @@
 // One substep of an island by the method of the options.
 #include <cmath>
 
+#include "math/rounding.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
 
 namespace bt {
 
 namespace {
-
-// Displacement in a step, in lengths of the tendon, above which the step has failed [-]: the forces would be
-// smaller than rounding.
-constexpr double kRunaway = 1e12;
 
 // The mean over the step [N] of a force whose value at the end is known. It is the change of momentum over
 // dt. BDF2, v_1 - v_0 = w^2/(1 + 2 w) (v_0 - v_-1) + b F/M, gives w/(1 + 2 w) of the last mean and b/dt of F.
@@ -20,13 +17,13 @@ Vec3 step_mean(const Tendon& c, const StepContext& context, Vec3 last_mean, Vec3
   return share < 1 ? (1 - share) * last_mean + share * force : force;
 }
 
-// Whether positions and velocities are finite, and displacements small enough that lengths exceed rounding.
+// Whether positions and velocities are finite, and displacements so small that the length of the tendon
+// exceeds their rounding.
 bool is_sane(const Tendon& c, const StepContext& context) {
-  const double length = c.rest_length();
+  const double most = c.rest_length() / kRoundingShare;
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < c.n(); ++i)
-      if (!(std::fabs(c.x_new[k][i] - c.x[k][i]) <= kRunaway * length) ||
-          !(context.dt * std::fabs(c.v_new[k][i]) <= kRunaway * length))
+      if (!(std::fabs(c.x_new[k][i] - c.x[k][i]) <= most) || !(context.dt * std::fabs(c.v_new[k][i]) <= most))
         return false;
   return true;
 }

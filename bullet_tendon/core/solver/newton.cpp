@@ -16,7 +16,6 @@
 // smaller than that of the guess. Otherwise the particles stay where they are.
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
@@ -31,24 +30,16 @@ namespace {
 // solution. Larger: inaccurate normal forces make iterations diverge. Smaller: more iterations.
 constexpr double kNear = 0.1;
 
-// Residual, relative to the largest force, below which contacts that are too deep are stiffened [-], and
-// largest number of such stiffenings in a solution. Larger: multipliers are taken from inaccurate forces.
-// Smaller: each stiffness is solved for to an accuracy that is lost with the next one. More stiffenings:
-// contacts whose depth cannot be reduced take iterations.
+// Residual, relative to the largest force, below which contacts that are too deep are stiffened [-]. Larger:
+// multipliers are taken from inaccurate forces. Smaller: each stiffness is solved for to an accuracy that is
+// lost with the next one.
 constexpr double kStiffened = 3e-3;
-constexpr int kMostStiffened = 8;
 
-// Iterations without a new smallest residual after which a solution is abandoned. Fewer: substeps are cut
-// that would converge, because the residual of the mixed method may rise temporarily. More: violent steps are
-// slower.
+// Iterations without a new smallest residual after which a solution is abandoned, and largest number of trial
+// points of a line search [-]. Fewer: substeps are cut that would converge, because the residual of the mixed
+// method may rise temporarily, and a step along a very inaccurate direction is not shortened enough. More:
+// violent steps are slower.
 constexpr int kPatience = 20;
-
-// Largest number of trial points of a line search. Fewer: a step along a very inaccurate direction is not
-// shortened enough.
-constexpr int kMostTrials = 24;
-
-// Largest relative tolerance of conjugate gradients within Newton's method [-].
-constexpr double kLoosest = 1e-2;
 
 // Displacement of an iterate, relative to that of the inertial target or to the length of the tendon, above
 // which the iteration has diverged [-]. Larger: the residual of a diverged iterate is taken for rounding.
@@ -57,8 +48,6 @@ constexpr double kFarOff = 1e3;
 
 // Largest residual that is taken for rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
-
-constexpr double kNone = std::numeric_limits<double>::infinity();
 
 enum class Next { step, judge, stop };
 
@@ -73,15 +62,15 @@ struct Solution {
   int iteration = 0;
   int stiffened = 0;  // number of times that contacts were stiffened
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
-  double smallest = kNone;
+  double smallest = HUGE_VAL;
   int idle = 0;
-  double first_residual = kNone;
-  // Residual of the last iteration [N]; kNone if contacts were stiffened since.
-  double last_residual = kNone;
+  double first_residual = HUGE_VAL;
+  // Residual of the last iteration [N]; infinite if contacts were stiffened since.
+  double last_residual = HUGE_VAL;
 
   const Options& options() const { return context.options; }
   void start_anew() {
-    smallest = last_residual = kNone;
+    smallest = last_residual = HUGE_VAL;
     idle = 0;
   }
 };
@@ -209,7 +198,7 @@ bool stiffen_contacts(Island& island) {
 // After an iteration with a small residual: stiffens contacts, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
-  if (s.stiffened < kMostStiffened && stiffen_contacts(island)) {
+  if (s.stiffened < kMostCorrections && stiffen_contacts(island)) {
     ++s.stiffened;
     s.start_anew();
     return Next::judge;
@@ -239,7 +228,7 @@ bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
-  island.matrix.tolerance = std::min(kLoosest, 0.05 * enough / a.residual);
+  island.matrix.tolerance = 0.05 * enough / a.residual;
   if (!s.descends) {
     assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
@@ -271,7 +260,7 @@ void line_search(Island& island) {
   const double start = slope_along(island);
   // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
   double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
-  for (int trial = 0; trial < kMostTrials; ++trial) {
+  for (int trial = 0; trial < kPatience; ++trial) {
     advance(island, alpha - at);
     at = alpha;
     Assembly a = residual_of(island, true, true);

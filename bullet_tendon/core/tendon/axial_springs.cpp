@@ -10,11 +10,6 @@ namespace bt {
 
 namespace {
 
-// Largest share of the inertia m/b^2 of a particle that a compressed spring may subtract from it [-]. A
-// particle has up to four springs, and the square of a difference of displacements is at most twice the sum
-// of their squares. Therefore the matrix is definite for any compression if the share is below 1/8.
-constexpr double kInertiaShare = 0.12;
-
 // Plane of entry (row, column) of a symmetric block.
 constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
 
@@ -50,7 +45,7 @@ BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& disp
       dz += uz[k + reach] - uz[k];
     }
     double length = std::sqrt(dx * dx + dy * dy + dz * dz);
-    bool degenerate = length < kDegenerateLength * rest[k];
+    bool degenerate = length < kDegenerateLength * rest[k];  // no direction but noise
     double inv = degenerate ? 0.0 : 1 / length;
     len[k] = length;
     nx[k] = dx * inv;
@@ -162,6 +157,10 @@ BT_VECTOR void vectors(SpringSet& s) {
 }
 
 // inertia: 1/b^2 [1/s^2]; 0 leaves out the transverse part of compressed springs; infinity never limits it.
+//
+// A compressed spring may subtract 1/8 of the inertia m/b^2 of its lighter particle. A particle has up to
+// four springs, and (u_i - u_j)^2 <= 2 (u_i^2 + u_j^2). Equality would need u_j = -u_i for neighbours and for
+// their neighbours, which only u = 0 has. Therefore the matrix is definite for any compression.
 BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
@@ -169,7 +168,7 @@ BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const double *elastic_slope = s.elastic_slope.data(), *damping_slope = s.damping_slope.data();
   double *xx = s.block[0], *xy = s.block[1], *xz = s.block[2];
   double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5], *slope = s.slope.data();
-  const double *lighter = s.lighter.data(), allowed = -kInertiaShare * inertia;
+  const double *lighter = s.lighter.data(), allowed = -inertia / 8;
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double least = kDegenerateLength * rest[k];

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <vector>
 
+#include "math/rounding.h"
 #include "tendon/bending.h"
 
 namespace bt {
@@ -13,9 +14,6 @@ namespace {
 
 // Distance by which a particle is moved off a coincident neighbour, as a share of the rest length [-].
 constexpr double kSpread = 1e-6;
-
-// Shear springs with a smaller share of the stiffness are omitted [-].
-constexpr double kLeastShear = 1e-12;
 
 }  // namespace
 
@@ -27,7 +25,7 @@ Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // A smaller share would be lost in rounding, and its strain at any force would be unbounded.
-  if (material.shear_stiffness < kLeastShear * material.stiffness) material.shear_stiffness = 0;
+  if (material.shear_stiffness < kRoundingShare * material.stiffness) material.shear_stiffness = 0;
   mass.assign(n_, 0.0);
   point_mass.assign(n_, 0.0);
   tunnel_of.assign(n_, -1);

@@ -3,6 +3,7 @@
 #include <utility>
 #include <vector>
 
+#include "math/rounding.h"
 #include "world/world.h"
 
 namespace bt {
@@ -12,9 +13,6 @@ namespace {
 // Largest number of times that a substep is solved again because stops act differently from the prediction
 // [-].
 constexpr int kSettlings = 8;
-// An attachment is at the centre of mass if rotation adds at most this share to the body's mobility there
-// [-]. The share allows for rounding errors.
-constexpr double kAtCentre = 1e-12;
 
 }  // namespace
 
@@ -52,7 +50,8 @@ void World::find_point_masses() {
       const double of_mass = 3 * m.free[0],
                    of_point =
                        trace(scene.links[h.link].mobility(to_world(scene.links[h.link].pose, h.local)));
-      m.point_mass = of_point - of_mass <= kAtCentre * of_mass;
+      // At the centre of mass, rotation adds nothing but rounding to the mobility.
+      m.point_mass = of_point - of_mass <= kRoundingShare * of_mass;
     }
 }
 

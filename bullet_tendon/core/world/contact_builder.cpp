@@ -23,13 +23,12 @@ constexpr double kContactRatio = 30.0;
 // over an edge begin to vibrate; at 100 they do not.
 constexpr double kTwoStepContactRatio = 300.0;
 
-// Lower bound of the contact stiffness over the inertia of the hanging load, T/g over the squared step weight
-// [-]; and the same for two-step methods. With g = (N_0 - N)/k, where N_0 is the force of the last step, the
-// contact does the work N g' = dt N'^2/k on a vibration, averaged over a cycle. A vibration persists where
-// this work exceeds the damping of the method: for two-step methods at k < 4 m/dt^2. Smaller: vibrations
-// persist, and weights on a coarse tendon creep over rough edges. Larger: the active set takes more
-// iterations.
-constexpr double kHungRatio = 1.0;
+// Lower bound of the contact stiffness of two-step methods over the inertia of the hanging load, T/g over the
+// squared step weight [-]; of implicit Euler it is that inertia. With g = (N_0 - N)/k, where N_0 is the force
+// of the last step, the contact does the work N g' = dt N'^2/k on a vibration, averaged over a cycle. A
+// vibration persists where this work exceeds the damping of the method: for two-step methods at k < 4 m/dt^2.
+// Smaller: vibrations persist, and weights on a coarse tendon creep over rough edges. Larger: the active set
+// takes more iterations.
 constexpr double kTwoStepHungRatio = 4.0;
 
 // Largest depth that one step corrects, in radii [-]. Depth over dt is a velocity, which remains after the
@@ -37,15 +36,11 @@ constexpr double kTwoStepHungRatio = 4.0;
 // longer.
 constexpr double kPushOut = 0.5;
 
-// Tangential stiffness of a sticking contact over the transverse stiffness of a particle [-]. It sets the
-// elastic displacement before sliding (micrometres). Larger: the transition from sticking to sliding is so
-// sharp that iterations alternate across it. Smaller: a sticking tendon moves visibly.
-constexpr double kTangentRatio = 1.0;
-
-// Further tangential stiffness, over the particle's inertia divided by the squared step weight [-]. A tendon
-// that is laid on a slope gains the velocity g dt before its contacts are strained. It slips first where the
-// friction limit exceeds the tangential weight by a share of less than about 1 / kLooseTangentRatio. Larger:
-// more iterations. Smaller: tendons that should stick creep first.
+// Tangential stiffness of a sticking contact, beyond the transverse stiffness of the particle, over its
+// inertia divided by the squared step weight [-]. It sets the displacement before sliding (micrometres). A
+// tendon that is laid on a slope gains the velocity g dt before its contacts are strained. It slips first
+// where the friction limit exceeds the tangential weight by a share of less than about 1 /
+// kLooseTangentRatio. Larger: more iterations. Smaller: tendons that should stick creep first.
 constexpr double kLooseTangentRatio = 300.0;
 
 // Normal and tangential stiffness of contacts without multipliers, over the whole stiffness of a particle
@@ -198,10 +193,10 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
     contact.normal_force.stiffness =
         std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
   else
-    contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, kHungRatio * held.hung);
+    contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, held.hung);
   // The inertia term makes a particle without tension stick before it gains speed.
-  contact.friction.stiffness = carries ? kTangentRatio * held.stiffness + kLooseTangentRatio * held.inertia
-                                       : kSpringTangentRatio * held.stiffness;
+  contact.friction.stiffness =
+      carries ? held.stiffness + kLooseTangentRatio * held.inertia : kSpringTangentRatio * held.stiffness;
   // Friction and normal force act on the centreline, because particles do not spin.
   if (contact.link >= 0)
     contact.arm = contact.a.of(step_.slots[contact.a.tendon]->x) - scene.links[contact.link].centre;
@@ -224,7 +219,7 @@ void World::recall(Contact& contact, double inertia) {
   contact.friction.anchor = without(turn * found->tangent_anchor, contact.geometry.normal);
   // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
-    const double per_inertia = kTangentRatio + kLooseTangentRatio;
+    const double per_inertia = 1 + kLooseTangentRatio;
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
   }
