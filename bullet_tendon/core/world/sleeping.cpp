@@ -27,6 +27,8 @@ constexpr double kRestSpeed = 1e-5;
 constexpr double kRestTime = 0.5;
 // Largest damping force of a tendon at rest, over its largest spring force or its weight [-].
 constexpr double kRestDamped = 1e-4;
+// Least number of steps at rest before a tendon sleeps [-]: one long step is no rest.
+constexpr int kRestSteps = 30;
 
 // Whether no particle was faster than kRestSpeed in the last step of dt [s].
 bool rests(const Tendon& c, double dt) {
@@ -207,7 +209,7 @@ bool World::count_rest(double dt) {
   for (Tendon* c : step_.slots) {
     if (!c) continue;
     const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(step_.context.gravity));
-    c->quiet = still ? c->quiet + dt : 0;
+    c->quiet = still ? c->quiet + std::min(dt, kRestTime / kRestSteps) : 0;
     any |= c->quiet >= kRestTime;
   }
   return any;
