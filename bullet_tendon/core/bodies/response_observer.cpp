@@ -12,7 +12,8 @@ namespace {
 // response [-]. Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
 constexpr double kReleased = 0.2;
 
-// Smallest relative change of the forces from which the observer learns [-]: rounding and noise.
+// Smallest relative change of the forces from which the observer learns, and smallest error of the prediction
+// relative to the acceleration by gravity, motion and stops [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
 // the change of the forces, and, for an increased response, the relative change of the forces.
@@ -44,7 +45,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     take_to_root(now_);
     if (!cut) {
       released_ = held_ && was_released(now_);
-      if (samples_ > 0 && !was_cut() && !stops_known) learn(now_);
+      if (samples_ > 0 && !was_cut() && !stops_known) learn(now_, gravity);
     }
     std::swap(previous_, last_);
     std::swap(last_, now_);
@@ -152,7 +153,7 @@ void Observer::take_to_root(Sample& sample) {
   forward(root_, sample.root_acceleration);
 }
 
-void Observer::learn(const Sample& now) {
+void Observer::learn(const Sample& now, const Numbers& gravity) {
   s_.resize(n_);
   for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
   const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
@@ -160,7 +161,9 @@ void Observer::learn(const Sample& now) {
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
   const double es = dot(e_, s_), ee = dot(e_, e_);
-  if (ee <= kEvidence * kEvidence * news) return;
+  one_ = gravity;
+  forward(root_, one_);
+  if (ee <= kEvidence * kEvidence * news || ee <= kLeastNews * kLeastNews * dot(one_, one_)) return;
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
   if (ee > 2 * std::fabs(es)) return;

@@ -74,7 +74,7 @@ class Observer {
   void take_to_root(Sample& sample);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
-  void learn(const Sample& now);
+  void learn(const Sample& now, const Numbers& gravity);
   void limit_share();
   void take_effective();
   void find_push();

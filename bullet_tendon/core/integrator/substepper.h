@@ -16,7 +16,7 @@ namespace bt {
 constexpr int kUnits = 3 * 8192;
 // Largest number of substeps of a step that does not converge [-]. Larger: steps that cannot be solved cost
 // more. Smaller: a step of seconds of a stiff, folded tendon may stay unsolved.
-constexpr int kMostSubsteps = 2048;
+constexpr int kMostSubsteps = 64;
 // Largest number of substeps once the budget is exhausted [-]. Motion is still limited, so that nothing
 // passes through anything.
 constexpr int kMostOverBudget = 64;

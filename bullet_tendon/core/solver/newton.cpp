@@ -306,6 +306,13 @@ void stay(Island& island) {
   rest(island);
 }
 
+// The forces at a guess that no iterate has improved are not those of any motion: bodies do not feel them.
+void act_on_nothing(Island& island) {
+  for (Contact* contact : island.contacts) contact->force.total = {};
+  for (Tendon* c : island.tendons)
+    for (Anchor& h : c->anchors) h.force = {};
+}
+
 // Iterates until the solution ends. Returns the last residual [N].
 double iterate(Solution& s) {
   Island& island = s.island;
@@ -345,10 +352,14 @@ void newton(Island& island, const StepContext& context) {
     residual = iterate(s);
   }
   // An iterate that is worse than the guess is not accepted.
-  if (failed() && !(residual < s.first_residual) && (std::isfinite(residual) || context.budget->refused())) {
+  // Bodies do not feel the forces of an inaccurate iterate either.
+  const bool accurate = !s.far || island.bodies.indices.empty() || context.budget->refused();
+  const bool usable = residual < s.first_residual && accurate;
+  if (failed() && !usable && (std::isfinite(residual) || context.budget->refused())) {
     stay(island);
     judge(s);
     island.result.converged = false;
+    act_on_nothing(island);
   }
   end(s);
 }
