@@ -353,7 +353,7 @@ void newton(Island& island, const StepContext& context) {
   }
   // An iterate that is worse than the guess is not accepted.
   // Bodies do not feel the forces of an inaccurate iterate either.
-  const bool accurate = !s.far || island.bodies.indices.empty() || context.budget->refused();
+  const bool accurate = !s.far || island.bodies.indices.empty();
   const bool usable = residual < s.first_residual && accurate;
   if (failed() && !usable && (std::isfinite(residual) || context.budget->refused())) {
     stay(island);
