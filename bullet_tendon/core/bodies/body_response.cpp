@@ -27,8 +27,8 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   for (int i = 0; i < n(); ++i)
     work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
                      gravity_response[3 * i + 2] * gravity.z;
-  if (velocity_acceleration.size() == work_.known.size())
-    for (int i = 0; i < n(); ++i) work_.known[i] += velocity_acceleration[i];
+  if (by_motion.in_step.size() == work_.known.size())
+    for (int i = 0; i < n(); ++i) work_.known[i] += by_motion.in_step[i];
   return work_.known;
 }
 
@@ -47,7 +47,7 @@ void GeneralizedBody::sense(Vec3 gravity) {
   const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
   observer.observe(rates, free, unforced(gravity), alone, stops_known);
   contacts_known = false;
-  velocity_acceleration = velocity_response;
+  by_motion.in_step = by_motion.read;
 }
 
 void GeneralizedBody::widen(Numbers direction) {

@@ -54,15 +54,20 @@ struct BodyTurning {
   double pull = 0;  // sum of |force| |arm| of the tendons [N m]
 };
 
+// Acceleration of a body by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of
+// joints.
+struct AccelerationByMotion {
+  dense::Numbers read;     // at the present rates, set by who reads the body
+  dense::Numbers in_step;  // of the step in progress
+};
+
 struct GeneralizedBody {
   using Numbers = dense::Numbers;
   // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
   Numbers rates;
   Numbers free;              // free response M^-1 (n n)
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
-  // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
-  // The first: at the present rates, set by who reads the body. The second: that of the step in progress.
-  Numbers velocity_response, velocity_acceleration;
+  AccelerationByMotion by_motion;
   Numbers limits;  // (coordinate, side, depth) of every limit that is reached; side 1: it pushes upwards
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
