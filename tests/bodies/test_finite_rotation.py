@@ -15,21 +15,30 @@ def rotated(begun, by, arms, forces):
     return _core.testing.finite_rotation_term(begun, by, np.atleast_2d(arms), np.atleast_2d(forces))
 
 
+def random_case(angle, seed):
+    """A rotation that has begun, one that is added so that both together have the angle, arms and forces."""
+    random = np.random.default_rng(seed)
+    begun, arms, forces = 0.3 * random.normal(size=3), random.normal(size=(4, 3)), random.normal(size=(4, 3))
+    theta = random.normal(size=3)
+    return begun, angle / np.linalg.norm(theta) * theta - begun, arms, forces
+
+
+def derivative(of, h=1e-5):
+    """Of a function of a change of the rotation vector, by central differences, one row an axis."""
+    return np.array([(of(h * e) - of(-h * e)) / (2 * h) for e in np.eye(3)])
+
+
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("seed", range(3))
 def test_stiffness_is_the_derivative_of_the_torque(angle, seed):
     """Its symmetric part, for constant forces at points that the rotation moves."""
-    random = np.random.default_rng(seed)
-    begun, arms, forces = 0.3 * random.normal(size=3), random.normal(size=(4, 3)), random.normal(size=(4, 3))
-    theta = random.normal(size=3)
-    by = angle / np.linalg.norm(theta) * theta - begun  # |begun + by| is the angle
+    begun, by, arms, forces = random_case(angle, seed)
     _, _, stiffness = rotated(begun, by, arms, forces)
-    h = 1e-5
 
     def torque(step):
         return np.array(rotated(begun, by + step, arms, forces)[1])
 
-    slope = np.array([(torque(h * e) - torque(-h * e)) / (2 * h) for e in np.eye(3)]).T
+    slope = derivative(torque)
     size = np.abs(arms).max() * np.abs(forces).max()
     np.testing.assert_allclose(stiffness, 0.5 * (slope + slope.T), atol=1e-8 * size)
 
@@ -38,18 +47,13 @@ def test_stiffness_is_the_derivative_of_the_torque(angle, seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_torque_is_the_virtual_work_of_the_forces(angle, seed):
     """Its product with a change of the rotation vector is force times motion of the points."""
-    random = np.random.default_rng(seed)
-    begun, arms, forces = 0.3 * random.normal(size=3), random.normal(size=(4, 3)), random.normal(size=(4, 3))
-    theta = random.normal(size=3)
-    by = angle / np.linalg.norm(theta) * theta - begun
+    begun, by, arms, forces = random_case(angle, seed)
     torque = np.array(rotated(begun, by, arms, forces)[1])
-    h = 1e-5
 
     def work(step):
         return np.sum((arms @ rotated(begun, by + step, arms, forces)[0].T) * forces)
 
-    slope = [(work(h * e) - work(-h * e)) / (2 * h) for e in np.eye(3)]
-    np.testing.assert_allclose(torque, slope, atol=1e-8 * np.abs(arms).max() * np.abs(forces).max())
+    np.testing.assert_allclose(torque, derivative(work), atol=1e-8 * np.abs(arms).max() * np.abs(forces).max())
 
 
 @pytest.mark.parametrize("angle", ANGLES)

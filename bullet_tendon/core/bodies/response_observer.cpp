@@ -42,7 +42,8 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     compare(now_);
     now_.cut.assign(n_, 0.0);
     const bool cut = alone && leave_out_cut(sampled_.empty() ? rates : sampled_);
-    take_to_root(now_);
+    now_.root_acceleration = now_.acceleration;
+    forward(root_, now_.root_acceleration);
     if (!cut) {
       released_ = held_ && was_released(now_);
       if (samples_ > 0 && !was_cut() && !stops_known) learn(now_, gravity);
@@ -87,6 +88,7 @@ bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
 
 void Observer::measure(const Numbers& rates, const Numbers& gravity) {
   now_.forces = forces_;
+  multiply_transposed(root_, forces_, now_.root_forces);
   now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
@@ -143,14 +145,7 @@ bool Observer::leave_out_cut(const Numbers& rates) {
 // Whether the body moved along the forces by more than predicted (kReleased).
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);
-  multiply_transposed(root_, now.forces, one_);
-  return beyond > kReleased * dot(one_, one_);
-}
-
-void Observer::take_to_root(Sample& sample) {
-  multiply_transposed(root_, sample.forces, sample.root_forces);
-  sample.root_acceleration = sample.acceleration;
-  forward(root_, sample.root_acceleration);
+  return beyond > kReleased * dot(now.root_forces, now.root_forces);
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity) {

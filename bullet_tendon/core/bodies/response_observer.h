@@ -71,7 +71,6 @@ class Observer {
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   bool leave_out_cut(const Numbers& rates);
-  void take_to_root(Sample& sample);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
   void learn(const Sample& now, const Numbers& gravity);

@@ -124,9 +124,7 @@ void start_bodies(Island& island) {
 }
 
 void forget_bodies(Island& island) {
-  if (island.bodies.indices.empty()) return;
   each_body(island, [](GeneralizedBody& m) { m.unknowns.y.assign(m.unknowns.freedom, 0.0); });
-  place(island);
 }
 
 void place_bodies(Island& island) {

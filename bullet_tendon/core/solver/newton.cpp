@@ -162,7 +162,7 @@ double inertia_at_rest(const Island& island) {
 }
 
 // Sets all particles to their positions at the start of the substep, except for anchored ones.
-void rest(Island& island) {
+void place_at_start(Island& island) {
   for (Tendon* c : island.tendons) {
     c->displacement.zero();
     c->x_new = c->x;
@@ -177,7 +177,7 @@ void rest(Island& island) {
 void choose_guess(Solution& s, double residual) {
   Island& island = s.island;
   for (Tendon* c : island.tendons) c->dx = c->displacement;
-  rest(island);
+  place_at_start(island);
   Assembly a = residual_of(island, true);
   measure_residual(island, a);
   if (a.residual < residual) return;
@@ -303,11 +303,11 @@ void take_step(Solution& s) {
 // Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors.
 void stay(Island& island) {
   forget_bodies(island);
-  rest(island);
+  place_at_start(island);
 }
 
 // The forces at a guess that no iterate has improved are not those of any motion: bodies do not feel them.
-void act_on_nothing(Island& island) {
+void clear_forces(Island& island) {
   for (Contact* contact : island.contacts) contact->force.total = {};
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.force = {};
@@ -359,7 +359,7 @@ void newton(Island& island, const StepContext& context) {
     stay(island);
     judge(s);
     island.result.converged = false;
-    act_on_nothing(island);
+    clear_forces(island);
   }
   end(s);
 }

@@ -163,7 +163,6 @@ bool World::rewind(const std::vector<int>& pulled) {
     scene.bodies[i].contacts = contacts[i];
     scene.bodies[i].contacts_known = true;
   }
-  history_.may_resolve = false;
   return back;
 }
 
