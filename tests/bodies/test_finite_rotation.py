@@ -53,7 +53,9 @@ def test_torque_is_the_virtual_work_of_the_forces(angle, seed):
     def work(step):
         return np.sum((arms @ rotated(begun, by + step, arms, forces)[0].T) * forces)
 
-    np.testing.assert_allclose(torque, derivative(work), atol=1e-8 * np.abs(arms).max() * np.abs(forces).max())
+    np.testing.assert_allclose(
+        torque, derivative(work), atol=1e-8 * np.abs(arms).max() * np.abs(forces).max()
+    )
 
 
 @pytest.mark.parametrize("angle", ANGLES)

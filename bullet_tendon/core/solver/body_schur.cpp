@@ -123,8 +123,17 @@ void start_bodies(Island& island) {
   place(island);
 }
 
-void forget_bodies(Island& island) {
-  each_body(island, [](GeneralizedBody& m) { m.unknowns.y.assign(m.unknowns.freedom, 0.0); });
+void put_bodies_aside(Island& island) {
+  each_body(island, [](GeneralizedBody& m) {
+    m.unknowns.dy = m.unknowns.y;
+    m.unknowns.y.assign(m.unknowns.freedom, 0.0);
+  });
+}
+
+double body_potential(const Island& island) {
+  double sum = 0;
+  each_body(island, [&](const GeneralizedBody& m) { sum += 0.5 * dense::dot(m.unknowns.y, m.unknowns.y); });
+  return sum;
 }
 
 void place_bodies(Island& island) {

@@ -8,9 +8,12 @@ namespace bt {
 
 // Sets the first guess of the unknowns y, and places the carried particles accordingly.
 void start_bodies(Island& island);
-void forget_bodies(Island& island);
+// Sets dy = y, and y = 0.
+void put_bodies_aside(Island& island);
 // Places the particles that bodies carry, by y.
-void place_bodies(Island& island);  // sets y = 0
+void place_bodies(Island& island);
+// Sum of |y|^2/2 [J].
+double body_potential(const Island& island);
 // Adds alpha dy to y.
 void advance_bodies(Island& island, double alpha);
 // The bodies' part of r.d, the slope along the step.

@@ -12,14 +12,14 @@
 // blocks of springs and contacts are positive semidefinite in this linearisation, so that the matrix is
 // positive definite and the step descends on the incremental potential, whose gradient is the residual at
 // given friction limits. A line search on the slope of the potential shortens the step. Each step keeps the
-// friction limits of the last iterate. If this fails too, the last iterate is accepted if its residual is
-// smaller than that of the guess. Otherwise the particles stay where they are.
+// friction limits of the last iterate. If this fails too, choose_end ends the substep.
 #include <algorithm>
 #include <cmath>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
+#include "tendon/bending.h"
 
 namespace bt {
 
@@ -171,6 +171,15 @@ void place_at_start(Island& island) {
   place_bodies(island);
 }
 
+// Sets the displacements of particles to dx.
+void take_back(Island& island) {
+  for (Tendon* c : island.tendons) {
+    c->displacement.zero();
+    c->advance(1);
+    c->place_anchors();
+  }
+}
+
 // The guess continues the motion of the last step. If a body that carries particles was stopped since then,
 // this guess stretches the segments beside them far more than no motion at all. Takes the guess with the
 // smaller residual. residual: of the present guess [N].
@@ -181,11 +190,7 @@ void choose_guess(Solution& s, double residual) {
   Assembly a = residual_of(island, true);
   measure_residual(island, a);
   if (a.residual < residual) return;
-  for (Tendon* c : island.tendons) {
-    c->displacement.zero();
-    c->advance(1);
-    c->place_anchors();
-  }
+  take_back(island);
   place_bodies(island);
 }
 
@@ -300,9 +305,25 @@ void take_step(Solution& s) {
   for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
-// Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors.
+// The incremental potential of springs, particles and bodies at the evaluated iterate [J].
+double potential(const Island& island) {
+  double sum = body_potential(island);
+  for (const Tendon* c : island.tendons) {
+    for (int i = 0; i < c->n(); ++i) {
+      const Vec3 off = (1 / c->h_eff) * (c->displacement.at(i) - c->inertial_displacement.at(i));
+      sum += 0.5 * c->mass[i] * dot(off, off);
+    }
+    for (const SpringSet* s : {&c->structure, &c->shear}) sum += stored_energy(*s, c->material.law);
+    sum += bending_energy(*c, c->x_new);
+  }
+  return sum;
+}
+
+// Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors. The
+// iterate is put aside in dx and dy.
 void stay(Island& island) {
-  forget_bodies(island);
+  for (Tendon* c : island.tendons) c->dx = c->displacement;
+  put_bodies_aside(island);
   place_at_start(island);
 }
 
@@ -311,6 +332,38 @@ void clear_forces(Island& island) {
   for (Contact* contact : island.contacts) contact->force.total = {};
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) h.force = {};
+}
+
+// Places all particles where their present velocities take them, except for anchored ones. Returns the
+// potential there [J].
+double continue_motion(Island& island) {
+  for (Tendon* c : island.tendons)
+    for (int i = 0; i < c->n(); ++i) c->dx.set(i, c->h_eff * c->v.at(i));
+  take_back(island);
+  place_bodies(island);
+  residual_of(island, true);
+  return potential(island);
+}
+
+// Ends a solution that failed: with its last iterate, if its potential is smaller than that of no motion.
+// This bounds its energy. Otherwise with no motion or with the present one, whichever has the smaller
+// potential.
+void choose_end(Solution& s) {
+  Island& island = s.island;
+  const double reached = potential(island);
+  stay(island);
+  residual_of(island, true);
+  const double still = potential(island);
+  const bool usable = reached < still;
+  if (usable) {
+    take_back(island);
+    advance_bodies(island, 1);
+  } else if (!(continue_motion(island) < still)) {
+    place_at_start(island);
+  }
+  judge(s);
+  island.result.converged = false;
+  if (!usable) clear_forces(island);
 }
 
 // Iterates until the solution ends. Returns the last residual [N].
@@ -351,16 +404,7 @@ void newton(Island& island, const StepContext& context) {
     s.start_anew();
     residual = iterate(s);
   }
-  // An iterate that is worse than the guess is not accepted.
-  // Bodies do not feel the forces of an inaccurate iterate either.
-  const bool accurate = !s.far || island.bodies.indices.empty();
-  const bool usable = residual < s.first_residual && accurate;
-  if (failed() && !usable && (std::isfinite(residual) || context.budget->refused())) {
-    stay(island);
-    judge(s);
-    island.result.converged = false;
-    clear_forces(island);
-  }
+  if (failed() && (std::isfinite(residual) || context.budget->refused())) choose_end(s);
   end(s);
 }
 

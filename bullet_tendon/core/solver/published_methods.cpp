@@ -145,7 +145,7 @@ void explicit_euler(Island& island, const StepContext& context) {
 void single_linearisation(Island& island, const StepContext& context) {
   const double dt = context.dt;
   start_bodies(island);
-  forget_bodies(island);
+  put_bodies_aside(island);
   clear_loads(island);
   clear_pulls(island);
   for (Tendon* c : island.tendons) {
