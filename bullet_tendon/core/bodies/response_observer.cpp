@@ -158,7 +158,9 @@ void Observer::learn(const Sample& now, const Numbers& gravity) {
   const double es = dot(e_, s_), ee = dot(e_, e_);
   one_ = gravity;
   forward(root_, one_);
-  if (ee <= kEvidence * kEvidence * news || ee <= kLeastNews * kLeastNews * dot(one_, one_)) return;
+  // A body that is held may yield by less than that.
+  const double least_error = held_ ? kLeastNews : kEvidence;
+  if (ee <= least_error * least_error * news || ee <= kLeastNews * kLeastNews * dot(one_, one_)) return;
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
   if (ee > 2 * std::fabs(es)) return;
