@@ -13,7 +13,7 @@ G, SPREAD = 9.81, 0.6  # m/s^2; of attachments, in sizes of the body
 class Scene:
     """A random body, and one or two tendons at random points of it: held at their far ends, or pulled."""
 
-    def __init__(self, client, seed):
+    def __init__(self, client, seed, **options):
         self.client, rng = client, np.random.default_rng(seed)
         p.resetSimulation(physicsClientId=client)
         self.dt, self.gravity = 10 ** rng.uniform(-3, np.log10(1 / 60)), G * rng.integers(2)
@@ -21,7 +21,7 @@ class Scene:
         p.setGravity(0, 0, -self.gravity, physicsClientId=client)
         self.mass, self.size = 10 ** rng.uniform(-3, 1), 10 ** rng.uniform(-2, -1)
         self.body = self.make_body(rng)
-        self.world = bt.TendonWorld(client)
+        self.world = bt.TendonWorld(client, bt.SolverOptions(**options))
         self.tendons, self.holds, self.forces = [], [], []
         stiffness = 10 ** rng.uniform(3, 6)
         for _ in range(rng.integers(1, 3)):
@@ -94,9 +94,9 @@ class Scene:
         return self.energy() - self.begun - self.gyration
 
 
-# At pybullet's bound of 100 rad/s about all three axes on two stiff tendons, in steps some of which are not
-# solved: it gains 17 times of what was put in, once (limits in bullet_tendon/core/README.md).
-CUT_OFF = {98}
+# At pybullet's bounds of 100 m/s and 100 rad/s, on tendons whose ends move at kilometres per second: steps
+# that are not solved gain energy (limits in bullet_tendon/core/README.md).
+CUT_OFF = {98, 203}
 ROUNDING = 1e-15  # J
 
 
@@ -110,13 +110,15 @@ def test_a_body_pulled_beside_its_centre_gains_no_energy(client, seeds):
             assert gained <= 0.02 * scene.given + ROUNDING, seed
 
 
-def test_steps_that_are_not_solved_gain_no_energy(client):
-    """A body of 7 g at 100 rad/s on a stiff tendon: an iterate that fails is taken where its potential is small."""
-    scene, unsolved = Scene(client, 82), 0
-    for _ in range(4):
-        gained = scene.step()
-        unsolved += not scene.world.report.converged
-        assert gained <= 0.02 * scene.given + ROUNDING
+def test_steps_that_exhaust_their_budget_gain_no_energy(client):
+    """The iterate that ends them has a small incremental potential, and bodies move as it does."""
+    unsolved = 0
+    for seed in range(10):
+        scene = Scene(client, seed, max_linear_solves=200)
+        for _ in range(min(60, int(0.4 / scene.dt))):
+            gained = scene.step()
+            unsolved += not scene.world.report.converged
+            assert gained <= 0.02 * scene.given + ROUNDING, seed
     assert unsolved
 
 

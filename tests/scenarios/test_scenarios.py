@@ -163,7 +163,7 @@ def test_the_client_is_closed_afterwards(fake):
 def test_a_step_that_is_not_converged_or_not_finite_fails_the_health_checks():
     with Scene(Options(steps=1)) as scene:
         tendon = scene.world.add_tendon([(0, 0, 0), (0.1, 0, 0)], 0.004, bt.Material(stiffness=1e3), 8)
-        scene.world.options = bt.SolverOptions(max_iterations=1, tolerance=1e-15)
+        scene.world.options = bt.SolverOptions(max_linear_solves=1, tolerance=1e-15)
         tendon.grip(0)
         tendon.set_force(-1, (0, 50, 0))
         scene.step()

@@ -69,7 +69,7 @@ Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.ra
 
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
-Twist Link::spin_of(const dense::Numbers& y) const { return times(turned.far ? root : reached, y); }
+Twist Link::spin_of(const dense::Numbers& y) const { return times(through(), y); }
 
 void Link::reach(const GeneralizedBody& m) {
   if (m.unknowns.freedom == m.n())
@@ -87,14 +87,14 @@ dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
   return row;
 }
 
-void Link::add_generalized(const dense::Numbers& through, const Twist& w, dense::Numbers& to) const {
+void Link::add_generalized(const dense::Numbers& by, const Twist& w, dense::Numbers& to) const {
   const size_t n = to.size();
   const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
-  if (through.empty()) {  // the identity
+  if (by.empty()) {  // the identity
     for (size_t k = 0; k < std::min<size_t>(n, 6); ++k) to[k] += wrench[k];
     return;
   }
-  dense::add_rows(through, 6, wrench, to);
+  dense::add_rows(by, 6, wrench, to);
 }
 
 // B B^T / s^2 with B = s [I, -[r]] root.

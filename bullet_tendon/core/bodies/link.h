@@ -32,6 +32,7 @@ struct Link {
   dense::Numbers root;          // J E (6 n)
   Wrench wrench;                // of the tendons in the finished substeps, averaged over the step
   Wrench part;                  // contribution of the substep that was solved last
+  Wrench correction;            // of an iterate that is not a solution (solver/body_schur.h)
   // In a solution with unknowns of its body:
   dense::Numbers reached;  // J E Q (6 freedom)
   // Displacement by the unknowns, displacement by their last change, wrench of the residual.
@@ -45,6 +46,8 @@ struct Link {
   void follow(const GeneralizedBody& m);
   // The same, and sets `root`.
   void go_with(const GeneralizedBody& m);
+  // J E Q, or with the angular part of theta if the link rotates far.
+  const dense::Numbers& through() const { return turned.far ? root : reached; }
   // Sets `reached`.
   void reach(const GeneralizedBody& m);
   // Derivative of the displacement of the point at the arm, along one axis of space, by the body's
@@ -76,8 +79,8 @@ struct Link {
   Twist twist_of(const dense::Numbers& y) const;
   // The same; if the link rotates far, the angular part is the change of theta.
   Twist spin_of(const dense::Numbers& y) const;
-  // Adds the generalized force through^T wrench.
-  void add_generalized(const dense::Numbers& through, const Twist& wrench, dense::Numbers& to) const;
+  // Adds the generalized force by^T wrench.
+  void add_generalized(const dense::Numbers& by, const Twist& wrench, dense::Numbers& to) const;
 };
 
 }  // namespace bt

@@ -28,6 +28,7 @@ struct StepContext {
   double dt = 0;     // length of the substep [s]
   double reach = 0;  // s of bodies/body_response.h [s]
   const Substepper* substeps = nullptr;
+  bool may_halve = false;  // the substep is halved if it does not converge
   Budget* budget = nullptr;
   bool warm = false;  // starts from the last solution, with newly detected contacts
   // Contacts may be detected again: a solution may end early where it leaves the predicted region.

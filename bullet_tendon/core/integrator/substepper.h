@@ -14,10 +14,12 @@ namespace bt {
 // Units in a step [-], three times a power of two. One unit is the shortest substep, which only motion near a
 // body or another tendon can require.
 constexpr int kUnits = 3 * 8192;
-// Largest number of substeps of a step that does not converge, or whose budget is exhausted [-]. Larger: steps
-// that cannot be solved cost more. Smaller: a violent step stays unsolved, or something passes through
-// something, because fewer substeps limit motion less.
-constexpr int kMostSubsteps = 64;
+// Largest number of substeps of a step that does not converge [-]. Larger: steps that cannot be solved cost
+// more. Smaller: light bodies on stiff, taut tendons are not solved.
+constexpr int kMostSubsteps = 512;
+// The same once the budget is exhausted [-]. Motion is still limited, so that nothing passes through
+// anything.
+constexpr int kMostOverBudget = 64;
 // Largest number of times that a substep of one length is solved again, for any reason [-].
 constexpr int kMostRepeats = 64;
 // Largest number of times that contacts are detected again for a substep before it is halved [-]. Smaller:
@@ -75,7 +77,7 @@ class Substepper {
   const ReasonCounts& reasons() const { return reasons_; }
 
  private:
-  static int smallest(const Budget& budget) { return budget.exhausted() ? kUnits / kMostSubsteps : 1; }
+  static int smallest(const Budget& budget) { return budget.exhausted() ? kUnits / kMostOverBudget : 1; }
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
   bool divisible_ = true;

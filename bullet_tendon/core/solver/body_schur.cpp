@@ -206,6 +206,32 @@ double body_residual(const Island& island) {
   return most;
 }
 
+// Of all wrenches on the touched links of a body that give its residual r, sum B^T w = r, the smallest:
+// w = B (sum B^T B)^-1 r.
+void correct_wrenches(Island& island) {
+  const double s = reach_of(island);
+  each_body(island, [&](GeneralizedBody& m) {
+    const int n = m.unknowns.freedom;
+    dense::Numbers square(n * n), factor, part = m.unknowns.residual;
+    auto each_link = [&](auto what) {
+      for (int l : island.bodies.carried)
+        if (Link& link = (*island.bodies.links)[l]; &(*island.bodies.all)[link.body] == &m) what(link);
+    };
+    each_link([&](const Link& link) {
+      for (int row = 0; row < 6; ++row)
+        for (int i = 0; i < n; ++i)
+          for (int j = 0; j < n; ++j)
+            square[i * n + j] += link.through()[row * n + i] * link.through()[row * n + j];
+    });
+    dense::root(n, square, factor);
+    dense::solve(factor, part);
+    each_link([&](Link& link) {
+      const Twist by = scaled(1 / s, link.spin_of(part));
+      link.correction = {by.linear, by.angular};
+    });
+  });
+}
+
 double body_slope(const Island& island) {
   double sum = 0;
   each_body(island, [&](const GeneralizedBody& m) { sum += dense::dot(m.unknowns.residual, m.unknowns.dy); });

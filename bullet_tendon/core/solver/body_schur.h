@@ -14,6 +14,8 @@ void put_bodies_aside(Island& island);
 void place_bodies(Island& island);
 // Sum of |y|^2/2 [J].
 double body_potential(const Island& island);
+// Sets the wrenches that are missing from the forces of the iterate to move bodies by y (Link::correction).
+void correct_wrenches(Island& island);
 // Adds alpha dy to y.
 void advance_bodies(Island& island, double alpha);
 // The bodies' part of r.d, the slope along the step.

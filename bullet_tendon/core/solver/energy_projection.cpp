@@ -83,13 +83,14 @@ bool is_on_body(const Island& island, const SegmentPoint& s) {
 // Removes the energy of the relative velocity of a pair, along its direction or across it, but at most `left`
 // [J]. `left` decreases by what is removed.
 void dissipate(const Island& island, const Pair& pair, bool across, double& left) {
+  if (!(left > 0)) return;
   const double inverse = inverse_mass(island, pair.a) + inverse_mass(island, pair.b);
   if (!(inverse > 0) || is_on_body(island, pair.a) || is_on_body(island, pair.b)) return;
   const Vec3 of_b = pair.b.tendon >= 0 ? pair.b.of(island.at(pair.b).v_new) : pair.link_velocity;
   const Vec3 relative = pair.a.of(island.at(pair.a).v_new) - of_b;
   const Vec3 n = across ? unit_or(relative, pair.along) : pair.along;
   const double speed = dot(relative, n), there = 0.5 * speed * speed / inverse;
-  if (!(left > 0 && there > 0)) return;
+  if (!(there > 0)) return;
   const double remains = left < there ? std::sqrt(1 - left / there) : 0;
   const Vec3 p = (-(1 - remains) * speed / inverse) * n;
   apply_impulse(island, pair.a, p);
@@ -167,7 +168,7 @@ void project_energy(Island& island, Vec3 gravity) {
       left -= dot(contact->force.total, link_displacement(island, *contact));
   if (!(left > kCreated * energy)) return;
   for (const bool across : {false, true})
-    for (int sweep = 0; sweep < kSweeps; ++sweep)
+    for (int sweep = 0; sweep < kSweeps && left > 0; ++sweep)
       each_pair(island, [&](const Pair& pair) { dissipate(island, pair, across, left); });
 }
 

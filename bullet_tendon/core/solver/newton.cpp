@@ -7,12 +7,13 @@
 //
 // A solution whose residual does not fall is abandoned, and the Substepper cuts the substep.
 //
-// If the substep cannot be cut, the solution begins once more, from the positions at the start of the
-// substep, as a descent: plain Newton steps, linearised at the present positions with their true forces. The
+// If the substep cannot be cut, the solution goes on as a descent, from where the incremental potential is
+// small (begin_descent): plain Newton steps, linearised at the present positions with their true forces. The
 // blocks of springs and contacts are positive semidefinite in this linearisation, so that the matrix is
-// positive definite and the step descends on the incremental potential, whose gradient is the residual at
-// given friction limits. A line search on the slope of the potential shortens the step. Each step keeps the
-// friction limits of the last iterate. If this fails too, choose_end ends the substep.
+// positive definite and the step descends on the potential, whose gradient is the residual at given friction
+// limits. A line search on the slope of the potential shortens the step. Each step keeps the friction limits
+// of the last iterate. If this fails too, or the budget is exhausted, its end is accepted: the potential
+// bounds its energy, and bodies move as it does (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 
@@ -46,6 +47,10 @@ constexpr int kPatience = 20;
 // Smaller: a taut tendon that is released may move this far in a long step.
 constexpr double kFarOff = 1e3;
 
+// Number of descent steps that end a solution also with an exhausted budget [-]. Fewer: bodies gain energy in
+// steps that are not solved. More: a time budget is exceeded by more.
+constexpr int kFewestDescents = 3;
+
 // Largest residual that is taken for rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
 
@@ -64,7 +69,6 @@ struct Solution {
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   int idle = 0;
-  double first_residual = HUGE_VAL;
   // Residual of the last iteration [N]; infinite if contacts were stiffened since.
   double last_residual = HUGE_VAL;
 
@@ -123,7 +127,6 @@ void note_distance(Solution& s, const Assembly& a) {
 }
 
 void note_progress(Solution& s, double residual) {
-  if (s.iteration == 0) s.first_residual = residual;
   s.last_residual = residual;
   ++s.idle;
   if (!(residual < s.smallest)) return;
@@ -214,6 +217,9 @@ Next refine(Solution& s) {
   return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
+// Number of steps that are taken with an exhausted budget [-].
+int fewest_steps(const Solution& s) { return s.descends ? kFewestDescents : 1; }
+
 Next decide(Solution& s, const Assembly& a, int start) {
   Island& island = s.island;
   const bool near = s.iteration > 0 && !s.changed && a.residual <= kStiffened * a.scale;
@@ -224,7 +230,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
-  if (s.iteration > 0 && s.context.budget->refuses()) return Next::stop;
+  if (s.iteration - start >= fewest_steps(s) && s.context.budget->refuses()) return Next::stop;
   return Next::step;
 }
 
@@ -327,47 +333,39 @@ void stay(Island& island) {
   place_at_start(island);
 }
 
-// The forces at a guess that no iterate has improved are not those of any motion: bodies do not feel them.
-void clear_forces(Island& island) {
-  for (Contact* contact : island.contacts) contact->force.total = {};
-  for (Tendon* c : island.tendons)
-    for (Anchor& h : c->anchors) h.force = {};
-}
-
-// Places all particles where their present velocities take them, except for anchored ones. Returns the
-// potential there [J].
-double continue_motion(Island& island) {
+// Places all particles where their present velocities take them, except for anchored ones.
+void continue_motion(Island& island) {
   for (Tendon* c : island.tendons)
     for (int i = 0; i < c->n(); ++i) c->dx.set(i, c->h_eff * c->v.at(i));
   take_back(island);
   place_bodies(island);
+}
+
+double evaluated_potential(Island& island) {
   residual_of(island, true);
   return potential(island);
 }
 
-// Ends a solution that failed: with its last iterate, if its potential is smaller than that of no motion.
-// This bounds its energy. Otherwise with no motion or with the present one, whichever has the smaller
-// potential.
-void choose_end(Solution& s) {
+// Begins the descent of a solution that failed: from its last iterate, if its potential is smaller than that
+// of no motion, else from no motion or from the present one, whichever has the smaller potential.
+void begin_descent(Solution& s) {
   Island& island = s.island;
   const double reached = potential(island);
   stay(island);
-  residual_of(island, true);
-  const double still = potential(island);
-  const bool usable = reached < still;
-  if (usable) {
+  const double still = evaluated_potential(island);
+  if (reached < still) {
     take_back(island);
     advance_bodies(island, 1);
-  } else if (!(continue_motion(island) < still)) {
-    place_at_start(island);
+  } else {
+    continue_motion(island);
+    if (!(evaluated_potential(island) < still)) place_at_start(island);
   }
-  judge(s);
-  island.result.converged = false;
-  if (!usable) clear_forces(island);
+  s.descends = true;
+  s.start_anew();
 }
 
-// Iterates until the solution ends. Returns the last residual [N].
-double iterate(Solution& s) {
+// Iterates until the solution ends.
+void iterate(Solution& s) {
   Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
     Assembly a = judge(s);
@@ -377,7 +375,7 @@ double iterate(Solution& s) {
     }
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
-    if (next == Next::stop || !find_step(s, a)) return a.residual;
+    if (next == Next::stop || !find_step(s, a)) return;
     take_step(s);
   }
 }
@@ -394,17 +392,14 @@ void end(Solution& s) {
 // Solves the implicit step of the island. tendon.x_new is the starting guess, and then the result.
 void newton(Island& island, const StepContext& context) {
   Solution s{island, context};
-  begin(s);
-  double residual = iterate(s);
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
-  // If the substep cannot be cut: solve again from its start, along descent directions.
-  if (failed() && !context.substeps->may_halve() && !context.budget->refused()) {
-    stay(island);
-    s.descends = true;
-    s.start_anew();
-    residual = iterate(s);
+  begin(s);
+  iterate(s);
+  if (failed() && !context.may_halve) {
+    begin_descent(s);
+    iterate(s);
+    if (failed()) correct_wrenches(island);
   }
-  if (failed() && (std::isfinite(residual) || context.budget->refused())) choose_end(s);
   end(s);
 }
 
@@ -418,7 +413,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.result.left_predicted_region && (island.result.converged || !context.substeps->may_halve()) &&
+  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
       by_euler(island, context))
     project_energy(island, context.gravity);
 }

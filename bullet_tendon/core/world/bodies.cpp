@@ -60,6 +60,7 @@ void World::find_unknowns() {
   count_touches();
   for (GeneralizedBody& m : scene.bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
+  for (Link& l : scene.links) l.correction = {};
   for (Link& l : scene.links)
     l.turned.far = l.yields() && scene.bodies[l.body].unknowns.any && scene.bodies[l.body].turning.far;
   for (Contact& contact : contacts_.all)

@@ -164,9 +164,10 @@ std::optional<Reason> World::solve_islands() {
   const bool may_detect =
       step_.substeps.divisible() && (step_.detections < kMostDetections || step_.substeps.may_halve());
   step_.context.may_detect = may_detect && !step_.budget.exhausted();
+  step_.context.may_halve = step_.substeps.may_halve() && !step_.budget.exhausted();
   const bool finite = solve_each_island();
-  if ((!finite || step_.unconverged) && step_.substeps.may_halve() && !step_.budget.refuses())
-    return Reason::not_converged;
+  const bool to_halve = (!finite || step_.unconverged) && step_.substeps.may_halve();
+  if (to_halve && (step_.context.may_halve || !step_.budget.refuses())) return Reason::not_converged;
   step_.failed = !finite;
   if (step_.failed) return {};
   if (may_detect && predict_at_solution()) return Reason::left_prediction;
@@ -228,7 +229,7 @@ void World::inherit_multipliers() {
 // Computes what this substep adds to the step's mean wrenches on links.
 void World::measure_wrenches() {
   const double share = step_.substeps.share();
-  for (Link& l : scene.links) l.part = {};
+  for (Link& l : scene.links) l.part = {share * l.correction.force, share * l.correction.torque};
   auto push = [&](Link& link, Vec3 force, Vec3 arm) {
     link.part.force += share * force;
     link.part.torque += share * link.torque_of(force, arm);
