@@ -8,13 +8,6 @@
 
 namespace bt {
 
-namespace {
-
-// Plane of entry (row, column) of a symmetric block.
-constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
-
-}  // namespace
-
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
