@@ -14,12 +14,10 @@ namespace bt {
 // Units in a step [-], three times a power of two. One unit is the shortest substep, which only motion near a
 // body or another tendon can require.
 constexpr int kUnits = 3 * 8192;
-// Largest number of substeps of a step that does not converge, or whose budget is exhausted [-]. Larger: steps
-// that cannot be solved cost more. Smaller: a violent step stays unsolved, or something passes through
+// Largest number of substeps of a step that does not converge, or whose budget is exhausted [-]. Larger:
+// steps that cannot be solved cost more. Smaller: a violent step stays unsolved, or something passes through
 // something, because fewer substeps limit motion less.
 constexpr int kMostSubsteps = 64;
-// Largest number of times that a substep of one length is solved again, for any reason [-].
-constexpr int kMostRepeats = 64;
 // Largest number of times that contacts are detected again for a substep before it is halved [-]. Smaller:
 // more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
@@ -36,8 +34,7 @@ enum class Reason : int {
   joint_stops,      // joint limits or contacts of a body act differently from the prediction: repeated
   body_rotation,    // a body turns far that was predicted to turn little: repeated
 };
-constexpr int kReasons = 9;
-using ReasonCounts = std::array<int, kReasons>;
+using ReasonCounts = std::array<int, static_cast<int>(Reason::body_rotation) + 1>;
 
 class Substepper {
  public:
@@ -61,11 +58,11 @@ class Substepper {
   bool may_cut(Budget& budget) const {
     return divisible_ && size_ > 1 && (size_ > smallest(budget) || !budget.refuses());
   }
-  bool may_repeat() const { return repeats_ < kMostRepeats; }
 
   // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided
-  // by `parts`.
-  void repeat(Reason why);
+  // by `parts`. Repeats end: a substep wakes each tendon, restarts each history and lets each body turn far
+  // at most once, and detections and changes of stops are limited.
+  void repeat(Reason why) { count(why); }
   void cut(Reason why, double share, const Budget& budget);
   void divide(Reason why, int parts);
   // Ends the substep. The next one is twice as long where that aligns with the units of the step.
@@ -79,7 +76,7 @@ class Substepper {
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
   bool divisible_ = true;
-  int done_ = 0, size_ = kUnits, taken_ = 0, repeats_ = 0;
+  int done_ = 0, size_ = kUnits, taken_ = 0;
   ReasonCounts reasons_{};
 };
 
