@@ -164,14 +164,15 @@ void take(PyObject* from, int count, std::vector<double>& numbers) {
 
 void place(Articulated& body, const Reading& reading, const std::vector<double>& places) {
   if (static_cast<int>(reading.infos.size()) != body.links()) throw py::value_error("infos");
-  std::vector<double> inertias, base;
-  inertias.reserve(kInertiaWidth * body.links());
-  for (const py::handle& info : reading.infos) {
-    take(info.ptr(), 1, inertias);
-    for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), part == 4 ? 4 : 3, inertias);
+  std::vector<LinkInertia> inertias;
+  std::vector<double> base;
+  for (const py::handle& of : reading.infos) {
+    PyObject* info = of.ptr();
+    inertias.push_back(
+        {number(info, 0), vector(item(info, 2)), vector(item(info, 3)), turn_of(item(info, 4))});
   }
   for (int part = 0; part < 2; ++part) take(item(reading.base.ptr(), part), 3 + part, base);
-  body.place(inertias.data(), base.data(), places.data());
+  body.place(inertias, base.data(), places.data());
 }
 
 // The rates of the degrees of freedom, and where the joints are.
