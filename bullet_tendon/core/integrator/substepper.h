@@ -18,8 +18,8 @@ constexpr int kUnits = 3 * 8192;
 // steps that cannot be solved cost more. Smaller: a violent step stays unsolved, or something passes through
 // something, because fewer substeps limit motion less.
 constexpr int kMostSubsteps = 64;
-// Largest number of times that contacts are detected again for a substep before it is halved [-]. Smaller:
-// more substeps where contacts appear one after another.
+// Largest number of times that contacts are detected again for a substep before it is halved, and that stops
+// of bodies are for a step [-]. Smaller: more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
 
 // Why a substep was solved again.
