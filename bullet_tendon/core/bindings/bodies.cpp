@@ -9,13 +9,11 @@
 
 #include "bindings/arrays.h"
 #include "bodies/articulated_body.h"
+#include "math/rounding.h"
 
 namespace bt {
 
 namespace {
-
-// Cosine between force and torque below which a wrench is a single force at some point: rounding [-].
-constexpr double kAcross = 1e-14;
 
 // Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame). The
 // inverse of the inertial frame's local pose leads to the link's frame. pybullet returns no valid local pose
@@ -345,14 +343,14 @@ Array wrenches(const World& w) {
 }
 
 // Slot, force, point and torque about the point of every link that yields and has a wrench. The torque is
-// None where the wrench is a single force, as from one attachment.
+// None where the wrench is a single force, as from one attachment: where both are orthogonal.
 py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.scene.links.size(); ++i) {
     const Link& l = w.scene.links[i];
     const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
-    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kAcross * force * torque && force > 0) {
+    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kRoundingShare * force * torque && force > 0) {
       const Vec3 point = l.start_centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
       out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
     } else {
