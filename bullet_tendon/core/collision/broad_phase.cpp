@@ -215,7 +215,7 @@ double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon&
       if (d >= apart) continue;
       // Adjacent anchors of one tendon contradict no contact, because segments between them make none.
       const auto [first, last] = std::minmax(h.particle, g.particle);
-      if (&a == &b && arc_between(a, first, last) < kSelfContactArc * a.radius) continue;
+      if (&a == &b && arc_between(a, first, last) < self_contact_arc(a.radius)) continue;
       const double arcs = arc_to(a, h.particle, p.segment_a, at.u) + arc_to(b, g.particle, p.segment_b, at.w);
       apart = std::min(apart, d + kParting * arcs);
     }
