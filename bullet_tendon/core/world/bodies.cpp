@@ -240,7 +240,7 @@ void World::finish_resolve() {
     m.observer.require_two();
   }
   history_.may_resolve = false;
-  capture(history_.now);
+  capture(*history_.now);
 }
 
 }  // namespace bt

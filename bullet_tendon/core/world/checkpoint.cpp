@@ -53,13 +53,13 @@ void World::apply(const Checkpoint& from) {
 bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                     const std::function<void()>& sense) {
   using Clock = std::chrono::steady_clock;
-  capture(history_.now);
+  capture(*history_.now);
   Clock::duration sensed{};
   bool solved = false, stepping = false;
   // Once the step begins, history_.start is the checkpoint before it.
   auto undo = [&] {
-    if (stepping) std::swap(history_.now, history_.start);
-    apply(history_.now);
+    if (stepping) history_.now.swap(history_.start);
+    apply(*history_.now);
   };
   try {
     if (sense) {
@@ -67,7 +67,7 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
       sense();
       sensed = Clock::now() - begun;
     }
-    std::swap(history_.now, history_.start);
+    history_.now.swap(history_.start);
     stepping = true;
     solved = step(dt, gravity, whole, oracle);
   } catch (...) {
@@ -245,7 +245,7 @@ std::vector<char> World::save() {
   for (auto& c : scene.tendons)
     if (c) write("model", static_cast<TendonModel&>(*c));
   write("now", now);
-  write("start", history_.may_resolve ? history_.start : none);
+  write("start", history_.may_resolve ? *history_.start : none);
   for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) write("planes", cache.entries);
   return out;
@@ -287,7 +287,7 @@ void World::restore(const char* from, size_t size) {
     scene.tendons[c]->set_rest(models[c].rest);
   }
   apply(now);
-  history_.start = std::move(start);
+  *history_.start = std::move(start);
   size_t k = 0;
   for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) cache.entries = std::move(planes[k++]);

@@ -67,11 +67,11 @@ void World::let_go(int body) {
 
 // Restores the state before the last step. false: tendons or anchors were added or removed since then.
 bool World::take_back() {
-  if (!history_.may_resolve || !history_.start.valid) return false;
+  if (!history_.may_resolve || !history_.start->valid) return false;
   Checkpoint last;
   capture(last);
-  if (!same_anchors(history_.start, last)) return false;
-  apply(history_.start);
+  if (!same_anchors(*history_.start, last)) return false;
+  apply(*history_.start);
   for (size_t c = 0; c < scene.tendons.size(); ++c) {
     if (!scene.tendons[c]) continue;
     const TendonState& user = last.tendons[c].state;
@@ -146,8 +146,8 @@ bool World::rewind(const std::vector<int>& pulled) {
     scene.links.swap(links_now);
     scene.bodies.swap(bodies_now);
     for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.contacts);
-    const std::vector<Link>& sensed = history_.start.sensed_links;
-    std::vector<GeneralizedBody>& sensed_bodies = history_.start.sensed_bodies;
+    const std::vector<Link>& sensed = history_.start->sensed_links;
+    std::vector<GeneralizedBody>& sensed_bodies = history_.start->sensed_bodies;
     for (size_t i = 0; i < std::min(scene.links.size(), sensed.size()); ++i) scene.links[i] = sensed[i];
     for (int i : pulled) scene.bodies[i].observer.trust_last();
     for (size_t i = 0; i < std::min(scene.bodies.size(), sensed_bodies.size()); ++i) {

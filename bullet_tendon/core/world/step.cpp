@@ -80,8 +80,8 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   history_.may_resolve = !whole && any_moved();
   for (GeneralizedBody& m : scene.bodies) m.turning.far = false;
   if (history_.may_resolve) {
-    history_.start.sensed_links = scene.links;
-    history_.start.sensed_bodies = scene.bodies;
+    history_.start->sensed_links = scene.links;
+    history_.start->sensed_bodies = scene.bodies;
   }
   wake_disturbed(dt);
   join_step();

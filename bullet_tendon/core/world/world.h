@@ -103,11 +103,12 @@ struct IslandSet {
   std::vector<char> solid;   // by link: the link has a shape or a tunnel
 };
 
-// Checkpoints that restore the state before the last step or before a failed one.
+// Checkpoints that restore the state before the last step or before a failed one. Pointers, because the two
+// change places in every step.
 struct History {
-  Checkpoint start;          // before the last step
-  Checkpoint now;            // before an attempt whose step has not begun
-  StepRecord last_step;      // the last step that was not `whole`
+  std::unique_ptr<Checkpoint> start = std::make_unique<Checkpoint>();  // before the last step
+  std::unique_ptr<Checkpoint> now = std::make_unique<Checkpoint>();    // before a step that has not begun
+  StepRecord last_step;                                                // the last one that was not `whole`
   bool may_resolve = false;  // the last step can be solved again; only where bodies move
 };
 
