@@ -9,13 +9,11 @@
 
 #include "bindings/arrays.h"
 #include "bodies/articulated_body.h"
+#include "math/rounding.h"
 
 namespace bt {
 
 namespace {
-
-// Cosine between force and torque below which a wrench is a single force at some point: rounding [-].
-constexpr double kAcross = 1e-14;
 
 // Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame). The
 // inverse of the inertial frame's local pose leads to the link's frame. pybullet returns no valid local pose
@@ -164,14 +162,15 @@ void take(PyObject* from, int count, std::vector<double>& numbers) {
 
 void place(Articulated& body, const Reading& reading, const std::vector<double>& places) {
   if (static_cast<int>(reading.infos.size()) != body.links()) throw py::value_error("infos");
-  std::vector<double> inertias, base;
-  inertias.reserve(kInertiaWidth * body.links());
-  for (const py::handle& info : reading.infos) {
-    take(info.ptr(), 1, inertias);
-    for (int part = 2; part < 5; ++part) take(item(info.ptr(), part), part == 4 ? 4 : 3, inertias);
+  std::vector<LinkInertia> inertias;
+  std::vector<double> base;
+  for (const py::handle& of : reading.infos) {
+    PyObject* info = of.ptr();
+    inertias.push_back(
+        {number(info, 0), vector(item(info, 2)), vector(item(info, 3)), turn_of(item(info, 4))});
   }
   for (int part = 0; part < 2; ++part) take(item(reading.base.ptr(), part), 3 + part, base);
-  body.place(inertias.data(), base.data(), places.data());
+  body.place(inertias, base.data(), places.data());
 }
 
 // The rates of the degrees of freedom, and where the joints are.
@@ -344,14 +343,14 @@ Array wrenches(const World& w) {
 }
 
 // Slot, force, point and torque about the point of every link that yields and has a wrench. The torque is
-// None where the wrench is a single force, as from one attachment.
+// None where the wrench is a single force, as from one attachment: where both are orthogonal.
 py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.scene.links.size(); ++i) {
     const Link& l = w.scene.links[i];
     const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
-    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kAcross * force * torque && force > 0) {
+    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kRoundingShare * force * torque && force > 0) {
       const Vec3 point = l.start_centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
       out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
     } else {

@@ -39,24 +39,19 @@ Articulated::Articulated(const std::vector<Joint>& joints, bool floating)
   }
 }
 
-void Articulated::place_inertia(Placed& link, const double* numbers) {
-  link.mass = numbers[0];
-  link.inertia = turned(link.turn, {numbers[1], numbers[2], numbers[3]});
+void Articulated::place_inertia(Placed& link, const LinkInertia& inertia) {
+  link.mass = inertia.mass;
+  link.inertia = turned(link.turn, inertia.moments);
 }
 
-void Articulated::place(const double* inertias, const double* base, const double* places) {
-  auto local_centre = [&](int link) {
-    const double* p = inertias + kInertiaWidth * link + 4;
-    return Vec3{p[0], p[1], p[2]};
-  };
-  auto local_turn = [&](int link) { return rotation_of(inertias + kInertiaWidth * link + 7); };
+void Articulated::place(const std::vector<LinkInertia>& inertias, const double* base, const double* places) {
   base_at_ = {base[0], base[1], base[2]};
   Placed& root = links_[0];
   root.turn = rotation_of(base + 3);
-  root.frame = root.turn * transposed(local_turn(0));
+  root.frame = root.turn * transposed(inertias[0].turn);
   root.centre = {};
-  root.joint = -(root.frame * local_centre(0));
-  place_inertia(root, inertias);
+  root.joint = -(root.frame * inertias[0].centre);
+  place_inertia(root, inertias[0]);
   for (int j = 0; j + 1 < links(); ++j) {
     const Joint& joint = joints_[j];
     const Placed& parent = links_[joint.parent];
@@ -71,9 +66,9 @@ void Articulated::place(const double* inertias, const double* base, const double
       link.turn = link.turn * rotation_of(places);
       places += 4;
     }
-    link.frame = link.turn * transposed(local_turn(j + 1));
-    link.centre = link.joint + link.frame * local_centre(j + 1);
-    place_inertia(link, inertias + kInertiaWidth * (j + 1));
+    link.frame = link.turn * transposed(inertias[j + 1].turn);
+    link.centre = link.joint + link.frame * inertias[j + 1].centre;
+    place_inertia(link, inertias[j + 1]);
   }
   for (int k = 0; k < dofs(); ++k) {
     Twist& t = twists_[k];

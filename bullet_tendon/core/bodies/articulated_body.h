@@ -21,9 +21,13 @@ struct Joint {
   double damping = 0;           // torque or force per rate [N m s] or [N s/m]
 };
 
-// Numbers that are read of a link: mass 1, principal moments 3, and its inertial frame in its own frame,
-// whose origin is the joint: 3 and 4 (quaternion x, y, z, w).
-constexpr int kInertiaWidth = 11;
+// Mass [kg] and principal moments [kg m^2] of a link, and its inertial frame in its own frame, whose origin
+// is the joint.
+struct LinkInertia {
+  double mass;
+  Vec3 moments, centre;
+  Rot3 turn;
+};
 
 class Articulated {
  public:
@@ -33,9 +37,9 @@ class Articulated {
   int places() const { return places_; }
   bool floats() const { return base_ > 0; }
   bool moves(int link) const { return !links_[link].moved_by.empty(); }
-  // inertias: kInertiaWidth of every link. base: its centre of mass 3 and inertial frame 4 in the world.
+  // inertias: of every link. base: its centre of mass 3 and inertial frame 4 in the world.
   // places: of the joints that move, a ball's 4 (quaternion).
-  void place(const double* inertias, const double* base, const double* places);
+  void place(const std::vector<LinkInertia>& inertias, const double* base, const double* places);
   // Centre of mass and frame of a link, once it was placed.
   Vec3 centre(int link) const { return base_at_ + links_[link].centre; }
   Pose frame(int link) const { return {links_[link].frame, base_at_ + links_[link].joint}; }
@@ -76,7 +80,7 @@ class Articulated {
     double lower = 1, upper = 0, damping = 0;
     int place = 0;  // among those of the joints
   };
-  void place_inertia(Placed& link, const double* numbers);
+  void place_inertia(Placed& link, const LinkInertia& inertia);
   std::vector<Motion> motions_at(const double* rates) const;
   std::vector<Joint> joints_;
   std::vector<Placed> links_;

@@ -10,13 +10,11 @@ namespace bt {
 
 namespace {
 
-// If the squared rotation angle of a body in a step is larger, arms are those at the end of the step
-// [rad^2]. Larger: attached points lag behind. Smaller: the swing of a body that hangs on an arm is damped.
-constexpr double kFarTurn = 0.01;
-// The same for dt^2 |f| |r| / (moment of inertia), the rotation of the arm r under the force f [-]. Larger:
-// the swing of light bodies on taut tendons grows, from 4 on without bound. Smaller: the swing of a body that
-// hangs on an arm is damped.
-constexpr double kFarSwing = 0.25;
+// If the rotation of a body in a step is larger, arms are those at the end of the step [rad]. It is also the
+// largest dt^2 |f| |r| times the mean inverse moment of inertia, the rotation that the force f could cause by
+// the arm r. Larger: attached points lag behind, and the swing of light bodies on taut tendons grows.
+// Smaller: the swing of a body that hangs on an arm is damped.
+constexpr double kFarTurn = 0.1;
 
 }  // namespace
 
@@ -87,7 +85,7 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
     light += dot(e, e);
   }
   const Vec3 turn = dt * (spin + dt * by);
-  return dot(turn, turn) > kFarTurn || dt * dt * light * turning.pull > kFarSwing;
+  return norm(turn) > kFarTurn || dt * dt * light / 3 * turning.pull > kFarTurn;
 }
 
 void GeneralizedBody::act(double dt) {

@@ -8,15 +8,13 @@ namespace bt {
 
 namespace {
 
-// A held body was released if its motion along the forces exceeds the predicted one by this share of its free
-// response [-]. Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
-constexpr double kReleased = 0.2;
-
 // Smallest relative change of the forces from which the observer learns, and smallest error of the prediction
 // relative to the acceleration by gravity, motion and stops [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces, and, for an increased response, the relative change of the forces.
+// the change of the forces (of a held body that is released, to the forces), and, for an increased response,
+// the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps of held bodies
+// are solved twice.
 constexpr double kEvidence = 0.1;
 
 }  // namespace
@@ -142,10 +140,10 @@ bool Observer::leave_out_cut(const Numbers& rates) {
   return any;
 }
 
-// Whether the body moved along the forces by more than predicted (kReleased).
+// Whether the body moved along the forces by more than predicted (kEvidence).
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);
-  return beyond > kReleased * dot(now.root_forces, now.root_forces);
+  return beyond > kEvidence * dot(now.root_forces, now.root_forces);
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "collision/proximity_cache.h"
+#include "math/rounding.h"
 #include "tendon/tendon.h"
 
 namespace bt {
@@ -52,10 +53,10 @@ struct Collector {
   // Whether segments can touch within this step. Their boxes are disjoint; square: squared distance [m^2].
   bool may_touch_now(const Node& p, const Node& q, double square) const {
     const Vec3 moves = highest(p.ahead.hi - q.ahead.lo, q.ahead.hi - p.ahead.lo);
-    const double enough = (1 + kRoundedUp) * (reach + std::min(most, norm(moves)));
+    const double enough = (1 + kRoundingShare) * (reach + std::min(most, norm(moves)));
     if (square > enough * enough) return false;
     const Vec3 gap = gap_between(swept(p, a.mean_motion()), swept(q, b.mean_motion()));
-    return max_abs(gap) <= (1 + kRoundedUp) * (reach + towards);
+    return max_abs(gap) <= (1 + kRoundingShare) * (reach + towards);
   }
 
   void leave_out(double square) { list.left_out_ = std::min(list.left_out_, square); }
@@ -99,7 +100,7 @@ struct Collector {
 double CandidateList::needed(const TendonBvh& a, const TendonBvh& b, double most) const {
   const Vec3 by = (a.moved().by - a_moved_.by) - (b.moved().by - b_moved_.by);
   const double off = (a.moved().off - a_moved_.off) + (b.moved().off - b_moved_.off);
-  return (1 + kRoundedUp) * (a.reach() + b.reach() + norm(by) + off + foreseen(a, b, most));
+  return (1 + kRoundingShare) * (a.reach() + b.reach() + norm(by) + off + foreseen(a, b, most));
 }
 
 bool CandidateList::serves(const TendonBvh& a, const TendonBvh& b, double needed) const {
@@ -118,7 +119,7 @@ void CandidateList::collect(TendonBvh& a, TendonBvh& b, double most) {
   const double margin = kListMargin * sum_of_radii(a, b), reach = a.reach() + b.reach();
   const double moves = foreseen(a, b, most);
   const bool once = moves > 0.5 * margin;
-  const double limit = (1 + kRoundedUp) * (reach + (once ? moves : margin));
+  const double limit = (1 + kRoundingShare) * (reach + (once ? moves : margin));
   Collector collector{a, b, reach, most, limit, once, *this};
   if (&a == &b)
     collector.within(1);
@@ -214,7 +215,7 @@ double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon&
       if (d >= apart) continue;
       // Adjacent anchors of one tendon contradict no contact, because segments between them make none.
       const auto [first, last] = std::minmax(h.particle, g.particle);
-      if (&a == &b && arc_between(a, first, last) < kSelfContactArc * a.radius) continue;
+      if (&a == &b && arc_between(a, first, last) < self_contact_arc(a.radius)) continue;
       const double arcs = arc_to(a, h.particle, p.segment_a, at.u) + arc_to(b, g.particle, p.segment_b, at.w);
       apart = std::min(apart, d + kParting * arcs);
     }

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "math/rounding.h"
+
 namespace bt {
 
 namespace {
@@ -122,12 +124,14 @@ struct Considering {
     return true;
   }
 
-  // The present distance to the last nearest point is an upper bound. The feature is on the same side of the
-  // surface if its ends have moved by less than its distance, or have not crossed the surface.
+  // The present distance to the last nearest point is an upper bound, in spite of rounding. The feature is on
+  // the same side of the surface if its ends have moved by less than its distance, or have not crossed the
+  // surface.
   bool searched(Entry& e, const Query& q, double moved) const {
     const Surface& surface = *shape.surface;
     if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
-    const double within = (1 + kRoundedUp) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
+    const double within =
+        (1 + kRoundingShare) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
     const Nearest found = surface.search(q.a, q.b, within, e.nearby);
     e.nearby.clear();  // it is not complete up to e.listed
     if (found.distance == 0) return false;

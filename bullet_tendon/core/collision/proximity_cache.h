@@ -32,10 +32,6 @@ namespace bt {
 // it can. Smaller: more substeps.
 constexpr double kFarthestMove = 0.9;
 
-// Relative increase of an upper bound of a distance, so that the bounded distance is below it in spite of
-// rounding [-].
-constexpr double kRoundedUp = 1e-9;
-
 // Tangent plane of a shape at the point nearest to a feature.
 struct Plane {
   Vec3 point, normal;  // shape frame

@@ -45,7 +45,7 @@ void TendonBvh::follow(const Tendon& c, double threshold) {
   ahead_ = motion_between(c.x, c.predicted);
   last_ = c.x;
   if (std::exchange(rest_set_, c.rest_set) == c.rest_set) return;
-  joined_arc_ = kSelfContactArc * c.radius;
+  joined_arc_ = self_contact_arc(c.radius);
   arc_.assign(c.n(), 0.0);
   for (int k = 0; k + 1 < c.n(); ++k) arc_[k + 1] = arc_[k] + c.rest[k];
 }

@@ -12,17 +12,10 @@
 #include <cmath>
 
 #include "contact/contact.h"
+#include "geometry/segment_distance.h"
 #include "geometry/tunnel_bore.h"
 
 namespace bt {
-
-namespace {
-
-// Search steps per iteration for the point of a segment nearest to an edge [-]. The search starts at the last
-// point.
-constexpr int kFollowing = 4;
-
-}  // namespace
 
 void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
   Vec3 from = x - geometry.axis_point, radial = without(from, geometry.axis);
@@ -40,12 +33,13 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_
   around = cross(geometry.axis, out);
 }
 
+// The search for the point of a segment nearest to an edge starts at the last point.
 void Contact::follow(Vec3 start, Vec3 end) {
   const Vec3 l = end - start;
   const double l2 = dot(l, l);
   if (l2 == 0) return;
   double u = a.w1;
-  for (int i = 0; i < kFollowing; ++i) {
+  for (int i = 0; i < kAdvances; ++i) {
     const Vec3 on_edge = nearest_on_circle(start + u * l, geometry.axis_point, geometry.axis,
                                            geometry.feature_radius, any_perpendicular(geometry.axis));
     u = std::min(std::max(dot(on_edge - start, l) / l2, 0.0), 1.0);

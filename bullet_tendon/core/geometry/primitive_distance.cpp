@@ -10,11 +10,6 @@ namespace bt {
 
 namespace {
 
-// Rounding of a closed form, as a share of the coordinates [-]: of a place, of a distance, of the cosine
-// between a segment and the way to it, and of the parameter at which a search along a segment ends. Larger:
-// what is slanted, or a little way off, is taken for flat, or touching. Smaller: rounding decides.
-constexpr double kFormRounding = 1e-14;
-
 double beyond(double x, double half) { return x > half ? x - half : x < -half ? x + half : 0; }
 double sum_of(Vec3 v) { return std::fabs(v.x) + std::fabs(v.y) + std::fabs(v.z); }
 

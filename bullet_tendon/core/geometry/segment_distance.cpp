@@ -9,14 +9,8 @@ namespace bt {
 
 namespace {
 
-// Times that two segments are advanced towards each other at most to see when they could touch [-]. Fewer:
-// steps are taken in parts because of what passes by.
-constexpr int kAdvances = 8;
-
-// Square of the sine between segments under which they are nearly parallel, and under which the crossing of
-// their lines is lost in rounding [-].
+// Square of the sine between segments under which they are nearly parallel [-].
 constexpr double kNearlyParallel = 0.12;
-constexpr double kParallel = 1e-10;
 
 double clamp01(double t) { return std::min(std::max(t, 0.0), 1.0); }
 
@@ -29,7 +23,7 @@ void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w
   double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), dr = dot(d, r), er = dot(e, r);
   double det = dd * ee - de * de;
   // Parallel segments have a whole interval of nearest points: take its middle.
-  if (det <= kParallel * dd * ee) {
+  if (det <= kRoundingShare * dd * ee) {
     double w0 = ee > 0 ? clamp01(er / ee) : 0, w1 = ee > 0 ? clamp01((er + de) / ee) : 0;
     w = 0.5 * (w0 + w1);
   } else {
@@ -55,7 +49,7 @@ int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParamet
   if (dd == 0 || ee == 0 || det > kNearlyParallel * dd * ee) return 0;
   const double first = clamp01(dot(q0 - p0, d) / dd), second = clamp01(dot(q1 - p0, d) / dd);
   double from = std::min(first, second), to = std::max(first, second);
-  if (det > kParallel * dd * ee) {
+  if (det > kRoundingShare * dd * ee) {
     const double dr = dot(d, r), er = dot(e, r), crossing = (de * er - ee * dr) / det;
     const Vec3 apart = r + crossing * d - ((de * crossing + er) / ee) * e;
     const double side = std::sqrt(det / ee);  // |p1 - p0| times the sine

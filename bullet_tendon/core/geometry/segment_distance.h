@@ -4,6 +4,11 @@
 
 namespace bt {
 
+// Largest number of steps of a search for nearest points that alternates between two features, or of an
+// advance of two segments until they could touch [-]. Fewer: points are less accurate, and substeps are cut
+// because of what passes by. More: slower where features are nearly parallel.
+constexpr int kAdvances = 8;
+
 // Nearest parameters of segments p0-p1 and q0-q1: p0 + u (p1 - p0) and q0 + w (q1 - q0).
 void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w);
 

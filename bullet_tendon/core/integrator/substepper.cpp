@@ -7,18 +7,12 @@ void Substepper::start(double dt, bool divisible) {
   divisible_ = divisible;
   done_ = 0;
   size_ = kUnits;
-  taken_ = repeats_ = 0;
+  taken_ = 0;
   reasons_ = {};
-}
-
-void Substepper::repeat(Reason why) {
-  count(why);
-  ++repeats_;
 }
 
 void Substepper::cut(Reason why, double share, const Budget& budget) {
   count(why);
-  repeats_ = 0;
   do {
     size_ /= 2;
     share *= 2;
@@ -27,14 +21,12 @@ void Substepper::cut(Reason why, double share, const Budget& budget) {
 
 void Substepper::divide(Reason why, int parts) {
   count(why);
-  repeats_ = 0;
   size_ /= parts;
 }
 
 void Substepper::accept() {
   done_ += size_;
   ++taken_;
-  repeats_ = 0;
   if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
 }
 

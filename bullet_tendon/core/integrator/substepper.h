@@ -20,10 +20,8 @@ constexpr int kMostSubsteps = 512;
 // The same once the budget is exhausted [-]. Motion is still limited, so that nothing passes through
 // anything.
 constexpr int kMostOverBudget = 64;
-// Largest number of times that a substep of one length is solved again, for any reason [-].
-constexpr int kMostRepeats = 64;
-// Largest number of times that contacts are detected again for a substep before it is halved [-]. Smaller:
-// more substeps where contacts appear one after another.
+// Largest number of times that contacts are detected again for a substep before it is halved, and that stops
+// of bodies are for a step [-]. Smaller: more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
 
 // Why a substep was solved again.
@@ -38,8 +36,7 @@ enum class Reason : int {
   joint_stops,      // joint limits or contacts of a body act differently from the prediction: repeated
   body_rotation,    // a body turns far that was predicted to turn little: repeated
 };
-constexpr int kReasons = 9;
-using ReasonCounts = std::array<int, kReasons>;
+using ReasonCounts = std::array<int, static_cast<int>(Reason::body_rotation) + 1>;
 
 class Substepper {
  public:
@@ -63,11 +60,11 @@ class Substepper {
   bool may_cut(Budget& budget) const {
     return divisible_ && size_ > 1 && (size_ > smallest(budget) || !budget.refuses());
   }
-  bool may_repeat() const { return repeats_ < kMostRepeats; }
 
   // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided
-  // by `parts`.
-  void repeat(Reason why);
+  // by `parts`. Repeats end: a substep wakes each tendon, restarts each history and lets each body turn far
+  // at most once, and detections and changes of stops are limited.
+  void repeat(Reason why) { count(why); }
   void cut(Reason why, double share, const Budget& budget);
   void divide(Reason why, int parts);
   // Ends the substep. The next one is twice as long where that aligns with the units of the step.
@@ -81,7 +78,7 @@ class Substepper {
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
   bool divisible_ = true;
-  int done_ = 0, size_ = kUnits, taken_ = 0, repeats_ = 0;
+  int done_ = 0, size_ = kUnits, taken_ = 0;
   ReasonCounts reasons_{};
 };
 

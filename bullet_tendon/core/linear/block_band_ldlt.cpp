@@ -6,8 +6,6 @@ namespace bt {
 
 namespace {
 
-constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};  // plane of entry (row, column) of a symmetric block
-
 // M <- (I - N) M and M <- M (I - N) for a row-major 3x3.
 void project_left(double* m, const Sym3& N) {
   for (int c = 0; c < 3; ++c) {

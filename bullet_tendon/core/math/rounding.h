@@ -8,6 +8,12 @@ namespace bt {
 // and mobilities. Rounding errors of coordinates that are a thousand times as large are smaller. Larger:
 // small but real differences are lost. Smaller: rounding decides.
 constexpr double kRoundingShare = 1e-9;
+// Rounding of a few operations, as a share of the numbers they are done with [-]: of a closed form for a
+// place, a distance or the cosine between a segment and the way to it, of the parameter at which a search
+// along a segment ends, and of the pivot of a degree of freedom, as a share of its mass or response. Larger:
+// what is slanted, or a little way off, is taken for flat, or touching, and light bodies that carry heavy
+// links do not respond. Smaller: rounding decides.
+constexpr double kFormRounding = 1e-14;
 
 // Where `value` is least between left and right, if it has one minimum there: golden section (Kiefer 1953). A
 // minimum is flat, so that the least value is accurate to rounding although the place is not.

@@ -4,15 +4,9 @@
 #include <cmath>
 #include <limits>
 
+#include "math/rounding.h"
+
 namespace bt {
-
-namespace {
-
-// Pivot of a degree of freedom, relative to its own diagonal entry (mass or response), below which it is
-// rounding [-]. Larger: light bodies that carry heavy links do not respond.
-constexpr double kMassless = 1e-13;
-
-}  // namespace
 
 namespace dense {
 
@@ -98,7 +92,7 @@ void root(int size, const Numbers& a, Numbers& l) {
     for (int j = 0; j < n; ++j) {
       double pivot = from[j * n + j];
       for (int k = 0; k < j; ++k) pivot -= to[j * n + k] * to[j * n + k];
-      if (!(pivot > kMassless * from[j * n + j])) continue;
+      if (!(pivot > kFormRounding * from[j * n + j])) continue;
       const double d = to[j * n + j] = std::sqrt(pivot);
       for (int i = j + 1; i < n; ++i) {
         double sum = from[i * n + j];

@@ -9,6 +9,9 @@ struct Sym3 {
   double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
 };
 
+// Number of entry (row, column) of the whole matrix among those that are stored.
+constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+
 inline Sym3 operator+(Sym3 a, Sym3 b) {
   return {a.xx + b.xx, a.xy + b.xy, a.xz + b.xz, a.yy + b.yy, a.yz + b.yz, a.zz + b.zz};
 }

@@ -293,7 +293,6 @@ BT_WITHIN inline void pull_back(Panel& panel, const SegmentPoint& s, const Eight
 
 // Adds the forces of the band on particle i and its neighbours, due to the displacement of particle i.
 BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
-  constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
   const Eight* u = panel.moves.at(i);
   auto add_entry = [&](int j, int r, int c, double entry) BT_WITHIN { panel.pulls.at(j)[r] += entry * u[c]; };
   for (int r = 0; r < 3; ++r)

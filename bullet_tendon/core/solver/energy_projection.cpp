@@ -23,8 +23,6 @@ namespace bt {
 
 namespace {
 
-// Created energy that is taken for rounding, relative to the energy of the island [-].
-constexpr double kCreated = 1e-12;
 // Sweeps of impulses in each of the two directions, along and across.
 constexpr int kSweeps = 4;
 
@@ -122,8 +120,8 @@ void each_pair(const Island& island, Do what) {
 }
 
 // Energy of a tendon at the end of the step, minus that at its start and minus the work of external forces
-// and anchors [J]. Adds its energy at the end to `energy` [J].
-double gained(Tendon& c, Vec3 gravity, double& energy) {
+// and anchors [J].
+double gained(Tendon& c, Vec3 gravity) {
   double before = bending_energy(c, c.x), after = bending_energy(c, c.x_new), work = 0;
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
@@ -138,7 +136,6 @@ double gained(Tendon& c, Vec3 gravity, double& energy) {
     work += dot(c.mass[i] * gravity + c.force.at(i), c.displacement.at(i));
   }
   for (const Anchor& h : c.anchors) work -= dot(h.force, c.displacement.at(h.particle));
-  energy += after;
   return after - before - work;
 }
 
@@ -161,12 +158,12 @@ void project_energy(Island& island, Vec3 gravity) {
   const bool any = std::any_of(island.tendons.begin(), island.tendons.end(),
                                [](const Tendon* c) { return bends(*c) || has_compression(*c); });
   if (!any && island.contacts.empty()) return;
-  double left = 0, energy = 0;
-  for (Tendon* c : island.tendons) left += gained(*c, gravity, energy);
+  double left = 0;
+  for (Tendon* c : island.tendons) left += gained(*c, gravity);
   for (const Contact* contact : island.contacts)
     if (contact->acts() && contact->b.tendon < 0)
       left -= dot(contact->force.total, link_displacement(island, *contact));
-  if (!(left > kCreated * energy)) return;
+  if (!(left > 0)) return;
   for (const bool across : {false, true})
     for (int sweep = 0; sweep < kSweeps && left > 0; ++sweep)
       each_pair(island, [&](const Pair& pair) { dissipate(island, pair, across, left); });

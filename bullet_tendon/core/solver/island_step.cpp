@@ -1,5 +1,6 @@
 // One substep of an island by the method of the options.
 #include <cmath>
+#include <limits>
 
 #include "solver/body_schur.h"
 #include "solver/solver.h"
@@ -16,14 +17,10 @@ Vec3 step_mean(const Tendon& c, const StepContext& context, Vec3 last_mean, Vec3
   return share < 1 ? (1 - share) * last_mean + share * force : force;
 }
 
-// Displacement in a step, in lengths of the tendon, above which the step has failed [-]: the forces would be
-// smaller than rounding.
-constexpr double kRunaway = 1e12;
-
 // Whether positions and velocities are finite, and displacements so small that the length of the tendon
 // exceeds their rounding.
 bool is_sane(const Tendon& c, const StepContext& context) {
-  const double most = kRunaway * c.rest_length();
+  const double most = c.rest_length() / std::numeric_limits<double>::epsilon();
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < c.n(); ++i)
       if (!(std::fabs(c.x_new[k][i] - c.x[k][i]) <= most) || !(context.dt * std::fabs(c.v_new[k][i]) <= most))

@@ -6,14 +6,9 @@
 #include <type_traits>
 #include <vector>
 
+#include "math/rounding.h"
+
 namespace bt {
-
-namespace {
-
-// Plane of entry (row, column) of a symmetric block.
-constexpr int kFull[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
-
-}  // namespace
 
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
@@ -45,7 +40,7 @@ BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& disp
       dz += uz[k + reach] - uz[k];
     }
     double length = std::sqrt(dx * dx + dy * dy + dz * dz);
-    bool degenerate = length < kDegenerateLength * rest[k];  // no direction but noise
+    bool degenerate = length < kRoundingShare * rest[k];  // no direction but noise
     double inv = degenerate ? 0.0 : 1 / length;
     len[k] = length;
     nx[k] = dx * inv;
@@ -171,7 +166,7 @@ BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const double *lighter = s.lighter.data(), allowed = -inertia / 8;
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
-    double least = kDegenerateLength * rest[k];
+    double least = kRoundingShare * rest[k];
     double g = carried[k] / (len[k] > least ? len[k] : least), lowest = allowed * lighter[k];
     g = g > lowest ? g : lowest;
     double f = elastic_slope[k] + damping_slope[k];

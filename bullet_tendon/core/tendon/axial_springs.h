@@ -28,10 +28,6 @@
 
 namespace bt {
 
-// A spring shorter than this share of its rest length has no direction [-]. Larger: a collapsed tendon loses
-// forces. Smaller: the direction is rounding noise.
-constexpr double kDegenerateLength = 1e-9;
-
 // Strain at which the contact stiffness of a slack tendon uses the tangent of the material [-]. A power law
 // has no stiffness at rest, but a contact must be stiff before the load comes.
 constexpr double kReferenceStrain = 0.01;

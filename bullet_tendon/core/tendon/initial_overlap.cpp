@@ -43,7 +43,7 @@ void Tendon::find_overlaid() {
     double arc = 0;
     for (int m = k + 2; m + 1 < n_; ++m) {
       arc += rest[m - 1];
-      if (arc < kSelfContactArc * radius) continue;
+      if (arc < self_contact_arc(radius)) continue;
       const double far = norm(0.5 * (x.at(m) + x.at(m + 1)) - middle) - longest - near;
       if (far < 0 && distance_of(x, k, m) < near) overlaid.push_back(pair_of(k, m));
       // The next far/longest segments cannot be near. Skip them.

@@ -1,5 +1,6 @@
 // One tendon in the core: particles, springs, anchors and history.
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -14,10 +15,10 @@ namespace bt {
 // queries and contacts. Smaller: more detections.
 constexpr double kSlack = 0.05;
 
-// Two segments of one tendon can touch only if the arc length between them exceeds this many radii [-]. A
+// Two segments of one tendon can touch only if the arc length between them exceeds this [m]. A
 // tendon in the tightest possible bend (radius of the centreline = radius of the tendon) touches itself
 // after half a turn. Smaller: neighbours push each other apart in every bend.
-constexpr double kSelfContactArc = 3.14159265358979;
+inline double self_contact_arc(double radius) { return M_PI * radius; }
 
 // The part of a tendon that only the user changes. A step never changes it.
 struct TendonModel {

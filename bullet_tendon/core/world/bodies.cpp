@@ -8,14 +8,6 @@
 
 namespace bt {
 
-namespace {
-
-// Largest number of times that a substep is solved again because stops act differently from the prediction
-// [-].
-constexpr int kSettlings = 8;
-
-}  // namespace
-
 // Calls what(body, tendon) for every attachment and every contact on a body that yields.
 template <class Do>
 void World::each_touch(Do what) const {
@@ -164,7 +156,7 @@ bool World::find_turning() {
 
 // Updates joint limits and contacts of bodies to the forces of this solution. Returns whether any changed.
 bool World::settle_stops() {
-  if (step_.whole || step_.stop_changes >= kSettlings ||
+  if (step_.whole || step_.stop_changes >= kMostDetections ||
       std::none_of(scene.bodies.begin(), scene.bodies.end(),
                    [](const GeneralizedBody& m) { return m.may_stop(); }))
     return false;

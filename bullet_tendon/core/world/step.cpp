@@ -127,11 +127,11 @@ std::optional<Reason> World::solve_substep() {
       return {};
     }
     if (again) inherit_multipliers();
-    if (step_.substeps.may_repeat() && share_weights()) return Reason::step_weights;
+    if (share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (step_.failed) return {};
   }
-  if (!step_.substeps.may_repeat() || !any_moved() || step_.budget.refuses()) return {};
+  if (!any_moved() || step_.budget.refuses()) return {};
   if (settle_stops()) return Reason::joint_stops;
   if (find_turning()) return Reason::body_rotation;
   return {};
