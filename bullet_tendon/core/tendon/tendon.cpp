@@ -10,6 +10,13 @@
 
 namespace bt {
 
+namespace {
+
+// Distance by which a particle is moved off a coincident neighbour, as a share of the rest length [-].
+constexpr double kSpread = 1e-6;
+
+}  // namespace
+
 Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
   for (Field* f : {&x, &v, &force, &x_before, &v_before, &x_new, &dx, &residual, &v_new, &displacement,
@@ -147,15 +154,14 @@ BT_VECTOR bool leaves_predicted_region(const Tendon& c) {
 }
 
 // The directions are distributed evenly over a sphere, each rotated by the golden angle from the last (Saff
-// and Kuijlaars 1997). The distance is as far above rounding as it is below the rest length.
+// and Kuijlaars 1997).
 void Tendon::spread_coincident() {
   const Field given = x;
-  const double spread = std::sqrt(kRoundingShare);
   for (int i = 1; i < n_; ++i) {
     if (norm(given.at(i) - given.at(i - 1)) >= kRoundingShare * rest[i - 1]) continue;
     const double height = 1 - (2 * i + 1.0) / (2 * n_ + 1), angle = 2.399963229728653 * i;
     const double around = std::sqrt(1 - height * height);
-    x.add(i, spread * rest[i - 1] * Vec3{around * std::cos(angle), around * std::sin(angle), height});
+    x.add(i, kSpread * rest[i - 1] * Vec3{around * std::cos(angle), around * std::sin(angle), height});
   }
 }
 
