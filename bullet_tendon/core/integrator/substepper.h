@@ -41,7 +41,14 @@ using ReasonCounts = std::array<int, static_cast<int>(Reason::body_rotation) + 1
 class Substepper {
  public:
   // Begins a step of dt [s]. divisible: substeps may be shorter than the step.
-  void start(double dt, bool divisible);
+  void start(double dt, bool divisible) {
+    dt_ = dt;
+    divisible_ = divisible;
+    done_ = 0;
+    size_ = kUnits;
+    taken_ = 0;
+    reasons_ = {};
+  }
   bool done() const { return done_ == kUnits; }
   double step() const { return dt_; }                            // length of the whole step [s]
   double h() const { return dt_ * size_ / kUnits; }              // length of this substep [s]
@@ -65,10 +72,23 @@ class Substepper {
   // by `parts`. Repeats end: a substep wakes each tendon, restarts each history and lets each body turn far
   // at most once, and detections and changes of stops are limited.
   void repeat(Reason why) { count(why); }
-  void cut(Reason why, double share, const Budget& budget);
-  void divide(Reason why, int parts);
+  void cut(Reason why, double share, const Budget& budget) {
+    count(why);
+    do {
+      size_ /= 2;
+      share *= 2;
+    } while (share < 1 && size_ > smallest(budget));
+  }
+  void divide(Reason why, int parts) {
+    count(why);
+    size_ /= parts;
+  }
   // Ends the substep. The next one is twice as long where that aligns with the units of the step.
-  void accept();
+  void accept() {
+    done_ += size_;
+    ++taken_;
+    if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
+  }
 
   int taken() const { return taken_; }
   const ReasonCounts& reasons() const { return reasons_; }
