@@ -12,7 +12,7 @@ import pytest
 import bullet_tendon as bt
 
 
-def folding(make_world, **options):
+def folding(make_world, particles=60, **options):
     """A tendon with bending stiffness, held in its middle, whose ends are pulled down: it folds."""
     world = make_world(gravity=(0, 0, 0), **options)
     material = bt.Material.preset("hamstring_graft")
@@ -24,8 +24,8 @@ def folding(make_world, **options):
         bending_stiffness=1e-5,
         density=material.density,
     )
-    t = world.add_tendon([[-0.08, 0, 0], [0.08, 0, 0]], 0.004, stiff, 60)
-    t.grip(30)
+    t = world.add_tendon([[-0.08, 0, 0], [0.08, 0, 0]], 0.24 / particles, stiff, particles)
+    t.grip(particles // 2)
     for end in (0, -1):
         t.set_force(end, (0, 0, -1.0))
     return world, t
@@ -120,25 +120,18 @@ def interruptible():
 
 
 def test_ctrl_c_ends_a_long_step(make_world, interruptible):
-    """The step is left within a second, and the tendons are as they were before it, or after a whole step."""
-    world, t = folding(make_world, max_linear_solves=10**8, max_iterations=10**5)
+    """The step is left within a second, and the tendons are as they were before it."""
+    world, t = folding(make_world, 4000, max_linear_solves=10**8, max_iterations=10**5)
     begun = time.perf_counter()
     timer = threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
-    before = world.save_state()
+    before = t.positions, t.velocities
     with pytest.raises(KeyboardInterrupt):
-        while time.perf_counter() < begun + 20:
-            before = world.save_state()
-            world.step()
+        world.step()
     timer.join()
     assert time.perf_counter() - begun < 10
-    left = t.positions, t.velocities
-    world.restore_state(before)
-    states = [(t.positions, t.velocities)]
-    world.step()
-    states.append((t.positions, t.velocities))
-    # The interrupt may come right after a step.
-    assert any(all(map(np.array_equal, left, state)) for state in states)
+    np.testing.assert_array_equal(t.positions, before[0])
+    np.testing.assert_array_equal(t.velocities, before[1])
     world.options = bt.SolverOptions(max_linear_solves=50)
     world.step()
     assert np.isfinite(t.positions).all()
