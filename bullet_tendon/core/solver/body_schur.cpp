@@ -209,13 +209,13 @@ double body_residual(const Island& island) {
 // Of all wrenches on the touched links of a body that give its residual r, sum B^T w = r, the smallest:
 // w = B (sum B^T B)^-1 r.
 void correct_wrenches(Island& island) {
-  const double s = reach_of(island);
-  each_body(island, [&](GeneralizedBody& m) {
-    const int n = m.unknowns.freedom;
-    dense::Numbers square(n * n), factor, part = m.unknowns.residual;
+  for (int body : island.bodies.indices) {
+    const BodyUnknowns& unknowns = (*island.bodies.all)[body].unknowns;
+    const int n = unknowns.freedom;
+    dense::Numbers square(n * n), factor, part = unknowns.residual;
     auto each_link = [&](auto what) {
       for (int l : island.bodies.carried)
-        if (Link& link = (*island.bodies.links)[l]; &(*island.bodies.all)[link.body] == &m) what(link);
+        if (Link& link = (*island.bodies.links)[l]; link.body == body) what(link);
     };
     each_link([&](const Link& link) {
       for (int row = 0; row < 6; ++row)
@@ -226,10 +226,10 @@ void correct_wrenches(Island& island) {
     dense::root(n, square, factor);
     dense::solve(factor, part);
     each_link([&](Link& link) {
-      const Twist by = scaled(1 / s, link.spin_of(part));
+      const Twist by = scaled(1 / reach_of(island), link.spin_of(part));
       link.correction = {by.linear, by.angular};
     });
-  });
+  }
 }
 
 double body_slope(const Island& island) {

@@ -163,7 +163,6 @@ void project_energy(Island& island, Vec3 gravity) {
   for (const Contact* contact : island.contacts)
     if (contact->acts() && contact->b.tendon < 0)
       left -= dot(contact->force.total, link_displacement(island, *contact));
-  if (!(left > 0)) return;
   for (const bool across : {false, true})
     for (int sweep = 0; sweep < kSweeps && left > 0; ++sweep)
       each_pair(island, [&](const Pair& pair) { dissipate(island, pair, across, left); });

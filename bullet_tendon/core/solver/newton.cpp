@@ -174,8 +174,8 @@ void place_at_start(Island& island) {
   place_bodies(island);
 }
 
-// Sets the displacements of particles to dx.
-void take_back(Island& island) {
+// Places all particles at their displacements dx, except for anchored ones.
+void place_at_dx(Island& island) {
   for (Tendon* c : island.tendons) {
     c->displacement.zero();
     c->advance(1);
@@ -193,7 +193,7 @@ void choose_guess(Solution& s, double residual) {
   Assembly a = residual_of(island, true);
   measure_residual(island, a);
   if (a.residual < residual) return;
-  take_back(island);
+  place_at_dx(island);
   place_bodies(island);
 }
 
@@ -337,7 +337,7 @@ void stay(Island& island) {
 void continue_motion(Island& island) {
   for (Tendon* c : island.tendons)
     for (int i = 0; i < c->n(); ++i) c->dx.set(i, c->h_eff * c->v.at(i));
-  take_back(island);
+  place_at_dx(island);
   place_bodies(island);
 }
 
@@ -354,7 +354,7 @@ void begin_descent(Solution& s) {
   stay(island);
   const double still = evaluated_potential(island);
   if (reached < still) {
-    take_back(island);
+    place_at_dx(island);
     advance_bodies(island, 1);
   } else {
     continue_motion(island);

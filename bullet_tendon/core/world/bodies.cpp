@@ -52,9 +52,10 @@ void World::find_unknowns() {
   count_touches();
   for (GeneralizedBody& m : scene.bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
-  for (Link& l : scene.links) l.correction = {};
-  for (Link& l : scene.links)
+  for (Link& l : scene.links) {
+    l.correction = {};
     l.turned.far = l.yields() && scene.bodies[l.body].unknowns.any && scene.bodies[l.body].turning.far;
+  }
   for (Contact& contact : contacts_.all)
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&
                     scene.bodies[scene.links[contact.link].body].unknowns.any;

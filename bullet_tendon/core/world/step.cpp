@@ -166,6 +166,7 @@ std::optional<Reason> World::solve_islands() {
   step_.context.may_detect = may_detect && !step_.budget.exhausted();
   step_.context.may_halve = step_.substeps.may_halve() && !step_.budget.exhausted();
   const bool finite = solve_each_island();
+  // If the budget ran out meanwhile, the substep is halved all the same: its end has not descended.
   const bool to_halve = (!finite || step_.unconverged) && step_.substeps.may_halve();
   if (to_halve && (step_.context.may_halve || !step_.budget.refuses())) return Reason::not_converged;
   step_.failed = !finite;
