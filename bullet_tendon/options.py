@@ -48,8 +48,8 @@ class SolverOptions:
         is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
     max_linear_solves: linear solutions that one step may take, of all its islands and substeps together.
     time_budget: wall time that one step may take [s]; None: any. Once either is used up, each
-        substep that is left takes four linear solutions, and the step ends with finite positions. If that
-        leaves anything unsolved, report.converged is False and report.over_budget True.
+        substep that is left takes at most four linear solutions an island, and the step ends with finite
+        positions. If that leaves anything unsolved, report.converged is False and report.over_budget True.
     on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
         the report says converged False; the tendons stay as they were, without a force on bodies, for
         that step. A step that ends finite above the tolerance is taken in both cases: its report
