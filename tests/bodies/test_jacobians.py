@@ -151,7 +151,7 @@ def assert_moves_by_itself(client, body):
     mass, before = jacobians_and_mass(body, [], client)[1], rates(body, client)
     exact = DT * np.linalg.solve(mass, velocity_force(body, client))
     p.stepSimulation(client)
-    rounding = 4 * np.finfo(float).eps * np.abs(before).max(initial=0)
+    rounding = np.finfo(float).eps * np.abs(before).max(initial=0)
     atol = 1e-9 * np.abs(exact).max(initial=0) + rounding
     np.testing.assert_allclose(rates(body, client) - before, exact, rtol=0, atol=atol)
 
