@@ -150,7 +150,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 
       dot(contact.geometry.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
   contact.geometry.margin = options.contact_threshold;
   contact.friction.coefficient = friction * c.friction;
-  contact.friction.relative_start = spot.of(c.x) + link.drift(point, dt);
+  const Vec3 x = spot.of(c.x);
+  contact.friction.relative_start = x + link.drift(x, dt);
   finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
   return contact;
 }
