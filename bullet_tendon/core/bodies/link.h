@@ -40,6 +40,7 @@ struct Link {
   FiniteRotation turned;
 
   bool yields() const { return body >= 0; }
+  bool rests() const { return !yields() && norm(now_velocity) == 0 && norm(now_spin) == 0; }
   // Updates `moved`. Call it after the link was read and before start_pose is set.
   void note_motion();
   // Sets velocity and spin by the predicted change of the body's rates.

@@ -80,6 +80,7 @@ bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.re
 // Decides for one feature between skipping, reusing, searching and querying.
 struct Considering {
   const Shape& shape;
+  const Link& link;
   const Pose pose;
   const NearContext& context;
   std::vector<Query>& queries;
@@ -95,7 +96,7 @@ struct Considering {
         ++counts.skipped;
         return;
       }
-      if (shape.surface ? remeasured(e, query, moved) : still_true(e, query, moved)) {
+      if (shape.surface ? remeasured(e, query, moved) : link.rests() && still_true(e, query, moved)) {
         ++counts.reused;
         e.wanted = is_within_reach(e);
         return;
@@ -187,7 +188,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
   cache.local = local;
   cache.motion = motion;
-  Considering consider{shape, pose, context, queries, counts};
+  Considering consider{shape, link, pose, context, queries, counts};
   auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
   double before = 0;  // reach of the previous particle [m]
   bool bored_before = false;

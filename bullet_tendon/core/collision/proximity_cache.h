@@ -6,8 +6,9 @@
 // distance at that query, and m the motion since then relative to the shape, the feature is
 //   skipped  while d - m > reach, because it cannot be within reach,
 //   reused   mesh: while the list of the nearby triangles of the last query contains the nearest one
-//            (geometry/triangle_bvh.h); these triangles are measured again. Primitive: while the error of the
-//            plane is below the reuse tolerance,
+//            (geometry/triangle_bvh.h); these triangles are measured again. Primitive on a link at rest:
+//            while the error of the plane is below the reuse tolerance. A link that rolls along a segment
+//            leaves the nearest point of the last query behind,
 //   searched mesh: for the nearest triangle; the distance to the last nearest point is an upper bound,
 //   queried  otherwise: where nothing is known, or the feature crosses the surface or has passed through it.
 //            Primitives are measured in closed form here (geometry/primitive_distance.h).

@@ -1,0 +1,99 @@
+"""What sticks to a body that turns goes with it, and a body that rolls on a tendon goes on as it does."""
+
+import math
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+R = 0.002
+WHEEL = 0.03
+ARM = WHEEL + R  # particles do not spin: friction acts on the centreline
+
+
+def wheel(client, mass, radius=WHEEL):
+    """A cylinder on a hinge along y, without damping or motor; returns its body."""
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.02, physicsClientId=client)
+    body = p.createMultiBody(
+        linkMasses=[mass],
+        linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[[0, 0, 0]],
+        linkOrientations=[p.getQuaternionFromEuler([math.pi / 2, 0, 0])],
+        linkInertialFramePositions=[[0, 0, 0]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_REVOLUTE],
+        linkJointAxis=[[0, 0, 1]],
+        physicsClientId=client,
+    )
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    still = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0}
+    p.changeDynamics(body, 0, **still, physicsClientId=client)
+    return body
+
+
+def hung_over(world, radius=WHEEL, particles=60):
+    """A tendon over the wheel, with half a kilogram at its first end and a hand at its last."""
+    arm, turned = radius + R, np.linspace(0, math.pi, 25)
+    arc = np.c_[-arm * np.cos(turned), 0 * turned, arm * np.sin(turned)]
+    points = np.vstack([[[-arm, 0, -0.15]], arc, [[arm, 0, -0.15]]])
+    material = bt.Material(stiffness=2e4, damping=2.0, density=1100, friction=1.0)
+    tendon = world.add_tendon(points, R, material, particles)
+    tendon.set_point_mass(0, 0.5)
+    return tendon, tendon.grip(-1)
+
+
+def rate(client, body):
+    return p.getJointState(body, 0, client)[1]
+
+
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("mass", [0.02, 0.5, 3.0])
+def test_a_sticking_tendon_turns_a_wheel_as_fast_as_it_runs(make_world, client, mass, dt):
+    world = make_world(dt, (0, 0, -9.81))
+    body = wheel(client, mass)
+    world.add_obstacle(body, 0, friction=1.0)
+    _, hand = hung_over(world)
+    world.step(round(0.3 / dt))
+    start, speed, rates = np.array(hand.target), 0.06, []
+    for k in range(round(0.6 / dt)):
+        hand.target = start - (0, 0, speed * dt * (k + 1))
+        world.step()
+        rates.append(abs(rate(client, body)))
+    assert np.mean(rates[len(rates) // 2 :]) == pytest.approx(speed / ARM, rel=0.01)
+
+
+def ball_on_a_cord(world, client, particles, place, speed=0.0, radius=0.01):
+    """A ball on a cord that lies on the ground; it rolls along the cord."""
+    ground = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, ground, physicsClientId=client))
+    material = bt.Material(stiffness=500.0, damping=0.5, friction=0.7)
+    cord = world.add_tendon([[0, -0.2, R], [0, 0.2, R]], R, material, particles)
+    cord.grip(0), cord.grip(-1)
+    world.step(100)
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
+    body = p.createMultiBody(0.01, shape, basePosition=(0, place, 2 * R + radius), physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    spin = (-speed / (radius + R), 0, 0)
+    p.resetBaseVelocity(body, (0, speed, 0), spin, physicsClientId=client)
+    world.add_obstacle(body)
+    return body
+
+
+@pytest.mark.parametrize(("particles", "place"), [(16, 0.03), (16, 0.011), (16, 0.005), (60, 0.03)])
+def test_a_ball_stays_where_it_is_put_on_a_cord(make_world, client, particles, place):
+    world = make_world(1 / 240, (0, 0, -9.81))
+    body = ball_on_a_cord(world, client, particles, place)
+    world.step(240)
+    assert p.getBasePositionAndOrientation(body, client)[0][1] == pytest.approx(place, abs=1e-4)
+
+
+def test_a_ball_rolls_on_along_a_cord(make_world, client):
+    """The contact is measured where the ball is now. One that was left behind would let it sink and push it."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    body = ball_on_a_cord(world, client, 16, 0.0, speed=0.1)
+    world.step(240)
+    assert p.getBaseVelocity(body, client)[0][1] == pytest.approx(0.1, rel=0.05)
