@@ -92,7 +92,7 @@ def test_a_ball_stays_where_it_is_put_on_a_cord(make_world, client, particles, p
 
 
 def test_a_ball_rolls_on_along_a_cord(make_world, client):
-    """The contact is measured where the ball is now. One that was left behind would let it sink and push it."""
+    """The contact is measured where the ball is now. One that is left behind lets it sink, and pushes it."""
     world = make_world(1 / 240, (0, 0, -9.81))
     body = ball_on_a_cord(world, client, 16, 0.0, speed=0.1)
     world.step(240)

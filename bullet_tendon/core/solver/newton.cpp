@@ -36,11 +36,14 @@ constexpr double kNear = 0.1;
 // lost with the next one.
 constexpr double kStiffened = 3e-3;
 
-// Iterations without a new smallest residual after which a solution is abandoned, and largest number of trial
-// points of a line search [-]. Fewer: substeps are cut that would converge, because the residual of the mixed
-// method may rise temporarily, and a step along a very inaccurate direction is not shortened enough. More:
-// violent steps are slower.
-constexpr int kPatience = 20;
+// Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
+// that would converge, because the residual of the mixed method may rise temporarily. More: violent steps are
+// slower, because most of their iterations belong to solutions that are abandoned.
+constexpr int kPatience = 8;
+
+// Largest number of trial points of a line search [-]. Fewer: a step along a very inaccurate direction is not
+// shortened enough. More: such steps are slower.
+constexpr int kMostTrials = 20;
 
 // Displacement of an iterate, relative to that of the inertial target or to the length of the tendon, above
 // which the iteration has diverged [-]. Larger: the residual of a diverged iterate is taken for rounding.
@@ -271,7 +274,7 @@ void line_search(Island& island) {
   const double start = slope_along(island);
   // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
   double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
-  for (int trial = 0; trial < kPatience; ++trial) {
+  for (int trial = 0; trial < kMostTrials; ++trial) {
     advance(island, alpha - at);
     at = alpha;
     Assembly a = residual_of(island, true, true);
