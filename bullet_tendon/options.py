@@ -40,9 +40,9 @@ class SolverOptions:
         has no depth whatever its load.
     contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m].
     reuse_tolerance: error allowed to a contact plane of a closed form (sphere, box, capsule, cylinder) at
-        rest that is reused instead of measured again [m]. Triangles of meshes that were near are kept and measured
-        by the core between queries, to rounding, for as long as no other one can be nearest. 0 queries
-        always.
+        rest that is reused instead of measured again [m]. Triangles of meshes that were near are kept and
+        measured by the core between queries, to rounding, for as long as no other one can be nearest. 0
+        queries always.
     sleep: whether steps leave out tendons at rest (slower than 1e-5 of their radius a second, for half a
         second) that something static holds or carries, until they or what is within reach of them moves or
         is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
