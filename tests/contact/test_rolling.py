@@ -13,9 +13,9 @@ WHEEL = 0.03
 ARM = WHEEL + R  # particles do not spin: friction acts on the centreline
 
 
-def wheel(client, mass, radius=WHEEL):
+def wheel(client, mass):
     """A cylinder on a hinge along y, without damping or motor; returns its body."""
-    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.02, physicsClientId=client)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=WHEEL, height=0.02, physicsClientId=client)
     body = p.createMultiBody(
         linkMasses=[mass],
         linkCollisionShapeIndices=[shape],
@@ -35,19 +35,15 @@ def wheel(client, mass, radius=WHEEL):
     return body
 
 
-def hung_over(world, radius=WHEEL, particles=60):
-    """A tendon over the wheel, with half a kilogram at its first end and a hand at its last."""
-    arm, turned = radius + R, np.linspace(0, math.pi, 25)
-    arc = np.c_[-arm * np.cos(turned), 0 * turned, arm * np.sin(turned)]
-    points = np.vstack([[[-arm, 0, -0.15]], arc, [[arm, 0, -0.15]]])
+def hung_over(world):
+    """The hand at the last end of a tendon over the wheel, with half a kilogram at its first end."""
+    turned = np.linspace(0, math.pi, 25)
+    arc = ARM * np.c_[-np.cos(turned), 0 * turned, np.sin(turned)]
+    points = np.vstack([[[-ARM, 0, -0.15]], arc, [[ARM, 0, -0.15]]])
     material = bt.Material(stiffness=2e4, damping=2.0, density=1100, friction=1.0)
-    tendon = world.add_tendon(points, R, material, particles)
+    tendon = world.add_tendon(points, R, material, 60)
     tendon.set_point_mass(0, 0.5)
-    return tendon, tendon.grip(-1)
-
-
-def rate(client, body):
-    return p.getJointState(body, 0, client)[1]
+    return tendon.grip(-1)
 
 
 @pytest.mark.parametrize("dt", [1 / 60, 1 / 240, 1 / 1000])
@@ -56,13 +52,13 @@ def test_a_sticking_tendon_turns_a_wheel_as_fast_as_it_runs(make_world, client, 
     world = make_world(dt, (0, 0, -9.81))
     body = wheel(client, mass)
     world.add_obstacle(body, 0, friction=1.0)
-    _, hand = hung_over(world)
+    hand = hung_over(world)
     world.step(round(0.3 / dt))
     start, speed, rates = np.array(hand.target), 0.06, []
     for k in range(round(0.6 / dt)):
         hand.target = start - (0, 0, speed * dt * (k + 1))
         world.step()
-        rates.append(abs(rate(client, body)))
+        rates.append(abs(p.getJointState(body, 0, client)[1]))
     assert np.mean(rates[len(rates) // 2 :]) == pytest.approx(speed / ARM, rel=0.01)
 
 

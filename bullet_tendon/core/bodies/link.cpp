@@ -111,7 +111,7 @@ Sym3 Link::mobility(Vec3 p) const {
 }
 
 void Link::note_motion() {
-  moved |= yields() || !same(pose, start_pose) || norm(now_velocity) > 0 || norm(now_spin) > 0;
+  moved |= !rests() || !same(pose, start_pose);
 }
 
 }  // namespace bt
