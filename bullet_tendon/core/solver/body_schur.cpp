@@ -106,10 +106,7 @@ void shorten(GeneralizedBody& m, double most) {
 
 void start_bodies(Island& island) {
   if (island.bodies.indices.empty()) return;
-  each_body(island, [&](GeneralizedBody& m) {
-    guess(island, m);
-    m.unknowns.lever = 0;
-  });
+  each_body(island, [](GeneralizedBody& m) { m.unknowns.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
     double& lever = (*island.bodies.all)[link.body].unknowns.lever;
     lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
@@ -119,7 +116,12 @@ void start_bodies(Island& island) {
     if (contact->moves) reach_to((*island.bodies.links)[contact->link], contact->arm);
   double shortest = std::numeric_limits<double>::infinity();
   for (const Tendon* c : island.tendons) shortest = std::min(shortest, c->shortest_rest());
-  each_body(island, [&](GeneralizedBody& m) { shorten(m, shortest); });
+  each_body(island, [&](GeneralizedBody& m) {
+    // Contacts were detected again: the last solution of the substep is kept.
+    if (static_cast<int>(m.unknowns.y.size()) == m.unknowns.freedom) return;
+    guess(island, m);
+    shorten(m, shortest);
+  });
   place(island);
 }
 

@@ -95,6 +95,7 @@ void World::predict() {
   step_.detections = 0;
   find_turning();
   find_point_masses();
+  for (GeneralizedBody& m : scene.bodies) m.unknowns.y.clear();
   step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
   for (Link& l : scene.links) {
     l.turned = {};
