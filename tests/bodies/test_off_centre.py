@@ -96,7 +96,7 @@ class Scene:
 
 # At pybullet's bounds of 100 m/s and 100 rad/s, on tendons whose ends move at kilometres per second: steps
 # that are not solved gain energy (limits in bullet_tendon/core/README.md).
-CUT_OFF = {98}
+CUT_OFF = {203}
 ROUNDING = 1e-15  # J
 
 
@@ -110,18 +110,16 @@ def test_a_body_pulled_beside_its_centre_gains_no_energy(client, seeds):
             assert gained <= 0.02 * scene.given + ROUNDING, seed
 
 
-def test_steps_that_exhaust_their_budget_rarely_gain_energy(client):
+def test_steps_that_exhaust_their_budget_gain_no_energy(client):
     """The iterate that ends them has a small incremental potential, and bodies move as it does."""
-    unsolved, gaining = 0, set()
-    for seed in range(20):
+    unsolved = 0
+    for seed in range(10):
         scene = Scene(client, seed, max_linear_solves=200)
         for _ in range(min(60, int(0.4 / scene.dt))):
             gained = scene.step()
             unsolved += not scene.world.report.converged
-            if not gained <= 0.02 * scene.given + ROUNDING:
-                gaining.add(seed)
+            assert gained <= 0.02 * scene.given + ROUNDING, seed
     assert unsolved
-    assert len(gaining) <= 2  # bullet_tendon/core/README.md gives the share
 
 
 @pytest.mark.parametrize("spin", [30.0, 70.0, 95.0])

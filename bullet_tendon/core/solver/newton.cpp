@@ -5,15 +5,16 @@
 // the friction limits and mu N (Coulomb's law). When the residual is small, contacts that are too deep are
 // stiffened (augmented Lagrangian).
 //
-// A solution whose residual does not fall is abandoned, and the Substepper cuts the substep.
-//
-// If the substep cannot be cut, the solution goes on as a descent, from where the incremental potential is
-// small (begin_descent): plain Newton steps, linearised at the present positions with their true forces. The
-// blocks of springs and contacts are positive semidefinite in this linearisation, so that the matrix is
-// positive definite and the step descends on the potential, whose gradient is the residual at given friction
-// limits. A line search on the slope of the potential shortens the step. Each step keeps the friction limits
-// of the last iterate. If this fails too, or the budget is exhausted, its end is accepted: the potential
-// bounds its energy, and bodies move as it does (correct_wrenches).
+// A solution whose residual does not fall is abandoned. If contacts act, the Substepper cuts the substep,
+// because the line search of a descent takes short steps across contacts. If none act, or the substep cannot
+// be cut, the solution goes on as a descent, from where the incremental potential is small (begin_descent):
+// plain Newton steps, linearised at the present positions with their true forces. The blocks of springs and
+// contacts are positive semidefinite in this linearisation, so that the matrix is positive definite and the
+// step descends on the potential, whose gradient is the residual at given friction limits. A line search on
+// the slope of the potential shortens the step. Each step keeps the friction limits of the last iterate. Near
+// the solution the mixed method goes on, which converges faster. If this fails too, the substep is cut. If it
+// cannot be cut, or the budget is exhausted, the end of the descent is accepted: the potential bounds its
+// energy, and bodies move as it does (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 
@@ -39,7 +40,12 @@ constexpr double kStiffened = 3e-3;
 // Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
 // that would converge, because the residual of the mixed method may rise temporarily. More: violent steps are
 // slower, because most of their iterations belong to solutions that are abandoned.
-constexpr int kPatience = 8;
+constexpr int kPatience = 10;
+
+// Growth of the residual from its smallest value after which a solution without contacts is abandoned [-].
+// Smaller: a good guess is abandoned. Larger: iterations are spent far from the solution, and rounding
+// decides whether they come back. A contact that becomes active multiplies the residual by more.
+constexpr double kDivergence = 100;
 
 // Largest number of trial points of a line search [-]. Fewer: a step along a very inaccurate direction is not
 // shortened enough. More: such steps are slower.
@@ -137,6 +143,12 @@ void note_progress(Solution& s, double residual) {
   s.idle = 0;
 }
 
+// The mixed method goes on.
+void end_descent(Solution& s) {
+  s.descends = false;
+  s.start_anew();
+}
+
 // Computes the residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
@@ -151,6 +163,7 @@ Assembly judge(Solution& s) {
   island.result.converged = !s.changed && enough;
   note_progress(s, a.residual);
   note_distance(s, a);
+  if (s.descends && s.context.may_halve && !s.far) end_descent(s);
   return a;
 }
 
@@ -233,6 +246,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
+  if (!s.descends && !touches(island) && a.residual > kDivergence * s.smallest) return Next::stop;
   if (s.iteration - start >= fewest_steps(s) && s.context.budget->refuses()) return Next::stop;
   return Next::step;
 }
@@ -398,10 +412,10 @@ void newton(Island& island, const StepContext& context) {
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
   begin(s);
   iterate(s);
-  if (failed() && !context.may_halve) {
+  if (failed() && (!context.may_halve || !touches(island))) {
     begin_descent(s);
     iterate(s);
-    if (failed()) correct_wrenches(island);
+    if (failed() && !context.may_halve) correct_wrenches(island);
   }
   end(s);
 }
