@@ -27,6 +27,7 @@ REASONS = (
     "step_weights",
     "joint_stops",
     "body_rotation",
+    "released",
 )
 
 CONTACT = np.dtype(
@@ -68,7 +69,9 @@ class StepReport:
     by more than its radius), "turn" (a segment turns far), "growth" (the last step was much shorter),
     "not_converged", "left_prediction" (particles ended where contacts were not looked for), "woken" (tendons
     at rest were reached), "step_weights" (tendons that press on each other had other methods),
-    "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far).
+    "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far),
+    "released" (a body was released, or pulled by something that was not predicted: this step or the previous
+    one was solved again. iterations and linear_solves include that).
     over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged is
     then False.
     residual: largest residual force over the largest force at hand [-]; converged: whether every
@@ -111,6 +114,14 @@ class StepReport:
             {name: count for name, count in zip(REASONS, core.reasons, strict=True) if count},
             core.over_budget,
         )
+
+    def add_solved_again(self, core: _core.Report) -> None:
+        """Add the work of solving this step again, after a body was released in it."""
+        self.iterations += core.iterations
+        self.counts["linear_solves"] += core.counts()["linear_solves"]
+        self.reasons["released"] = self.reasons.get("released", 0) + 1
+        self.over_budget |= core.over_budget
+        self.converged &= core.converged
 
 
 class Readouts:

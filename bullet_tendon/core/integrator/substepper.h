@@ -35,8 +35,9 @@ enum class Reason : int {
   step_weights,     // tendons in contact with each other had different step weights: repeated
   joint_stops,      // joint limits or contacts of a body act differently from the prediction: repeated
   body_rotation,    // a body turns far that was predicted to turn little: repeated
+  released,         // a body was released or pulled in a step, which is solved again after it
 };
-using ReasonCounts = std::array<int, static_cast<int>(Reason::body_rotation) + 1>;
+using ReasonCounts = std::array<int, static_cast<int>(Reason::released) + 1>;
 
 class Substepper {
  public:

@@ -54,10 +54,13 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                     const std::function<void()>& sense) {
   using Clock = std::chrono::steady_clock;
   capture(*history_.now);
+  start_budget(oracle);
+  step_.attempted = true;
   Clock::duration sensed{};
   bool solved = false, stepping = false;
   // Once the step begins, history_.start is the checkpoint before it.
   auto undo = [&] {
+    step_.attempted = false;
     if (stepping) history_.now.swap(history_.start);
     apply(*history_.now);
   };
@@ -75,6 +78,7 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
     throw;
   }
   if (!solved) undo();
+  step_.attempted = false;
   step_.report.sense_seconds = std::chrono::duration<double>(sensed).count();
   return solved;
 }

@@ -43,7 +43,7 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
     return std::chrono::duration<double>(Clock::now() - t).count();
   };
   const auto start = Clock::now();
-  step_.budget.start(options.max_linear_solves, options.time_budget, [&oracle] { oracle.poll(); });
+  if (!step_.attempted) start_budget(oracle);
   begin_step_of_world(dt, gravity, whole);
   predict();
   while (!step_.substeps.done()) {
@@ -64,7 +64,13 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
     finish_step_of_world();
   }
   step_.report.solve_seconds = seconds_since(start) - step_.report.near_seconds;
+  step_.resolved = true;
   return !step_.failed;
+}
+
+void World::start_budget(DistanceOracle& oracle) {
+  step_.budget.start(options.max_linear_solves, options.time_budget, [&oracle] { oracle.poll(); });
+  step_.resolved = false;
 }
 
 void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
@@ -85,7 +91,10 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   wake_disturbed(dt);
   join_step();
+  const int iterations = step_.resolved ? step_.report.iterations : 0;
+  if (step_.resolved) step_.substeps.repeat(Reason::released);
   step_.report = Report{};
+  step_.report.iterations = iterations;
   step_.stop_changes = 0;
 }
 

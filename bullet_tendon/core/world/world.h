@@ -53,6 +53,8 @@ struct StepState {
   bool whole = false;  // the step must not be divided into substeps
   Substepper substeps;
   Budget budget;
+  bool attempted = false;      // within World::attempt, which has started the budget
+  bool resolved = false;       // the attempt has solved the previous step again
   int parts = 1;               // initial number of substeps of a step in which a segment turns far
   bool failed = false;         // a solution is not finite
   double motion_limit = 1;     // share of the substep in which nothing can pass through anything [-]
@@ -152,9 +154,9 @@ class World {
   void finish_resolve();
   // The last step is not solved again, because its initial state was changed.
   void forbid_resolve() { history_.may_resolve = false; }
-  // One step of dt [s]. First `sense` (if any) reads the bodies. false: a solution is not finite. In that
-  // case, and if it throws, the state is unchanged. whole: without substeps (for relaxation, where dt has no
-  // physical meaning); bodies are held.
+  // One step of dt [s]. First `sense` (if any) reads the bodies. It may solve the previous step again, within
+  // the budget of this one. false: a solution is not finite. In that case, and if it throws, the state is
+  // unchanged. whole: without substeps (for relaxation, where dt has no physical meaning); bodies are held.
   bool attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                const std::function<void()>& sense);
   // The step without a checkpoint. If it fails, the state is undefined.
@@ -201,6 +203,7 @@ class World {
   void interrupt();
   void aim_attachments(Tendon& c);
   // world/step.cpp
+  void start_budget(DistanceOracle& oracle);
   void begin_step_of_world(double dt, Vec3 gravity, bool whole);
   void predict();
   void update_proximity(DistanceOracle& oracle);
