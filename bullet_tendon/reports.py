@@ -115,13 +115,16 @@ class StepReport:
             core.over_budget,
         )
 
-    def add_solved_again(self, core: _core.Report) -> None:
-        """Add the work of solving this step again, after a body was released in it."""
+    def add_solved_again(self, core: _core.Report, solved: bool) -> None:
+        """Add the work of solving this step again, after a body was released in it.
+
+        solved: whether a solution was found. If not, the step stays as it was taken.
+        """
         self.iterations += core.iterations
         self.counts["linear_solves"] += core.counts()["linear_solves"]
         self.reasons["released"] = self.reasons.get("released", 0) + 1
         self.over_budget |= core.over_budget
-        self.converged &= core.converged
+        self.converged &= core.converged or not solved
 
 
 class Readouts:

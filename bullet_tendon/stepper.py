@@ -46,7 +46,7 @@ class Stepper:
         self._react = self._bullet = 0.0  # seconds of these rooms in the last step
         self._report = StepReport()
         self._is_read = True  # whether _report is what the core reports
-        self._solved_again = False  # whether a step was, since `step` has cleared this
+        self._again: bool | None = None  # whether a new solution of the last step was found
 
     @property
     def options(self) -> SolverOptions:
@@ -98,10 +98,10 @@ class Stepper:
         p.stepSimulation(self._client)
         self._bullet = perf_counter() - start
         if self._links and self._core.any_held() and self._bodies.sample():
-            report, self._solved_again = self.report, False
+            report, self._again = self.report, None
             self._sense(*self._core.last_step())
-            if self._solved_again:
-                report.add_solved_again(self._core.report())
+            if self._again is not None:
+                report.add_solved_again(self._core.report(), self._again)
 
     def hold(self, dt: float, gravity: tuple) -> bool:
         """One step of dt [s] in which bodies neither move nor yield; whether it was solved.
@@ -190,8 +190,8 @@ class Stepper:
         return True
 
     def _solve(self, dt: float, gravity: tuple) -> bool:
-        self._solved_again = True
-        return self._core.step(dt, gravity, False, self._measure)
+        self._again = self._core.step(dt, gravity, False, self._measure)
+        return self._again
 
     def _exchange_wrenches(self, before: np.ndarray, dt: float) -> None:
         """Give bodies the difference of the last step's impulses to those of wrenches `before` (links, 6).

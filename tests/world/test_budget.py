@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import free_ball, hinged
 
 import bullet_tendon as bt
 
@@ -105,47 +106,34 @@ def test_reasons_are_told(make_world):
     assert counts["not_converged"] > 0
 
 
-def pushed_ball(client, world):
-    """A box on a tendon, pushed by 200 N in one step."""
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
-    box = p.createMultiBody(0.2, shape, physicsClientId=client)
+def pushed_ball(client, world, _):
+    """A ball on a tendon, pushed by 200 N in one step."""
+    ball = free_ball(client, 0.2, radius=0.02)
     t = world.add_tendon([[0.02, 0, 0], [0.2, 0, 0.05]], 1e-3, bt.Material(stiffness=2e3), 20)
-    t.attach(0, box, -1, [0.02, 0, 0])
+    t.attach(0, ball, -1, [0.02, 0, 0])
     t.grip(-1)
     world.step(4)
-    p.applyExternalForce(box, -1, [-200, 0, 100], [0, 0, 0], p.WORLD_FRAME, physicsClientId=client)
+    p.applyExternalForce(ball, -1, [-200, 0, 100], [0, 0, 0], p.WORLD_FRAME, physicsClientId=client)
     world.step()
 
 
-def released_arm(client, world):
+def released_arm(client, world, tmp_path):
     """A hinged arm that a motor has held against a taut tendon. The motor is switched off."""
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.02, 0.02], physicsClientId=client)
-    link = {
-        "linkMasses": [0.3],
-        "linkCollisionShapeIndices": [shape],
-        "linkVisualShapeIndices": [-1],
-        "linkPositions": [[0, 0, 0]],
-        "linkOrientations": [[0, 0, 0, 1]],
-        "linkInertialFramePositions": [[0.1, 0, 0]],
-        "linkInertialFrameOrientations": [[0, 0, 0, 1]],
-        "linkParentIndices": [0],
-        "linkJointTypes": [p.JOINT_REVOLUTE],
-        "linkJointAxis": [[0, 1, 0]],
-    }
-    arm = p.createMultiBody(0, -1, **link, physicsClientId=client)
-    t = world.add_tendon([[0.2, 0, 0], [0.2, 0, 0.3]], 1e-3, bt.Material(stiffness=2e4), 20)
-    t.attach(0, arm, 0, [0.2, 0, 0])
-    t.grip(-1).target = [0.2, 0, 0.301]
+    arm = hinged(client, tmp_path)
+    p.resetJointState(arm, 0, 0.0, physicsClientId=client)
+    t = world.add_tendon([[0.1, 0, 0], [0.1, 0, 0.3]], 1e-3, bt.Material(stiffness=2e4), 20)
+    t.attach(0, arm, 0, [0.1, 0, 0])
+    t.grip(-1).target = [0.1, 0, 0.301]
     p.setJointMotorControl2(arm, 0, p.POSITION_CONTROL, targetPosition=0, force=1e3, physicsClientId=client)
     world.step(60)
     p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
 
 
 @pytest.mark.parametrize("scene", [pushed_ball, released_arm])
-def test_the_work_of_a_step_that_is_solved_again_is_told(make_world, client, monkeypatch, scene):
+def test_the_work_of_a_step_that_is_solved_again_is_told(make_world, client, monkeypatch, tmp_path, scene):
     """Before this step, or after it: iterations, linear solutions and the reason are in its report."""
     world = make_world(gravity=(0, 0, -9.81))
-    scene(client, world)
+    scene(client, world, tmp_path)
     stepper, before = world._stepper, []
 
     def solve(*args, original=stepper._solve):
@@ -169,7 +157,7 @@ def test_the_work_of_a_step_that_is_solved_again_is_told(make_world, client, mon
 def test_a_step_that_is_solved_again_shares_the_budget_of_the_next(make_world, client):
     """Once the solution of the last step has exhausted it, this one is over it too."""
     world = make_world(gravity=(0, 0, -9.81), max_linear_solves=3)
-    pushed_ball(client, world)
+    pushed_ball(client, world, None)
     world.step()
     assert world.report.reasons["released"] == 1
     assert world.report.over_budget
