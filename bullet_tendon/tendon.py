@@ -12,6 +12,7 @@ from .anchors import Attachment, Grip, Numbers, clamp_direction
 from .bodies import Bodies
 from .errors import InvalidValue, UnknownId
 from .material import Material
+from .placement import Placement
 
 # A segment may be reeled in to, or paid out to, these shares of its first rest length [-]: shorter
 # ones would make the springs needlessly stiff, longer ones lose contacts between their ends.
@@ -29,6 +30,7 @@ class Tendon:
         self,
         core: _core.World,
         bodies: Bodies,
+        placement: Placement,
         numbers: Numbers,
         slot: int,
         name: str,
@@ -37,6 +39,7 @@ class Tendon:
     ):
         self._core = core
         self._bodies = bodies
+        self._placement = placement
         self._numbers = numbers
         self._slot = slot
         self._name = name
@@ -198,12 +201,15 @@ class Tendon:
 
         Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place
         are spread by a millionth of their rest length, because springs need a direction. Raises
-        InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        InvalidType, InvalidValue (also for places in a bore that is not wider than it is) or UnknownId; then
+        nothing has changed.
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
         v = np.zeros(shape) if velocities is None else checks.array("velocities", velocities, shape)
-        self._core.set_state(self._alive(), x, v)
+        self._alive()
+        self._placement.require_clearance("positions", positions, x, self._radius)
+        self._core.set_state(self._slot, x, v)
         self._core.forget_contacts(self._slot)
 
     def shorten(self, length: float, end: int = 1) -> None:

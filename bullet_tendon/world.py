@@ -21,6 +21,7 @@ from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
 from .penetration import INSIDE
+from .placement import Placement
 from .relaxation import Relaxation
 from .reports import CONTACT, PENETRATION, Readouts, StepReport
 from .states import States
@@ -51,6 +52,7 @@ class TendonWorld:
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
         self._obstacles = Obstacles(self._core, self._bodies)
+        self._placement = Placement(self._bodies, *parts)
         chosen = SolverOptions() if options is None else options
         self._stepper = Stepper(client, self._core, self._bodies, self._obstacles, self._tendons, chosen)
         places = self._core, self._bodies, self._obstacles
@@ -96,8 +98,8 @@ class TendonWorld:
         themselves). inside: what to do about a centreline that begins inside an obstacle, bores
         excepted: "allow" it, as for an insertion in a bone; "push_out" what is inside, the near way,
         until it clears the surface by about the radius; or "error". The last two raise InvalidValue where
-        anything is (left) inside; see penetrations. Raises InvalidType or InvalidValue; then nothing
-        has changed.
+        anything is (left) inside; see penetrations. Raises InvalidType or InvalidValue, also where it lies
+        in a bore that is not wider than it is; then nothing has changed.
         """
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
@@ -108,11 +110,13 @@ class TendonWorld:
             raise InvalidType("material", material, "a Material")
         if checks.choice("inside", inside, INSIDE) != "allow":
             line = self._readouts.surroundings().cleared(line, radius, inside)
+        self._placement.require_clearance("points", points, line, radius)
         name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
         slot = self._core.add_tendon(line, radius, *material.core_arguments(area))
-        tendon = Tendon(self._core, self._bodies, self._numbers, slot, name, radius, material)
+        parts = self._core, self._bodies, self._placement, self._numbers
+        tendon = Tendon(*parts, slot, name, radius, material)
         self._tendons[slot] = tendon
         return tendon
 
@@ -165,8 +169,8 @@ class TendonWorld:
 
         radius [m]; friction: coefficient of its wall, multiplied with the tendon's (None: the body's
         lateralFriction); chamfer: radius by which the mouths' edges are rounded [m]. The bone
-        around it, if it is an obstacle, is not there within the bore. Raises InvalidType,
-        InvalidValue or UnknownId; then nothing has changed.
+        around it, if it is an obstacle, is not there within the bore. A bore has to be wider than the
+        tendons that lie in it. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         self._bodies.require(bodyUniqueId, linkIndex)
         start, end = checks.vector("start", start), checks.vector("end", end)
@@ -176,10 +180,11 @@ class TendonWorld:
         if length <= 2 * chamfer:
             raise InvalidValue("end", end, "farther from start than twice the chamfer")
         mu = self._obstacles.friction_of(bodyUniqueId, linkIndex, friction)
+        self._placement.require_width(bodyUniqueId, linkIndex, start, end, radius)
         name = f"tunnel{self._numbers.next()}" if name is None else checks.text("name", name)
+        where = (int(bodyUniqueId), int(linkIndex), start, end)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
-        where = (int(bodyUniqueId), int(linkIndex), start, end)
         tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link)
         self._tunnels[slot] = tunnel
         return tunnel
