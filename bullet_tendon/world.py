@@ -142,8 +142,10 @@ class TendonWorld:
         convex: whether meshes are convex hulls (True) or the triangles as they are (False); None:
         as pybullet holds them. meshes: for triangles that pybullet does not give back (those of
         createCollisionShape), in order: paths, or (vertices (v, 3) [m], triangles (t, 3)) in the
-        shape's frame. Adding a link again replaces what was added. Raises InvalidType, InvalidValue
-        or UnknownId; then nothing has changed.
+        shape's frame. They must be as large as pybullet's, and where pybullet has them: a meshScale of
+        createCollisionShape is not told by pybullet, so vertices have to be given that are scaled by it.
+        Adding a link again replaces what was added. Raises InvalidType, InvalidValue or UnknownId; then
+        nothing has changed.
         """
         self._obstacles.add(bodyUniqueId, linkIndex, friction, convex, meshes)
 
