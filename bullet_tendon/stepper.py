@@ -17,6 +17,7 @@ from .bodies import Bodies
 from .errors import InvalidType, StepFailed, StepWarning
 from .obstacles import Obstacles
 from .options import SolverOptions
+from .placement import Placement
 from .reports import StepReport
 from .tendon import Tendon
 
@@ -33,6 +34,7 @@ class Stepper:
         core: _core.World,
         bodies: Bodies,
         obstacles: Obstacles,
+        placement: Placement,
         tendons: dict[int, Tendon],
         options: SolverOptions,
     ):
@@ -40,6 +42,7 @@ class Stepper:
         self._core = core
         self._bodies = bodies
         self._links = bodies.links
+        self._placement = placement
         self._tendons = tendons
         self.options = options
         self._measure = obstacles.measure  # what the core calls; bound once
@@ -78,6 +81,8 @@ class Stepper:
         except p.error:
             self._bodies.require_client()
             raise
+        if self._placement.new:
+            self._placement.look()
         links = self._links
         outcome = self._core.apply(parameters, self._sense if links else None, self._measure)
         if outcome > _SOLVED:
@@ -108,6 +113,8 @@ class Stepper:
 
         False only where it could not be solved and the options say to go on. Raises what apply raises.
         """
+        if self._placement.new:
+            self._placement.look()
         sense = self._sense if self._links else None
         solved = self._core.hold(dt, gravity, sense, self._measure)
         self._is_read = False

@@ -211,6 +211,7 @@ class Tendon:
         self._placement.require_clearance("positions", positions, x, self._radius)
         self._core.set_state(self._slot, x, v)
         self._core.forget_contacts(self._slot)
+        self._placement.new.add(self._slot)
 
     def shorten(self, length: float, end: int = 1) -> None:
         """Reel in `length` [m] of rest length at one end (0: the first particle's, 1: the last's).

@@ -52,10 +52,10 @@ class TendonWorld:
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
         self._obstacles = Obstacles(self._core, self._bodies)
-        self._placement = Placement(self._bodies, *parts)
+        self._placement = Placement(self._bodies, self._obstacles, *parts)
         chosen = SolverOptions() if options is None else options
-        self._stepper = Stepper(client, self._core, self._bodies, self._obstacles, self._tendons, chosen)
         places = self._core, self._bodies, self._obstacles
+        self._stepper = Stepper(client, *places, self._placement, self._tendons, chosen)
         self._states = States(*places, *parts, self._numbers, self._stepper)
         self._readouts = Readouts(*places, *parts)
 
@@ -98,8 +98,9 @@ class TendonWorld:
         themselves). inside: what to do about a centreline that begins inside an obstacle, bores
         excepted: "allow" it, as for an insertion in a bone; "push_out" what is inside, the near way,
         until it clears the surface by about the radius; or "error". The last two raise InvalidValue where
-        anything is (left) inside; see penetrations. Raises InvalidType or InvalidValue, also where it lies
-        in a bore that is not wider than it is; then nothing has changed.
+        anything is (left) inside; see penetrations. The next step gives an InsideWarning for each link that
+        it is inside of then, and not attached to there. Raises InvalidType or InvalidValue, also where it
+        lies in a bore that is not wider than it is; then nothing has changed.
         """
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
@@ -118,6 +119,7 @@ class TendonWorld:
         parts = self._core, self._bodies, self._placement, self._numbers
         tendon = Tendon(*parts, slot, name, radius, material)
         self._tendons[slot] = tendon
+        self._placement.new.add(slot)
         return tendon
 
     def remove_tendon(self, tendon: Tendon) -> None:
@@ -126,6 +128,7 @@ class TendonWorld:
         _ = self._stepper.report  # which may name it
         del self._tendons[slot]
         tendon.removed = True
+        self._placement.forget(slot)
         self._core.remove_tendon(slot)
 
     def add_obstacle(
@@ -148,6 +151,7 @@ class TendonWorld:
         nothing has changed.
         """
         self._obstacles.add(bodyUniqueId, linkIndex, friction, convex, meshes)
+        self._placement.changed_obstacles(int(bodyUniqueId))
 
     def remove_obstacle(self, bodyUniqueId: int, linkIndex: int | None = None) -> None:
         """Let tendons no longer collide with a link (None: all links of the body).
