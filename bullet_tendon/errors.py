@@ -53,6 +53,23 @@ class SnapshotError(_BadArgument, ValueError):
     """A snapshot that cannot be read: not one, damaged, or of another version."""
 
 
+class CannotCopy(TendonError, TypeError):
+    """A world, or a handle of one, that was going to be copied or pickled."""
+
+    def __init__(self, kind: str):
+        super().__init__(
+            f"a {kind} cannot be copied or pickled: it belongs to a world beside a pybullet client. Keep "
+            "states with TendonWorld.snapshot() and load_snapshot(), or with save_state() and restore_state()"
+        )
+
+
+class NotCopied:
+    """What copy and pickle refuse."""
+
+    def __reduce_ex__(self, protocol):
+        raise CannotCopy(type(self).__name__)
+
+
 class StepWarning(RuntimeWarning):
     """A step that could not be solved was left out (SolverOptions.on_failure = "warn")."""
 

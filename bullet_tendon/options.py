@@ -95,6 +95,12 @@ class SolverOptions:
         """The paper's own method: one linearisation, preconditioned conjugate gradients."""
         return cls(**{"iteration": "single", "linear_solver": "pcg", **changes})
 
+    @property
+    def goal(self) -> float | None:
+        """The tolerance that steps are solved to; None of methods that do not iterate."""
+        iterates = self.iteration == "newton" and self.integrator != "explicit_euler"
+        return float(self.tolerance) if iterates else None
+
     def core_arguments(self) -> tuple:
         """The options as the compiled core takes them."""
         chosen = [_CHOICES[name].index(getattr(self, name)) for name in _CHOICES]

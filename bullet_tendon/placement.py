@@ -29,7 +29,6 @@ class Placement:
         """Raise InvalidValue where a centreline (n, 3) of this radius [m] is in a bore that is not wider."""
         narrow = [tunnel for tunnel in self._tunnels.values() if tunnel.radius <= radius]
         if narrow:
-            self._bodies.require_client()
             self._bodies.require_alive()
             tunnel = Bores(narrow, self._bodies.frame).first_with(line)
             if tunnel is not None:

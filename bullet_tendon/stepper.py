@@ -44,11 +44,10 @@ class Stepper:
         self._links = bodies.links
         self._placement = placement
         self._tendons = tendons
+        self._is_read, self._report = True, StepReport()  # whether _report is what the core reports
         self.options = options
         self._measure = obstacles.measure  # what the core calls; bound once
         self._react = self._bullet = 0.0  # seconds of these rooms in the last step
-        self._report = StepReport()
-        self._is_read = True  # whether _report is what the core reports
         self._again: bool | None = None  # whether a new solution of the last step was found
 
     @property
@@ -60,6 +59,7 @@ class Stepper:
     def options(self, value: SolverOptions) -> None:
         if not isinstance(value, SolverOptions):
             raise InvalidType("options", value, "SolverOptions")
+        _ = self.report  # which is of the options that the step was taken with
         self._core.set_options(*value.core_arguments())
         self._options = value
 
@@ -71,7 +71,7 @@ class Stepper:
             worst = self._tendons.get(found.worst_tendon)
             name = "" if worst is None else worst.name
             seconds = found.sense_seconds, found.near_seconds, found.solve_seconds, self._react, self._bullet
-            self._report, self._is_read = StepReport.read(found, name, seconds), True
+            self._report, self._is_read = StepReport.read(found, name, seconds, self._options.goal), True
         return self._report
 
     def apply(self) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Grip, Numbers, clamp_direction
 from .bodies import Bodies
-from .errors import InvalidValue, UnknownId
+from .errors import InvalidValue, NotCopied, UnknownId
 from .material import Material
 from .placement import Placement
 
@@ -19,7 +19,7 @@ from .placement import Placement
 _SHORTEST, _LONGEST = 0.1, 4.0
 
 
-class Tendon:
+class Tendon(NotCopied):
     """A tendon in a world; made by TendonWorld.add_tendon.
 
     Its particles are numbered 0 ... n-1, its segments 0 ... n-2. Read-outs are new arrays, computed
@@ -185,7 +185,7 @@ class Tendon:
         Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         index = self._particle(particle)
-        self._core.set_force(self._alive(), index, checks.vector("force", force))
+        self._core.set_force(self._in_use(), index, checks.vector("force", force))
 
     def set_point_mass(self, particle: int, mass: float) -> None:
         """A weight [kg] on a particle (negative: from the end) beside the tendon's own mass: a bob, a needle.
@@ -194,7 +194,7 @@ class Tendon:
         Raises InvalidType or InvalidValue; then nothing has changed.
         """
         index = self._particle(particle)
-        self._core.set_point_mass(self._alive(), index, checks.number("mass", mass, at_least=0))
+        self._core.set_point_mass(self._in_use(), index, checks.number("mass", mass, at_least=0))
 
     def set_positions(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
@@ -207,7 +207,7 @@ class Tendon:
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
         v = np.zeros(shape) if velocities is None else checks.array("velocities", velocities, shape)
-        self._alive()
+        self._in_use()
         self._placement.require_clearance("positions", positions, x, self._radius)
         self._core.set_state(self._slot, x, v)
         self._core.forget_contacts(self._slot)
@@ -223,7 +223,7 @@ class Tendon:
         """
         amount = checks.number("length", length)
         checks.choice("end", end, (0, 1))
-        rest = self._core.rest(self._alive())
+        rest = self._core.rest(self._in_use())
         order = slice(None) if end == 0 else slice(None, None, -1)
         moved = _reeled(rest[order], self._first_rest[order], amount)
         if moved is None:
@@ -235,6 +235,11 @@ class Tendon:
     def _segment_lengths(self) -> np.ndarray:
         return np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
 
+    def _in_use(self) -> int:
+        """Its slot, for what changes it. Raises UnknownId where it was removed or the client disconnected."""
+        self._bodies.require_client()
+        return self._alive()
+
     def _alive(self) -> int:
         if self.removed:
             raise UnknownId("tendon", self._name, "one that was not removed")
@@ -245,7 +250,7 @@ class Tendon:
         return checks.integer("particle", particle, at_least=-n, at_most=n - 1) % n
 
     def _free_particle(self, particle) -> int:
-        self._alive()
+        self._in_use()
         index = self._particle(particle)
         if index in self._anchors:
             raise InvalidValue("particle", particle, "one that is not gripped or attached already")

@@ -7,9 +7,11 @@ import dataclasses
 
 import numpy as np
 
+from .errors import NotCopied
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tunnel:
+class Tunnel(NotCopied):
     """A cylindrical bore in a link, made by TendonWorld.add_tunnel.
 
     start, end: (3,) ends of its axis in the link's frame [m]; radius [m]; friction: coefficient of its

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
-from .errors import InvalidType, InvalidValue, UnknownId
+from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
@@ -30,11 +30,14 @@ from .tendon import Tendon, particle_positions
 from .tunnels import Tunnel
 
 
-class TendonWorld:
+class TendonWorld(NotCopied):
     """The tendons of one pybullet client.
 
     physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
     Gravity and the time step are pybullet's own, read at every step. Raises UnknownId or InvalidType.
+    Once the client is disconnected, what steps or changes the world and its tendons, or has to ask pybullet,
+    raises UnknownId. What is known can still be read, saved and removed. Worlds and their handles cannot
+    be copied or pickled (CannotCopy): see snapshot.
 
     Threads: worlds share nothing that changes, so different threads can use different worlds at the same
     time, each with a pybullet client of its own. One world is used by one thread at a time: a script that
@@ -102,6 +105,7 @@ class TendonWorld:
         it is inside of then, and not attached to there. Raises InvalidType or InvalidValue, also where it
         lies in a bore that is not wider than it is; then nothing has changed.
         """
+        self._bodies.require_client()
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
         area = math.pi * radius * radius
@@ -207,6 +211,7 @@ class TendonWorld:
         obstacles: whether every link with a collision shape becomes an obstacle. Returns the body's
         id. Raises UrdfError, naming file, element and attribute, before anything is loaded.
         """
+        self._bodies.require_client()
         return load_urdf(self, path, args, kwargs, checks.flag("obstacles", obstacles))
 
     def step(self, n: int = 1) -> None:
@@ -274,7 +279,7 @@ class TendonWorld:
         normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
         have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
         of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
-        Raises UnknownId where an obstacle's body was removed from pybullet.
+        Raises UnknownId where an obstacle's body was removed from pybullet, or the client disconnected.
         """
         return self._readouts.penetrations()
 
@@ -297,6 +302,7 @@ class TendonWorld:
         Raises UnknownId, or StateMismatch where tendons, tunnels or obstacles were added, removed
         or replaced, or bodies that they refer to removed, since; then nothing has changed.
         """
+        self._bodies.require_client()
         self._states.restore(state)
 
     def remove_state(self, state: int) -> None:
@@ -325,6 +331,7 @@ class TendonWorld:
         InvalidType, SnapshotError for what cannot be read, is of another version or contradicts itself,
         or StateMismatch for what is of another world; then nothing has changed.
         """
+        self._bodies.require_client()
         self._states.load_snapshot(source)
 
     def _links_in_use(self) -> set[int]:
