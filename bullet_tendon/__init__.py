@@ -14,6 +14,8 @@ __path__ = extend_path(__path__, __name__)
 
 from .anchors import Attachment, Grip  # noqa: E402
 from .errors import (  # noqa: E402
+    CannotCopy,
+    InsideWarning,
     InvalidType,
     InvalidValue,
     MissingExtra,
@@ -37,7 +39,9 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Attachment",
+    "CannotCopy",
     "Grip",
+    "InsideWarning",
     "InvalidType",
     "InvalidValue",
     "Material",

@@ -7,7 +7,7 @@ anchors. Goes with the core's room `tendon`.
 import numpy as np
 
 from . import checks
-from .errors import InvalidValue, UnknownId
+from .errors import InvalidValue, NotCopied, UnknownId
 
 
 class Numbers:
@@ -26,7 +26,7 @@ class Numbers:
         self._last = max(self._last, number)
 
 
-class _Anchor:
+class _Anchor(NotCopied):
     """What grips and attachments share: a particle of a tendon that is tied to something."""
 
     def __init__(self, tendon, particle: int, number: int):
@@ -75,6 +75,7 @@ class _Anchor:
     def _require(self) -> None:
         if self.released:
             raise UnknownId(type(self).__name__.lower(), self.particle, "one that was not released")
+        self._tendon._bodies.require_client()
 
 
 class Attachment(_Anchor):

@@ -4,6 +4,11 @@ Owns: the types. Goes with no room of the core. Every message names the argument
 what is allowed, so that the reader can correct the call without opening the source.
 """
 
+import sys
+import warnings
+
+_PACKAGE = __name__.split(".")[0]
+
 
 class TendonError(Exception):
     """Base of everything this package raises on purpose."""
@@ -48,8 +53,29 @@ class SnapshotError(_BadArgument, ValueError):
     """A snapshot that cannot be read: not one, damaged, or of another version."""
 
 
+class CannotCopy(TendonError, TypeError):
+    """A world, or a handle of one, that was going to be copied or pickled."""
+
+    def __init__(self, kind: str):
+        super().__init__(
+            f"a {kind} cannot be copied or pickled: it belongs to a world beside a pybullet client. Keep "
+            "states with TendonWorld.snapshot() and load_snapshot(), or with save_state() and restore_state()"
+        )
+
+
+class NotCopied:
+    """What copy and pickle refuse."""
+
+    def __reduce_ex__(self, protocol):
+        raise CannotCopy(type(self).__name__)
+
+
 class StepWarning(RuntimeWarning):
     """A step that could not be solved was left out (SolverOptions.on_failure = "warn")."""
+
+
+class InsideWarning(RuntimeWarning):
+    """A tendon that begins inside an obstacle, and is not attached there."""
 
 
 class MissingExtra(TendonError, ImportError):
@@ -71,6 +97,14 @@ class StepFailed(TendonError, RuntimeError):
             f"step not solved: residual = {residual:.3g} at particle {particle} of tendon "
             f"{tendon!r}: must be <= {tolerance:.3g} (shorten the time step or lower the load)"
         )
+
+
+def warn(warning: Warning) -> None:
+    """Give a warning at the place outside of this package that has called it."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == _PACKAGE:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(warning, stacklevel=level)
 
 
 def _short(value: object, limit: int = 120) -> str:

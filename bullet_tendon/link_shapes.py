@@ -6,7 +6,8 @@ does not use FCL.
 pybullet 3.2.7 reports less than it has; found by reading its source and by running it:
 
 - Local frames are relative to the link's inertial frame.
-- `createCollisionShape` meshes are all reported as "unknown_file", scale 1; a URDF's keep their file name.
+- `createCollisionShape` meshes are all reported as "unknown_file", scale 1; a URDF's keep their file name and
+  scale. getAABB tells where a shape is and how large, whatever its scale: what callers give is held to that.
 - Meshes become convex hulls unless created with indices, GEOM_FORCE_CONCAVE_TRIMESH or, in a URDF,
   `<collision concave=...>`. Bullet has no algorithm for two triangle meshes, so a link that is nothing but
   triangles is near nothing of itself: that is how hulls and triangles are told apart.
@@ -34,6 +35,8 @@ from .mesh_files import read_mesh
 _MULTI_BODY = 2  # body type in getDynamicsInfo
 _NO_FILE = b"unknown_file"
 _NEAR = 1.0  # m; a convex shape is at a distance below 0 from itself
+_MARGINS = 2e-3, 5.5e-3  # m; more than pybullet adds around triangles (1 mm, turned) and hulls (up to 3 mm)
+_ANOTHER_SIZE = 0.05  # of the link, by which a mesh that the caller gives may differ from pybullet's
 _PRISM_SIDES = 32  # of the hull that stands for a URDF cylinder
 
 
@@ -93,17 +96,73 @@ def read_link(
     if not rows:
         _refuse_unreported(link)
     inertial_position, inertial_rotation = np.array(info[3]), _rotation(info[4])
-    given, shapes = list(meshes), []
+    given, shapes, boxes = list(meshes), [], []
     for number, row in enumerate(rows):
         found = _row_shapes(link, number, convex, given)
         for shape in found:
+            boxes.append(_box_around(shape, np.array(row[5]), _rotation(row[6])))
             shape.position = inertial_position + inertial_rotation @ row[5]
             shape.rotation = inertial_rotation @ _rotation(row[6])
         shapes += found
     if given:
         needed = len(meshes) - len(given)
         raise InvalidValue("meshes", meshes, f"{needed}, for those that pybullet does not tell")
+    if len(meshes):
+        _require_fit(link, np.array(boxes))
     return shapes
+
+
+def _box_around(shape: LinkShape, position, rotation) -> np.ndarray:
+    """(2, 3) lowest and highest corner of a box around a shape whose frame is placed like that in another."""
+    if shape.kind == "mesh":
+        hull = shape.triangles is None
+        used = shape.vertices if hull else shape.vertices[np.unique(shape.triangles)]
+        low, high = used.min(0), used.max(0)
+    elif shape.kind == "plane":
+        return np.array([[-np.inf] * 3, [np.inf] * 3])
+    else:
+        radius, length = (*shape.sizes, 0.0)[:2]
+        along = 0.5 * length + (radius if shape.kind != "cylinder" else 0.0)
+        high = 0.5 * np.array(shape.sizes) if shape.kind == "box" else np.array([radius, radius, along])
+        low = -high
+    return _turned_box(low, high, position, rotation)
+
+
+def _turned_box(low, high, position, rotation) -> np.ndarray:
+    """(2, 3) the box around a box in another frame, as Bullet computes it."""
+    middle = position + rotation @ (0.5 * (low + high))
+    half = np.abs(rotation) @ (0.5 * (high - low))
+    return np.array([middle - half, middle + half])
+
+
+def _require_fit(link: _Link, boxes):
+    """Raise InvalidValue where the shapes, in boxes (k, 2, 3) in the inertial frame, are not pybullet's.
+
+    pybullet does not tell the meshScale of createCollisionShape, but where the shape is, and how large.
+    """
+    low, high = boxes[:, 0].min(0), boxes[:, 1].max(0)
+    if not np.isfinite([low, high]).all():
+        return
+    have = _turned_box(low, high, *_inertial_frame(link))
+    want = np.array(pybullet.getAABB(link.body, link.index, physicsClientId=link.client))
+    sizes = np.ptp(have, axis=0), np.ptp(want, axis=0)
+    margin = _MARGINS[link.has_convex_shapes()]
+    allowed = _ANOTHER_SIZE * min(sizes[0].max(), sizes[1].max())
+    beyond = np.array([[-1.0], [1.0]]) * (want - have)  # of pybullet's box over the meshes'
+    if (beyond < -allowed).any() or (beyond > allowed + margin).any():
+        given, meant = (" x ".join(f"{x:.4g}" for x in size) for size in sizes)
+        needed = "as large as pybullet's shape, and in the same place"
+        how = f"its box in the world is {meant} m (give vertices that are scaled by meshScale)"
+        raise InvalidValue("meshes", f"a box of {given} m in the world", f"{needed}: {how}")
+
+
+def _inertial_frame(link: _Link) -> tuple[np.ndarray, np.ndarray]:
+    """Where a link's inertial frame is in the world: origin (3,) and axes (3, 3)."""
+    if link.index < 0:
+        place = pybullet.getBasePositionAndOrientation(link.body, link.client)
+    else:
+        place = pybullet.getLinkState(link.body, link.index, 0, 1, link.client)[:2]
+    return np.array(place[0]), _rotation(place[1])
 
 
 def _dynamics(body: int, link: int, client: int) -> tuple:
@@ -191,7 +250,7 @@ def _mesh_of(link: _Link, number: int, given: list):
     row = link.rows[number]
     name = row[4].decode()
     if given and (row[4] == _NO_FILE or not Path(name).is_file()):
-        return _from_caller(given.pop(0))
+        return _from_caller(given.pop(0), np.array(row[3]))
     if row[4] == _NO_FILE:
         allowed = "given: pybullet does not tell the triangles of a mesh made by createCollisionShape"
         missing = f"none for body {link.body}, link {link.index}, shape {number}"
@@ -200,9 +259,10 @@ def _mesh_of(link: _Link, number: int, given: list):
     return file.vertices * np.array(row[3]), file.triangles, file.group
 
 
-def _from_caller(source):
+def _from_caller(source, scale):
     if isinstance(source, (str, Path)):
-        return read_mesh(source)
+        file = read_mesh(source)
+        return file.vertices * scale, file.triangles, file.group
     try:
         vertices, triangles = source
     except (TypeError, ValueError):

@@ -63,6 +63,7 @@ def _equip(world, path, body, elements: UrdfElements, materials, obstacles) -> N
     if obstacles and any(p.getCollisionShapeData(body, i, client) for i in links.values()):
         concave = {index: elements.concave[name] for name, index in links.items() if name in elements.concave}
         world._obstacles.add(body, concave=concave)
+        world._placement.changed_obstacles(body)
     for t in elements.tunnels:
         with _named(path, f"<tunnel name='{t.name}'>"):
             world.add_tunnel(body, links[t.link], t.start, t.end, t.radius, t.friction, t.chamfer, t.name)

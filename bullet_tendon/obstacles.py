@@ -51,6 +51,8 @@ class Obstacles:
         if not any(found.values()):
             where = "bodyUniqueId" if link is None else "linkIndex"
             raise InvalidValue(where, body if link is None else link, "one with a collision shape")
+        for shape in (shape for shapes in found.values() for shape in shapes):
+            _ = shape.interior  # which takes a while: here, and not where a step asks for it
         frictions = {i: self.friction_of(body, i, friction) for i in links}
         for key in [k for k, slot in self._link_slots.items() if k[0] == body and self._bodies.is_gone(slot)]:
             self._drop(key)  # of a body that had this id before

@@ -38,7 +38,8 @@ class SolverOptions:
     contact_stiffness: of the temporary springs [N/m], as in the paper. None: chosen for each contact
         from its particles, with the force carried over from step to step, so that a resting contact
         has no depth whatever its load.
-    contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m].
+    contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m]; less
+        than the clearance of tendons in their bores.
     reuse_tolerance: error allowed to a contact plane of a closed form (sphere, box, capsule, cylinder) at
         rest that is reused instead of measured again [m]. Triangles of meshes that were near are kept and
         measured by the core between queries, to rounding, for as long as no other one can be nearest. 0
@@ -93,6 +94,12 @@ class SolverOptions:
     def published(cls, **changes) -> "SolverOptions":
         """The paper's own method: one linearisation, preconditioned conjugate gradients."""
         return cls(**{"iteration": "single", "linear_solver": "pcg", **changes})
+
+    @property
+    def goal(self) -> float | None:
+        """The tolerance that steps are solved to; None of methods that do not iterate."""
+        iterates = self.iteration == "newton" and self.integrator != "explicit_euler"
+        return float(self.tolerance) if iterates else None
 
     def core_arguments(self) -> tuple:
         """The options as the compiled core takes them."""

@@ -60,7 +60,7 @@ class Relaxation:
         if settled is None:  # nothing holds a tendon, or a step could not be solved
             self._states.take_back(kept)
         report = self._stepper.report
-        report.iterations, report.residual = iterations, float(residual)
+        report.iterations, report.residual, report.tolerance = iterations, float(residual), tolerance
         report.converged = bool(report.converged and settled)
 
     def _descend(self, start: dict[Tendon, np.ndarray], gravity, tolerance: float, max_steps: int) -> tuple:

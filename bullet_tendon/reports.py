@@ -74,8 +74,11 @@ class StepReport:
     one was solved again. iterations and linear_solves include that).
     over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged is
     then False.
-    residual: largest residual force over the largest force at hand [-]; converged: whether every
-    island reached the tolerance, or its rounding level (always True of methods that do not iterate).
+    residual: largest residual force over the largest force at hand [-]. tolerance: what it was to reach; None
+    of methods that do not iterate. converged: whether every island reached the tolerance, or its rounding
+    level: a residual above the tolerance counts as solved where it is at most one rounding error (machine
+    epsilon times stiffness times coordinate), or eight and no iteration halves it any more. It is always
+    True of methods that do not iterate. ended_by tells which rule it was.
     worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of
     the solution, what the search for tendons that touch took.
     counts: pairs of tendon features (particles, segments) and shapes that were considered by their
@@ -99,10 +102,26 @@ class StepReport:
     search_seconds: float = 0.0
     reasons: dict[str, int] = dataclasses.field(default_factory=dict)
     over_budget: bool = False
+    tolerance: float | None = None
+
+    @property
+    def ended_by(self) -> str:
+        """Why the step was not solved further.
+
+        "tolerance": it was reached; "rounding": the residual is above it, and is rounding; "method": it does
+        not iterate; "budget": over_budget; "failure": not converged within the budget.
+        """
+        if not self.converged:
+            return "budget" if self.over_budget else "failure"
+        if self.tolerance is None:
+            return "method"
+        return "tolerance" if self.residual <= self.tolerance else "rounding"
 
     @classmethod
-    def read(cls, core: _core.Report, worst: str, seconds: list[float]) -> "StepReport":
-        """From the core's report, the name of the tendon that is worst in it, and seconds by room."""
+    def read(
+        cls, core: _core.Report, worst: str, seconds: list[float], tolerance: float | None
+    ) -> "StepReport":
+        """From the core's report, the name of the tendon that is worst in it, seconds by room, tolerance."""
         return cls(
             core.iterations,
             core.residual,
@@ -113,6 +132,7 @@ class StepReport:
             core.search_seconds,
             {name: count for name, count in zip(REASONS, core.reasons, strict=True) if count},
             core.over_budget,
+            tolerance,
         )
 
     def add_solved_again(self, core: _core.Report, solved: bool) -> None:
@@ -158,7 +178,8 @@ class Readouts:
         return penetration_table({t.name: t.positions for t in self._tendons.values()}, self.surroundings())
 
     def surroundings(self) -> Surroundings:
-        """Obstacles and bores where they are now. Raises UnknownId where a body was removed."""
+        """Obstacles and bores where they are now. Raises UnknownId where a body or the client is gone."""
+        self._bodies.require_client()
         self._bodies.require_alive()
         bores = Bores(tuple(self._tunnels.values()), self._bodies.frame)
         return Surroundings(self._obstacles.placed(), bores)

@@ -87,8 +87,9 @@ def collision_shapes(
     convex: None takes each mesh as pybullet collides with it, as its triangles or their convex hull; True
     takes hulls; False takes the triangles even where pybullet made a hull of them (as for a moving bone).
     meshes: in order, one for each mesh whose triangles are needed and that pybullet does not tell: a path, or
-    vertices (v, 3) [m] and triangles (t, 3) of vertex indices; in the shape's frame, scaled already. Needed
-    for concave meshes made by createCollisionShape; a URDF's files are found, from the working directory.
+    vertices (v, 3) [m] and triangles (t, 3) of vertex indices; in the shape's frame, as large as pybullet's.
+    Needed for concave meshes made by createCollisionShape, whose meshScale pybullet does not tell; a URDF's
+    files are found, from the working directory.
     concave: of the link's <collision> elements, where they are known; see link_shapes.read_link.
     """
     found = read_link(bodyUniqueId, linkIndex, physicsClientId, convex, meshes, concave)

@@ -17,6 +17,7 @@ from .bodies import Bodies
 from .errors import InvalidType, StepFailed, StepWarning
 from .obstacles import Obstacles
 from .options import SolverOptions
+from .placement import Placement
 from .reports import StepReport
 from .tendon import Tendon
 
@@ -33,6 +34,7 @@ class Stepper:
         core: _core.World,
         bodies: Bodies,
         obstacles: Obstacles,
+        placement: Placement,
         tendons: dict[int, Tendon],
         options: SolverOptions,
     ):
@@ -40,12 +42,12 @@ class Stepper:
         self._core = core
         self._bodies = bodies
         self._links = bodies.links
+        self._placement = placement
         self._tendons = tendons
+        self._is_read, self._report = True, StepReport()  # whether _report is what the core reports
         self.options = options
         self._measure = obstacles.measure  # what the core calls; bound once
         self._react = self._bullet = 0.0  # seconds of these rooms in the last step
-        self._report = StepReport()
-        self._is_read = True  # whether _report is what the core reports
         self._again: bool | None = None  # whether a new solution of the last step was found
 
     @property
@@ -57,6 +59,7 @@ class Stepper:
     def options(self, value: SolverOptions) -> None:
         if not isinstance(value, SolverOptions):
             raise InvalidType("options", value, "SolverOptions")
+        _ = self.report  # which is of the options that the step was taken with
         self._core.set_options(*value.core_arguments())
         self._options = value
 
@@ -68,7 +71,7 @@ class Stepper:
             worst = self._tendons.get(found.worst_tendon)
             name = "" if worst is None else worst.name
             seconds = found.sense_seconds, found.near_seconds, found.solve_seconds, self._react, self._bullet
-            self._report, self._is_read = StepReport.read(found, name, seconds), True
+            self._report, self._is_read = StepReport.read(found, name, seconds, self._options.goal), True
         return self._report
 
     def apply(self) -> None:
@@ -78,6 +81,8 @@ class Stepper:
         except p.error:
             self._bodies.require_client()
             raise
+        if self._placement.new:
+            self._placement.look()
         links = self._links
         outcome = self._core.apply(parameters, self._sense if links else None, self._measure)
         if outcome > _SOLVED:
@@ -108,6 +113,8 @@ class Stepper:
 
         False only where it could not be solved and the options say to go on. Raises what apply raises.
         """
+        if self._placement.new:
+            self._placement.look()
         sense = self._sense if self._links else None
         solved = self._core.hold(dt, gravity, sense, self._measure)
         self._is_read = False

@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Grip, Numbers, clamp_direction
 from .bodies import Bodies
-from .errors import InvalidValue, UnknownId
+from .errors import InvalidValue, NotCopied, UnknownId
 from .material import Material
+from .placement import Placement
 
 # A segment may be reeled in to, or paid out to, these shares of its first rest length [-]: shorter
 # ones would make the springs needlessly stiff, longer ones lose contacts between their ends.
 _SHORTEST, _LONGEST = 0.1, 4.0
 
 
-class Tendon:
+class Tendon(NotCopied):
     """A tendon in a world; made by TendonWorld.add_tendon.
 
     Its particles are numbered 0 ... n-1, its segments 0 ... n-2. Read-outs are new arrays, computed
@@ -29,6 +30,7 @@ class Tendon:
         self,
         core: _core.World,
         bodies: Bodies,
+        placement: Placement,
         numbers: Numbers,
         slot: int,
         name: str,
@@ -37,6 +39,7 @@ class Tendon:
     ):
         self._core = core
         self._bodies = bodies
+        self._placement = placement
         self._numbers = numbers
         self._slot = slot
         self._name = name
@@ -122,7 +125,15 @@ class Tendon:
 
     @collides.setter
     def collides(self, value: bool) -> None:
-        self._core.set_collides(self._alive(), checks.flag("collides", value))
+        collides = checks.flag("collides", value)
+        self._in_use()
+        self._core.set_collides(self._slot, collides)
+
+    def collides_with(self, bodyUniqueId: int, linkIndex: int = -1) -> bool:
+        """Whether it can make contacts with a link (see TendonWorld.set_collision). Raises UnknownId."""
+        self._in_use()
+        slot = self._bodies.find_slot(bodyUniqueId, linkIndex)
+        return self.collides if slot is None else self._core.link_collides(self._alive(), slot)
 
     @property
     def holds(self) -> tuple[Grip | Attachment, ...]:
@@ -195,7 +206,7 @@ class Tendon:
         Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         index = self._particle(particle)
-        self._core.set_force(self._alive(), index, checks.vector("force", force))
+        self._core.set_force(self._in_use(), index, checks.vector("force", force))
 
     def set_point_mass(self, particle: int, mass: float) -> None:
         """A weight [kg] on a particle (negative: from the end) beside the tendon's own mass: a bob, a needle.
@@ -204,20 +215,24 @@ class Tendon:
         Raises InvalidType or InvalidValue; then nothing has changed.
         """
         index = self._particle(particle)
-        self._core.set_point_mass(self._alive(), index, checks.number("mass", mass, at_least=0))
+        self._core.set_point_mass(self._in_use(), index, checks.number("mass", mass, at_least=0))
 
     def set_positions(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> None:
         """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
 
         Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place
         are spread by a millionth of their rest length, because springs need a direction. Raises
-        InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        InvalidType, InvalidValue (also for places in a bore that is not wider than it is) or UnknownId; then
+        nothing has changed.
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
         v = np.zeros(shape) if velocities is None else checks.array("velocities", velocities, shape)
-        self._core.set_state(self._alive(), x, v)
+        self._in_use()
+        self._placement.require_clearance("positions", positions, x, self._radius, self)
+        self._core.set_state(self._slot, x, v)
         self._core.forget_contacts(self._slot)
+        self._placement.new.add(self._slot)
 
     def shorten(self, length: float, end: int = 1) -> None:
         """Reel in `length` [m] of rest length at one end (0: the first particle's, 1: the last's).
@@ -229,7 +244,7 @@ class Tendon:
         """
         amount = checks.number("length", length)
         checks.choice("end", end, (0, 1))
-        rest = self._core.rest(self._alive())
+        rest = self._core.rest(self._in_use())
         order = slice(None) if end == 0 else slice(None, None, -1)
         moved = _reeled(rest[order], self._first_rest[order], amount)
         if moved is None:
@@ -241,6 +256,11 @@ class Tendon:
     def _segment_lengths(self) -> np.ndarray:
         return np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
 
+    def _in_use(self) -> int:
+        """Its slot, for what changes it. Raises UnknownId where it was removed or the client disconnected."""
+        self._bodies.require_client()
+        return self._alive()
+
     def _alive(self) -> int:
         if self.removed:
             raise UnknownId("tendon", self._name, "one that was not removed")
@@ -251,7 +271,7 @@ class Tendon:
         return checks.integer("particle", particle, at_least=-n, at_most=n - 1) % n
 
     def _free_particle(self, particle) -> int:
-        self._alive()
+        self._in_use()
         index = self._particle(particle)
         if index in self._anchors:
             raise InvalidValue("particle", particle, "one that is not gripped or attached already")

@@ -8,9 +8,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .errors import NotCopied
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tunnel:
+class Tunnel(NotCopied):
     """A cylindrical bore in a link, made by TendonWorld.add_tunnel.
 
     start, end: (3,) ends of its axis in the link's frame [m]; radius [m]; friction: coefficient of its
@@ -39,6 +41,7 @@ class Tunnel:
         return origin + np.array([self.start, self.end]) @ axes.T
 
 
+ROUNDING = 1e-6  # share of a bore's radius by which a centreline may be in it unnoticed: an end on its mouth
 REACH = 2.0  # radii by which a bore goes on beyond its mouths; the core's kBoreReach
 
 
@@ -55,6 +58,36 @@ class Bores:
             if (tunnel.bodyUniqueId, tunnel.linkIndex) == (bodyUniqueId, linkIndex):
                 found |= _in_bore(tunnel, (points - origin) @ axes)
         return found
+
+    def first_with(self, line) -> Tunnel | None:
+        """The first tunnel in which a part of the centreline (n, 3), world frame, lies between its mouths."""
+        for tunnel, origin, axes in self._bores:
+            if passes(tunnel.start, tunnel.end, tunnel.radius, (line - origin) @ axes):
+                return tunnel
+        return None
+
+
+def passes(start, end, radius: float, line) -> bool:
+    """Whether a part of a centreline (n, 3) is in a bore, not only on its mouths or wall; one frame [m]."""
+    length, slack = np.linalg.norm(end - start), ROUNDING * radius
+    axis = (end - start) / length
+    along = (line - start) @ axis
+    aside = line - start - along[:, None] * axis
+    z, x = along[:-1], aside[:-1]
+    dz, dx = np.diff(along), np.diff(aside, axis=0)
+    # The part u in [first, last] of each segment that is between the mouths.
+    flat = dz == 0.0
+    between = (z > slack) & (z < length - slack)
+    steps = np.where(flat, 1.0, dz)
+    mouths = np.array([slack - z, length - slack - z]) / steps
+    first = np.where(flat, 0.0, np.maximum(mouths.min(0), 0.0))
+    last = np.where(flat, np.where(between, 1.0, -1.0), np.minimum(mouths.max(0), 1.0))
+    # Of that part, the point nearest to the axis.
+    square = np.einsum("ij,ij->i", dx, dx)
+    nearest = -np.einsum("ij,ij->i", x, dx) / np.where(square > 0.0, square, 1.0)
+    nearest = np.maximum(np.minimum(nearest, last), first)
+    off = np.linalg.norm(x + nearest[:, None] * dx, axis=1)
+    return bool(((first < last) & (off < radius - slack)).any())
 
 
 def _in_bore(tunnel: Tunnel, points) -> np.ndarray:

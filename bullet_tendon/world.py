@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
-from .errors import InvalidType, InvalidValue, UnknownId
+from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
 from .options import SolverOptions
 from .penetration import INSIDE
+from .placement import Placement
 from .relaxation import Relaxation
 from .reports import CONTACT, PENETRATION, Readouts, StepReport
 from .states import States
@@ -29,11 +30,14 @@ from .tendon import Tendon, particle_positions
 from .tunnels import Tunnel
 
 
-class TendonWorld:
+class TendonWorld(NotCopied):
     """The tendons of one pybullet client.
 
     physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
     Gravity and the time step are pybullet's own, read at every step. Raises UnknownId or InvalidType.
+    Once the client is disconnected, what steps or changes the world and its tendons, or has to ask pybullet,
+    raises UnknownId. What is known can still be read, saved and removed. Worlds and their handles cannot
+    be copied or pickled (CannotCopy): see snapshot.
 
     Threads: worlds share nothing that changes, so different threads can use different worlds at the same
     time, each with a pybullet client of its own. One world is used by one thread at a time: a script that
@@ -51,9 +55,10 @@ class TendonWorld:
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
         self._obstacles = Obstacles(self._core, self._bodies)
+        self._placement = Placement(self._bodies, self._obstacles, *parts)
         chosen = SolverOptions() if options is None else options
-        self._stepper = Stepper(client, self._core, self._bodies, self._obstacles, self._tendons, chosen)
         places = self._core, self._bodies, self._obstacles
+        self._stepper = Stepper(client, *places, self._placement, self._tendons, chosen)
         self._states = States(*places, *parts, self._numbers, self._stepper)
         self._readouts = Readouts(*places, *parts)
 
@@ -102,9 +107,12 @@ class TendonWorld:
         inside: what to do about a centreline that begins inside an obstacle, bores excepted: "allow" it, as
         for an insertion in a bone; "push_out" what is inside, the near way, until it clears the surface by
         about the radius; or "error". The last two raise InvalidValue where anything is (left) inside; see
-        penetrations. They change nothing of a tendon that does not collide. Raises InvalidType or
-        InvalidValue; then nothing has changed.
+        penetrations. The next step gives an InsideWarning for each link that it is inside of then, and not
+        attached to there. All this, and clearance in bores, is looked at only for a tendon that collides.
+        Raises InvalidType or InvalidValue, also where it lies in a bore that is not wider than it is; then
+        nothing has changed.
         """
+        self._bodies.require_client()
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
         area = math.pi * radius * radius
@@ -117,6 +125,8 @@ class TendonWorld:
             rest_length = checks.number("rest_length", rest_length, above=0)
         if checks.choice("inside", inside, INSIDE) != "allow" and collides:
             line = self._readouts.surroundings().cleared(line, radius, inside)
+        if collides:
+            self._placement.require_clearance("points", points, line, radius)
         name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
@@ -126,8 +136,10 @@ class TendonWorld:
             self._core.set_rest(slot, rest * (rest_length / rest.sum()))
             self._core.set_state(slot, line, np.zeros_like(line))
         self._core.set_collides(slot, collides)
-        tendon = Tendon(self._core, self._bodies, self._numbers, slot, name, radius, material)
+        parts = self._core, self._bodies, self._placement, self._numbers
+        tendon = Tendon(*parts, slot, name, radius, material)
         self._tendons[slot] = tendon
+        self._placement.new.add(slot)
         return tendon
 
     def remove_tendon(self, tendon: Tendon) -> None:
@@ -136,6 +148,7 @@ class TendonWorld:
         _ = self._stepper.report  # which may name it
         del self._tendons[slot]
         tendon.removed = True
+        self._placement.forget(slot)
         self._core.remove_tendon(slot)
 
     def add_obstacle(
@@ -152,10 +165,13 @@ class TendonWorld:
         convex: whether meshes are convex hulls (True) or the triangles as they are (False); None:
         as pybullet holds them. meshes: for triangles that pybullet does not give back (those of
         createCollisionShape), in order: paths, or (vertices (v, 3) [m], triangles (t, 3)) in the
-        shape's frame. Adding a link again replaces what was added. Raises InvalidType, InvalidValue
-        or UnknownId; then nothing has changed.
+        shape's frame. They must be as large as pybullet's, and where pybullet has them: a meshScale of
+        createCollisionShape is not told by pybullet, so vertices have to be given that are scaled by it.
+        Adding a link again replaces what was added. Raises InvalidType, InvalidValue or UnknownId; then
+        nothing has changed.
         """
         self._obstacles.add(bodyUniqueId, linkIndex, friction, convex, meshes)
+        self._placement.changed_obstacles(int(bodyUniqueId))
 
     def remove_obstacle(self, bodyUniqueId: int, linkIndex: int | None = None) -> None:
         """Let tendons no longer collide with a link (None: all links of the body).
@@ -175,6 +191,7 @@ class TendonWorld:
         """
         one = self._slot_of("a", a, Tendon, self._tendons)
         enabled = checks.flag("enabled", enabled)
+        self._bodies.require_client()
         if isinstance(b, Tendon):
             self._core.set_tendons_collide(one, self._slot_of("b", b, Tendon, self._tendons), enabled)
             return
@@ -196,8 +213,8 @@ class TendonWorld:
 
         radius [m]; friction: coefficient of its wall, multiplied with the tendon's (None: the body's
         lateralFriction); chamfer: radius by which the mouths' edges are rounded [m]. The bone
-        around it, if it is an obstacle, is not there within the bore. Raises InvalidType,
-        InvalidValue or UnknownId; then nothing has changed.
+        around it, if it is an obstacle, is not there within the bore. A bore has to be wider than the
+        tendons that lie in it. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         self._bodies.require(bodyUniqueId, linkIndex)
         start, end = checks.vector("start", start), checks.vector("end", end)
@@ -207,10 +224,11 @@ class TendonWorld:
         if length <= 2 * chamfer:
             raise InvalidValue("end", end, "farther from start than twice the chamfer")
         mu = self._obstacles.friction_of(bodyUniqueId, linkIndex, friction)
+        self._placement.require_width(bodyUniqueId, linkIndex, start, end, radius)
         name = f"tunnel{self._numbers.next()}" if name is None else checks.text("name", name)
+        where = (int(bodyUniqueId), int(linkIndex), start, end)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
-        where = (int(bodyUniqueId), int(linkIndex), start, end)
         tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link, self._bodies.checked_frame)
         self._tunnels[slot] = tunnel
         return tunnel
@@ -227,6 +245,7 @@ class TendonWorld:
         obstacles: whether every link with a collision shape becomes an obstacle. Returns the body's
         id. Raises UrdfError, naming file, element and attribute, before anything is loaded.
         """
+        self._bodies.require_client()
         return load_urdf(self, path, args, kwargs, checks.flag("obstacles", obstacles))
 
     def step(self, n: int = 1) -> None:
@@ -294,7 +313,7 @@ class TendonWorld:
         normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
         have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
         of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
-        Raises UnknownId where an obstacle's body was removed from pybullet.
+        Raises UnknownId where an obstacle's body was removed from pybullet, or the client disconnected.
         """
         return self._readouts.penetrations()
 
@@ -317,6 +336,7 @@ class TendonWorld:
         Raises UnknownId, or StateMismatch where tendons, tunnels or obstacles were added, removed
         or replaced, or bodies that they refer to removed, since; then nothing has changed.
         """
+        self._bodies.require_client()
         self._states.restore(state)
 
     def remove_state(self, state: int) -> None:
@@ -345,6 +365,7 @@ class TendonWorld:
         InvalidType, SnapshotError for what cannot be read, is of another version or contradicts itself,
         or StateMismatch for what is of another world; then nothing has changed.
         """
+        self._bodies.require_client()
         self._states.load_snapshot(source)
 
     def _links_in_use(self) -> set[int]:

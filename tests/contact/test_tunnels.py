@@ -318,3 +318,19 @@ def test_ends_of_a_tunnel_follow_its_bone(make_world, client):
     p.removeBody(body, client)
     with pytest.raises(bt.UnknownId):
         tunnel.ends  # noqa: B018
+
+
+@pytest.mark.parametrize("ratio", [0.9, 1.0, 1.3])
+def test_a_tendon_that_is_as_thick_as_a_bore_finds_solid_bone(drilled, ratio):
+    """It is led to the mouth: it goes in, or stops on the bone's surface as if there was no bore."""
+    world, _, _ = drilled()
+    radius = ratio * BORE
+    t = world.add_tendon([[-0.25, 0, 0], [-0.06, 0, 0]], radius, ROPE, 41)
+    hand = t.grip(-1, stiffness=500.0)
+    for _ in range(100):
+        hand.target = hand.target + [0.05 / 240, 0, 0]
+        world.step()
+        assert world.report.converged
+        assert world.report.iterations <= 50
+    end = t.positions[-1, 0]
+    assert end == pytest.approx(-0.06 + 100 * 0.05 / 240 if ratio < 1 else -HALF - radius, abs=1e-3)

@@ -370,7 +370,9 @@ void World::find_bores() {
 }
 
 bool World::may_enter(int tendon, int tunnel) const {
-  return scene.tunnel_alive[tunnel] && scene.filter.meets_link(tendon, scene.tunnels[tunnel].link);
+  const Tunnel& t = scene.tunnels[tunnel];
+  return scene.tunnel_alive[tunnel] && t.radius > scene.tendons[tendon]->radius &&
+         scene.filter.meets_link(tendon, t.link);
 }
 
 // Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius. It belongs to the bore

@@ -1,6 +1,7 @@
 #include "world/world.h"
 
 #include <algorithm>
+#include <iterator>
 #include <memory>
 #include <type_traits>
 #include <utility>
@@ -189,6 +190,15 @@ void World::empty_caches() {
       if (std::none_of(cache.entries.begin(), cache.entries.end(), known)) cache.entries.clear();
 }
 
+const std::vector<Bore>& World::bores_for(const Tendon& c, int link) {
+  const std::vector<Bore>& all = detection_.bores_by_link[link];
+  auto is_narrow = [&](const Bore& b) { return b.radius <= c.radius; };
+  if (std::none_of(all.begin(), all.end(), is_narrow)) return all;
+  detection_.wide_bores.clear();
+  std::remove_copy_if(all.begin(), all.end(), std::back_inserter(detection_.wide_bores), is_narrow);
+  return detection_.wide_bores;
+}
+
 // Updates the distances of this substep: from the cache or the core where possible, otherwise from the
 // oracle.
 void World::update_proximity(DistanceOracle& oracle) {
@@ -203,7 +213,7 @@ void World::update_proximity(DistanceOracle& oracle) {
         continue;
       }
       const NearContext near{step_.context.dt, options.contact_threshold, options.reuse_tolerance,
-                             &bores_of(scene.shapes[s].link)};
+                             &bores_for(*scene.tendons[c], scene.shapes[s].link)};
       ask(*scene.tendons[c], static_cast<int>(c), scene.shapes[s], static_cast<int>(s),
           scene.links[scene.shapes[s].link], near, detection_.caches[c][s], detection_.queries,
           step_.report.near);
@@ -216,7 +226,8 @@ void World::update_proximity(DistanceOracle& oracle) {
     const Shape& shape = scene.shapes[query.shape];
     Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
     answer(query, detection_.distances[q], vec3_at(detection_.points, q), detection_.parameters[q], shape,
-           in_world(shape, scene.links[shape.link]), bores_of(shape.link), entry);
+           in_world(shape, scene.links[shape.link]), bores_for(*scene.tendons[query.tendon], shape.link),
+           entry);
   }
 }
 

@@ -78,6 +78,7 @@ struct Detection {
   std::vector<SegmentPair> pairs;
   std::vector<Bore> bores;  // by tunnel
   std::vector<std::vector<Bore>> bores_by_link;
+  std::vector<Bore> wide_bores;   // of one link, for one tendon
   std::vector<int> near_tunnels;  // of one tendon
 };
 
@@ -270,7 +271,7 @@ class World {
   void push_asleep();
   // world/contact_builder.cpp
   void find_bores();
-  // Whether a tunnel exists and makes contacts with the tendon.
+  // Whether a tunnel exists, is wider than the tendon, and makes contacts with it.
   bool may_enter(int tendon, int tunnel) const;
   void classify(int tendon);
   // Writes to detection_.near_tunnels the tunnels that contain the tendon or that it can reach in the step.
@@ -281,7 +282,8 @@ class World {
   void mouth_contact(int tendon, int tunnel, int mouth, int segment, const Bore& bore, Vec3 centre,
                      double radius);
 
-  const std::vector<Bore>& bores_of(int link) const { return detection_.bores_by_link[link]; }
+  // The bores of a link that are wider than the tendon. The others are solid bone for it.
+  const std::vector<Bore>& bores_for(const Tendon& c, int link);
   void make_islands();
   int island_root(int tendon);
   void join_islands(int a, int b);

@@ -1,0 +1,120 @@
+"""Placement: what is looked at once, where tendons were put somewhere, and by no step after that.
+
+Owns: which tendons were put somewhere since the last step, and of which of them has been told that they are
+inside a link. Goes with no room of the core.
+"""
+
+import numpy as np
+
+from .anchors import Attachment
+from .bodies import Bodies
+from .errors import InsideWarning, InvalidValue, warn
+from .obstacles import Obstacles
+from .penetration import Obstacle, Penetrations, Surroundings
+from .tunnels import Bores, Tunnel, passes
+
+UNSEEN = 0.1  # of its radius, by which a centreline may begin inside an obstacle without a warning
+
+
+class Placement:
+    """Looks at the tendons and tunnels of one world (by slot), among its obstacles."""
+
+    def __init__(self, bodies: Bodies, obstacles: Obstacles, tendons: dict, tunnels: dict[int, Tunnel]):
+        self._bodies, self._obstacles = bodies, obstacles
+        self._tendons, self._tunnels = tendons, tunnels
+        self._told: set[tuple[int, int, int]] = set()  # slot, body, link
+        self.new: set[int] = set()  # slots of tendons to look at before the next step
+
+    def require_clearance(self, argument: str, value, line, radius: float, tendon=None) -> None:
+        """Raise InvalidValue where a centreline (n, 3) of this radius [m] is in a bore that is not wider.
+
+        tendon: whose centreline it will be, if it exists; bores that it does not collide with are left out.
+        """
+        narrow = [tunnel for tunnel in self._tunnels.values() if tunnel.radius <= radius]
+        if tendon is not None:
+            narrow = [t for t in narrow if tendon.collides_with(t.bodyUniqueId, t.linkIndex)]
+        if narrow:
+            self._bodies.require_alive()
+            tunnel = Bores(narrow, self._bodies.frame).first_with(line)
+            if tunnel is not None:
+                bore = f"tunnel {tunnel.name!r} of radius {tunnel.radius:g}"
+                allowed = f"outside {bore}, in which a tendon of radius {radius:g} has no clearance [m]"
+                raise InvalidValue(argument, value, allowed)
+
+    def require_width(self, bodyUniqueId: int, linkIndex: int, start, end, radius: float) -> None:
+        """Raise InvalidValue where a tendon lies in the bore that would be made, without clearance."""
+        origin, axes = self._bodies.frame(bodyUniqueId, linkIndex)
+        for tendon in self._tendons.values():
+            local = (tendon.positions - origin) @ axes
+            meets = tendon.collides_with(bodyUniqueId, linkIndex)
+            if meets and tendon.radius >= radius and passes(start, end, radius, local):
+                thick = f"tendon {tendon.name!r}, which lies in the bore"
+                raise InvalidValue("radius", radius, f"> {tendon.radius:g}, the radius of {thick} [m]")
+
+    def changed_obstacles(self, body: int) -> None:
+        """Shapes of a body have been added."""
+        self._told = {told for told in self._told if told[1] != body}
+        self.new.update(self._tendons)
+
+    def forget(self, slot: int) -> None:
+        """A tendon has been removed."""
+        self._told = {told for told in self._told if told[0] != slot}
+        self.new.discard(slot)
+
+    def look(self) -> None:
+        """An InsideWarning for each new tendon and each link that it is inside of and not attached to there.
+
+        Raises UnknownId where a body was removed that something here refers to.
+        """
+        tendons = [self._tendons[slot] for slot in sorted(self.new)]
+        self.new.clear()
+        if not self._obstacles:
+            return
+        self._bodies.require_alive()
+        bores = Bores(tuple(self._tunnels.values()), self._bodies.frame)
+        around = Surroundings(self._obstacles.placed(), bores)
+        for tendon in tendons:
+            line = tendon.positions
+            for obstacle, rows in around.penetrated(line[:-1], line[1:]):
+                key = (tendon._slot, obstacle.bodyUniqueId, obstacle.linkIndex)
+                depth = _depth_inside(tendon, line, obstacle, rows)
+                if (
+                    key not in self._told
+                    and depth > UNSEEN * tendon.radius
+                    and tendon.collides_with(*key[1:])
+                ):
+                    self._told.add(key)
+                    warn(InsideWarning(_message(tendon, obstacle, depth)))
+
+
+def _message(tendon, obstacle: Obstacle, depth: float) -> str:
+    link = f"body {obstacle.bodyUniqueId}, link {obstacle.linkIndex}"
+    where = f"begins {depth:.3g} m deep inside" if np.isfinite(depth) else "begins across the open surface of"
+    return (
+        f"tendon {tendon.name!r} {where} {link}, and is not attached to it there: "
+        "it may be kept inside, and steps can take long (see add_tendon, inside=)"
+    )
+
+
+def _depth_inside(tendon, line, obstacle: Obstacle, rows: Penetrations) -> float:
+    """Depth [m] of the deepest stretch inside the obstacle that is no insertion; 0: there is none.
+
+    An insertion is a stretch with a particle that is attached to that link, and that is nowhere deeper than
+    this particle by more than a radius. Infinite where an open surface is crossed, which has no inside.
+    """
+    link = obstacle.bodyUniqueId, obstacle.linkIndex
+    holds = [hold for hold in tendon.holds if isinstance(hold, Attachment)]
+    tied = [hold.particle for hold in holds if (hold.bodyUniqueId, hold.linkIndex) == link]
+    interior = obstacle.shape.interior
+    unknown = np.inf if interior is not None and not interior.closed else 0.0
+    depths = np.where(np.isfinite(rows.depth), rows.depth, unknown)
+    deepest = 0.0
+    for stretch in np.split(np.arange(len(depths)), np.flatnonzero(np.diff(rows.segment) > 1) + 1):
+        depth = float(depths[stretch].max())
+        own = [i for i in tied if rows.segment[stretch[0]] <= i <= rows.segment[stretch[-1]] + 1]
+        if own:
+            known = obstacle.penetrated(line[own], line[own]).depth
+            allowed = np.max(known, where=np.isfinite(known), initial=0.0) + tendon.radius
+            depth = 0.0 if depth <= allowed or np.isinf(depth) else depth
+        deepest = max(deepest, depth)
+    return deepest
