@@ -24,7 +24,8 @@ class Material:
     exponent: p [-], >= 1.
     toe_strain: strain beyond which the law goes on along its tangent [-], or None. Exponent 2 with
         a toe strain e_t is the ligament law of Blankevoort 1991 with slope k = 2 e_t stiffness.
-    tension_only: no force (nor damping) under compression.
+    tension_only: no force (nor damping) under compression: a rope, which folds under the least push. It has no
+        effect where bending_stiffness > 0: such a tendon carries compression until it buckles.
     damping: C [N s^q], >= 0; damping_exponent: q [-], >= 1.
     damping_form: "axial" brakes changes of length only; "whole" the whole relative velocity of a
         spring's ends, as printed in the paper, which brakes rigid rotations too.
@@ -127,7 +128,8 @@ class Material:
 
     def core_arguments(self, area: float) -> tuple:
         """The material as the compiled core takes it, for a cross-section of `area` [m^2]."""
-        law = (self.stiffness, self.exponent, self.toe, self.tension_only, self.damping)
+        rope = self.tension_only and self.bending_stiffness == 0
+        law = (self.stiffness, self.exponent, self.toe, rope, self.damping)
         whole = self.damping_form == "whole"
         stiffnesses = (self.shear_stiffness, self.bending_stiffness)
         return (self.friction, *law, self.damping_exponent, whole, *stiffnesses, self.density * area)

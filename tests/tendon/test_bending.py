@@ -85,6 +85,26 @@ def test_newton_converges_fast_with_the_full_hessian(make_world):
     assert world.report.iterations <= 15
 
 
+@pytest.mark.parametrize("collides", [False, True])
+@pytest.mark.parametrize("force", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("stiffness", [1e-5, 1e-4, 1e-3, 1e-1])
+def test_a_tendon_folds_over_a_hand(make_world, stiffness, force, collides):
+    """A graft that carries no compression is held at its middle, and its ends are pulled down. It comes to
+    rest with half of each pull on either side of the hand, and each leg near its length."""
+    world = make_world()
+    material = bt.Material.preset("hamstring_graft", damping=0.0, bending_stiffness=stiffness)
+    t = world.add_tendon([[-0.08, 0, 0], [0.08, 0, 0]], 0.004, material, 60, collides=collides)
+    hand = t.grip(30)
+    for end in (0, -1):
+        t.set_force(end, [0, 0, -force])
+    for _ in range(240):
+        world.step()
+        assert world.report.converged
+        assert world.report.iterations <= 150
+    np.testing.assert_allclose(hand.force, [0, 0, -2 * force], atol=0.05 * force)  # it swings a little
+    assert t.length == pytest.approx(0.16, rel=0.02)
+
+
 def test_momentum_of_a_free_beam(make_world):
     world = make_world(1 / 240)
     t = beam(world, 20)

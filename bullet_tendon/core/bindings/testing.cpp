@@ -57,7 +57,7 @@ py::tuple bending_term(const World& w, int slot, const Array& at) {
   c.residual.zero();
   c.matrix.zero();
   add_bending_forces(c, x);
-  add_bending_blocks(c, x, false);
+  add_bending_blocks(c);
   return py::make_tuple(bending_energy(c, x), rows_of(c.residual), dense_of(c.matrix));
 }
 

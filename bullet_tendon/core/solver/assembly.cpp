@@ -120,7 +120,7 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);
-    add_bending_blocks(*c, c->x_new, definite);
+    add_bending_blocks(*c);
     add_soft_anchors(*c, c->x_new, true);
   }
   find_acting(island);

@@ -5,13 +5,13 @@
 //
 //   sum (U_1 - U_0 + F_1.(x_1 - x_0))  -  sum m |v_1 - v_0|^2 / 2
 //
-// over springs (energy U, force F_1) and contacts, which store no energy (U = 0). A spring in tension has a
-// convex potential, so its term is negative. A spring in compression that turns creates energy, about |F| l
-// (1 - cos angle). So does a contact that pushes around a corner or out of a depth. Usually the numerical
-// dissipation of the method, the second sum, is larger. Where it is smaller, inelastic impulses between pairs
-// of interacting points remove the created energy (passivity controller: Hannaford and Ryu 2002). The first
-// impulses act along contact normals and springs, which conserves linear and angular momentum. The next ones
-// act across them, which is needed where a compressed tendon turns about an anchor.
+// over springs (energy U, force F_1) and contacts, which store no energy (U = 0). A spring in tension and
+// bending have convex potentials, so their terms are negative. A spring in compression that turns creates
+// energy, about |F| l (1 - cos angle). So does a contact that pushes around a corner or out of a depth.
+// Usually the numerical dissipation of the method, the second sum, is larger. Where it is smaller, inelastic
+// impulses between pairs of interacting points remove the created energy (passivity controller: Hannaford and
+// Ryu 2002). The first impulses act along contact normals and springs, which conserves linear and angular
+// momentum. The next ones act across them, which is needed where a compressed tendon turns about an anchor.
 #include <algorithm>
 #include <cmath>
 
@@ -156,7 +156,7 @@ bool has_compression(const Tendon& c) {
 
 void project_energy(Island& island, Vec3 gravity) {
   const bool any = std::any_of(island.tendons.begin(), island.tendons.end(),
-                               [](const Tendon* c) { return bends(*c) || has_compression(*c); });
+                               [](const Tendon* c) { return has_compression(*c); });
   if (!any && island.contacts.empty()) return;
   double left = 0;
   for (Tendon* c : island.tendons) left += gained(*c, gravity);

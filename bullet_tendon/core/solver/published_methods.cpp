@@ -26,7 +26,7 @@ void forces_now(Tendon& c, const StepContext& context, bool matrix, double dampi
     if (matrix) scatter_blocks(*s, c.matrix);
   }
   add_bending_forces(c, c.x);
-  if (matrix) add_bending_blocks(c, c.x, true);
+  if (matrix) add_bending_blocks(c);
 }
 
 void contacts_now(Island& island, bool matrix) {
@@ -95,7 +95,7 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
   if (!h.rigid) return h.linearised(h.raw) + h.block(h.stiffness + identity(h.viscosity / context.dt)) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
-             bending_force_after(c, c.x, c.displacement, i);
+             bending_force(c, c.x, c.displacement, i);
   for (const Contact* contact : island.contacts)
     for (const auto& [spot, sign] : {std::pair{contact->a, 1.0}, std::pair{contact->b, -1.0}}) {
       if (spot.tendon < 0 || contact->normal_force.value <= 0 || &island.at(spot) != &c) continue;
