@@ -24,8 +24,8 @@ class Material:
     exponent: p [-], >= 1.
     toe_strain: strain beyond which the law goes on along its tangent [-], or None. Exponent 2 with
         a toe strain e_t is the ligament law of Blankevoort 1991 with slope k = 2 e_t stiffness.
-    tension_only: no force (nor damping) under compression: a rope, which folds under the least push. It has no
-        effect where bending_stiffness > 0: such a tendon carries compression until it buckles.
+    tension_only: no force (nor damping) under compression: a rope, which folds under the least push. It has
+        no effect where bending_stiffness > 0: such a tendon carries compression until it buckles.
     damping: C [N s^q], >= 0; damping_exponent: q [-], >= 1.
     damping_form: "axial" brakes changes of length only; "whole" the whole relative velocity of a
         spring's ends, as printed in the paper, which brakes rigid rotations too.

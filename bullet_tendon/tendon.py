@@ -88,7 +88,7 @@ class Tendon(NotCopied):
     def tension(self) -> np.ndarray:
         """(n-1,) force carried by each cross-section [N]: the sum over the springs that cross it.
 
-        Elastic and axial damping forces at the present state; compression is negative.
+        Elastic and axial damping forces at the end of the last step; compression is negative.
         """
         return self._core.tension(self._alive())
 
@@ -190,7 +190,7 @@ class Tendon(NotCopied):
         if max_force is not None:
             max_force = checks.number("max_force", max_force, above=0)
         number = self._numbers.next()
-        self._core.add_grip(self._slot, number, index)
+        self._core.add_grip(self._slot, number, index, where)
         anchor = Grip(self, index, number, where, stiffness, damping, direction, max_force)
         self._anchors[index] = anchor
         return anchor

@@ -129,3 +129,27 @@ def test_limits_that_are_none_are_refused(make_world, value):
         t.grip(-1, max_force=value)
     assert grip.max_force == 5.0
     assert len(t.holds) == 1
+
+
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 240])
+def test_a_soft_grip_is_as_strong_in_cut_steps(make_world, dt):
+    """Another tendon is thrown at high speed past a third one, so that steps are divided. The hand carries the
+    weight as its spring says, and the weight stays where it is."""
+    world = make_world(dt, (0, 0, -G))
+    t = world.add_tendon([[0, 0, 0], [0, 0, -0.3]], 1e-3, ROPE, 10)
+    t.set_point_mass(-1, BOB)
+    hand = t.grip(0, stiffness=500.0, damping=50.0)
+    world.step(int(4 / dt))
+    start = t.positions
+    other = world.add_tendon([[1, 0, 0], [1.3, 0, 0]], 1e-3, ROPE, 20)
+    other.grip(0)
+    world.add_tendon([[1, 0.01, 0], [1.3, 0.01, 0]], 1e-3, ROPE, 20).grip(0)
+    parts = 0
+    for k in range(12):
+        if k % 4 == 0:
+            other.set_positions(other.positions, np.linspace(0, 1, 20)[:, None] * [0, 30.0, 5.0])
+        world.step()
+        parts = max(parts, world.report.counts["substeps"])
+        np.testing.assert_allclose(hand.force, 500.0 * (t.positions[0] - hand.target), atol=1e-3 * G)
+        assert np.abs(t.positions - start).max() < 1e-5
+    assert parts > 3

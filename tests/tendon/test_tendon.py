@@ -293,3 +293,17 @@ def test_a_rest_length_that_is_none_is_refused(make_world, slack):
     with pytest.raises(bt.TendonError, match="rest_length"):
         world.add_tendon([[0, 0, 0], [0.1, 0, 0]], 1e-3, bt.Material(stiffness=1e4), rest_length=slack)
     assert not world.tendons
+
+
+@pytest.mark.parametrize("damping", [0.0, 50.0])
+def test_the_tension_of_a_fast_pendulum_is_what_the_hand_feels(make_world, damping):
+    """It turns by a tenth of a radian in a step, which stretches nothing."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    material = bt.Material(stiffness=5e4, damping=damping, density=1000)
+    t = world.add_tendon([[0, 0, 0], [0.05, 0, 0]], 1e-3, material, 2)
+    t.set_point_mass(-1, 0.1)
+    hand = t.grip(0)
+    t.set_positions(t.positions, [[0, 0, 0], [0, 0, -1.2]])
+    for _ in range(30):
+        world.step()
+        assert t.tension[0] == pytest.approx(np.linalg.norm(hand.force), rel=0.02)

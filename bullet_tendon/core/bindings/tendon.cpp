@@ -99,10 +99,11 @@ void bind_world_tendon(GuardedWorld& world) {
       .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
       .def("force", [](World& w, int c, int i) { return tuple(w.scene.tendons[c]->force.at(i)); })
       .def("add_grip",
-           [](World& w, int c, int id, int particle) {
+           [](World& w, int c, int id, int particle, const Array& target) {
              Anchor h;
              h.id = id;
              h.particle = particle;
+             h.goal = h.target_before = vec(target);
              stirred(w, c).anchors.push_back(h);
              w.scene.tendons[c]->smooth = false;
            })

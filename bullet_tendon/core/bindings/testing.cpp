@@ -7,7 +7,6 @@
 
 #include "bindings/arrays.h"
 #include "bodies/finite_rotation.h"
-#include "tendon/bending.h"
 
 namespace bt {
 

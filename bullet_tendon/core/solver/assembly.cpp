@@ -7,7 +7,6 @@
 
 #include "collision/narrow_phase.h"
 #include "solver/body_schur.h"
-#include "tendon/bending.h"
 
 namespace bt {
 

@@ -17,7 +17,6 @@
 
 #include "solver/body_schur.h"
 #include "solver/solver.h"
-#include "tendon/bending.h"
 
 namespace bt {
 

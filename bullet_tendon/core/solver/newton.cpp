@@ -21,7 +21,6 @@
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
-#include "tendon/bending.h"
 
 namespace bt {
 

@@ -5,7 +5,6 @@
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
-#include "tendon/bending.h"
 
 namespace bt {
 

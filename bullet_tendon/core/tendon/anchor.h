@@ -25,7 +25,7 @@ struct Anchor {
   Sym3 stiffness;         // of the spring [N/m]; unused if rigid
   Vec3 goal;              // of a grip: target at the end of the step [m]
   Vec3 aim;               // target at the end of the current substep [m]
-  Vec3 target_before;     // target at the end of the last step [m]
+  Vec3 target_before;     // target at the end of the last substep [m]
   double viscosity = 0;   // of the spring's damper [N s/m]
   double most_force = 0;  // limit of a grip's force [N]; 0: none
   bool exact = false;     // a grip that is rigid up to its limit; its spring is stiff

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "math/rounding.h"
-#include "tendon/bending.h"
 
 namespace bt {
 
@@ -185,11 +184,22 @@ void Tendon::guess_multipliers(Vec3 gravity) {
 }
 
 // Evaluates copies of the springs, because the multipliers and slopes of the last step are part of the state.
+// Rates are those of the lengths in the last substep. The velocities at its end include its rotation, which
+// is the chord of an arc.
 void Tendon::tension(std::vector<double>& out) const {
   out.assign(n_ - 1, 0.0);
+  Field moved = x;
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < n_; ++i) moved[k][i] -= x_before[k][i];
   for (SpringSet s : {structure, shear}) {
     if (s.count == 0) continue;
-    evaluate_at(s, material.law, x, v, 1.0, 1.0);
+    if (dt_before > 0) {
+      measure(s, x_before);
+      s.start = s.history = s.length;
+      evaluate(s, material.law, {x_before, moved, x_before, 0, dt_before});
+    } else {
+      evaluate_at(s, material.law, x, v, 1.0, 1.0);
+    }
     for (int k = 0; k < s.count; ++k)
       for (int j = k; j < k + s.reach; ++j) out[j] += s.force[k];
   }

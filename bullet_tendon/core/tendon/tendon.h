@@ -126,6 +126,13 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
 // Whether x_new of any particle is outside its predicted region.
 bool leaves_predicted_region(const Tendon& c);
 
+// Bending (tendon/bending.cpp): the energy at x [J], the gradient at x added to the residual, the Hessian
+// added to the matrix, and the force on particle i at the positions x + u [N].
+double bending_energy(const Tendon& c, const Field& x);
+void add_bending_forces(Tendon& c, const Field& x);
+void add_bending_blocks(Tendon& c);
+Vec3 bending_force(const Tendon& c, const Field& x, const Field& u, int i);
+
 // Call it after tendon.dx was added to tendon.x_new. Removes the elongation of segments that is caused by
 // their rotation alone (tendon/segment_rotation.cpp).
 void keep_lengths(Tendon& c);

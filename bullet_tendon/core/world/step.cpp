@@ -29,10 +29,14 @@ namespace {
 // motion of a whip's end is lost. Smaller: fast rotation costs more.
 constexpr double kTurn = 0.6;
 
-// Target of each grip at the end of the substep. share: the substep's share of the remaining step [-].
+// Target of each grip at the end of the substep, which moves there from that of the last substep. A rigid
+// grip moves its particle from where it is. share: the substep's share of the remaining step [-].
 void aim_grips(Tendon& c, double share) {
-  for (Anchor& h : c.anchors)
-    if (h.link < 0) h.aim = share == 1 ? h.goal : (1 - share) * c.x.at(h.particle) + share * h.goal;
+  for (Anchor& h : c.anchors) {
+    if (h.link >= 0) continue;
+    const Vec3 from = h.rigid ? c.x.at(h.particle) : h.target_before;
+    h.aim = share == 1 ? h.goal : (1 - share) * from + share * h.goal;
+  }
 }
 
 }  // namespace
