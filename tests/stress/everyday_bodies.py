@@ -139,7 +139,7 @@ def light_body_off_centre(scene):
     applied = f"applied = {{int({body.text}): {way!r}}}"
     for lines, unknown in (((push, go, applied), force), (("applied = {}",), 0.0)):
         scene.run(5, *lines)  # a force is learned from what it did
-        more = unknown / mass * scene.dt**2
+        more = 2 * unknown / mass * scene.dt**2
         scene.run(scene.steps // 3, *lines, watch=lambda more=more: at_its_place(scene, t, hold, more))
 
 

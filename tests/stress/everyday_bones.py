@@ -1,7 +1,7 @@
 """Scenes of tendons in and on bones: bores, oblique mouths, meshes, sheets, plates, what starts inside."""
 
 import numpy as np
-from brute_force import segment_triangles
+from brute_force import Triangles
 from everyday_scene import Scene, family, subdivided, turning
 from scipy.spatial import ConvexHull
 
@@ -306,26 +306,28 @@ def thin_sheet(scene):
     scene.mesh(vertices, faces, name, friction=1.0)
     scene.solids.clear()  # it has no inside
     radius = scene.log(8e-4, 3e-3)
-    # A taut line just above its top, its ends pulled down beside the sheet, where no edge is met.
+    # A line off its surface, its ends pulled down beside the sheet, where no edge is met.
     a = np.linspace(-1.2, 1.2, 40)
-    line = np.c_[sizes[0] * a, 0 * a + 1e-4, -bulge * a * a + 1.2 * radius + 1e-3]
+    steep = np.c_[2 * bulge / sizes[0] * a, 0 * a, 1 + 0 * a]
+    off = (1.05 * radius + 5e-4) * steep / np.linalg.norm(steep, axis=1)[:, None]
+    line = np.c_[sizes[0] * a, 0 * a + 1e-4, -bulge * a * a] + off
     mu = scene.pick(0.0, scene.flat(0.02, 0.4))
     t = scene.world.add_tendon(line, radius, scene.material(force, friction=mu), scene.whole(30, 60))
     slope = np.array([1, 0, -2.4 * bulge / sizes[0]])
     slope /= np.linalg.norm(slope)
     t.set_force(0, force * slope * (-1, 1, 1))
     hand = t.grip(-1)
-    triangles = vertices[faces]
+    triangles = Triangles(vertices[faces])
 
     def above():
         """Every segment above the sheet by its radius, but at the sheet's border."""
-        if len(scene.seconds) % 20:
+        if len(scene.seconds) % 60:
             return
         x = t.positions
         moved = min(np.abs(t.velocities).max() * scene.dt, radius / 2)
         for a, b in zip(x[:-1], x[1:], strict=True):
             if np.abs(np.array([a[0], b[0]])).max() < 0.95 * sizes[0]:
-                gap = segment_triangles(a, b, triangles)
+                gap = triangles.distance(a, b)
                 below = -bulge * ((a[0] / sizes[0]) ** 2 + (a[1] / 0.02) ** 2) > a[2] + 0.5 * radius
                 scene.check(not below, f"a particle is below the sheet, at {np.round(a, 5).tolist()}")
                 scene.check(gap > 0.95 * radius - moved, f"{gap:.3g} m from the sheet (radius {radius})")

@@ -35,6 +35,7 @@ G = 9.81
 # particles and substeps add up to less than this [-].
 BALANCE = 1e-5
 ENERGY = 0.02  # of what was moved to and fro: pybullet's explicit steps make and lose that [-]
+PARTS = 6  # points of a segment at which its distance is taken: a chord's middle is one of them
 FAMILIES = {}
 _files = itertools.count()
 
@@ -394,7 +395,7 @@ class Scene:
     def _overlaps(self):
         """Whether a tendon begins a hundredth of its radius inside a solid, itself or another one."""
         for k, t in enumerate(self.tendons):
-            points = subdivided(t.positions, 8)
+            points = subdivided(t.positions, PARTS)
             if any((self.gaps(points, solid) < 0.99 * t.radius).any() for solid in self.solids):
                 return True
             if any(nearest(t, other) < 0.99 * (t.radius + other.radius) for other in self.tendons[: k + 1]):
@@ -428,6 +429,7 @@ class Scene:
         exact = report.converged and "released" not in report.reasons
         if exact:
             self._momentum(before, step)
+        self._soft_hands(step)
         if self.energy:
             self._energy_bound(before, step)
         if step % 40 == 0 or step == self.steps:
@@ -446,6 +448,21 @@ class Scene:
             rows = self.world.contacts
             for field in ("position", "normal", "distance", "normal_force", "friction_force"):
                 self.check(np.isfinite(rows[field]).all(), f"step {step}: {field} of a contact not finite")
+
+    def _soft_hands(self, step):
+        """A soft hand at rest gives its stiffness times its way."""
+        for g in self.grips:
+            if g.stiffness is None or g.released:
+                continue
+            way = g._tendon.positions[g.particle] - g.target
+            speed = np.linalg.norm(g._tendon.velocities[g.particle])
+            if speed * self.dt < 1e-3 * np.linalg.norm(way):
+                # The mean of a step differs from its end by less than what a hundredth of the way, and its
+                # damper, can do.
+                allowed = 0.01 * g.stiffness * np.linalg.norm(way) + 2 * g.damping * speed + 1e-6
+                self.near(
+                    f"step {step}: force on a soft hand [N]", g.force, g.stiffness * way, absolute=allowed
+                )
 
     def _momentum(self, before, step):
         """sum of m dv/dt = m g + loads - (forces on hands and bodies), of all tendons together."""
@@ -556,8 +573,10 @@ class Scene:
             x = t.positions
             moved = np.abs(t.velocities).max() * self.dt
             allowed = 0.05 * t.radius + min(moved, t.radius / 2)
-            points = subdivided(x, 8)
             for solid in self.solids:
+                if solid[2] == "mesh" and step not in (80, 160, self.steps, None):
+                    continue
+                points = subdivided(x, PARTS)
                 held = [h.particle for h in t.holds if getattr(h, "bodyUniqueId", None) == int(solid[0])]
                 beside = self._beside(held, x)
                 self._outside(t, points[~beside], solid, allowed, step)
@@ -572,10 +591,10 @@ class Scene:
             self.check(gap.min() >= -allowed, message + f"of body {solid[0]} (allowed {allowed:.2g})")
 
     def _beside(self, held, x):
-        """Which points of `subdivided(x, 8)` are on a segment of a particle tied to the solid."""
-        near = np.zeros(8 * (len(x) - 1) + 1, bool)
+        """Which points of `subdivided(x, PARTS)` are on a segment of a particle tied to the solid."""
+        near = np.zeros(PARTS * (len(x) - 1) + 1, bool)
         for k in held:
-            near[max(8 * (k - 1), 0) : 8 * (k + 1) + 1] = True
+            near[max(PARTS * (k - 1), 0) : PARTS * (k + 1) + 1] = True
         return near
 
     def gaps(self, points, solid):
@@ -685,15 +704,18 @@ def subdivided(x, parts):
 def signed_to_mesh(sizes, x):
     """Distances (k,) to a closed mesh of triangles, negative inside (its winding number).
 
-    Of even triangles the nearest one is among the 24 with the nearest centres. Far points: 2 cm.
+    Of even triangles the nearest one is among the 24 with the nearest centres. Where these are more than 4 mm
+    away, a lower bound will do; there every sixth point is asked whether it is inside.
     """
-    points, triangles = x, sizes
-    near = (points >= triangles.min((0, 1)) - 0.02).all(1) & (points <= triangles.max((0, 1)) + 0.02).all(1)
-    distance = np.full(len(points), 0.02)
-    _, around = cKDTree(triangles.mean(1)).query(points[near], min(24, len(triangles)))
-    for k, some in zip(np.flatnonzero(near), around, strict=True):
-        distance[k] = brute_force.point_triangles(points[k], triangles[some]).min()
-    distance[near] *= np.where(np.abs(winding(points[near], triangles)) > 0.5, -1, 1)
+    centres = sizes.mean(1)
+    away, around = cKDTree(centres).query(x, min(24, len(sizes)))
+    distance = away[:, 0] - np.linalg.norm(sizes - centres[:, None], axis=2).max()
+    near = distance < 0.004
+    for k in np.flatnonzero(near):
+        distance[k] = brute_force.point_triangles(x[k], sizes[around[k]]).min()
+    near |= np.arange(len(x)) % 6 == 0
+    near &= (x >= sizes.min((0, 1))).all(1) & (x <= sizes.max((0, 1))).all(1)
+    distance[near] *= np.where(np.abs(winding(x[near], sizes)) > 0.5, -1, 1)
     return distance
 
 
