@@ -107,15 +107,20 @@ class Grip(_Anchor):
     Without a stiffness the particle is at `target` at the end of every step, exactly. With one
     it is drawn there by a spring [N/m] and a damper [N s/m] (the virtual coupling of haptics).
     force is what the hand feels.
+
+    With a max_force [N] the grip slips where more would be needed: it then draws the particle towards
+    `target` with that force. Until then a rigid grip yields by at most a thousandth of the tendon's radius.
+    With SolverOptions(iteration="single") the limit acts one step late.
     """
 
-    def __init__(self, tendon, particle, number, target, stiffness, damping, direction=None):
+    def __init__(self, tendon, particle, number, target, stiffness, damping, direction=None, max_force=None):
         super().__init__(tendon, particle, number)
         self._direction = direction
         if direction is not None:
             tendon._core.set_clamp(tendon._slot, number, direction)
         self._stiffness = stiffness
         self._damping = damping
+        self._max_force = max_force
         self.target = target
 
     @property
@@ -143,6 +148,25 @@ class Grip(_Anchor):
         self._send()
 
     @property
+    def max_force(self) -> float | None:
+        """Largest force [N]; None: no limit."""
+        return self._max_force
+
+    @max_force.setter
+    def max_force(self, value) -> None:
+        most = None if value is None else checks.number("max_force", value, above=0)
+        self._require()
+        self._max_force = most
+        self._send()
+
+    @property
+    def slipping(self) -> bool:
+        """Whether its force was max_force at the end of the last step."""
+        if self.released or self._max_force is None:
+            return False
+        return self._tendon._core.anchor_slips(self._tendon._slot, self._number)
+
+    @property
     def target(self) -> np.ndarray:
         """(3,) where the particle is to be [m], world frame."""
         return self._target.copy()
@@ -155,16 +179,17 @@ class Grip(_Anchor):
         self._send()
 
     def _send(self) -> None:
-        spring = (self._stiffness or 0.0, self._damping)
+        spring = (self._stiffness or 0.0, self._damping, self._max_force or 0.0)
         self._tendon._core.set_grip(self._tendon._slot, self._number, self._target, *spring)
 
     def _settings(self) -> dict:
-        spring = {"stiffness": self._stiffness, "damping": self._damping}
+        spring = {"stiffness": self._stiffness, "damping": self._damping, "max_force": self._max_force}
         return {**super()._settings(), **spring, "target": self.target, "direction": self.direction}
 
     def _restore(self, settings: dict) -> None:
         super()._restore(settings)
         self._stiffness, self._damping = settings["stiffness"], settings["damping"]
+        self._max_force = settings["max_force"]
         self._target, self._direction = settings["target"], settings["direction"]
 
     @property

@@ -107,6 +107,7 @@ class Bodies:
         if self._unused:
             slot = min(self._unused)
             self._unused.discard(slot)
+            self._core.clear_link(slot)
             self.links[slot], self._mark_of[slot] = key, mark
         else:
             slot = len(self.links)
@@ -198,6 +199,11 @@ class Bodies:
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""
         return _core.link_frame(*read_link(int(body), int(link), self.client)[:2])
+
+    def checked_frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
+        """frame, or UnknownId where the client was disconnected or the link does not exist."""
+        self.require(body, link)
+        return self.frame(body, link)
 
     def apply_wrenches(self) -> None:
         """Put the core's wrenches on the links that answer to them."""

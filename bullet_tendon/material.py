@@ -87,6 +87,22 @@ class Material:
         )
 
     @classmethod
+    def from_modulus(cls, youngs_modulus: float, radius: float, **others) -> "Material":
+        """The material of a solid round section: stiffness E pi r^2 [N], the tension at strain 1.
+
+        youngs_modulus: E [Pa], > 0, of the law's tangent at strain 1 if its exponent is 1; about 1.5e9 in
+        tendon (Bennett et al. 1986). radius: r [m], > 0, of the tendon that gets it. `others` are further
+        arguments of Material. bending_stiffness stays 0: a bundle of fibres bends far more easily than a
+        solid rod, whose EI is E pi r^4/4. Raises InvalidType or InvalidValue.
+        """
+        modulus = checks.number("youngs_modulus", youngs_modulus, above=0)
+        radius = checks.number("radius", radius, above=0)
+        stiffness = modulus * math.pi * radius * radius
+        if not 0 < stiffness < math.inf:
+            raise InvalidValue("youngs_modulus", youngs_modulus, "such that E pi r^2 is finite and > 0")
+        return cls(**{"stiffness": stiffness, **others})
+
+    @classmethod
     def ligament(cls, slope: float, toe_strain: float = 0.06, **others) -> "Material":
         """The ligament law of Blankevoort 1991: T = slope s^2/(2 e_t), then slope (s - e_t/2).
 

@@ -25,7 +25,7 @@ from .tendon import Tendon
 from .tunnels import Tunnel
 
 _PARTS = ("tendons", "tunnels", "obstacles")
-VERSION = 5  # raised whenever an array, or the core's layout, changes
+VERSION = 6  # raised whenever an array, or the core's layout, changes
 _GRIP, _ATTACHMENT = 0, 1  # kinds of holds
 _NO_LINK = (-1, -2)  # of a slot that is not in use
 _MOST_NUMBER = 2**30  # of a hold; the core's are of 32 bits, and more are going to be made
@@ -41,7 +41,7 @@ _ARRAYS = {
     "obstacles": ("i", (None, 3)),  # body, link, shape
     "links": ("i", (None, 2)),  # body, link
     "hold_places": ("i", (None, 6)),  # tendon, particle, kind, number, body, link
-    "hold_numbers": ("f", (None, 8)),  # point 3, stiffness, damping, direction 3; NaN: none
+    "hold_numbers": ("f", (None, 9)),  # point 3, stiffness, damping, direction 3, largest force; NaN: none
     "digest": ("u", (32,)),
 }
 
@@ -214,7 +214,7 @@ class States:
             "obstacles": _table([(b, i, shape) for b, i, *shapes in obstacles for shape in shapes], 3),
             "links": _table(links, 2),
             "hold_places": _table(places, 6),
-            "hold_numbers": np.array(numbers, dtype=float).reshape(-1, 8),
+            "hold_numbers": np.array(numbers, dtype=float).reshape(-1, 9),
         }
         file = io.BytesIO()
         np.savez(file, **arrays, digest=digest_of(arrays))
@@ -248,7 +248,8 @@ class States:
             "stiffness": None if np.isnan(values[3]) else float(values[3]),
             "damping": float(values[4]),
             "target": values[:3].copy(),
-            "direction": None if np.isnan(values[5]) else values[5:].copy(),
+            "direction": None if np.isnan(values[5]) else values[5:8].copy(),
+            "max_force": None if np.isnan(values[8]) else float(values[8]),
         }
         anchor = own if isinstance(own, Grip) else Grip.__new__(Grip)
         if anchor is not own:
@@ -282,13 +283,13 @@ class States:
             if kind == _ATTACHMENT:
                 fits = there and tuple(where) in links
             else:
-                fits = there and _could_be_clamped(tendons[index], particle, values[5:])
+                fits = there and _could_be_clamped(tendons[index], particle, values[5:8])
             if not fits:
                 raise SnapshotError("source", shown, f"a snapshot of holds that there can be, not {place}")
 
 
 def _packed(anchor) -> tuple[tuple, np.ndarray]:
-    settings, values = anchor._settings(), np.full(8, np.nan)
+    settings, values = anchor._settings(), np.full(9, np.nan)
     if isinstance(anchor, Attachment):
         values[:3] = settings["position"]
         return (_ATTACHMENT, settings["number"], settings["bodyUniqueId"], settings["linkIndex"]), values
@@ -296,7 +297,9 @@ def _packed(anchor) -> tuple[tuple, np.ndarray]:
     if settings["stiffness"] is not None:
         values[3] = settings["stiffness"]
     if settings["direction"] is not None:
-        values[5:] = settings["direction"]
+        values[5:8] = settings["direction"]
+    if settings["max_force"] is not None:
+        values[8] = settings["max_force"]
     return (_GRIP, settings["number"], -1, -1), values
 
 
@@ -390,10 +393,13 @@ def _holds_consistency(places, numbers):
     grips = kind == _GRIP
     yield "grips hold no links", ((body[grips] == -1) & (link[grips] == -1)).all()
     yield "holds are at finite points", np.isfinite(numbers[:, :3]).all()
-    stiffness, damping, direction = numbers[grips, 3], numbers[grips, 4], numbers[grips, 5:]
+    stiffness, damping, direction = numbers[grips, 3], numbers[grips, 4], numbers[grips, 5:8]
+    most = numbers[grips, 8]
     soft = ~np.isnan(stiffness)
     yield "grips have a stiffness > 0 or none", (np.isfinite(stiffness) & (stiffness > 0))[soft].all()
     yield "grips have a damping >= 0", (np.isfinite(damping) & (damping >= 0)).all()
+    limited = ~np.isnan(most)
+    yield "grips have a largest force > 0 or none", (np.isfinite(most) & (most > 0))[limited].all()
     clamped = ~np.isnan(direction).all(axis=1)
     yield "grips have a finite direction or none", np.isfinite(direction[clamped]).all()
 

@@ -116,6 +116,15 @@ class Tendon:
         return self._core.is_asleep(self._alive())
 
     @property
+    def collides(self) -> bool:
+        """Whether it makes contacts: False, with no body, tunnel or tendon, nor with itself. Can be set."""
+        return self._core.collides(self._alive())
+
+    @collides.setter
+    def collides(self, value: bool) -> None:
+        self._core.set_collides(self._alive(), checks.flag("collides", value))
+
+    @property
     def holds(self) -> tuple[Grip | Attachment, ...]:
         """Its grips and attachments that were not released, by particle."""
         return tuple(self._anchors[i] for i in sorted(self._anchors))
@@ -150,13 +159,15 @@ class Tendon:
         stiffness: float | None = None,
         damping: float = 0.0,
         direction: ArrayLike | None = None,
+        max_force: float | None = None,
     ) -> Grip:
         """Hold a particle (negative: from the end) at `target`, which can then be moved step by step.
 
         target: (3,) world [m]; None: where the particle is. stiffness [N/m], damping [N s/m]: of a
         soft grip; None: rigid. direction: (3,) tangent in which an end with bending stiffness is clamped,
-        in the order of the particles; None: it is free to turn. A particle can be held once. Raises
-        InvalidType or InvalidValue; then nothing has changed.
+        in the order of the particles; None: it is free to turn. max_force [N]: the grip slips beyond it (see
+        Grip); None: no limit. A particle can be held once. Raises InvalidType or InvalidValue; then nothing
+        has changed.
         """
         index = self._free_particle(particle)
         where = self.positions[index] if target is None else checks.vector("target", target)
@@ -165,9 +176,11 @@ class Tendon:
         damping = checks.number("damping", damping, at_least=0)
         if direction is not None:
             direction = clamp_direction(self, index, direction)
+        if max_force is not None:
+            max_force = checks.number("max_force", max_force, above=0)
         number = self._numbers.next()
         self._core.add_grip(self._slot, number, index)
-        anchor = Grip(self, index, number, where, stiffness, damping, direction)
+        anchor = Grip(self, index, number, where, stiffness, damping, direction, max_force)
         self._anchors[index] = anchor
         return anchor
 

@@ -4,6 +4,7 @@ Owns: the handle of a bore; its contacts are the core's. Goes with the core's ro
 """
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -26,6 +27,16 @@ class Tunnel:
     name: str
     slot: int = dataclasses.field(repr=False)
     link_slot: int = dataclasses.field(repr=False)
+    _frame: Callable = dataclasses.field(repr=False)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(2, 3) start and end of its axis, world frame, where pybullet has the link now [m].
+
+        Raises UnknownId where the client was disconnected, or the body removed.
+        """
+        origin, axes = self._frame(self.bodyUniqueId, self.linkIndex)
+        return origin + np.array([self.start, self.end]) @ axes.T
 
 
 REACH = 2.0  # radii by which a bore goes on beyond its mouths; the core's kBoreReach

@@ -89,15 +89,21 @@ class TendonWorld:
         particles: int | None = None,
         name: str | None = None,
         inside: str = "allow",
+        rest_length: float | None = None,
+        collides: bool = True,
     ) -> Tendon:
-        """A tendon along the polyline points (m, 3) [m], world frame, at rest and without load.
+        """A tendon along the polyline points (m, 3) [m], world frame, at rest.
 
         radius [m]; particles: resampled to that many, evenly by arc length (None: the points
-        themselves). inside: what to do about a centreline that begins inside an obstacle, bores
-        excepted: "allow" it, as for an insertion in a bone; "push_out" what is inside, the near way,
-        until it clears the surface by about the radius; or "error". The last two raise InvalidValue where
-        anything is (left) inside; see penetrations. Raises InvalidType or InvalidValue; then nothing
-        has changed.
+        themselves). rest_length [m]: length of its centreline without load, spread over the segments in
+        proportion to their lengths; the tendon starts where it is, under the tension that follows. None: it
+        starts without load. collides: whether it makes contacts (see Tendon.collides).
+
+        inside: what to do about a centreline that begins inside an obstacle, bores excepted: "allow" it, as
+        for an insertion in a bone; "push_out" what is inside, the near way, until it clears the surface by
+        about the radius; or "error". The last two raise InvalidValue where anything is (left) inside; see
+        penetrations. They change nothing of a tendon that does not collide. Raises InvalidType or
+        InvalidValue; then nothing has changed.
         """
         line = particle_positions(points, particles)
         radius = checks.number("radius", radius, above=0)
@@ -106,12 +112,20 @@ class TendonWorld:
             raise InvalidValue("radius", radius, "one with a finite cross-section > 0")
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
-        if checks.choice("inside", inside, INSIDE) != "allow":
+        collides = checks.flag("collides", collides)
+        if rest_length is not None:
+            rest_length = checks.number("rest_length", rest_length, above=0)
+        if checks.choice("inside", inside, INSIDE) != "allow" and collides:
             line = self._readouts.surroundings().cleared(line, radius, inside)
         name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
         slot = self._core.add_tendon(line, radius, *material.core_arguments(area))
+        if rest_length is not None:
+            rest = self._core.rest(slot)
+            self._core.set_rest(slot, rest * (rest_length / rest.sum()))
+            self._core.set_state(slot, line, np.zeros_like(line))
+        self._core.set_collides(slot, collides)
         tendon = Tendon(self._core, self._bodies, self._numbers, slot, name, radius, material)
         self._tendons[slot] = tendon
         return tendon
@@ -150,6 +164,23 @@ class TendonWorld:
         """
         self._obstacles.remove(bodyUniqueId, linkIndex)
 
+    def set_collision(self, a: Tendon, b: Tendon | int | tuple[int, int], enabled: bool) -> None:
+        """Whether a tendon makes contacts with another one, with itself (b is a), or with a body.
+
+        b: a Tendon; a bodyUniqueId: all its links that are obstacles or have tunnels now; or
+        (bodyUniqueId, linkIndex). Of a link, its shapes and its tunnels are meant. A tendon that does not
+        collide at all (Tendon.collides) makes none either way. The choice is part of the saved state. Raises
+        InvalidType, or UnknownId where a tendon was removed, a body or link does not exist, or is no obstacle
+        and has no tunnel; then nothing has changed.
+        """
+        one = self._slot_of("a", a, Tendon, self._tendons)
+        enabled = checks.flag("enabled", enabled)
+        if isinstance(b, Tendon):
+            self._core.set_tendons_collide(one, self._slot_of("b", b, Tendon, self._tendons), enabled)
+            return
+        for link in self._solid_slots("b", b):
+            self._core.set_link_collides(one, link, enabled)
+
     def add_tunnel(
         self,
         bodyUniqueId: int,
@@ -180,7 +211,7 @@ class TendonWorld:
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
         where = (int(bodyUniqueId), int(linkIndex), start, end)
-        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link)
+        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link, self._bodies.checked_frame)
         self._tunnels[slot] = tunnel
         return tunnel
 
@@ -320,6 +351,24 @@ class TendonWorld:
         """Slots of the links that tunnels, obstacles and attachments refer to."""
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
+
+    def _solid_slots(self, argument, body) -> set[int]:
+        """Slots of the links of a body, or of (body, link), that are obstacles or have tunnels."""
+        if isinstance(body, tuple):
+            if len(body) != 2:
+                raise InvalidType(argument, body, "a Tendon, a bodyUniqueId, or (bodyUniqueId, linkIndex)")
+            self._bodies.require(*body, argument)
+        else:
+            if not isinstance(body, (int, np.integer)) or isinstance(body, bool):
+                raise InvalidType(argument, body, "a Tendon, a bodyUniqueId, or (bodyUniqueId, linkIndex)")
+            self._bodies.require(body, -1, argument)
+        solid = self._obstacles.link_slots() | {t.link_slot for t in self.tunnels}
+        links = {slot for slot in solid if not self._bodies.is_gone(slot)}
+        keys = {slot: self._bodies.links[slot] for slot in links}
+        found = {slot for slot, key in keys.items() if body in (key, key[0])}
+        if not found:
+            raise UnknownId(argument, body, "a link that is an obstacle or has a tunnel")
+        return found
 
     def _slot_of(self, argument, handle, kind, known) -> int:
         if not isinstance(handle, kind):

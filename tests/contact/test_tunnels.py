@@ -305,3 +305,16 @@ def test_a_tunnel_on_a_spinning_body_is_not_culled(make_world, client, spin):
     assert arm * abs(spin) / 240 > gap  # the step takes the bore across the tendon
     counts = world.report.counts
     assert counts["tunnels_culled"] < counts["tunnels_considered"]
+
+
+def test_ends_of_a_tunnel_follow_its_bone(make_world, client):
+    world = make_world()
+    half = math.sqrt(0.5)
+    body = bone(client, (0.1, 0, 0), (0, 0, half, half))  # a quarter turn about z
+    tunnel = world.add_tunnel(body, -1, [-0.05, 0.01, 0], [0.05, 0.01, 0], BORE)
+    np.testing.assert_allclose(tunnel.ends, [[0.09, -0.05, 0], [0.09, 0.05, 0]], atol=1e-9)
+    p.resetBasePositionAndOrientation(body, (0, 0, 1), (0, 0, 0, 1), client)
+    np.testing.assert_allclose(tunnel.ends, [[-0.05, 0.01, 1], [0.05, 0.01, 1]], atol=1e-9)
+    p.removeBody(body, client)
+    with pytest.raises(bt.UnknownId):
+        tunnel.ends  # noqa: B018

@@ -191,3 +191,25 @@ def test_whole_damping_brakes_a_rotation(make_world, q):
     expected = -np.cross(x[1] - x[0], 0.5 * np.linalg.norm(w) ** (q - 1) * w)
     assert abs(expected[2]) > 0.1
     np.testing.assert_allclose(torque, expected, atol=1e-9 * abs(expected[2]))
+
+
+def test_modulus_gives_the_stiffness_of_a_section(make_world):
+    """X = F L/(E A), of a solid round section."""
+    world = make_world(gravity=(0, 0, -1e-9))
+    modulus, radius, force = 1.2e9, 2e-3, 50.0
+    t = world.add_tendon([[0, 0, 0], [0.1, 0, 0]], radius, bt.Material.from_modulus(modulus, radius), 10)
+    t.grip(0)
+    t.set_force(-1, [force, 0, 0])
+    world.relax()
+    assert t.length - 0.1 == pytest.approx(force * 0.1 / (modulus * math.pi * radius**2), rel=1e-6)
+    chosen = bt.Material.from_modulus(modulus, radius, exponent=1.5, bending_stiffness=1e-4, friction=0.3)
+    assert (chosen.exponent, chosen.bending_stiffness, chosen.friction) == (1.5, 1e-4, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("modulus", "radius", "named"),
+    [(0, 1e-3, "youngs_modulus"), (-1, 1e-3, "youngs_modulus"), (1e9, 0, "radius"), (1e300, 1e9, "youngs")],
+)
+def test_moduli_that_are_none_are_refused(modulus, radius, named):
+    with pytest.raises(bt.InvalidValue, match=named):
+        bt.Material.from_modulus(modulus, radius)

@@ -265,3 +265,31 @@ def test_particles_in_one_place_are_spread(make_world, where):
     assert (np.linalg.norm(np.diff(t.positions, axis=0), axis=1) > 1e-9).all()
     world.step(2000)
     np.testing.assert_allclose(np.linalg.norm(np.diff(t.positions, axis=0), axis=1), 0.01, rtol=1e-3)
+
+
+@pytest.mark.parametrize("slack", [0.09, 0.0999, 0.12])
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_a_tendon_starts_under_the_tension_of_its_rest_length(make_world, slack, exponent):
+    """T = K s^p with s = L/l - 1, at once and after steps; its mass is that of its rest length."""
+    world = make_world()
+    material = bt.Material(stiffness=2e4, exponent=exponent, tension_only=True, density=1000)
+    points = [[0, 0, 0], [0.03, 0, 0], [0.1, 0, 0]]
+    t = world.add_tendon(points, 1e-3, material, rest_length=slack)
+    tension = 2e4 * max(0.0, 0.1 / slack - 1) ** exponent
+    np.testing.assert_allclose(t.positions, points)
+    assert t.rest_length == pytest.approx(slack)
+    assert t.masses.sum() == pytest.approx(1000 * np.pi * 1e-6 * slack)
+    np.testing.assert_allclose(t.tension, tension, rtol=1e-9)
+    hands = t.grip(0), t.grip(-1)
+    world.step(5)
+    np.testing.assert_allclose(t.tension, tension, rtol=1e-9)
+    for hand, side in zip(hands, (1, -1), strict=True):
+        np.testing.assert_allclose(hand.force, [side * tension, 0, 0], atol=1e-9 * tension)
+
+
+@pytest.mark.parametrize("slack", [0, -0.1, np.nan, "long"])
+def test_a_rest_length_that_is_none_is_refused(make_world, slack):
+    world = make_world()
+    with pytest.raises(bt.TendonError, match="rest_length"):
+        world.add_tendon([[0, 0, 0], [0.1, 0, 0]], 1e-3, bt.Material(stiffness=1e4), rest_length=slack)
+    assert not world.tendons

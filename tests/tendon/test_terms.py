@@ -149,6 +149,25 @@ def test_bending(make_world, clamps, seed):
     agree(matrix, slopes(lambda at: term(at)[1].ravel(), x, 1e-6))
 
 
+@pytest.mark.parametrize("share", [0.3, 0.99, 1.01, 4.0])
+@RANDOM
+@given(seed=SEEDS)
+def test_grip_with_a_force_limit(share, seed):
+    """Below the limit its spring; beyond it a force of that size, towards the target."""
+    random = np.random.default_rng(seed)
+    k, most = 3e4, 7.0
+    offset = share * most / k * unit(random)
+
+    def term(x, slips=share > 1):
+        return _core.testing.grip_term(k * x, most, slips, k)
+
+    force, linearised, block = term(offset)
+    np.testing.assert_allclose(force, min(1, 1 / share) * k * offset, rtol=1e-12)
+    np.testing.assert_allclose(linearised, force, rtol=1e-12)
+    agree(block, slopes(lambda x: term(x)[0], offset, 1e-3 * np.linalg.norm(offset)))
+    assert np.linalg.eigvalsh(block).min() >= -1e-9 * k
+
+
 def unit(random):
     vector = random.standard_normal(3)
     return vector / np.linalg.norm(vector)

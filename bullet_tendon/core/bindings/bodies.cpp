@@ -128,6 +128,7 @@ void clear_link(World& w, int slot) {
   w.ensure_link(slot);
   w.scene.links[slot] = Link{};
   w.scene.bodies[slot] = GeneralizedBody{};
+  w.scene.filter.forget_link(slot);
 }
 
 }  // namespace

@@ -38,15 +38,22 @@ void remove_anchor(World& w, int tendon, int id) {
                 anchors.end());
 }
 
-void set_grip(World& w, int tendon, int id, const Array& target, double stiffness, double viscosity) {
+// stiffness: 0 for a rigid grip. most_force: 0 without a limit.
+void set_grip(World& w, int tendon, int id, const Array& target, double stiffness, double viscosity,
+              double most_force) {
   Anchor& h = anchor_of(w, tendon, id);
   const Vec3 goal = vec(target);
-  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity)
+  const bool exact = stiffness == 0 && most_force > 0;
+  if (exact) stiffness = most_force / (kGive * w.scene.tendons[tendon]->radius);
+  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity ||
+      h.most_force != most_force)
     w.wake_tendon(tendon);
   h.goal = goal;
-  h.rigid = stiffness <= 0;
+  h.rigid = stiffness == 0;
+  h.exact = exact;
   h.stiffness = identity(stiffness);
   h.viscosity = viscosity;
+  h.most_force = most_force;
 }
 
 }  // namespace
@@ -119,7 +126,8 @@ void bind_world_tendon(GuardedWorld& world) {
              h.direction = vec(direction);
            })
       .def("remove_anchor", &remove_anchor)
-      .def("anchor_force", [](World& w, int c, int id) { return tuple(anchor_of(w, c, id).step_force); });
+      .def("anchor_force", [](World& w, int c, int id) { return tuple(anchor_of(w, c, id).step_force); })
+      .def("anchor_slips", [](World& w, int c, int id) { return anchor_of(w, c, id).slips; });
 }
 
 }  // namespace bt

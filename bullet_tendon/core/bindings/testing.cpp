@@ -61,6 +61,19 @@ py::tuple bending_term(const World& w, int slot, const Array& at) {
   return py::make_tuple(bending_energy(c, x), rows_of(c.residual), dense_of(c.matrix));
 }
 
+// A grip with a force limit, for the force R without the limit: the force, that of its linearisation, and the
+// block for the stiffness k of R [N/m].
+py::tuple grip_term(const Array& raw, double most_force, bool slips, double k) {
+  Anchor h;
+  h.raw = vec(raw);
+  h.most_force = most_force;
+  h.slips = slips;
+  Array block({3, 3});
+  const Block3 b = block_of(h.block(identity(k)));
+  std::copy(b.v, b.v + 9, block.mutable_data());
+  return py::make_tuple(tuple(h.limited(h.raw)), tuple(h.linearised(h.raw)), block);
+}
+
 // A contact without friction.
 Contact contact_of(ContactKind kind, double offset, double stiffness, double lambda) {
   Contact contact;
@@ -213,6 +226,7 @@ py::tuple finite_rotation_term(const Array& begun, const Array& by, const Array&
 }  // namespace
 
 void bind_terms(py::module_& testing) {
+  testing.def("grip_term", &grip_term);
   testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);
   testing.def("pair_term", &pair_term);
@@ -254,7 +268,7 @@ struct Probe {
     }
     std::vector<SegmentPair> found;
     const Foresight foresight = swept ? Foresight::swept : Foresight::near;
-    const PairCounts counts = search.find(slots, 0, foresight, found);
+    const PairCounts counts = search.find(slots, CollisionFilter{}, 0, foresight, found);
     Array rows({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(7)});
     double* to = rows.mutable_data();
     for (const SegmentPair& s : found)

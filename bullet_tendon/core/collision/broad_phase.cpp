@@ -137,18 +137,18 @@ void BroadPhase::clear() {
   lists_.clear();
 }
 
-PairCounts BroadPhase::find(const std::vector<Tendon*>& tendons, double threshold, Foresight foresight,
-                            std::vector<SegmentPair>& out) {
+PairCounts BroadPhase::find(const std::vector<Tendon*>& tendons, const CollisionFilter& filter,
+                            double threshold, Foresight foresight, std::vector<SegmentPair>& out) {
   const int count = static_cast<int>(tendons.size());
   if (tendons_.size() != tendons.size()) clear();
   tendons_.resize(count);
   lists_.resize(count * (count + 1) / 2);
   for (int c = 0; c < count; ++c)
-    if (tendons[c]) tendons_[c].follow(*tendons[c], threshold);
+    if (tendons[c] && !filter.is_inert(c)) tendons_[c].follow(*tendons[c], threshold);
   PairCounts counts;
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
-      if (tendons[i] && tendons[j]) find_between(i, j, foresight, counts, out);
+      if (tendons[i] && tendons[j] && filter.meet(i, j)) find_between(i, j, foresight, counts, out);
   return counts;
 }
 

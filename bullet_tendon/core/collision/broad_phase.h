@@ -12,6 +12,7 @@
 #pragma once
 #include <vector>
 
+#include "collision/collision_filter.h"
 #include "collision/narrow_phase.h"
 
 namespace bt {
@@ -54,9 +55,10 @@ class BroadPhase {
   // Deletes all lists, because tendons were added, removed or changed.
   void clear();
   // Appends the pairs that could touch, ordered by tendons, then by segments. tendons: null entries
-  // are left out. threshold: distance of the surfaces at which contacts begin [m].
-  PairCounts find(const std::vector<Tendon*>& tendons, double threshold, Foresight foresight,
-                  std::vector<SegmentPair>& out);
+  // are left out, and pairs that `filter` excludes. threshold: distance of the surfaces at which contacts
+  // begin [m].
+  PairCounts find(const std::vector<Tendon*>& tendons, const CollisionFilter& filter, double threshold,
+                  Foresight foresight, std::vector<SegmentPair>& out);
 
  private:
   void find_between(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);

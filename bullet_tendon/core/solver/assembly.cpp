@@ -95,6 +95,13 @@ void predict_contacts(Island& island) {
   for (Contact* contact : island.contacts) contact->predict(relative_position(island, *contact, &Tendon::dx));
 }
 
+void predict_anchors(Island& island) {
+  for (Tendon* c : island.tendons)
+    for (Anchor& h : c->anchors)
+      if (!h.rigid)
+        h.predict(h.raw + (h.stiffness + identity(h.viscosity / c->h_eff)) * c->dx.at(h.particle));
+}
+
 void carry_springs(Island& island) {
   for (Tendon* c : island.tendons)
     for (SpringSet* s : {&c->structure, &c->shear})
@@ -291,10 +298,12 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
     if (matrix) {
-      c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / c.h_eff));
+      c.matrix.add(h.particle, h.block(h.stiffness + identity(h.viscosity / c.h_eff)));
+      c.residual.add(h.particle, h.linearised(h.raw) - h.force);
       continue;
     }
-    h.force = h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * c.motion().velocity(h.particle);
+    h.raw = h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * c.motion().velocity(h.particle);
+    h.force = h.limited(h.raw);
     c.residual.add(h.particle, h.force);
   }
 }

@@ -28,6 +28,8 @@ Assembly residual_of(Island& island, bool definite, bool at_position = false);
 void measure_residual(Island& island, Assembly& a);
 // Predicts the multipliers and friction limits of the contacts from tendon.dx, before the step is taken.
 void predict_contacts(Island& island);
+// Predicts from tendon.dx which anchors are at the limit of their force.
+void predict_anchors(Island& island);
 // Updates the multipliers of the springs to the forces that the linearisation predicts for tendon.dx.
 void carry_springs(Island& island);
 // Residual divided by the force of one rounding, largest of the tendons [-]. The rounding is that of the
@@ -52,7 +54,8 @@ void add_sliding_blocks(Island& island, Contact& contact, bool definite);
 void add_contact_block(Island& island, const Contact& contact);
 // Adds the difference between the linearised and the true contact force to the residual.
 void add_contact_linearisation(Island& island, const Contact& contact);
-// Adds the forces of soft anchors to the residual, or (matrix) their stiffnesses to the matrix.
+// Adds the forces of soft anchors to the residual, or (matrix) their stiffnesses to the matrix and the
+// difference between their linearised and their true forces to the residual.
 void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
 // Removes the components that rigid anchors and direct contacts constrain from a residual or a direction.
 void project_anchors(Island& island, Field Tendon::* what);

@@ -314,6 +314,8 @@ void take_step(Solution& s) {
   Island& island = s.island;
   if (s.descends) {
     line_search(island);
+    for (Tendon* c : island.tendons)
+      for (Anchor& h : c->anchors) h.slips = h.most_force > 0 && norm(h.raw) > h.most_force;
     // The normal force of a direct contact is that before the line search. Its limit is kept.
     for (Contact* contact : island.contacts)
       if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
@@ -321,6 +323,7 @@ void take_step(Solution& s) {
   }
   carry_springs(island);
   predict_contacts(island);
+  predict_anchors(island);
   advance(island, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
   // lengths of segments.

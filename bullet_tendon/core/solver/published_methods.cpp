@@ -49,10 +49,11 @@ Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
 }
 
 void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
-  for (const Anchor& h : c.anchors) {
+  for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
-    c.residual.add(h.particle, h.stiffness * (c.x.at(h.particle) - h.aim));
-    c.matrix.add(h.particle, h.stiffness + identity(h.viscosity / dt));
+    h.raw = h.stiffness * (c.x.at(h.particle) - h.aim);
+    c.residual.add(h.particle, h.linearised(h.raw));
+    c.matrix.add(h.particle, h.block(h.stiffness + identity(h.viscosity / dt)));
   }
   for (int i = 0; i < c.n(); ++i) {
     c.residual.add(i, (-c.mass[i] / dt) * c.v.at(i));
@@ -91,7 +92,7 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
                             const StepContext& context) {
   const int i = h.particle;
   const Vec3 u = c.displacement.at(i);
-  if (!h.rigid) return h.stiffness * (c.x.at(i) + u - h.aim) + (h.viscosity / context.dt) * u;
+  if (!h.rigid) return h.linearised(h.raw) + h.block(h.stiffness + identity(h.viscosity / context.dt)) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
              bending_force_after(c, c.x, c.displacement, i);
@@ -114,8 +115,8 @@ void explicit_euler(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons) {
     c->h_eff = dt;
     for (Anchor& h : c->anchors) {
-      if (h.rigid) continue;
-      h.force = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * c->v.at(h.particle);
+      if (h.rigid || h.exact) continue;
+      h.force = h.limited(h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * c->v.at(h.particle));
       c->residual.add(h.particle, h.force);
     }
     for (int i = 0; i < c->n(); ++i) {
@@ -123,9 +124,15 @@ void explicit_euler(Island& island, const StepContext& context) {
       c->v_new.set(i, c->v.at(i) - (dt / c->mass[i]) * c->residual.at(i));
     }
     for (Anchor& h : c->anchors) {
-      if (!h.rigid) continue;
+      if (!h.rigid && !h.exact) continue;
       Vec3 v = anchor_velocity(*c, h, dt), before = c->v.at(h.particle);
-      h.force = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
+      const Vec3 needed = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
+      h.force = h.limited(needed);
+      h.slips = h.most_force > 0 && norm(needed) > h.most_force;
+      if (h.slips) {
+        c->v_new.add(h.particle, (-dt / c->mass[h.particle]) * h.force);
+        continue;
+      }
       c->place(h.particle, h.aim);
       c->v_new.set(h.particle, v);
     }
@@ -180,7 +187,11 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Contact* contact : island.contacts) predict(island, *contact);
   settle_contacts(island);
   for (Tendon* c : island.tendons)
-    for (Anchor& h : c->anchors) h.force = predicted_anchor_force(island, *c, h, context);
+    for (Anchor& h : c->anchors) {
+      h.force = predicted_anchor_force(island, *c, h, context);
+      const Vec3 u = c->displacement.at(h.particle);
+      if (!h.rigid) h.predict(h.raw + (h.stiffness + identity(h.viscosity / dt)) * u);
+    }
   for (Tendon* c : island.tendons) find_velocities(*c);
   island.result.iterations = 1;
   island.result.converged = true;

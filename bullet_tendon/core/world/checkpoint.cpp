@@ -248,6 +248,7 @@ std::vector<char> World::save() {
   capture(now);
   for (auto& c : scene.tendons)
     if (c) write("model", static_cast<TendonModel&>(*c));
+  write("filter", scene.filter);
   write("now", now);
   write("start", history_.may_resolve ? *history_.start : none);
   for (auto& of_tendon : detection_.caches)
@@ -268,6 +269,8 @@ void World::restore(const char* from, size_t size) {
     read("model", models[c]);
     require_model(models[c], scene.tendons[c]->n());
   }
+  CollisionFilter filter;
+  read("filter", filter);
   read("now", now);
   read("start", start);
   require(now.valid, "of a world");
@@ -282,6 +285,7 @@ void World::restore(const char* from, size_t size) {
           kSizes);
     }
   read.finish();
+  require(filter.is_valid(scene.tendons.size(), now.links.size()), kIndices);
   require_state(now);
   if (start.valid) require_state(start);
   for (size_t c = 0; c < scene.tendons.size(); ++c) {
@@ -290,6 +294,7 @@ void World::restore(const char* from, size_t size) {
     scene.tendons[c]->point_mass = models[c].point_mass;
     scene.tendons[c]->set_rest(models[c].rest);
   }
+  scene.filter = std::move(filter);
   apply(now);
   *history_.start = std::move(start);
   size_t k = 0;

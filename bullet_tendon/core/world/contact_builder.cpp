@@ -117,13 +117,14 @@ void World::collect_contacts() {
   step_.motion_limit = 1;
   for (size_t c = 0; c < step_.slots.size(); ++c) {
     if (!step_.slots[c]) continue;
-    find_near_tunnels(*step_.slots[c]);
+    find_near_tunnels(static_cast<int>(c));
     for (const int t : detection_.near_tunnels) {
       bore_contacts(static_cast<int>(c), t);
       mouth_contacts(static_cast<int>(c), t);
     }
     for (size_t s = 0; s < scene.shapes.size(); ++s)
-      if (scene.shape_alive[s] && scene.shapes[s].half_space)
+      if (scene.shape_alive[s] && scene.shapes[s].half_space &&
+          scene.filter.meets_link(static_cast<int>(c), scene.shapes[s].link))
         half_space_contacts(static_cast<int>(c), static_cast<int>(s));
   }
   for (size_t c = 0; c < step_.slots.size(); ++c)
@@ -316,8 +317,8 @@ void World::tendon_contacts() {
   const auto start = std::chrono::steady_clock::now();
   detection_.pairs.clear();
   const Foresight foresight = step_.substeps.divisible() ? Foresight::swept : Foresight::near;
-  step_.report.pairs =
-      detection_.broad_phase.find(step_.slots, options.contact_threshold, foresight, detection_.pairs);
+  step_.report.pairs = detection_.broad_phase.find(step_.slots, scene.filter, options.contact_threshold,
+                                                   foresight, detection_.pairs);
   step_.report.search_seconds +=
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   step_.motion_limit = std::min(step_.motion_limit, step_.report.pairs.room);
@@ -360,25 +361,30 @@ void World::find_bores() {
     detection_.bores[t] = in_world(scene.tunnels[t], scene.links[scene.tunnels[t].link]);
     detection_.bores_by_link[scene.tunnels[t].link].push_back(detection_.bores[t]);
   }
-  for (Tendon* c : step_.slots)
-    if (c && !scene.tunnels.empty()) classify(*c);
+  for (size_t c = 0; c < step_.slots.size(); ++c)
+    if (step_.slots[c] && !scene.tunnels.empty()) classify(static_cast<int>(c));
+}
+
+bool World::may_enter(int tendon, int tunnel) const {
+  return scene.tunnel_alive[tunnel] && scene.filter.meets_link(tendon, scene.tunnels[tunnel].link);
 }
 
 // Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius. It belongs to the bore
 // until it is beyond a mouth, even if a step moves it farther from the axis.
-void World::classify(Tendon& c) {
+void World::classify(int tendon) {
+  Tendon& c = *step_.slots[tendon];
   Box box;
   for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
   detection_.near_tunnels.clear();
   for (size_t t = 0; t < scene.tunnels.size(); ++t)
-    if (scene.tunnel_alive[t] && overlap(box, detection_.bores[t].box, c.radius))
+    if (may_enter(tendon, static_cast<int>(t)) && overlap(box, detection_.bores[t].box, c.radius))
       detection_.near_tunnels.push_back(static_cast<int>(t));
   for (int i = 0; i < c.n(); ++i) {
     int& in = c.tunnel_of[i];
     const Vec3 x = c.x.at(i);
     if (in >= 0) {
       double z = detection_.bores[in].along(x);
-      if (scene.tunnel_alive[in] && z >= 0 && z <= detection_.bores[in].length) continue;
+      if (may_enter(tendon, in) && z >= 0 && z <= detection_.bores[in].length) continue;
       in = -1;
     }
     for (size_t k = 0; k < detection_.near_tunnels.size() && in < 0; ++k)
@@ -388,7 +394,8 @@ void World::classify(Tendon& c) {
 
 // A tunnel is skipped if the tendon is farther from the bore's box than both can move in the substep plus the
 // longest segment: it then has no contacts (bore_contacts, mouth_reach).
-void World::find_near_tunnels(const Tendon& c) {
+void World::find_near_tunnels(int tendon) {
+  const Tendon& c = *step_.slots[tendon];
   detection_.near_tunnels.clear();
   if (scene.tunnels.empty()) return;
   Box box;
@@ -402,7 +409,7 @@ void World::find_near_tunnels(const Tendon& c) {
   const Vec3 middle = 0.5 * (box.lo + box.hi);
   const double half = 0.5 * norm(box.hi - box.lo);
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    if (!scene.tunnel_alive[t]) continue;
+    if (!may_enter(tendon, static_cast<int>(t))) continue;
     const Link& link = scene.links[scene.tunnels[t].link];
     // Motion of the bore, which is linear in position: its bound over the tendon's box.
     const double carried =

@@ -51,6 +51,8 @@ void choose_again(const TendonState& user, TendonState& c) {
     anchor.goal = chosen.goal;
     anchor.rigid = chosen.rigid;
     anchor.viscosity = chosen.viscosity;
+    anchor.most_force = chosen.most_force;
+    anchor.exact = chosen.exact;
     anchor.clamped = chosen.clamped;
     anchor.direction = chosen.direction;
     if (chosen.link < 0) anchor.stiffness = chosen.stiffness;

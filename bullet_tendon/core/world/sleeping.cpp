@@ -124,11 +124,13 @@ bool World::any_asleep() const {
                      [](const auto& c) { return c && c->sleeping_island >= 0; });
 }
 
-bool World::feels(const Tendon& c, int slot, double dt) const {
+bool World::feels(int tendon, int slot, double dt) const {
+  const Tendon& c = *scene.tendons[tendon];
   const Link& link = scene.links[slot];
   const double skin = skin_of(c, options.contact_threshold);
   for (const Anchor& h : c.anchors)
     if (h.link == slot) return true;
+  if (!scene.filter.meets_link(tendon, slot)) return false;
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
     if (!scene.shape_alive[s] || scene.shapes[s].link != slot) continue;
     if (scene.shapes[s].half_space) return true;
@@ -150,18 +152,20 @@ void World::wake_disturbed(double dt) {
     for (size_t l = 0; l < scene.links.size(); ++l)
       for (size_t c = 0; scene.links[l].moved && c < scene.tendons.size(); ++c)
         if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 &&
-            feels(*scene.tendons[c], static_cast<int>(l), dt))
+            feels(static_cast<int>(c), static_cast<int>(l), dt))
           wake_tendon(static_cast<int>(c));
   }
   for (Link& l : scene.links) l.moved = false;
 }
 
-bool World::is_met(const Tendon& asleep) const {
+bool World::is_met(int tendon) const {
+  const Tendon& asleep = *scene.tendons[tendon];
   const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
   const int segments = asleep.n() - 1;
   const Box all = box_of(asleep, 0, segments - 1, skin);
   for (size_t a = 0; a < step_.slots.size(); ++a) {
     if (!step_.slots[a] || !overlap(sleep_.reach[a], all)) continue;
+    if (!scene.filter.meet(tendon, static_cast<int>(a))) continue;
     const Tendon& awake = *step_.slots[a];
     for (int k = 0; k < segments; ++k) {
       const Box segment = box_of(asleep, k, k, skin);
@@ -180,7 +184,7 @@ bool World::wake_met() {
   for (size_t a = 0; a < step_.slots.size(); ++a)
     if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
   for (size_t c = 0; c < scene.tendons.size(); ++c)
-    if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 && is_met(*scene.tendons[c])) {
+    if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 && is_met(static_cast<int>(c))) {
       wake_tendon(static_cast<int>(c));
       any = true;
     }

@@ -4,6 +4,7 @@
 // The order of the fields affects only the bytes. The hash of a field's name precedes it in the bytes, so
 // that a reader rejects another layout and names the first field that differs.
 #pragma once
+#include "collision/collision_filter.h"
 #include "collision/proximity_cache.h"
 #include "world/checkpoint.h"
 
@@ -30,11 +31,12 @@ namespace bt {
 // A struct, because some fields are private (friend).
 struct StateFields {
   BT_FIELDS(Anchor, id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before,
-            viscosity, force, mean_force, last_mean, sum_force, step_force)
+            viscosity, most_force, exact, slips, force, mean_force, last_mean, sum_force, step_force)
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
   BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, quiet,
             sleeping_island, touching, touched)
+  BT_FIELDS(CollisionFilter, inert_, tendons_, links_)
   BT_FIELDS(SpringState, lambda, elastic, slope)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts)

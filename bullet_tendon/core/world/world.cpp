@@ -33,6 +33,7 @@ void World::remove_tendon(int slot) {
   contacts_.all.clear();
   if (slot < static_cast<int>(detection_.caches.size())) detection_.caches[slot].clear();
   forget_memory_of(slot);
+  scene.filter.forget_tendon(slot);
 }
 
 namespace {
@@ -112,6 +113,45 @@ void World::forget_memory_of(int tendon) {
   });
 }
 
+void World::set_collides(int tendon, bool collides) {
+  wake_tendon(tendon);
+  scene.filter.set_inert(tendon, !collides);
+  forget_excluded();
+}
+
+void World::set_tendons_collide(int a, int b, bool collide) {
+  wake_tendon(a);
+  wake_tendon(b);
+  scene.filter.set_tendons(a, b, collide);
+  forget_excluded();
+}
+
+void World::set_link_collides(int tendon, int link, bool collides) {
+  wake_tendon(tendon);
+  scene.filter.set_link(tendon, link, collides);
+  forget_excluded();
+}
+
+// Deletes what is remembered of contacts that the filter excludes. The last step is not solved again, because
+// it had other contacts.
+void World::forget_excluded() {
+  history_.may_resolve = false;
+  detection_.broad_phase.clear();
+  forget_memory([&](const ContactKey& k) {
+    switch (k.kind) {
+      case ContactKind::tendon:
+        return !scene.filter.meet(k.tendon, k.other);
+      case ContactKind::bone:
+        return !scene.filter.meets_link(k.tendon, scene.shapes[k.other].link);
+      case ContactKind::bore:
+        return !scene.filter.meets_link(k.tendon, scene.tunnels[k.other].link);
+      case ContactKind::mouth:
+        return !scene.filter.meets_link(k.tendon, scene.tunnels[k.other / 2].link);
+    }
+    return false;
+  });
+}
+
 // Deletes all cached planes. Surfaces inside a bore are ignored, so that a new set of bores changes the
 // nearest points.
 void World::forget_planes() {
@@ -158,6 +198,10 @@ void World::update_proximity(DistanceOracle& oracle) {
     if (!step_.slots[c]) continue;
     for (size_t s = 0; s < scene.shapes.size(); ++s) {
       if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
+      if (!scene.filter.meets_link(static_cast<int>(c), scene.shapes[s].link)) {
+        detection_.caches[c][s].entries.clear();
+        continue;
+      }
       const NearContext near{step_.context.dt, options.contact_threshold, options.reuse_tolerance,
                              &bores_of(scene.shapes[s].link)};
       ask(*scene.tendons[c], static_cast<int>(c), scene.shapes[s], static_cast<int>(s),

@@ -45,6 +45,7 @@ struct Scene {
   std::vector<Tunnel> tunnels;
   std::vector<char> shape_alive;
   std::vector<char> tunnel_alive;
+  CollisionFilter filter;
 };
 
 // One step, and the substep that is being solved.
@@ -129,6 +130,10 @@ class World {
   void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
   void remove_tunnel(int slot);
+  // Whether a tendon makes contacts: at all; with another tendon or (a == b) with itself; with a link.
+  void set_collides(int tendon, bool collides);
+  void set_tendons_collide(int a, int b, bool collide);
+  void set_link_collides(int tendon, int link, bool collides);
   // Deletes contacts, contact memory, cached planes and tunnel membership of a tendon that the user has
   // moved.
   void forget_contacts(int tendon);
@@ -191,6 +196,7 @@ class World {
   template <class Which>
   void forget_memory(Which which);
   void forget_memory_of(int tendon);
+  void forget_excluded();
   void forget_planes();
   bool any_moved() const;
   double pulled_away(const Tendon& c, const Anchor& anchor) const;
@@ -253,9 +259,9 @@ class World {
   void remember();
   // world/sleeping.cpp
   bool any_asleep() const;
-  bool feels(const Tendon& c, int link, double dt) const;
+  bool feels(int tendon, int link, double dt) const;
   void wake_disturbed(double dt);
-  bool is_met(const Tendon& asleep) const;
+  bool is_met(int asleep) const;
   bool wake_met();
   void join_step();
   bool count_rest(double dt);
@@ -264,9 +270,11 @@ class World {
   void push_asleep();
   // world/contact_builder.cpp
   void find_bores();
-  void classify(Tendon& c);
+  // Whether a tunnel exists and makes contacts with the tendon.
+  bool may_enter(int tendon, int tunnel) const;
+  void classify(int tendon);
   // Writes to detection_.near_tunnels the tunnels that contain the tendon or that it can reach in the step.
-  void find_near_tunnels(const Tendon& c);
+  void find_near_tunnels(int tendon);
   void bore_contacts(int tendon, int tunnel);
   void mouth_contacts(int tendon, int tunnel);
   double mouth_reach(int tendon, int t, int k) const;
