@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from everyday_scene import G, Scene, family, turning
+from everyday_scene import G, Scene, family, rounded, turning
 from scipy.optimize import minimize
 
 import bullet_tendon as bt
@@ -63,6 +63,30 @@ def stretched(material, force):
     if force <= at_toe:
         return (force / material.stiffness) ** (1 / material.exponent)
     return toe + (force - at_toe) / (material.exponent * at_toe / toe)
+
+
+@family
+def pretensioned(scene):
+    """A tendon of a given rest length between two hands begins under the tension of its law, and keeps it."""
+    scene.begin(gravity=False)
+    force, length, n = scene.log(0.1, 2000), scene.flat(0.02, 0.4), scene.whole(2, 60)
+    material = scene.material(force)
+    rest = rounded(length / (1 + stretched(material, force)))
+    force = carried(material, length / rest - 1)
+    line = [(0, 0, 0), (0, 0, length)]
+    t = scene.world.add_tendon(line, 1e-3, material, n, rest_length=rest, collides=scene.coin())
+    hands = t.grip(0), t.grip(-1)
+    scene.near("tension at the start [N]", t.tension, np.full(n - 1, force), rel=1e-6)
+    scene.run(scene.steps)
+    scene.near("tension [N]", t.tension, np.full(n - 1, force), rel=1e-6)
+    scene.near("hands [N]", [h.force[2] for h in hands], [force, -force], rel=1e-6)
+
+
+def carried(material, strain):
+    """What a cross-section carries at a strain; see stretched."""
+    low = min(strain, material.toe)
+    at_low = material.stiffness * low**material.exponent
+    return at_low + material.exponent * at_low / low * (strain - low)
 
 
 @family
@@ -195,8 +219,7 @@ def on_strands(scene, count, mass, particles, material, insertion, radius, colli
         way = np.array([math.sin(tilt) * math.cos(a), math.sin(tilt) * math.sin(a), math.cos(tilt)])
         end = insertion * scene.direction()
         place = end + length * way
-        more = {} if collides else {"collides": False}
-        t = scene.world.add_tendon([place, end], radius, material, particles, **more)
+        t = scene.world.add_tendon([place, end], radius, material, particles, collides=collides)
         t.grip(0)
         t.attach(-1, ball)
         tendons.append(t)
@@ -244,18 +267,15 @@ def damped_strands(scene):
 
 @family
 def strands_at_one_insertion(scene):
-    """Strands that end at one point, thicker than they are apart there, share the load as statics say."""
+    """Strands that end at one point, and so do not collide, share a load."""
     scene.begin()
     count, mass = scene.whole(3, 8), scene.log(1e-3, 50)
     material = bt.Material.ligament(scene.log(20 * mass * G, 2e3 * mass * G), scene.flat(0.02, 0.06))
     tendons, places, body = on_strands(
-        scene, count, mass, scene.whole(5, 40), material, scene.flat(0, 1e-3), scene.log(2e-4, 1e-3), **APART
+        scene, count, mass, scene.whole(5, 40), material, scene.flat(0, 1e-3), scene.log(2e-4, 1e-3), False
     )
     settle(scene)
     balanced(scene, tendons, body, mass)
-
-
-APART = {}
 
 
 @family
@@ -282,14 +302,14 @@ def strands_between_bodies(scene):
     corners = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0.06, 0.06, 0.1)]
     bodies = [load(scene, scene.log(1e-3, 100), x) for x in corners[: scene.whole(1, 4)]]
     heaviest = max(scene.mass(b) for b in bodies) * G
-    material = scene.material(heaviest)
+    material, apart = scene.material(heaviest), scene.coin()
     for _ in range(scene.whole(1, 8)):
         first = scene.pick(*bodies)
         others = [b for b in bodies if b is not first]
         at = lambda b: scene.place(b)[0] + 0.01 * scene.direction()  # noqa: E731
         start = at(first)
         end = at(scene.pick(*others)) if others and scene.coin() else start + 0.1 * scene.direction()
-        t = straight(scene, [start, end], material, scene.whole(2, 30))
+        t = scene.world.add_tendon([start, end], 5e-4, material, scene.whole(2, 30), collides=apart)
         t.attach(0, first)
         other = next((b for b in others if np.linalg.norm(scene.place(b)[0] - end) < 0.0101), None)
         if other is None:

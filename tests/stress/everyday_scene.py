@@ -452,7 +452,7 @@ class Scene:
     def _soft_hands(self, step):
         """A soft hand at rest gives its stiffness times its way."""
         for g in self.grips:
-            if g.stiffness is None or g.released:
+            if g.stiffness is None or g.released or g.slipping:
                 continue
             way = g._tendon.positions[g.particle] - g.target
             speed = np.linalg.norm(g._tendon.velocities[g.particle])
@@ -537,6 +537,7 @@ class Scene:
     def _energy_bound(self, before, step):
         """What is gained beyond the work of hands and loads."""
         for g, target in zip(self.grips, self._targets, strict=True):
+            self.energy &= not g.slipping  # what a slipping hand stores is not known
             given = -g.force @ (np.array(g.target) - target)
             self.work += given
             self.turnover += abs(given)
