@@ -35,6 +35,7 @@ G = 9.81
 # particles and substeps add up to less than this [-].
 BALANCE = 1e-5
 ENERGY = 0.02  # of what was moved to and fro: pybullet's explicit steps make and lose that [-]
+EVERY = 4  # steps from one to the next whose laws are judged; the first ones all are
 PARTS = 6  # points of a segment at which its distance is taken: a chord's middle is one of them
 FAMILIES = {}
 _files = itertools.count()
@@ -144,7 +145,7 @@ class Scene:
         self.seconds, self.unconverged, self.told, self.begun = [], 0, [], False
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
         self.free, self.pushed, self.energy = [], {}, True
-        self.work = self.turnover = self.worst_gain = 0.0
+        self.work = self.turnover = 0.0
         self.heights = {}
         self.client = p.connect(p.DIRECT)
         self.raw = Client(self.client)
@@ -346,7 +347,9 @@ class Scene:
         self._start()
         for k in range(steps):
             self.space["k"] = k
-            before = self._measure()
+            step = len(self.seconds) + 1
+            look = step <= EVERY or step % EVERY == 0
+            self._measure(look)
             exec(code, self.space)
             self._speeds = {b: self.speed(b) for b in self.free}
             self.begun = True
@@ -358,7 +361,7 @@ class Scene:
                 finally:
                     self.seconds.append(time.perf_counter() - start)
             self.told += [str(w.message) for w in told if "swig" not in str(w.message).lower()]
-            self._judge(before, len(self.seconds))
+            self._judge(step, look)
             if watch is not None:
                 watch()
 
@@ -387,9 +390,7 @@ class Scene:
         if not self.begun:
             self.energy &= not self._overlaps()  # what overlaps is pushed apart
             self.energy_at_start = self._energy()
-            at_height = sum(self.heights.values()) - sum(
-                t.masses @ t.positions @ self.gravity for t in self.tendons
-            )
+            at_height = sum(self.heights.values())
             self.turnover = abs(self.energy_at_start - at_height)
 
     def _overlaps(self):
@@ -402,10 +403,13 @@ class Scene:
                 return True
         return False
 
-    def _measure(self):
-        self._before = [(t, t.positions, t.velocities, t.masses) for t in self.tendons]
-        self._targets = [np.array(g.target) for g in self.grips]
-        return self._before
+    def _measure(self, look=True):
+        """What the laws compare a step with. look: whether its momentum will be judged."""
+        self._targets = [g.target for g in self.grips]
+        self._ends = {key: key[0].positions[key[1]] for key in self.pushed}
+        if look:
+            self._before = [(t, t.velocities, t.masses) for t in self.tendons]
+            self._looked = len(self.seconds)
 
     def speed(self, body):
         return np.array(self.raw.getBaseVelocity(body)[0])
@@ -421,17 +425,18 @@ class Scene:
     def mass(self, body, link=-1) -> float:
         return self.raw.getDynamicsInfo(body, link)[0]
 
-    def _judge(self, before, step):
-        self._finite(step)
+    def _judge(self, step, look):
         report = self.world.report
         self.unconverged += not report.converged
-        # A step that is solved again changes what was read after the one before.
-        exact = report.converged and "released" not in report.reasons
-        if exact:
-            self._momentum(before, step)
-        self._soft_hands(step)
         if self.energy:
-            self._energy_bound(before, step)
+            self._count_work()
+        if look or step == self.steps:
+            self._finite(step)
+            self._soft_hands(step)
+            self._energy_bound(step)
+        # A step that is solved again changes what was read after the one before.
+        if look and report.converged and "released" not in report.reasons:
+            self._momentum(step)
         if step % 40 == 0 or step == self.steps:
             self.no_overlap(step)
 
@@ -464,10 +469,10 @@ class Scene:
                     f"step {step}: force on a soft hand [N]", g.force, g.stiffness * way, absolute=allowed
                 )
 
-    def _momentum(self, before, step):
+    def _momentum(self, step):
         """sum of m dv/dt = m g + loads - (forces on hands and bodies), of all tendons together."""
         total, largest = np.zeros(3), 0.0
-        for t, _, v, m in before:
+        for t, v, m in self._before:
             if not np.array_equal(m, t.masses):  # reeled in: mass comes and goes
                 return
             total += m @ (t.velocities - v) / self.dt - m.sum() * self.gravity
@@ -507,7 +512,7 @@ class Scene:
 
     def _energy(self):
         """Of motion, of springs, and of height [J]."""
-        total = sum(t.energy - t.masses @ t.positions @ self.gravity for t in self.tendons)
+        total = sum(t.energy + self._lifted(t, -t.masses @ t.positions @ self.gravity) for t in self.tendons)
         for body in {int(b) for b, _ in self.links} | {int(b) for b in self.free}:
             for link in range(-1, self.raw.getNumJoints(body)):
                 total += self._energy_of(body, link)
@@ -529,39 +534,41 @@ class Scene:
             x, q, v, w = state[0], state[1], state[6], state[7]
         axes = np.array(p.getMatrixFromQuaternion(q)).reshape(3, 3)
         spin = axes.T @ w
-        height = -info[0] * np.dot(x, self.gravity)
-        self.turnover += abs(height - self.heights.get((body, link), height))
-        self.heights[body, link] = height
+        height = self._lifted((body, link), -info[0] * np.dot(x, self.gravity))
         return 0.5 * info[0] * np.dot(v, v) + 0.5 * spin @ (info[2] * spin) + height
 
-    def _energy_bound(self, before, step):
-        """What is gained beyond the work of hands and loads."""
+    def _lifted(self, what, energy):
+        """Its energy of height; what that changes by is moved to and fro."""
+        self.turnover += abs(energy - self.heights.get(what, energy))
+        self.heights[what] = energy
+        return energy
+
+    def _count_work(self):
+        """Of hands and loads, in the last step [J]."""
         for g, target in zip(self.grips, self._targets, strict=True):
             self.energy &= not g.slipping  # what a slipping hand stores is not known
-            given = -g.force @ (np.array(g.target) - target)
-            self.work += given
-            self.turnover += abs(given)
+            self._give(g.force @ (target - g.target))
         for (t, k), force in self.pushed.items():
-            old = next(x for other, x, _, _ in before if other is t)
-            given = force @ (t.positions[k] - old[k])
-            self.work += given
-            self.turnover += abs(given)
+            if (t, k) in self._ends:
+                self._give(force @ (t.positions[k] - self._ends[t, k]))
         for body in self.free:
-            given = self.applied(body) @ self.speed(body) * self.dt
-            self.work += given
-            self.turnover += abs(given)
+            self._give(self.applied(body) @ self.speed(body) * self.dt)
+
+    def _give(self, work):
+        self.work += work
+        self.turnover += abs(work)
+
+    def _energy_bound(self, step):
+        """There is no more than there was and was given."""
         if any(self.raw.getContactPoints(bodyA=b) for b in self.free):  # pybullet pushes apart what overlaps
             self.energy = False
+        if not self.energy:
             return
-        for t, x, _, m in before:
-            self.turnover += abs(m @ (t.positions - x) @ self.gravity)
         gained = self._energy() - self.energy_at_start - self.work
-        self.worst_gain = max(self.worst_gain, gained)
         # A nanojoule: rounding of springs of 1e6 N at rest.
         allowed = ENERGY * self.turnover + 1e-9
-        self.check(
-            gained <= allowed, f"step {step}: {gained:.3g} J out of nothing, {self.turnover:.3g} J moved"
-        )
+        message = f"step {step}: {gained:.3g} J out of nothing, {self.turnover:.3g} J moved"
+        self.check(gained <= allowed, message)
 
     def no_overlap(self, step=None):
         """No centreline nearer to a solid than its radius.
@@ -679,8 +686,9 @@ class Scene:
     def restless(self, tendon) -> float:
         """Inertia of a tendon's particles: the most that it can add to a tension [N]."""
         t = tendon._target
-        old = next(v for other, _, v, _ in self._before if other is t)
-        return float(t.masses @ np.linalg.norm(t.velocities - old, axis=1) / self.dt + t.masses.sum() * G)
+        old = next(v for other, v, _ in self._before if other is t)
+        time = self.dt * (len(self.seconds) - self._looked)
+        return float(t.masses @ np.linalg.norm(t.velocities - old, axis=1) / time + t.masses.sum() * G)
 
 
 def ease(steps):
