@@ -256,7 +256,7 @@ def block_and_tackle(scene):
     for body, _ in blocks:
         straight += 2 * (drop - scene.raw.getJointState(body, 0)[0])
     # The path: from the hold to the first block, and between blocks and wheels on both sides of each.
-    path = straight - (0 if count == 0 else 0) + bends + (0 - hand.target[2])
+    path = straight + bends - hand.target[2]
     taut = tendon._target.tension.min() > 0
     h = tendon.rest_length / (tendon.particles - 1)
     loose = (2 * count) * (
