@@ -171,8 +171,12 @@ def at_its_place(scene, t, hold, more):
     """An attached particle is where the body has its point.
 
     The body goes straight in a step, its points around: by the square of its angle. more [m]: the way in a
-    step under forces that the world learns from what they do.
+    step under forces that the world learns from what they do. Not judged: what pybullet stops at 100 m/s or
+    100 rad/s, where the forces on it are not known.
     """
+    motion = np.abs(scene.raw.getBaseVelocity(hold.bodyUniqueId))
+    if max(motion.max(), np.abs(scene._speeds[hold.bodyUniqueId]).max()) > 99:
+        return
     origin, axes = scene.place(hold.bodyUniqueId, hold.linkIndex)
     spin = np.linalg.norm(scene.raw.getBaseVelocity(hold.bodyUniqueId)[1])
     arm = np.linalg.norm(hold.position)

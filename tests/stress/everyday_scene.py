@@ -497,7 +497,7 @@ class Scene:
         if self.raw.getContactPoints(bodyA=body) or self.raw.getNumJoints(body):
             return
         speed = self.speed(body)
-        if np.abs(speed).max() > 99:
+        if max(np.abs(speed).max(), np.abs(self._speeds[body]).max()) > 99:
             return
         m = self.mass(body)
         gained = m * (speed - self._speeds[body]) / self.dt
