@@ -98,7 +98,7 @@ def test_the_law_of_distance_finds_a_tendon_in_a_solid():
     scene, tendon = hanging()
     scene.body("box", (0.1, 0.1, 0.02), 0, (0, 0.011, -0.05), (0.7071068, 0, 0, 0.7071068), friction=1.0)
     scene.no_overlap()
-    scene.p.resetBasePositionAndOrientation(0, (0, 0.0108, -0.05), (0.7071068, 0, 0, 0.7071068))
+    scene.p.resetBasePositionAndOrientation(0, (0, 0.0106, -0.05), (0.7071068, 0, 0, 0.7071068))
     with pytest.raises(Wrong, match="inside box"):
         scene.no_overlap()
     scene.close()
