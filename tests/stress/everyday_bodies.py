@@ -89,26 +89,28 @@ def carried(material, strain):
     return at_low + material.exponent * at_low / low * (strain - low)
 
 
-@family
-def swung(scene):
-    """A pendulum of a point mass: its decay is implicit Euler's at most, its length the static one.
-
-    From the horizontal at angle q0 it never rises above it, and the cord never is shorter than it was.
-    """
+def pendulum(scene):
+    """A weight on a cord from a hand: (tendon, hand, mass, length, where it is let go, the cord's longest)."""
     scene.begin()
     mass, length, first = scene.log(1e-3, 50), scene.flat(0.1, 1.0), scene.flat(0.1, 1.2)
     where = np.array([math.sin(first), 0, -math.cos(first)]) * length
     material = scene.material(3 * mass * G, density=500)
-    n = scene.whole(2, 30)
-    t = straight(scene, [(0, 0, 0), where], material, n)
-    t.grip(0)
+    t = straight(scene, [(0, 0, 0), where], material, scene.whole(2, 30))
+    hand = t.grip(0)
     if scene.coin():
         t.set_point_mass(-1, mass)
     else:
-        body = scene.body("sphere", (SIZE,), mass, where)
-        t.attach(-1, body, -1, [0, 0, 0])
-    own = t._target.masses.sum() - (mass if not scene.free else 0)
-    longest = length * (1 + 1.2 * stretched(material, 3 * (mass + own) * G)) + 2e-3 * length
+        t.attach(-1, scene.body("sphere", (SIZE,), mass, where))
+    own = t._target.masses.sum() - (0 if scene.free else mass)
+    # At the lowest point the cord carries at most three weights; a fifth more for how it gets taut.
+    longest = length * (1.002 + 1.2 * stretched(material, 3 * (mass + own) * G))
+    return t, hand, mass, length, where, longest
+
+
+@family
+def swung(scene):
+    """A pendulum never rises above where it was let go, stays in its plane, and its cord is no longer."""
+    t, _, _, length, where, longest = pendulum(scene)
     highest = where[2] + 0.01 * length  # a step of gravity: first order in time
 
     def bound():
@@ -118,6 +120,20 @@ def swung(scene):
         scene.check(abs(x[1]) <= 1e-3 * length, f"{x[1]:.3g} m out of its plane")
 
     scene.run(scene.steps, watch=bound)
+
+
+@family
+def tension_of_what_swings(scene):
+    """A hand that stands still feels the tension beside it, and the weight of its particle."""
+    t, hand, mass, *_ = pendulum(scene)
+
+    def compare():
+        beside = t.positions[1] - t.positions[0]
+        right = t.tension[0] * beside / np.linalg.norm(beside) + t._target.masses[0] * scene.gravity
+        largest = max(np.linalg.norm(hand.force), mass * G)
+        scene.near("force on the hand [N]", hand.force, right, absolute=0.02 * largest)
+
+    scene.run(scene.steps, watch=compare)
 
 
 @family

@@ -573,9 +573,9 @@ class Scene:
     def no_overlap(self, step=None):
         """No centreline nearer to a solid than its radius.
 
-        A tenth of it is allowed: between particles that touch, a chord is nearer than they are. The plane of a
-        contact belongs to the place that was foreseen: over the way of one step, and at most over a radius, a
-        surface can bend away from it. Near a bore's mouth, whose rim is sharp, another fifth of the radius.
+        A tenth of it is allowed: between particles that touch, a chord is nearer than they are. The plane of
+        a contact belongs to the place that was foreseen: over the way of one step, and at most over a radius,
+        a surface can bend away from it. Near a bore's mouth, whose rim is sharp, another fifth of the radius.
         """
         for t in self.tendons:
             x = t.positions
@@ -673,6 +673,8 @@ class Scene:
         tensions differ by up to that angle's cosine, without friction.
         """
         t = tendon._target
+        if not len(self.world.contacts):  # it has slipped off, and flies
+            return
         first, last = t.tension[0], t.tension[-1]
         turned = turning(t.positions)
         grown = np.exp(1.01 * friction * turned.sum())
