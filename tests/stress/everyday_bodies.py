@@ -90,7 +90,7 @@ def carried(material, strain):
 
 
 def pendulum(scene):
-    """A weight on a cord from a hand: (tendon, hand, mass, length, where it is let go, the cord's longest)."""
+    """A weight on a cord: (tendon, hand, mass, length, where it is let go, the longest of the cord)."""
     scene.begin()
     mass, length, first = scene.log(1e-3, 50), scene.flat(0.1, 1.0), scene.flat(0.1, 1.2)
     where = np.array([math.sin(first), 0, -math.cos(first)]) * length
