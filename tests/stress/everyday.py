@@ -32,7 +32,7 @@ VERDICTS = "right", "refused", "wrong", "stopped"
 
 @dataclasses.dataclass
 class Outcome:
-    """How a scene went. seconds: of each step; told: warnings; stopped: it took longer than the limit."""
+    """How a scene went. seconds: of each step; told: warnings; stopped: it took more than the limit."""
 
     family: str
     seed: int
@@ -45,12 +45,12 @@ class Outcome:
 
 
 class _TooLong(Exception):
-    """The limit of a scene's wall time is used up."""
+    """The limit of a scene's processor time is used up."""
 
 
 @contextlib.contextmanager
 def limited(seconds):
-    """Stop what takes longer than that [s] (None: no limit); a step is stopped as by Ctrl-C."""
+    """Stop what takes more processor time than that [s] (None: any); a step is stopped as by Ctrl-C."""
 
     def stop(*_):
         raise _TooLong(f"longer than {seconds:g} s")
@@ -58,17 +58,17 @@ def limited(seconds):
     if seconds is None:
         yield
         return
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def run(family: str, seed: int, steps: int = 240, limit: float | None = None) -> Outcome:
-    """Build, run and judge a scene; limit: of its wall time [s]."""
+    """Build, run and judge a scene; limit: of its processor time [s]."""
     scene = Scene(zlib.crc32(family.encode()) ^ seed, steps)
     verdict, message = "right", ""
     try:
@@ -126,7 +126,7 @@ def main(arguments=None):
     parser.add_argument("--family", nargs="+", choices=sorted(FAMILIES), default=list(FAMILIES))
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 10), metavar=("A", "B"), help="A ... B-1")
     parser.add_argument("--steps", type=int, default=240)
-    parser.add_argument("--limit", type=float, default=None, help="wall time of a scene [s]")
+    parser.add_argument("--limit", type=float, default=None, help="processor time of a scene [s]")
     parser.add_argument("--program", action="store_true", help="print each wrong scene as a script")
     parser.add_argument("--folder", type=Path, help="keep these scripts here, as FAMILY_SEED.py")
     parser.add_argument("--json", type=Path, help="write all outcomes but the scripts to this file")
