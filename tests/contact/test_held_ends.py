@@ -137,3 +137,26 @@ def test_ends_beside_each_other_keep_apart(make_world):
     settle(world, 100)
     between = np.linalg.norm(one.positions - other.positions, axis=1)
     np.testing.assert_allclose(between, 2 * RADIUS, atol=0.01 * RADIUS)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_strands_that_overlap_at_an_insertion_carry_the_weight_alone(make_world, client, seed):
+    """Twelve strands whose insertions are nearer to each other than the strands are thick: no force between
+    points that are fixed on one body, so that the body comes to rest with forces of the size of its weight."""
+    world = make_world(gravity=(0, 0, -9.81))
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.04, 0.03, 0.02], physicsClientId=client)
+    body = p.createMultiBody(2.0, shape, -1, physicsClientId=client)
+    rng = np.random.default_rng(seed)
+    holds = []
+    for _ in range(12):
+        end = np.array([0, 0, 0.02]) + rng.normal(size=3) * [0.002, 0.002, 0]
+        top = [0.01 * rng.normal(), 0.01 * rng.normal(), 0.07]
+        t = world.add_tendon([top, end], 3e-4, bt.Material.ligament(1e4, 0.06), 10)
+        t.grip(0)
+        holds.append(t.attach(-1, body, -1))
+    for _ in range(240):
+        world.step()
+        assert world.report.converged
+    assert sum(hold.force[2] for hold in holds) == pytest.approx(2 * 9.81, rel=0.05)  # it swings a little
+    assert max(np.linalg.norm(hold.force) for hold in holds) < 2 * 9.81
+    assert greatest_force(world) < 2

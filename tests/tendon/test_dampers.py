@@ -1,6 +1,7 @@
 """Dampers, against their formulas: of a tension-only tendon near zero strain, and of a soft grip."""
 
 import numpy as np
+import pybullet as p
 import pytest
 
 import bullet_tendon as bt
@@ -57,3 +58,27 @@ def test_a_soft_grip_is_a_spring_and_a_damper(make_world, damping):
         for hand in hands:
             felt = stiffness * y + damping * v
             np.testing.assert_allclose(hand.force, [0, felt, 0], rtol=0, atol=1e-8 * (stiffness + damping))
+
+
+@pytest.mark.parametrize("damping", [3.0, 30.0, 300.0])
+@pytest.mark.parametrize(("strands", "particles"), [(3, 4), (3, 10), (3, 30), (13, 5)])
+def test_damped_strands_that_get_slack_take_few_iterations(make_world, client, damping, strands, particles):
+    """A body swings on tension-only strands: dampers hold some of them at zero force while they are stretched."""
+    most = 0
+    for seed in range(3):
+        world = make_world(gravity=(0, 0, -9.81))
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.04, 0.03, 0.02], physicsClientId=client)
+        body = p.createMultiBody(2.0, shape, -1, [0.2 * seed, 0, 0], physicsClientId=client)
+        rng = np.random.default_rng(seed)
+        material = bt.Material.ligament(1e4, 0.06, damping=damping)
+        for _ in range(strands):
+            end = np.array([0.2 * seed, 0, 0.02]) + rng.normal(size=3) * [0.002, 0.002, 0]
+            top = [0.2 * seed + 0.01 * rng.normal(), 0.01 * rng.normal(), 0.07]
+            t = world.add_tendon([top, end], 3e-4, material, particles, collides=False)
+            t.grip(0)
+            t.attach(-1, body, -1)
+        for _ in range(60):
+            world.step()
+            assert world.report.converged
+            most = max(most, world.report.iterations)
+    assert most <= 150

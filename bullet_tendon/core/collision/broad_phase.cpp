@@ -204,13 +204,17 @@ double arc_to(const Tendon& c, int particle, int k, double u) {
 
 }  // namespace
 
+bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& links) {
+  const bool together = h.link >= 0 && h.link == g.link;
+  return together || (stays(h, links) && stays(g, links));
+}
+
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
                         const std::vector<Link>& links) {
   double apart = a.radius + b.radius;
   for (const Anchor& h : a.anchors)
     for (const Anchor& g : b.anchors) {
-      const bool together = h.link >= 0 && h.link == g.link;
-      if (!together && !(stays(h, links) && stays(g, links))) continue;
+      if (!keep_distance(h, g, links)) continue;
       const double d = norm(h.aim - g.aim);
       if (d >= apart) continue;
       // Adjacent anchors of one tendon contradict no contact, because segments between them make none.

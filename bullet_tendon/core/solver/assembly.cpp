@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
+#include "collision/narrow_phase.h"
 #include "solver/body_schur.h"
 #include "tendon/bending.h"
 
@@ -335,7 +337,6 @@ void fix_in_matrix(Island& island) {
 // move far), or its gap is negative at the target of an anchor. Attachments to bodies count like rigid
 // anchors, because they stay near their target.
 bool overruled(const Contact& contact, const Tendon& c) {
-  if (contact.b.tendon >= 0) return false;
   bool any_free = false;
   for (int e : {0, 1}) {
     const double weight = e ? contact.a.w1 : contact.a.w0;
@@ -350,6 +351,20 @@ bool overruled(const Contact& contact, const Tendon& c) {
     if (at_hold.geometry.gap < 0) return true;
   }
   return !any_free;
+}
+
+bool overruled(const Contact& contact, const Tendon& a, const Tendon& b, const std::vector<Link>& links) {
+  const Anchor* other = nullptr;
+  for (const auto& [c, spot] : {std::pair{&a, &contact.a}, std::pair{&b, &contact.b}})
+    for (int e : {0, 1}) {
+      if ((e ? spot->w1 : spot->w0) < kLeastEndWeight) continue;
+      const Anchor* anchor = nullptr;
+      for (const Anchor& h : c->anchors)
+        if (h.particle == spot->first + e) anchor = &h;
+      if (!anchor || (other && !keep_distance(*anchor, *other, links))) return false;
+      other = anchor;
+    }
+  return true;
 }
 
 void read_anchor_forces(Tendon& c) {

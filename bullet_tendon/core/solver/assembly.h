@@ -63,6 +63,8 @@ void project_anchors(Island& island, Field Tendon::* what);
 void fix_in_matrix(Island& island);
 // Whether a rigid anchor contradicts a contact with a body. Such a contact has no solution and is left out.
 bool overruled(const Contact& contact, const Tendon& c);
+// The same of a contact of two tendons: all its particles that count are anchored, and keep their distances.
+bool overruled(const Contact& contact, const Tendon& a, const Tendon& b, const std::vector<Link>& links);
 // Reads the force of the tendon on each rigid anchor [N] from residuals that still include it.
 void read_anchor_forces(Tendon& c);
 

@@ -13,9 +13,10 @@ namespace bt {
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
-  for (auto* v :
-       {&rest, &inverse_rest, &stiffness, &damping, &lambda, &elastic, &lighter, &start, &history, &length,
-        &force, &slope, &linear, &true_elastic, &elastic_slope, &damping_slope, &stiffness_now})
+  for (auto* v : {&rest,          &inverse_rest,  &stiffness, &damping,       &lambda,
+                  &elastic,       &lighter,       &start,     &history,       &length,
+                  &force,         &slope,         &linear,    &true_elastic,  &linear_elastic,
+                  &elastic_slope, &damping_slope, &braking,   &braking_slope, &stiffness_now})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -78,8 +79,10 @@ template <int P>
 BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
   const double *inverse = s.inverse_rest.data(), *elastic_part = s.elastic.data(),
-               *truth = s.true_elastic.data();
+               *truth = s.true_elastic.data(), *carried = s.lambda.data(), *force = s.force.data(),
+               *braking = s.braking.data(), *braking_slope = s.braking_slope.data();
   double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
+  double *linear_elastic = s.linear_elastic.data(), *damping_slope = s.damping_slope.data();
   const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
@@ -89,11 +92,14 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
     double value, df;
     elastic<P>(law, at, value, df);
     const double slope = stiffness[k] * df * inv, now = elastic_slope[k];
-    const double raised = strain >= least && slope > now ? slope : now;
-    const bool there = mixed & (multiplier > floor_force) & (strain > 0);
+    const bool limited = (force[k] == 0) & (truth[k] > 0);
+    const double raised = strain >= least && slope > now && !limited ? slope : now;
+    const bool there = mixed & (multiplier > floor_force) & (strain > 0) & (carried[k] > least);
     const double line = stiffness[k] * (value + df * (strain - at));
-    linear[k] = there ? line : truth[k];
+    linear_elastic[k] = there ? line : truth[k];
+    linear[k] = there ? line + braking[k] : force[k];
     elastic_slope[k] = there ? slope : raised;
+    damping_slope[k] = there ? braking_slope[k] : damping_slope[k];
   }
 }
 
@@ -132,8 +138,9 @@ void add_axial_damping(SpringSet& s, const Law& law, const double* before, doubl
     const double c = s.damping[k] * damping_share_of(s, law, k, before[k]);
     double f, df;
     damping(law, rate_of(k), f, df);
-    s.force[k] += share * c * f;
-    s.damping_slope[k] = c * df / (b * s.rest[k]);
+    s.braking[k] = share * c * f;
+    s.force[k] += s.braking[k];
+    s.damping_slope[k] = s.braking_slope[k] = c * df / (b * s.rest[k]);
     if (law.tension_only && s.force[k] < 0) {
       s.force[k] = 0;
       s.damping_slope[k] = 0;
@@ -262,16 +269,17 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
   const double *ux = dx[0], *uy = dx[1], *uz = dx[2], *force = s.force.data(), *slope = s.slope.data();
   const double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
-  const double* truth = s.true_elastic.data();
+  const double *truth = s.true_elastic.data(), *linear_elastic = s.linear_elastic.data();
   double *carried = s.lambda.data(), *elastic = s.elastic.data();
   const bool same = is_linear(law);
+  const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double elongation =
         nx[k] * (ux[k + reach] - ux[k]) + ny[k] * (uy[k + reach] - uy[k]) + nz[k] * (uz[k + reach] - uz[k]);
-    double t = force[k] + slope[k] * elongation + (same ? 0 : linear[k] - truth[k]);
-    carried[k] = t;
-    elastic[k] = (same ? truth[k] : linear[k]) + elastic_slope[k] * elongation;
+    const double t = (same ? force[k] : linear[k]) + slope[k] * elongation;
+    carried[k] = t > least ? t : least;
+    elastic[k] = (same ? truth[k] : linear_elastic[k]) + elastic_slope[k] * elongation;
   }
 }
 
@@ -394,8 +402,8 @@ BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
 BT_VECTOR void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand) {
   if (is_linear(law)) return;
   for (int c = 0; c < 3; ++c) {
-    const double *n = s.direction[c], *linear = s.linear.data(), *truth = s.true_elastic.data();
-    scatter(right_hand[c], s.count, s.reach, [=](int k) BT_WITHIN { return (linear[k] - truth[k]) * n[k]; });
+    const double *n = s.direction[c], *linear = s.linear.data(), *force = s.force.data();
+    scatter(right_hand[c], s.count, s.reach, [=](int k) BT_WITHIN { return (linear[k] - force[k]) * n[k]; });
   }
 }
 

@@ -20,6 +20,10 @@
 // positions too far, but predicts the right force. The next iteration is linearised at that force, and
 // corrects the positions. The residual is always computed with the true force F. `linear` is the force of
 // the linearisation at the current length.
+//
+// A tension-only spring carries max(0, F). As with contacts, the multiplier decides whether it is linearised
+// as taut: where T > 0, by F without the limit. Where a fast damper holds its force at zero, the force at the
+// current length says nothing about that.
 #pragma once
 #include <vector>
 
@@ -50,14 +54,16 @@ struct SpringSet : SpringState {
   // Of damped springs: lengths at the start of the substep, and len_h [m].
   std::vector<double> start, history;
   // Results of the last evaluation or linearisation.
-  std::vector<double> length, force;         // len [m], F [N]
-  std::vector<double> true_elastic, linear;  // elastic part of F, and of its linearisation [N]
-  std::vector<double> elastic_slope;         // elastic part of F' [N/m]
-  std::vector<double> damping_slope;         // damping part of F' [N/m]
-  std::vector<double> stiffness_now;         // F' + |F|/l at the current state [N/m]
-  Planes direction;                          // n
-  Planes block;                              // B, symmetric, six planes [N/m]
-  Planes vector;                             // force vector on the first particle [N]
+  std::vector<double> length, force;                 // len [m], F [N]
+  std::vector<double> linear;                        // force of the linearisation [N]
+  std::vector<double> true_elastic, linear_elastic;  // elastic parts of F and of `linear` [N]
+  std::vector<double> elastic_slope;                 // elastic part of F' [N/m]
+  std::vector<double> damping_slope;                 // damping part of F' [N/m]
+  std::vector<double> braking, braking_slope;  // damping parts of F and F', as if it were taut [N], [N/m]
+  std::vector<double> stiffness_now;           // F' + |F|/l at the current state [N/m]
+  Planes direction;                            // n
+  Planes block;                                // B, symmetric, six planes [N/m]
+  Planes vector;                               // force vector on the first particle [N]
 
   void resize(int reach_, int particles);
 };

@@ -208,7 +208,11 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 }
 
 void World::add_contact(const Contact& contact) {
-  if (!overruled(contact, *step_.slots[contact.a.tendon])) contacts_.all.push_back(contact);
+  const Tendon& a = *step_.slots[contact.a.tendon];
+  const bool leave_out = contact.b.tendon < 0
+                             ? overruled(contact, a)
+                             : overruled(contact, a, *step_.slots[contact.b.tendon], scene.links);
+  if (!leave_out) contacts_.all.push_back(contact);
 }
 
 void World::recall(Contact& contact, double inertia) {
