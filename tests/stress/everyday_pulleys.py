@@ -114,8 +114,8 @@ class Sticks:
         self.tendon, self.limit, self.held = tendon._target, math.exp(0.8 * mu * math.pi), True
 
     def __call__(self):
-        tension = self.tendon.tension
-        self.held &= bool(tension.max() <= self.limit * tension.min())
+        first, last = self.tendon.tension[[0, -1]]
+        self.held &= bool(max(first, last) <= self.limit * min(first, last))
 
 
 def follows(scene, hinge, tendon, a):
@@ -142,11 +142,11 @@ def pulley_sticks(scene):
     mu = scene.flat(0.6, 1.2)
     hinge, tendon, a, load = over_one(scene, mu)
     hand = tendon.grip(-1)
-    scene.run(scene.steps // 4)
+    scene.run(scene.steps // 2)
     check = follows(scene, hinge, tendon, a)
     way = scene.flat(0.3, 1.5) * a * scene.pick(1, -1)
     sticks = Sticks(tendon, mu)
-    scene.lead(hand, (0, 0, -way), scene.steps - scene.steps // 4, watch=sticks)
+    scene.lead(hand, (0, 0, -way), scene.steps - scene.steps // 2, watch=sticks)
     if sticks.held:
         check()
 
@@ -188,11 +188,11 @@ def pulleys_in_series(scene):
     mu = scene.flat(0.6, 1.0)
     hinges, sizes, tendon, up, load = in_series(scene, mu)
     hand = tendon.grip(-1)
-    scene.run(scene.steps // 4)
+    scene.run(scene.steps // 2)
     begun, ends = [angle(scene, h) for h in hinges], tendon.positions[[0, -1]]
     way = scene.flat(0.3, 0.8) * min(map(abs, sizes))
     sticks = Sticks(tendon, mu)
-    scene.lead(hand, (0, 0, up * way), scene.steps - scene.steps // 4, watch=sticks)
+    scene.lead(hand, (0, 0, up * way), scene.steps - scene.steps // 2, watch=sticks)
     if not sticks.held:
         return
     moved = tendon.positions[[0, -1], 2] - ends[:, 2]
