@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from everyday_scene import G, Scene, family, rounded
+from everyday_scene import File, G, Scene, family, rounded
 from scipy.optimize import minimize
 
 import bullet_tendon as bt
@@ -526,8 +526,10 @@ def pulled(scene, robot, names, most, low, high):
 def tendon_finger(scene):
     """The package's own finger, motors off, pulled at both tendons by up to 6 N, stays in its stops."""
     scene.begin(gravity=scene.coin())
+    path = File(bt.data_path("tendon_finger.urdf"))
+    path.text = 'bt.data_path("tendon_finger.urdf")'
     robot = scene.world.load_urdf(
-        bt.data_path("tendon_finger.urdf"),
+        path,
         useFixedBase=True,
         flags=scene.raw.URDF_USE_INERTIA_FROM_FILE,
         obstacles=False,
