@@ -1,0 +1,610 @@
+"""Scenes of bodies on tendons: hung, swung, dropped, knotted beside their centre, arms and fingers."""
+
+import math
+
+import numpy as np
+from everyday_scene import File, G, Scene, family, rounded
+from scipy.optimize import minimize
+
+import bullet_tendon as bt
+
+SIZE = 0.02  # m, of a body
+
+
+def load(scene: Scene, mass, at=(0, 0, 0), size=SIZE):
+    """A body of a random shape."""
+    kind = scene.pick("sphere", "box", "cylinder", "capsule")
+    sizes = {"sphere": (size,), "box": (size, 1.5 * size, 2 * size)}.get(kind, (size / 2, size))
+    return scene.body(kind, sizes, mass, at)
+
+
+def straight(scene, ends, material, particles, radius=5e-4):
+    return scene.world.add_tendon(np.array(ends), radius, material, particles)
+
+
+def settle(scene, *lines):
+    """All steps but the first quarter bring bodies to rest: their speed is lost by a thousandth each ms."""
+    lose = max(0.5, 1 - 3 * scene.dt)
+    slow = "[p.resetBaseVelocity(b, *np.multiply(p.getBaseVelocity(b), {})) for b in {}]"
+    bodies = "[" + ", ".join(b.text for b in scene.free) + "]"
+    scene.energy = False
+    scene.run(scene.steps, *lines, slow.format(round(lose, 6), bodies))
+
+
+@family
+def hung(scene):
+    """A body on a straight tendon: it hangs at X = L (F/K)^(1/p), or at the stretch of the ligament's law."""
+    scene.begin()
+    mass, length = scene.log(1e-3, 100), scene.flat(0.03, 0.5)
+    material = scene.material(mass * G)
+    n = scene.whole(2, 60)
+    stretch = length * (1 + stretched(material, mass * G))
+    t = straight(scene, [(0, 0, 0), (0, 0, -length)], material, n)
+    hand = t.grip(0)
+    body = load(scene, mass, (0, 0, -length))
+    hold = t.attach(-1, body)
+    # It begins at the stretch that is right, and has to stay there.
+    x = np.outer(np.linspace(0, -1, n), [0, 0, stretch])
+    scene.p.resetBasePositionAndOrientation(body, [0, 0, -stretch], [0, 0, 0, 1])
+    t.set_positions(x)
+    scene.run(scene.steps)
+    own = t._target.masses.sum() * G
+    # The tendon's own weight is not in the formula.
+    more = length * (stretched(material, mass * G + own) - stretched(material, mass * G))
+    scene.near("height [m]", scene.place(body)[0][2], -stretch, absolute=2 * more + 2e-6 * length)
+    scene.near("force on the body [N]", hold.force[2], mass * G, rel=2e-3, absolute=2 * own)
+    scene.near("force on the hand [N]", hand.force[2], -mass * G, rel=2e-3, absolute=2 * own)
+
+
+def stretched(material, force):
+    """Strain at which a cross-section carries that."""
+    toe = material.toe
+    at_toe = material.stiffness * toe**material.exponent if toe < math.inf else math.inf
+    if force <= at_toe:
+        return (force / material.stiffness) ** (1 / material.exponent)
+    return toe + (force - at_toe) / (material.exponent * at_toe / toe)
+
+
+@family
+def pretensioned(scene):
+    """A tendon of a given rest length between two hands begins under the tension of its law, and keeps it."""
+    scene.begin(gravity=False)
+    force, length, n = scene.log(0.1, 2000), scene.flat(0.02, 0.4), scene.whole(2, 60)
+    material = scene.material(force)
+    rest = rounded(length / (1 + stretched(material, force)))
+    force = carried(material, length / rest - 1)
+    line = [(0, 0, 0), (0, 0, length)]
+    t = scene.world.add_tendon(line, 1e-3, material, n, rest_length=rest, collides=scene.coin())
+    hands = t.grip(0), t.grip(-1)
+    scene.near("tension at the start [N]", t.tension, np.full(n - 1, force), rel=1e-6)
+    scene.run(scene.steps)
+    scene.near("tension [N]", t.tension, np.full(n - 1, force), rel=1e-6)
+    scene.near("hands [N]", [h.force[2] for h in hands], [force, -force], rel=1e-6)
+
+
+def carried(material, strain):
+    """What a cross-section carries at a strain; see stretched."""
+    low = min(strain, material.toe)
+    at_low = material.stiffness * low**material.exponent
+    return at_low + material.exponent * at_low / low * (strain - low)
+
+
+def pendulum(scene):
+    """A weight on a cord: (tendon, hand, mass, length, where it is let go, the longest of the cord)."""
+    scene.begin()
+    mass, length, first = scene.log(1e-3, 50), scene.flat(0.1, 1.0), scene.flat(0.1, 1.2)
+    where = np.array([math.sin(first), 0, -math.cos(first)]) * length
+    material = scene.material(3 * mass * G, density=500)
+    t = straight(scene, [(0, 0, 0), where], material, scene.whole(2, 30))
+    hand = t.grip(0)
+    if scene.coin():
+        t.set_point_mass(-1, mass)
+    else:
+        t.attach(-1, scene.body("sphere", (SIZE,), mass, where))
+    own = t._target.masses.sum() - (0 if scene.free else mass)
+    # At the lowest point the cord carries at most three weights; a fifth more for how it gets taut.
+    longest = length * (1.002 + 1.2 * stretched(material, 3 * (mass + own) * G))
+    return t, hand, mass, length, where, longest
+
+
+@family
+def swung(scene):
+    """A pendulum never rises above where it was let go, stays in its plane, and its cord is no longer."""
+    t, _, _, length, where, longest = pendulum(scene)
+    highest = where[2] + 0.01 * length  # a step of gravity: first order in time
+
+    def bound():
+        x = t.positions[-1]
+        scene.check(np.linalg.norm(x) <= longest, f"length {np.linalg.norm(x):.6g} m, at most {longest:.6g}")
+        scene.check(x[2] <= highest, f"height {x[2]:.6g} m above {highest:.6g}, where it was let go")
+        scene.check(abs(x[1]) <= 1e-3 * length, f"{x[1]:.3g} m out of its plane")
+
+    scene.run(scene.steps, watch=bound)
+
+
+@family
+def tension_of_what_swings(scene):
+    """A hand that stands still feels the tension beside it, and the weight of its particle."""
+    t, hand, mass, *_ = pendulum(scene)
+
+    def compare():
+        beside = t.positions[1] - t.positions[0]
+        right = t.tension[0] * beside / np.linalg.norm(beside) + t._target.masses[0] * scene.gravity
+        largest = max(np.linalg.norm(hand.force), mass * G)
+        scene.near("force on the hand [N]", hand.force, right, absolute=0.02 * largest)
+
+    scene.run(scene.steps, watch=compare)
+
+
+@family
+def bounced(scene):
+    """A body falls into a slack tendon, and does not bounce above where it was let go."""
+    scene.begin()
+    mass, length = scene.log(1e-3, 100), scene.flat(0.05, 0.3)
+    n, drop = scene.whole(2, 60), scene.flat(0.01, 0.9)
+    t = straight(scene, [(0, 0, 0), (0, 0, -length)], scene.material(mass * G), n)
+    t.grip(0)
+    body = load(scene, mass, (0, 0, -length))
+    t.attach(-1, body)
+    top = -length * (1 - drop)
+    side = 0.5 * length * math.sqrt(1 - (1 - drop) ** 2)
+    fold = np.interp(np.linspace(0, 1, n), [0, 0.5, 1], [0, 1, 0]) if n > 2 else np.zeros(n)
+    x = np.c_[fold * side, 0 * fold, np.linspace(0, top, n)]
+    if n > 2:
+        t.set_positions(x)
+        scene.p.resetBasePositionAndOrientation(body, [0, 0, top], [0, 0, 0, 1])
+
+    def bound():
+        z = scene.place(body)[0][2]
+        scene.check(z <= scene.begun_at + 0.02 * length, f"height {z:.4g} m, let go at {scene.begun_at:.4g}")
+
+    scene.begun_at = scene.place(body)[0][2]
+    scene.run(scene.steps, watch=bound)
+
+
+@family
+def light_body_off_centre(scene):
+    """1-10 g knotted beside the centre, and pulled by up to 1 kN: the knot stays where it is."""
+    scene.begin()
+    mass, force = scene.log(1e-3, 0.01), scene.log(0.1, 1000)
+    lever, length = scene.flat(0.001, 0.008), scene.flat(0.05, 0.3)
+    body = scene.body("sphere", (0.01,), mass)
+    t = straight(scene, [(0, 0, length), (lever, 0, 0)], scene.material(force), scene.whole(2, 40), 1e-3)
+    t.grip(0)
+    hold = t.attach(-1, body)
+    scene.run(scene.steps // 4)
+    way = [round(v, 4) for v in (force * (np.array([0, 0, -1]) + 0.2 * scene.direction())).tolist()]
+    push = f"x = p.getBasePositionAndOrientation({body.text})[0]"
+    go = f"p.applyExternalForce({body.text}, -1, {way!r}, x, p.WORLD_FRAME)"
+    applied = f"applied = {{int({body.text}): {way!r}}}"
+    for lines, unknown in (((push, go, applied), force), (("applied = {}",), 0.0)):
+        scene.run(5, *lines)  # a force is learned from what it did
+        more = 2 * unknown / mass * scene.dt**2
+        scene.run(scene.steps // 3, *lines, watch=lambda more=more: at_its_place(scene, t, hold, more))
+
+
+def at_its_place(scene, t, hold, more):
+    """An attached particle is where the body has its point.
+
+    The body goes straight in a step, its points around: by the square of its angle. more [m]: the way in a
+    step under forces that the world learns from what they do. Not judged: what pybullet stops at 100 m/s or
+    100 rad/s, where the forces on it are not known.
+    """
+    motion = np.abs(scene.raw.getBaseVelocity(hold.bodyUniqueId))
+    if max(motion.max(), np.abs(scene._speeds[hold.bodyUniqueId]).max()) > 99:
+        return
+    origin, axes = scene.place(hold.bodyUniqueId, hold.linkIndex)
+    spin = np.linalg.norm(scene.raw.getBaseVelocity(hold.bodyUniqueId)[1])
+    arm = np.linalg.norm(hold.position)
+    allowed = 1e-7 + arm * min(2.0, 0.5 * (spin * scene.dt) ** 2) + more
+    right = origin + axes @ hold.position
+    scene.near("place of an attached particle [m]", t.positions[hold.particle], right, absolute=allowed)
+
+
+def equilibrium(anchors, lengths, law, mass, start):
+    """Where a weight hangs from straight strands: the least of springs' energies and height."""
+
+    def energy(x):
+        strain = np.maximum(np.linalg.norm(anchors - x, axis=1) / lengths - 1, 0)
+        return (lengths * law(strain)).sum() + mass * G * x[2]
+
+    scale = np.abs(lengths).max()
+    found = minimize(lambda u: energy(u * scale) / (mass * G * scale), start / scale, method="Nelder-Mead",
+                     options={"xatol": 1e-10, "fatol": 1e-14, "maxiter": 20000, "maxfev": 20000})  # fmt: skip
+    return found.x * scale
+
+
+def spring_energy(material):
+    """Integral of the law over the strain, of tension."""
+    k, p, toe = material.stiffness, material.exponent, material.toe
+
+    def law(s):
+        low = np.minimum(s, toe)
+        beyond = s - low
+        at_toe = 0.0 if toe == math.inf else k * toe**p
+        slope = 0.0 if toe == math.inf else p * at_toe / toe
+        return k * low ** (p + 1) / (p + 1) + at_toe * beyond + slope * beyond**2 / 2
+
+    return law
+
+
+def on_strands(scene, count, mass, particles, material, insertion, radius, collides=True):
+    """A body on strands from hands around above it; returns the tendons, the hands' places and the body."""
+    length = scene.flat(0.04, 0.2)
+    ball = scene.body("sphere", (0.01,), mass)
+    tendons, places = [], []
+    for k in range(count):
+        a = 2 * np.pi * (k + scene.flat(-0.2, 0.2)) / count
+        tilt = scene.flat(0.2, 0.8)
+        way = np.array([math.sin(tilt) * math.cos(a), math.sin(tilt) * math.sin(a), math.cos(tilt)])
+        end = insertion * scene.direction()
+        place = end + length * way
+        t = scene.world.add_tendon([place, end], radius, material, particles, collides=collides)
+        t.grip(0)
+        t.attach(-1, ball)
+        tendons.append(t)
+        places.append(t.positions[0])
+    return tendons, np.array(places), ball
+
+
+def balanced(scene, tendons, body, mass, allowed=0.01):
+    """Forces on the body are its weight and what its speed changed by in the last step."""
+    weight = np.array([0, 0, -mass * G])
+    given = sum(h.force for t in tendons for h in t.holds if hasattr(h, "linkIndex"))
+    largest = max(np.linalg.norm(h.force) for t in tendons for h in t.holds)
+    change = mass * np.linalg.norm(scene.speed(body) - scene._speeds[body]) / scene.dt
+    scene.near("forces on the body [N]", given, -weight, absolute=allowed * largest + change)
+
+
+def hangs_at_rest(scene, tendons, places, body, mass, material):
+    """Where statics say. The tendons' own weight shifts it by its share of the load's stretch."""
+    lengths = np.array([t.rest_length for t in tendons])
+    right = equilibrium(places, lengths, spring_energy(material), mass, scene.place(body)[0] - (0, 0, 1e-4))
+    own = sum(t._target.masses.sum() for t in tendons) / mass
+    stretch = lengths.max() * stretched(material, mass * G)
+    speed = np.linalg.norm(scene.speed(body))
+    still = speed * scene.steps * scene.dt * 0.1 < 0.01 * stretch
+    if still:
+        where = scene.place(body)[0]
+        scene.near(
+            "place of the body [m]", where, right, absolute=(0.05 + own) * stretch + 1e-3 * lengths.max()
+        )
+
+
+@family
+def damped_strands(scene):
+    """Up to eight tension-only strands with rate damping and inner particles carry a body."""
+    scene.begin()
+    count, mass = scene.whole(3, 8), scene.log(1e-3, 100)
+    material = bt.Material.ligament(scene.log(20 * mass * G, 2e3 * mass * G), scene.flat(0.02, 0.06))
+    lever = scene.pick(0.0, 0.008)
+    tendons, places, body = on_strands(scene, count, mass, scene.whole(3, 30), material, lever, 1e-4)
+    settle(scene)
+    balanced(scene, tendons, body, mass)
+    if lever == 0 and scene.dt > 1 / 300:
+        hangs_at_rest(scene, tendons, places, body, mass, material)
+
+
+@family
+def strands_at_one_insertion(scene):
+    """Strands that end at one point, and so do not collide, share a load."""
+    scene.begin()
+    count, mass = scene.whole(3, 8), scene.log(1e-3, 50)
+    material = bt.Material.ligament(scene.log(20 * mass * G, 2e3 * mass * G), scene.flat(0.02, 0.06))
+    tendons, places, body = on_strands(
+        scene, count, mass, scene.whole(5, 40), material, scene.flat(0, 1e-3), scene.log(2e-4, 1e-3), False
+    )
+    settle(scene)
+    balanced(scene, tendons, body, mass)
+
+
+@family
+def heavy_ends(scene):
+    """Strands of two particles whose ends weigh much for their stiffness: no lasting chatter."""
+    scene.begin()
+    count, mass = scene.whole(3, 8), scene.log(0.1, 10)
+    radius, length = scene.log(1e-3, 4e-3), 0.1
+    end = scene.log(1e-5, 2e-4)  # kg, of half a strand
+    density = round(2 * end / (np.pi * radius**2 * length), 3)
+    slope = scene.log(20 * mass * G, 2e3 * mass * G)
+    material = bt.Material(
+        stiffness=slope, tension_only=True, density=density, damping=scene.pick(0.0, 1e-3 * slope)
+    )
+    tendons, places, body = on_strands(scene, count, mass, 2, material, 0.009, 1e-4)
+    settle(scene)
+    balanced(scene, tendons, body, mass)
+
+
+@family
+def strands_between_bodies(scene):
+    """One to eight strands between one to four bodies and hands: momentum and energy of all."""
+    scene.begin(gravity=scene.coin())
+    corners = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0.06, 0.06, 0.1)]
+    bodies = [load(scene, scene.log(1e-3, 100), x) for x in corners[: scene.whole(1, 4)]]
+    heaviest = max(scene.mass(b) for b in bodies) * G
+    material, apart = scene.material(heaviest), scene.coin()
+    for _ in range(scene.whole(1, 8)):
+        first = scene.pick(*bodies)
+        others = [b for b in bodies if b is not first]
+        at = lambda b: scene.place(b)[0] + 0.01 * scene.direction()  # noqa: E731
+        start = at(first)
+        end = at(scene.pick(*others)) if others and scene.coin() else start + 0.1 * scene.direction()
+        t = scene.world.add_tendon([start, end], 5e-4, material, scene.whole(2, 30), collides=apart)
+        t.attach(0, first)
+        other = next((b for b in others if np.linalg.norm(scene.place(b)[0] - end) < 0.0101), None)
+        if other is None:
+            t.grip(-1)
+        else:
+            t.attach(-1, other)
+    scene.run(scene.steps)
+
+
+@family
+def point_masses(scene):
+    """Beads on a cord between two hands: the hands carry their weight."""
+    scene.begin()
+    n, count = scene.whole(5, 60), scene.whole(1, 4)
+    masses = [scene.log(1e-3, 20) for _ in range(count)]
+    material = scene.material(4 * sum(masses) * G)
+    span, sag = scene.flat(0.1, 0.5), scene.flat(0.02, 0.1)
+    t = straight(scene, [(0, 0, 0), (span / 2, 0, -sag), (span, 0, 0)], material, n)
+    hands = t.grip(0), t.grip(-1)
+    for m in masses:
+        t.set_point_mass(scene.whole(1, n - 2), m)
+    scene.world.relax()
+    relaxed = scene.world.report.converged
+    scene.run(scene.steps)
+    weight = t._target.masses.sum() * G
+    carried = -sum(h.force[2] for h in hands)
+    moving = t._target.masses @ np.abs(t.velocities) @ np.ones(3) / scene.dt
+    scene.near("weight on the hands [N]", carried, weight, rel=1e-6, absolute=moving)
+    # It began in its equilibrium: nothing moves. Rounding of springs as stiff as these: micrometres.
+    if relaxed:
+        scene.near("speed in equilibrium [m/s]", np.abs(t.velocities).max(), 0, absolute=1e-4)
+
+
+@family
+def net(scene):
+    """A ball falls on a net of three strands each way, which it does not fit through: it is caught."""
+    scene.begin(dt=scene.log(1 / 1000, 1 / 100))
+    span, radius, mass = scene.flat(0.1, 0.3), scene.log(1e-3, 3e-3), scene.log(5e-3, 5)
+    gap, size = span / 4, 0.35 * span
+    material = scene.material(20 * mass * G, friction=scene.flat(0, 0.6))
+    n, high = scene.whole(16, 40), 2.1 * radius
+    for place in (-gap, 0, gap):
+        for line in ([(-span, place, 0), (span, place, 0)], [(place, -span, high), (place, span, high)]):
+            t = straight(scene, line, material, n, radius)
+            t.grip(0)
+            t.grip(-1)
+    ball = scene.body("sphere", (size,), mass, (0, 0, size + 4 * radius + scene.flat(0, 0.05)), friction=1.0)
+    scene.run(scene.steps)
+    x, y, z = scene.place(ball)[0]
+    scene.check(max(abs(x), abs(y)) > span / 2 or z > 0, f"the ball fell through: it is at {z:.3g} m")
+
+
+@family
+def cut_steps(scene):
+    """Where a step is taken in parts, the tension beside a hold is still the force on it.
+
+    A body is let fall into a bight over a sharp box, then rests: what holds a particle gets its tension, and
+    the weight and the acceleration of that particle.
+    """
+    scene.begin()
+    radius, mass = scene.log(5e-4, 2e-3), scene.log(0.01, 50)
+    size = scene.flat(10, 30) * radius
+    scene.body("cylinder", (size, 0.1), 0, (0, 0, 0), (2**-0.5, 0, 0, 2**-0.5), friction=1.0)
+    a, n = 1.01 * size + radius, scene.whole(20, 60)
+    angles = np.linspace(np.pi, 0, 30)
+    off = (a + radius) / math.cos(min(0.9, 8 * a / n / (2 * a)))
+    over = np.c_[off * np.cos(angles), 0 * angles, off * np.sin(angles)]
+    line = [[-off, 0, -2.5 * off], *over.tolist(), [off, 0, -2.5 * off]]
+    t = scene.world.add_tendon(line, radius, scene.material(mass * G), n)
+    hand = t.grip(0)
+    hold = t.attach(-1, load(scene, mass, line[-1], size / 3))
+    before, forces = [t.velocities], [0.0]
+
+    def compare():
+        v, t0 = t.velocities, t._target
+        for particle, held in ((0, hand), (-1, hold)):
+            x = t.positions
+            away = x[1] - x[0] if particle == 0 else x[-2] - x[-1]
+            pull = t.tension[particle] * away / np.linalg.norm(away)
+            inertia = t0.masses[particle] * (scene.gravity - (v[particle] - before[0][particle]) / scene.dt)
+            largest = max(np.abs(t.tension).max(), np.linalg.norm(held.force))
+            steady = abs(largest - forces[0]) < 0.002 * largest and np.abs(v).max() * scene.dt < 0.01 * radius
+            if steady and not scene.world.report.reasons.get("released"):
+                scene.near("force on a hold [N]", held.force, pull + inertia, absolute=0.01 * largest)
+        before[0], forces[0] = v, np.abs(t.tension).max()
+
+    scene.run(scene.steps, watch=compare)
+
+
+ARM_LINK = """<link name="{name}"><inertial><origin xyz="{half} 0 0"/><mass value="{mass}"/>
+<inertia ixx="{small}" iyy="{large}" izz="{large}" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="{half} 0 0"/><geometry><box size="{box} {wide} {wide}"/></geometry></collision></link>
+"""
+HINGE = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="{x} 0 0"/><axis xyz="0 1 0"/><limit lower="{low}" upper="{high}" effort="1e4" velocity="100"/>
+</joint>
+"""
+EYELET = """<tunnel name="{name}" link="{link}" radius="{radius}" chamfer="{chamfer}" friction="0">
+<start xyz="{start} 0 {z}"/><end xyz="{end} 0 {z}"/></tunnel>
+"""
+STRING = """<tendon name="{name}" radius="{radius}" particles="{particles}">
+<material stiffness="{stiffness}" damping="{damping}"/><point link="{last}" xyz="{x} 0 {z}" attach="true"/>
+<point link="base" xyz="{out} 0 {z}"/></tendon>
+"""
+
+
+def links(lengths, masses, wide, low, high):
+    """URDF text of a base and links in a row along x, on hinges about y."""
+    text, parent, x = '<link name="base"/>\n', "base", 0.0
+    for k, (length, mass) in enumerate(zip(lengths, masses, strict=True)):
+        large = f"{mass * (length**2 + wide**2) / 12:.6g}"
+        numbers = {"half": f"{length / 2:.6g}", "box": f"{0.8 * length:.6g}", "wide": wide, "mass": mass}
+        text += ARM_LINK.format(name=f"l{k}", small=f"{mass * wide**2 / 6:.6g}", large=large, **numbers)
+        text += HINGE.format(name=f"j{k}", parent=parent, child=f"l{k}", x=x, low=low, high=high)
+        parent, x = f"l{k}", length
+    return text
+
+
+def freed(scene, robot, motors=False):
+    for k in range(scene.raw.getNumJoints(robot)):
+        scene.p.changeDynamics(robot, k, linearDamping=0, angularDamping=0, jointDamping=0)
+        if not motors:
+            scene.p.setJointMotorControl2(robot, k, scene.raw.VELOCITY_CONTROL, force=0)
+
+
+@family
+def arm(scene):
+    """An arm of a URDF whose motors hold it against a tendon: their torques are force times arm."""
+    scene.begin()
+    count = scene.whole(1, 4)
+    lengths = [scene.flat(0.05, 0.3) for _ in range(count)]
+    masses = [scene.log(0.05, 5) for _ in range(count)]
+    text = f'<robot name="arm">\n{links(lengths, masses, 0.02, -3, 3)}</robot>\n'
+    robot = scene.p.loadURDF(
+        scene.file("arm.urdf", text), useFixedBase=True, flags=scene.raw.URDF_USE_INERTIA_FROM_FILE
+    )
+    freed(scene, robot, motors=True)
+    scene.energy = False  # motors
+    pose = [scene.flat(-0.6, 0.6) for _ in range(count)]
+    for k, q in enumerate(pose):
+        scene.p.resetJointState(robot, k, q)
+        scene.p.setJointMotorControl2(robot, k, scene.raw.POSITION_CONTROL, targetPosition=q, force=1e4)
+    tip, axes = scene.place(robot, count - 1)
+    end = tip + axes @ (0.8 * lengths[-1], 0, 0.01)
+    far = end + scene.flat(0.05, 0.3) * (scene.direction() * (1, 0, 1) + (0, 0, 1.5))
+    force = scene.log(0.1, 1000)
+    t = straight(scene, [far, end], scene.material(force), scene.whole(2, 40))
+    hold = t.attach(-1, robot, count - 1)
+    pull = force * (far - end) / np.linalg.norm(far - end)
+    t.set_force(0, pull)
+    scene.run(scene.steps)
+    motors = joints(scene, robot)
+    if np.abs(motors[:, 1]).max() * scene.dt > 1e-5:  # it is not at rest
+        return
+    # At the same time steps pybullet's motors answer a force given by hand: only that is theirs to tell.
+    origin, axes = scene.place(robot, count - 1)
+    where, force = [rounded(v.tolist()) for v in (origin + axes @ hold.position, hold.force)]
+    push = f"p.applyExternalForce({robot.text}, {count - 1}, {force!r}, {where!r}, p.WORLD_FRAME)"
+    scene.code("for k in range(20):\n    " + push + "\n    p.stepSimulation()")
+    by_hand = joints(scene, robot)
+    scene.near("hinges under the tendon [rad]", motors[:, 0], by_hand[:, 0], absolute=1e-4 + 20 * 2e-5)
+    largest = np.abs(by_hand[:, 2]).max()
+    scene.near("torques of the motors [N m]", motors[:, 2], by_hand[:, 2], absolute=0.02 * largest)
+
+
+def joints(scene, robot):
+    """Angle, rate and motor torque of each joint."""
+    states = [scene.raw.getJointState(robot, k) for k in range(scene.raw.getNumJoints(robot))]
+    return np.array([[s[0], s[1], s[3]] for s in states])
+
+
+def in_its_stops(scene, robot, low, high):
+    """pybullet's stops give way by less than this under what pulls here."""
+    angles = [scene.raw.getJointState(robot, k)[0] for k in range(scene.raw.getNumJoints(robot))]
+    scene.check(low - 0.1 <= min(angles) and max(angles) <= high + 0.1, f"hinges at {np.round(angles, 3)}")
+
+
+def pulled(scene, robot, names, most, low, high):
+    """Random pulls along the free ends, changed a few times."""
+    scene.energy = False  # the forces turn with the ends
+    for _ in range(scene.whole(1, 4)):
+        lines = []
+        for name in names:
+            k = [t.name for t in scene.world.tendons].index(name)
+            lines += [
+                f"t = world.tendons[{k}]",
+                "e = t.positions[-1] - t.positions[-2]",
+                f"t.set_force(-1, e / np.linalg.norm(e) * {scene.flat(0, most)})",
+            ]
+        scene.run(scene.steps // 4, *lines, watch=lambda: in_its_stops(scene, robot, low, high))
+
+
+@family
+def tendon_finger(scene):
+    """The package's own finger, motors off, pulled at both tendons by up to 6 N, stays in its stops."""
+    scene.begin(gravity=scene.coin())
+    path = File(bt.data_path("tendon_finger.urdf"))
+    path.text = 'bt.data_path("tendon_finger.urdf")'
+    robot = scene.world.load_urdf(
+        path,
+        useFixedBase=True,
+        flags=scene.raw.URDF_USE_INERTIA_FROM_FILE,
+        obstacles=False,
+    )
+    freed(scene, robot)
+    most = scene.pick(0.6, 6.0)
+    pulled(scene, robot, ("flexor", "extensor"), most, -0.1, 1.7)
+
+
+@family
+def finger_from_urdf(scene):
+    """A finger of one to three links with random eyelets, pulled by two tendons against its stops."""
+    scene.begin(gravity=scene.coin())
+    count, radius = scene.whole(1, 3), scene.log(4e-4, 1e-3)
+    lengths = [scene.flat(0.02, 0.06) for _ in range(count)]
+    masses = [scene.log(3e-3, 0.2) for _ in range(count)]
+    low, high, bore = -0.1, scene.flat(1.0, 1.7), round(scene.flat(1.3, 2) * radius, 7)
+    z, chamfer = scene.flat(0.004, 0.008), round(radius, 7)
+    text = links(lengths, masses, 0.006, low, high)
+    for name, side in (("flexor", -z), ("extensor", z)):
+        text += EYELET.format(
+            name=f"{name} base", link="base", radius=bore, chamfer=chamfer, start=-0.02, end=-0.005, z=side
+        )
+        for k, length in enumerate(lengths):
+            end = length - 0.006 if k < count - 1 else 0.6 * length
+            text += EYELET.format(
+                name=f"{name} {k}",
+                link=f"l{k}",
+                radius=bore,
+                chamfer=chamfer,
+                start=0.005,
+                end=round(end, 6),
+                z=side,
+            )
+        law = {"stiffness": scene.log(2e3, 5e4), "damping": scene.log(0.1, 5)}
+        text += STRING.format(
+            name=name,
+            radius=radius,
+            particles=60,
+            last=f"l{count - 1}",
+            x=round(0.8 * lengths[-1], 6),
+            out=-0.06,
+            z=side,
+            **law,
+        )
+    path = scene.file("finger.urdf", f'<robot name="finger">\n{text}</robot>\n')
+    robot = scene.world.load_urdf(
+        path, useFixedBase=True, flags=scene.raw.URDF_USE_INERTIA_FROM_FILE, obstacles=False
+    )
+    freed(scene, robot)
+    pulled(scene, robot, ("flexor", "extensor"), scene.log(0.1, 20), low, high)
+
+
+@family
+def reeling_in(scene):
+    """A load is reeled in: it rises by the length that was taken, less the change of stretch."""
+    scene.begin()
+    mass, length, n = scene.log(1e-3, 50), scene.flat(0.1, 0.4), scene.whole(10, 60)
+    material = scene.material(mass * G)
+    t = straight(scene, [(0, 0, 0), (0, 0, -length)], material, n)
+    t.grip(0)
+    body = load(scene, mass, (0, 0, -length))
+    t.attach(-1, body)
+    scene.energy = False  # the reel's work
+    # The end segment is paid out to four times its length at most.
+    taken = scene.pick(scene.flat(0.1, 0.5) * length, -scene.flat(0.1, 0.9) * 3 * length / (n - 1))
+    part = round(taken / scene.steps, 9)
+    scene.run(scene.steps, f"{t._name}.shorten({part!r}, end=0)")
+    rest = length - part * scene.steps
+    scene.near("rest length [m]", t.rest_length, rest, rel=1e-9)
+    if t.tension.min() > 0:
+        # Straight between its ends, but for what the tendon's own inertia bends.
+        apart = np.linalg.norm(t.positions[0] - t.positions[-1])
+        scene.near("length [m]", t.length, apart, rel=1e-3)
+    deepest = t.rest_length * (1 + 3 * stretched(material, 3 * mass * G)) + abs(part)
+    scene.check(
+        -scene.place(body)[0][2] <= 1.1 * deepest + 1e-3, f"the load is at {scene.place(body)[0][2]:.4g} m"
+    )

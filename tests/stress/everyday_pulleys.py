@@ -1,0 +1,385 @@
+"""Scenes of tendons over what turns: pulleys, tackles, windlasses, cranks, and of capstans that do not."""
+
+import math
+
+import numpy as np
+from everyday_scene import G, Scene, family
+
+AXLE = 2**-0.5, 0.0, 0.0, 2**-0.5  # turns z to -y: a cylinder about the y axis
+
+
+def wheel(scene: Scene, radius, mass, at, rail=None, friction=0.0, width=0.03):
+    """A wheel on a hinge along y without damping or motor; rail: mass of a block that slides along z with it.
+
+    Returns the body and the wheel's link.
+    """
+    shape = scene.shape("cylinder", (radius, width))
+    links = [(mass, shape, [0, 0, 0], AXLE, scene.raw.JOINT_REVOLUTE)]
+    if rail is not None:
+        block = (rail, -1, [0, 0, 0], (0, 0, 0, 1), scene.raw.JOINT_PRISMATIC)
+        links = [block, links[0]]
+    columns = list(zip(*links, strict=True))
+    body = scene.p.createMultiBody(
+        basePosition=list(at),
+        linkMasses=list(columns[0]),
+        linkCollisionShapeIndices=list(columns[1]),
+        linkVisualShapeIndices=[-1] * len(links),
+        linkPositions=list(columns[2]),
+        linkOrientations=[list(q) for q in columns[3]],
+        linkInertialFramePositions=[[0, 0, 0]] * len(links),
+        linkInertialFrameOrientations=[[0, 0, 0, 1]] * len(links),
+        linkParentIndices=list(range(len(links))),
+        linkJointTypes=list(columns[4]),
+        linkJointAxis=[[0, 0, 1]] * len(links),
+    )
+    for k in range(len(links)):
+        scene.p.changeDynamics(body, k, linearDamping=0, angularDamping=0, jointDamping=0)
+        scene.p.setJointMotorControl2(body, k, scene.raw.VELOCITY_CONTROL, force=0)
+    link = len(links) - 1
+    scene.obstacle(body, link, "cylinder", (radius, width), friction)
+    return body, link
+
+
+def arc(centre, radius, first, last, parts=24):
+    """Points on a circle in the plane y = 0, from angle to angle (of x to z)."""
+    a = np.linspace(first, last, parts)
+    return np.array(centre) + radius * np.c_[np.cos(a), 0 * a, np.sin(a)]
+
+
+def laid(a, length, particles):
+    """Radius of an arc whose chords, of particles evenly along a length, clear a circle of radius a."""
+    return 1.001 * a / math.cos(min(length / (particles - 1) / (2 * a), 0.9))
+
+
+def resampled_over(scene, wheels, radius, first, last, particles, load, **law):
+    """A tendon along a serpentine that starts just off its wheels."""
+    plain = np.array(serpentine(wheels, radius, first, last))
+    length = np.linalg.norm(np.diff(plain, axis=0), axis=1).sum()
+    smallest = min(size for _, _, size, _ in wheels) + radius
+    off = laid(smallest, length, particles) - smallest
+    line = serpentine(wheels, radius + off, first, last)
+    return scene.world.add_tendon(line, radius, scene.material(load * G, **law), particles)
+
+
+def serpentine(wheels, radius, first, last):
+    """Over the first wheel, under the next and so on (or the other way around): ends at heights first, last.
+
+    wheels: (centre x, centre z, radius, over), each beside the next by both radii and the tendon's width.
+    """
+    line = [[wheels[0][0] - wheels[0][2] - radius, 0, first]]
+    for x, z, size, over in wheels:
+        angles = (math.pi, 0) if over else (-math.pi, 0)
+        line += arc((x, 0, z), size + radius, *angles).tolist()
+    x, _, size, _ = wheels[-1]
+    return [*line, [x + size + radius, 0, last]]
+
+
+def angle(scene, hinge):
+    return scene.raw.getJointState(*hinge)[0]
+
+
+def chord_error(t, size):
+    """A chord of a polygon around a circle is nearer to its middle than its corners, by h^2 / (8 a^2)."""
+    return (t.rest_length / (t.particles - 1) / size) ** 2 / 8
+
+
+def hung(scene, tendon, mass, particle=0, size=0.01):
+    """A load on an end: a weight of the particle, or a ball below it."""
+    if scene.coin():
+        tendon.set_point_mass(particle, mass)
+        return
+    at = tendon.positions[particle]
+    tendon.attach(particle, scene.body("sphere", (size,), mass, at - (0, 0, size)))
+
+
+def over_one(scene, mu):
+    """A hinged wheel with a tendon over it: (hinge, tendon, size of the wheel with the tendon, load [kg])."""
+    scene.begin()
+    size, radius = scene.log(0.01, 0.1), scene.log(5e-4, 4e-3)
+    radius = min(radius, 0.2 * size)
+    load, mass = scene.log(0.005, 100), scene.log(0.003, 10)
+    hinge = wheel(scene, size, mass, (0, 0, 0), friction=1.0)
+    a = size + radius
+    down = scene.flat(2, 5) * a
+    n = scene.whole(30, 60)
+    tendon = resampled_over(scene, [(0, 0, size, True)], radius, -down, -down, n, load, friction=mu)
+    hung(scene, tendon, load, 0, min(0.01, size / 3))
+    return hinge, tendon, a, load
+
+
+class Sticks:
+    """Watches whether friction can hold: where the ends' tensions ever differ by e^(mu pi), it slides."""
+
+    def __init__(self, tendon, mu):
+        self.tendon, self.limit, self.held = tendon._target, math.exp(0.8 * mu * math.pi), True
+
+    def __call__(self):
+        first, last = self.tendon.tension[[0, -1]]
+        self.held &= bool(max(first, last) <= self.limit * min(first, last))
+
+
+def follows(scene, hinge, tendon, a):
+    """A wheel that a tendon sticks to has turned by the tendon's way over R + r.
+
+    Both ends' ways differ by what the tendon has stretched in between. A hundredth: the first order in time.
+    """
+    ends = tendon.positions[[0, -1]]
+    begun = angle(scene, hinge)
+
+    def check():
+        moved = tendon.positions[[0, -1], 2] - ends[:, 2]
+        turned = (angle(scene, hinge) - begun) * -a
+        middle, spread = (moved[0] - moved[1]) / 2, abs(moved[0] + moved[1])
+        allowed = spread + abs(middle) * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
+        scene.near("way of the wheel's rim [m]", turned, middle, absolute=allowed)
+
+    return check
+
+
+@family
+def pulley_sticks(scene):
+    """What sticks rolls: the wheel turns by the hand's way over R + r."""
+    mu = scene.flat(0.6, 1.2)
+    hinge, tendon, a, load = over_one(scene, mu)
+    hand = tendon.grip(-1)
+    scene.run(scene.steps // 2)
+    check = follows(scene, hinge, tendon, a)
+    way = scene.flat(0.3, 1.5) * a * scene.pick(1, -1)
+    sticks = Sticks(tendon, mu)
+    scene.lead(hand, (0, 0, -way), scene.steps - scene.steps // 2, watch=sticks)
+    if sticks.held:
+        check()
+
+
+@family
+def pulley_smooth(scene):
+    """No force has an arm about the axis of a smooth wheel: it does not turn, whatever runs over it.
+
+    Allowed: a fiftieth of the tendon's way, and 0.02 rad.
+    """
+    hinge, tendon, a, load = over_one(scene, 0.0)
+    hand = tendon.grip(-1)
+    way = scene.pick(0.0, scene.flat(0.3, 1.5) * a)
+    scene.lead(hand, (0, 0, -way), scene.steps)
+    turned = angle(scene, hinge)
+    scene.near("angle of a smooth wheel [rad]", turned, 0, absolute=0.02 + 0.02 * way / a)
+
+
+def in_series(scene, mu):
+    """Two to four wheels in a row, a load at one end and a hand at the other."""
+    scene.begin()
+    radius, count = scene.log(5e-4, 2e-3), scene.whole(2, 4)
+    sizes = [scene.flat(8, 20) * radius for _ in range(count)]
+    load, x, wheels, hinges = scene.log(0.01, 20), 0.0, [], []
+    drop = 1.3 * (max(sizes) * 2 + 2 * radius)
+    for k, size in enumerate(sizes):
+        x += 0 if k == 0 else sizes[k - 1] + size + 2 * radius + 0.1 * min(sizes)
+        wheels.append((x, -drop * (k % 2), size, k % 2 == 0))
+        hinges.append(wheel(scene, size, scene.log(0.005, 2), (x, 0, -drop * (k % 2)), friction=1.0))
+    last = -2 * drop if count % 2 else drop
+    tendon = resampled_over(scene, wheels, radius, -2 * drop, last, 60, load, friction=mu)
+    hung(scene, tendon, load, 0, 0.4 * sizes[0])
+    return hinges, [-((-1) ** k) * (s + radius) for k, s in enumerate(sizes)], tendon, np.sign(last), load
+
+
+@family
+def pulleys_in_series(scene):
+    """Every wheel that the tendon sticks to turns by its way over R + r; neighbours the other way around."""
+    mu = scene.flat(0.6, 1.0)
+    hinges, sizes, tendon, up, load = in_series(scene, mu)
+    hand = tendon.grip(-1)
+    scene.run(scene.steps // 2)
+    begun, ends = [angle(scene, h) for h in hinges], tendon.positions[[0, -1]]
+    way = scene.flat(0.3, 0.8) * min(map(abs, sizes))
+    sticks = Sticks(tendon, mu)
+    scene.lead(hand, (0, 0, up * way), scene.steps - scene.steps // 2, watch=sticks)
+    if not sticks.held:
+        return
+    moved = tendon.positions[[0, -1], 2] - ends[:, 2]
+    spread = abs(moved[0] - up * moved[1])
+    for hinge, before, a in zip(hinges, begun, sizes, strict=True):
+        turned = (angle(scene, hinge) - before) * a
+        allowed = spread + way * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
+        scene.near("way of a wheel's rim [m]", turned, (moved[0] + up * moved[1]) / 2, absolute=allowed)
+
+
+@family
+def smooth_pulleys_in_series(scene):
+    """Without friction the tension is the same on both ends, and no wheel turns."""
+    hinges, sizes, tendon, up, load = in_series(scene, 0.0)
+    tendon.grip(-1)
+    scene.run(scene.steps)
+    for hinge in hinges:
+        scene.near("angle of a smooth wheel [rad]", angle(scene, hinge), 0, absolute=0.02)
+    scene.capstan_range(tendon, 0.0, scene.restless(tendon))
+
+
+@family
+def block_and_tackle(scene):
+    """Blocks on rails, each carried by two strands: the way of the hand, and the momentum of the blocks."""
+    scene.begin()
+    radius, count = scene.log(5e-4, 2e-3), scene.whole(1, 2)
+    size, mu = scene.flat(8, 20) * radius, scene.pick(0.0, scene.flat(0.05, 0.8))
+    load, lift = scene.log(0.05, 50), scene.flat(0.3, 1.0) * size
+    step, drop = 2 * (size + radius) + 0.1 * size, 6 * size
+    wheels, blocks = [], []
+    for k in range(2 * count):
+        low = k % 2 == 0
+        wheels.append((k * step, -drop * low, size, not low))
+        hinge = wheel(
+            scene, size, scene.log(0.005, 1), (k * step, 0, -drop * low), load if low else None, friction=1.0
+        )
+        blocks += [hinge] if low else []
+    tendon = resampled_over(scene, wheels, radius, 0.0, -drop / 2, 60, load, friction=mu)
+    tendon.grip(0)
+    hand = tendon.grip(-1)
+    rising = [0.0] * count
+
+    def momentum():
+        """Nothing but tendons and gravity moves a block along its rail."""
+        for k, (body, link) in enumerate(blocks):
+            speed = scene.raw.getJointState(body, 0)[1]
+            mass = scene.mass(body, 0) + scene.mass(body, link)
+            gained = mass * (speed - rising[k]) / scene.dt
+            given = scene.world.wrench(body, link)[2] - mass * G
+            rising[k] = speed
+            if scene.world.report.converged and "released" not in scene.world.report.reasons:
+                # Joint rows are solved in pybullet by 50 iterations: a hundredth of the load.
+                scene.near(
+                    "momentum of a block [N]", gained, given, absolute=0.01 * mass * G + 1e-3 * abs(given)
+                )
+
+    # pybullet's prismatic joint and wheel are solved by iterations, which have no exact energy.
+    scene.lead(hand, (0, 0, -lift), scene.steps, watch=momentum)
+    bends = np.pi * (size + radius) * 2 * count
+    straight = 0.0
+    for body, _ in blocks:
+        straight += 2 * (drop - scene.raw.getJointState(body, 0)[0])
+    # The path: from the hold to the first block, and between blocks and wheels on both sides of each.
+    path = straight + bends - hand.target[2]
+    taut = tendon._target.tension.min() > 0
+    h = tendon.rest_length / (tendon.particles - 1)
+    loose = (2 * count) * (
+        np.pi * (size + radius) * chord_error(tendon, size + radius) + h * h / (size + radius)
+    )
+    if taut:
+        scene.near("length around the tackle [m]", tendon.length, path, absolute=loose + 0.2 * radius)
+
+
+@family
+def windlass(scene):
+    """A motor winds a load up at the drum's rate times R + r."""
+    scene.begin(dt=scene.log(1 / 1000, 1 / 100))
+    size, radius = scene.log(0.01, 0.06), scene.log(5e-4, 2e-3)
+    radius = min(radius, 0.15 * size)
+    a, load = size + radius, scene.log(0.01, 50)
+    drum = wheel(scene, size, scene.log(0.05, 5), (0, 0, 0), friction=1.0)
+    n, down = scene.whole(40, 60), scene.flat(4, 6) * a
+    off = laid(a, math.pi * a + down, n)
+    line = [*arc((0, 0, 0), off, math.pi, 0).tolist(), [off, 0, -down]]
+    material = scene.material(load * G, friction=scene.flat(0.1, 0.8))
+    tendon = scene.world.add_tendon(line, radius, material, n)
+    tendon.attach(0, *drum)
+    hung(scene, tendon, load, -1, size / 3)
+    scene.energy = False  # the motor's work
+    motor = f"p.setJointMotorControl2({drum[0].text}, 0, p.VELOCITY_CONTROL, targetVelocity={{}}, force=1e5)"
+    scene.code(motor.format(0.0))
+    scene.run(scene.steps // 4)
+    turn, steps = scene.flat(0.5, 1.5), scene.steps - scene.steps // 4
+    z, before, length = tendon.positions[-1, 2], angle(scene, drum), tendon.length
+    rate = turn / (steps * scene.dt)  # about -y, as the drum stands
+    scene.run(steps, "w = " + repr(round(rate, 6)) + " * min(1, k / 60)", motor.format("w"))
+    wound = abs(angle(scene, drum) - before) * a
+    risen, stretched = tendon.positions[-1, 2] - z, tendon.length - length
+    # The first particle goes around on the drum; the load swings by less than the drum's chord errors.
+    allowed = wound * (0.01 + chord_error(tendon, a)) + 0.1 * radius + abs(stretched)
+    scene.near("way of the load [m]", risen, wound - stretched, absolute=allowed)
+
+
+@family
+def crank(scene):
+    """A crank pin on a motor pulls a tendon through a ring: the tendon ends on the pin's circle."""
+    scene.begin(dt=scene.log(1 / 1000, 1 / 100))
+    size, load = scene.log(0.01, 0.05), scene.log(0.01, 20)
+    drum = wheel(scene, size / 3, scene.log(0.05, 2), (0, 0, 0))
+    scene.world.remove_obstacle(*drum)
+    scene.solids.clear()
+    radius = scene.log(5e-4, 2e-3)
+    scene.body("cylinder", (4 * radius, 0.05), 0, (size + 5 * radius, 0, -4 * size), AXLE, friction=0.3)
+    x = size
+    line = [[x, 0, 0], [x, 0, -scene.flat(8, 12) * size]]
+    tendon = scene.world.add_tendon(line, radius, scene.material(load * G), scene.whole(15, 60))
+    pin = tendon.attach(0, drum[0], drum[1])
+    hung(scene, tendon, load, -1)
+    scene.energy = False  # the motor's work
+    motor = f"p.setJointMotorControl2({drum[0].text}, 0, p.VELOCITY_CONTROL, targetVelocity={{}}, force=1e5)"
+    scene.code(motor.format(0.0))
+    # At most a fifth of gravity on the pin: the tendon stays taut.
+    rate = min(math.sqrt(0.2 * G / size), scene.flat(0.5, 3) / (scene.steps * scene.dt))
+
+    def on_the_pin():
+        if len(scene.seconds) < 20:  # a motor is learned from what it did
+            return
+        where, axes = scene.place(*drum)
+        right = where + axes @ pin.position
+        # getLinkState's place is of single precision; what turns goes straight in a step, foreseen or not.
+        allowed = 1e-6 + 1e-3 * size + 2 * size * (rate * scene.dt) ** 2
+        scene.near("end on the crank pin [m]", tendon.positions[0], right, absolute=allowed)
+
+    scene.run(scene.steps, motor.format(round(rate, 6)), watch=on_the_pin)
+
+
+def on_a_post(scene, mu, turns, force):
+    """A fixed cylinder with a tendon around it by an angle: (tendon, hand, angle)."""
+    size, radius = scene.log(0.008, 0.06), scene.log(5e-4, 3e-3)
+    radius = min(radius, 0.15 * size)
+    post = scene.body("cylinder", (size, 0.4), 0, (0, 0, 0), AXLE, friction=1.0)
+    a, pitch = size + radius, 2.6 * radius
+    around = np.linspace(0, turns, 90)
+    out = scene.flat(1, 3) * a
+    length = turns * a + 2 * out
+    n = int(np.clip(length / (0.35 * a), 30, 60))
+    off = laid(a, length, n)
+    helix = np.c_[-off * np.sin(around), pitch * around / (2 * np.pi), off * np.cos(around)]
+    end = lambda t, s: np.array([s * -np.cos(t), 0, s * -np.sin(t)])  # noqa: E731
+    first, last = helix[0] + out * end(0, -1), helix[-1] + out * end(turns, 1)
+    line = np.vstack([first, helix, last])
+    tendon = scene.world.add_tendon(line, radius, scene.material(force, friction=mu), n)
+    return post, tendon, end(turns, 1)
+
+
+@family
+def capstan(scene):
+    """A tendon around a fixed post holds, or slides at, tensions within a factor of e^(mu phi)."""
+    scene.begin(gravity=False)
+    mu, force = scene.flat(0.0, 0.6), scene.log(0.1, 2000)
+    post, tendon, way = on_a_post(scene, mu, scene.flat(1.5, 6), force)
+    tendon.set_force(0, (force, 0, 0))
+    hand = tendon.grip(-1)
+    scene.run(scene.steps // 3)
+    scene.lead(hand, scene.flat(0.001, 0.02) * way, scene.steps - scene.steps // 3)
+    scene.capstan_range(tendon, mu, scene.restless(tendon))
+    scene.no_opposed_contacts()
+
+
+@family
+def moving_post(scene):
+    """A bone moves under a tendon, led by its velocity or a motor: tensions stay in the capstan's range."""
+    scene.begin(gravity=False)
+    mu, force = scene.flat(0.0, 0.5), scene.log(0.1, 500)
+    post, tendon, _ = on_a_post(scene, mu, scene.flat(1.0, 4), force)
+    scene.energy = False  # whoever moves the post does work
+    tendon.set_force(0, (force, 0, 0))
+    tendon.grip(-1)
+    speed = scene.direction() * scene.flat(0.1, 0.5) * 0.02 / (scene.steps * scene.dt)
+    speed[1] = 0
+    spin = scene.pick(0.0, scene.flat(-1, 1) / (scene.steps * scene.dt))
+    line = "p.resetBasePositionAndOrientation({0}, np.multiply({1}, k * {2}), q)"
+    turned = (
+        f"q = p.multiplyTransforms([0, 0, 0], p.getQuaternionFromEuler([0, {spin!r} * k * {scene.dt!r}, 0])"
+    )
+    turned += f", [0, 0, 0], {list(AXLE)!r})[1]"
+    speed = [round(v, 6) for v in speed.tolist()]
+    moving = f"p.resetBaseVelocity({post.text}, {speed!r}, [0, {spin!r}, 0])"
+    scene.run(scene.steps, turned, line.format(post.text, speed, repr(scene.dt)), moving)
+    scene.capstan_range(tendon, mu, scene.restless(tendon) + 0.02 * force)
