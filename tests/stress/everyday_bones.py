@@ -314,12 +314,16 @@ def thin_sheet(scene):
     t.set_force(0, force * slope * (-1, 1, 1))
     hand = t.grip(-1)
     triangles = Triangles(vertices[faces])
+    off_the_side = []  # a smooth tendon can slide down the side, and then pass below the sheet
 
     def above():
         """Every segment above the sheet by its radius, but at the sheet's border."""
-        if len(scene.seconds) % 60:
-            return
         x = t.positions
+        over = np.abs(x[:, 0]) < sizes[0]
+        if (np.abs(x[over, 1]) > 0.9 * sizes[1]).any():
+            off_the_side.append(True)
+        if len(scene.seconds) % 60 or off_the_side:
+            return
         moved = min(np.abs(t.velocities).max() * scene.dt, radius / 2)
         for a, b in zip(x[:-1], x[1:], strict=True):
             if max(abs(a[0]), abs(b[0])) < 0.95 * sizes[0] and max(abs(a[1]), abs(b[1])) < 0.9 * sizes[1]:
@@ -330,7 +334,8 @@ def thin_sheet(scene):
 
     scene.run(scene.steps // 2, watch=above)
     scene.lead(hand, scene.flat(0.001, 0.005) * slope, scene.steps // 2, watch=above)
-    scene.capstan_range(t, mu, scene.restless(t) + 0.02 * force, edges=True)
+    if not off_the_side:
+        scene.capstan_range(t, mu, scene.restless(t) + 0.02 * force, edges=True)
 
 
 @family
