@@ -3,10 +3,10 @@
 import numpy as np
 import pybullet as p
 import pytest
+from bullet_tendon.scenarios import measure
 
 import bullet_tendon as bt
 from bullet_tendon import _core
-from bullet_tendon.scenarios import measure
 
 RADIUS = 0.5e-3  # m, of the tendons; and half the plate's thickness
 SAMPLES = np.linspace(0, 1, 17)  # of a part of a step, in which nothing near goes farther than its radius

@@ -63,7 +63,7 @@ def test_a_soft_grip_is_a_spring_and_a_damper(make_world, damping):
 @pytest.mark.parametrize("damping", [3.0, 30.0, 300.0])
 @pytest.mark.parametrize(("strands", "particles"), [(3, 4), (3, 10), (3, 30), (13, 5)])
 def test_damped_strands_that_get_slack_take_few_iterations(make_world, client, damping, strands, particles):
-    """A body swings on tension-only strands: dampers hold some of them at zero force while they are stretched."""
+    """A body swings on tension-only strands. Dampers hold some at zero force while they are stretched."""
     most = 0
     for seed in range(3):
         world = make_world(gravity=(0, 0, -9.81))

@@ -133,8 +133,8 @@ def test_limits_that_are_none_are_refused(make_world, value):
 
 @pytest.mark.parametrize("dt", [1 / 60, 1 / 240])
 def test_a_soft_grip_is_as_strong_in_cut_steps(make_world, dt):
-    """Another tendon is thrown at high speed past a third one, so that steps are divided. The hand carries the
-    weight as its spring says, and the weight stays where it is."""
+    """Another tendon is thrown at high speed past a third one, so that steps are divided. The hand carries
+    the weight as its spring says, and the weight stays where it is."""
     world = make_world(dt, (0, 0, -G))
     t = world.add_tendon([[0, 0, 0], [0, 0, -0.3]], 1e-3, ROPE, 10)
     t.set_point_mass(-1, BOB)
