@@ -142,7 +142,7 @@ def test_ends_beside_each_other_keep_apart(make_world):
 @pytest.mark.parametrize("seed", range(3))
 def test_strands_that_overlap_at_an_insertion_carry_the_weight_alone(make_world, client, seed):
     """Twelve strands whose insertions are nearer to each other than the strands are thick. There is no force
-    between points that are fixed on one body. The body comes to rest with forces of the size of its weight."""
+    between points that are fixed on one body. The body rests with forces of the size of its weight."""
     world = make_world(gravity=(0, 0, -9.81))
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.04, 0.03, 0.02], physicsClientId=client)
     body = p.createMultiBody(2.0, shape, -1, physicsClientId=client)
