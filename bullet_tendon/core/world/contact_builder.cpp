@@ -199,12 +199,21 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   // The inertia term makes a particle without tension stick before it gains speed.
   contact.friction.stiffness =
       carries ? held.stiffness + kLooseTangentRatio * held.inertia : kSpringTangentRatio * held.stiffness;
-  // Friction and normal force act on the centreline, because particles do not spin.
-  if (contact.link >= 0)
-    contact.arm = contact.a.of(step_.slots[contact.a.tendon]->x) - scene.links[contact.link].centre;
+  if (contact.link >= 0) contact.arm = arm_of(contact);
   contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
   contact.geometry.depth_allowance = depth_to_leave(contact, kPushOut * radius);
   recall(contact, held.inertia);
+}
+
+// Friction and normal force act on the centreline, because particles do not spin. On a free body the arm is
+// that of the start of the substep: implicit Euler keeps the angular momentum of both with it. A joint takes
+// up angular momentum anyway. On a link of an arm the arm is therefore that of the predicted end, to which
+// the normal belongs: a smooth wheel is then turned by nothing.
+Vec3 World::arm_of(const Contact& contact) const {
+  const Tendon& c = *step_.slots[contact.a.tendon];
+  const Link& link = scene.links[contact.link];
+  if (link.jacobian.empty()) return contact.a.of(c.x) - link.centre;
+  return contact.a.of(c.predicted) - link.centre - step_.context.dt * link.velocity;
 }
 
 void World::add_contact(const Contact& contact) {

@@ -253,6 +253,7 @@ class World {
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
   void finish_pair(Contact& contact);
+  Vec3 arm_of(const Contact& contact) const;
   void add_contact(const Contact& contact);
   double depth_to_leave(const Contact& contact, double most) const;
   // Warm start from the contact memory. inertia: of the particle, over the squared step weight [N/m].
