@@ -56,6 +56,11 @@ struct Link {
   dense::Numbers motion_of(int direction, Vec3 arm) const;
   // Sets the pose at `time` [s] after the start of the step, with the predicted velocity and spin.
   void advance_to(double time);
+  // Where a frame that is fixed to the link is after dt, without the tendons.
+  Pose ahead(const Pose& frame, double dt) const {
+    const Rot3 turn = rotation_about(unit_or(spin, {0, 0, 1}), dt * norm(spin));
+    return {turn * frame.rotation, centre + dt * velocity + turn * (frame.origin - centre)};
+  }
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].

@@ -136,7 +136,7 @@ void World::collect_contacts() {
   tendon_contacts();
 }
 
-// Contact with a plane on a link, at its predicted pose at the end of the substep without tendon forces.
+// Contact with a plane on a link, given where it is at the end of the substep without tendon forces.
 Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal, const ContactKey& key,
                              double friction) {
   const Link& link = scene.links[link_slot];
@@ -146,9 +146,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 
   contact.key = key;
   contact.a = spot;
   contact.link = link_slot;
-  contact.geometry.normal = unit_or(normal + dt * cross(link.spin, normal), normal);
-  contact.geometry.offset =
-      dot(contact.geometry.normal, point + link.drift(point, dt)) + c.radius + options.contact_threshold;
+  contact.geometry.normal = normal;
+  contact.geometry.offset = dot(normal, point) + c.radius + options.contact_threshold;
   contact.geometry.margin = options.contact_threshold;
   contact.friction.coefficient = friction * c.friction;
   const Vec3 x = spot.of(c.x);
@@ -281,7 +280,8 @@ void World::bone_contacts() {
     for (size_t s = 0; s < scene.shapes.size(); ++s) {
       if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
       const Shape& shape = scene.shapes[s];
-      const Pose pose = in_world(shape, scene.links[shape.link]);
+      const Link& link = scene.links[shape.link];
+      const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
       std::vector<Entry>& entries = detection_.caches[c][s].entries;
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
@@ -290,13 +290,11 @@ void World::bone_contacts() {
         if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius)) continue;
         const SegmentPoint spot = segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u}
                                           : particle_of(*step_.slots[c], tendon, f);
-        const Vec3 here = spot.of(step_.slots[c]->x), ahead = spot.of(step_.slots[c]->predicted);
         Vec3 point = e.now.point, normal = e.now.normal;
-        lean_ahead(detection_.caches[c][s], f,
-                   to_local(pose, ahead - scene.links[shape.link].drift(here, step_.context.dt)), point,
+        lean_ahead(detection_.caches[c][s], f, to_local(end, spot.of(step_.slots[c]->predicted)), point,
                    normal);
-        point = to_world(pose, point);
-        normal = pose.rotation * normal;
+        point = to_world(end, point);
+        normal = end.rotation * normal;
         const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         Contact contact = plane_contact(spot, shape.link, point, normal, key, shape.friction);
         contact.normal_force.direct =
@@ -311,15 +309,17 @@ void World::half_space_contacts(int tendon, int s) {
   const Tendon& c = *step_.slots[tendon];
   const Shape& shape = scene.shapes[s];
   const Link& link = scene.links[shape.link];
-  const Pose pose = in_world(shape, link);
+  const Pose pose = in_world(shape, link), end = link.ahead(pose, step_.context.dt);
   const Vec3 normal = pose.rotation * shape.plane_normal;
   const double offset = shape.plane_offset + dot(normal, pose.origin);
   for (int i = 0; i < c.n(); ++i) {
     Vec3 x = c.x.at(i);
     double height = dot(normal, x) - offset;
     if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
-    Contact contact = plane_contact(particle_of(c, tendon, i), shape.link, x - height * normal, normal,
-                                    {ContactKind::bone, tendon, i, s}, shape.friction);
+    const Vec3 foot = to_world(end, to_local(pose, x - height * normal));
+    Contact contact =
+        plane_contact(particle_of(c, tendon, i), shape.link, foot, end.rotation * shape.plane_normal,
+                      {ContactKind::bone, tendon, i, s}, shape.friction);
     contact.normal_force.direct = options.bone_contact == BoneContact::constraint && !link.yields();
     add_contact(contact);
   }
