@@ -62,6 +62,24 @@ def test_a_sticking_tendon_turns_a_wheel_as_fast_as_it_runs(make_world, client, 
     assert np.mean(rates[len(rates) // 2 :]) == pytest.approx(speed / ARM, rel=0.01)
 
 
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("mass", [0.005, 0.02, 0.5])
+@pytest.mark.parametrize("rate", [0.0, 10.0])
+def test_a_smooth_tendon_does_not_turn_a_wheel(make_world, client, mass, dt, rate):
+    """At rest or while it is drawn: the force of every contact goes through the axis of the wheel."""
+    world = make_world(dt, (0, 0, -9.81))
+    body = wheel(client, mass)
+    p.resetJointState(body, 0, 0.0, rate, physicsClientId=client)
+    world.add_obstacle(body, 0, friction=0.0)
+    hand = hung_over(world)
+    world.step(round(0.5 / dt))
+    start, speed = np.array(hand.target), 0.06
+    for k in range(round(0.3 / dt)):
+        hand.target = start - (0, 0, speed * dt * (k + 1))
+        world.step()
+    assert p.getJointState(body, 0, client)[1] == pytest.approx(rate, abs=1e-4)
+
+
 def ball_on_a_cord(world, client, particles, place, speed=0.0, radius=0.01):
     """A ball on a cord that lies on the ground; it rolls along the cord."""
     ground = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)

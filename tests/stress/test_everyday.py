@@ -43,7 +43,7 @@ def test_a_scene_of_each_family(family):
 
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).
 WRONG_TODAY = {
-    "block_and_tackle": "contact forces have the arms of the start of a substep",
+    "block_and_tackle": "a chord between particles cuts a small wheel",
     "end_pushed_on_plate": "a free end that buckles under a large push",
     "finger_from_urdf": "hinges pass their stops in the step in which a tendon throws them",
     "graft_in_bone": "the bone beside an oblique mouth is felt by the particles only",
@@ -52,9 +52,9 @@ WRONG_TODAY = {
     "oblique_mouth": "the bone beside an oblique mouth is felt by the particles only",
     "over_coarse_bone": "the normals of a coarse mesh change the tension",
     "overhand_knot": "a knot that is pulled beyond its strength",
-    "pulley_smooth": "contact forces have the arms of the start of a substep",
-    "pulleys_in_series": "contact forces have the arms of the start of a substep",
-    "smooth_pulleys_in_series": "contact forces have the arms of the start of a substep",
+    "pulley_sticks": "chords are shorter than the arcs that they stand for",
+    "pulleys_in_series": "chords are shorter than the arcs that they stand for",
+    "smooth_pulleys_in_series": "a chord between particles cuts a small wheel",
     "tendon_finger": "hinges pass their stops in the step in which a tendon throws them",
     "thin_sheet": "a tendon that is drawn over the edge of a thin sheet passes through it",
     "tight_bore": "a tendon that is hardly thinner than its bore",
