@@ -110,8 +110,6 @@ Sym3 Link::mobility(Vec3 p) const {
   return sum;
 }
 
-void Link::note_motion() {
-  moved |= !rests() || !same(pose, start_pose);
-}
+void Link::note_motion() { moved |= !rests() || !same(pose, start_pose); }
 
 }  // namespace bt
