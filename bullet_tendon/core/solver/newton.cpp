@@ -5,16 +5,14 @@
 // the friction limits and mu N (Coulomb's law). When the residual is small, contacts that are too deep are
 // stiffened (augmented Lagrangian).
 //
-// A solution whose residual does not fall is abandoned. If contacts act, the Substepper cuts the substep,
-// because the line search of a descent takes short steps across contacts. If none act, or the substep cannot
-// be cut, the solution goes on as a descent, from where the incremental potential is small (begin_descent):
-// plain Newton steps, linearised at the present positions with their true forces. The blocks of springs and
-// contacts are positive semidefinite in this linearisation, so that the matrix is positive definite and the
-// step descends on the potential, whose gradient is the residual at given friction limits. A line search on
-// the slope of the potential shortens the step. Each step keeps the friction limits of the last iterate. Near
-// the solution the mixed method goes on, which converges faster. If this fails too, the substep is cut. If it
-// cannot be cut, or the budget is exhausted, the end of the descent is accepted: the potential bounds its
-// energy, and bodies move as it does (correct_wrenches).
+// A solution whose residual does not fall goes on as a descent, from where the incremental potential is small
+// (begin_descent): plain Newton steps, linearised at the present positions with their true forces. The blocks
+// of springs and contacts are positive semidefinite in this linearisation, so that the matrix is positive
+// definite and the step descends on the potential, whose gradient is the residual at given friction limits. A
+// line search on the slope of the potential shortens the step. Each step keeps the friction limits of the
+// last iterate. Near the solution the mixed method goes on, which converges faster. If this fails too, the
+// Substepper cuts the substep. If it cannot be cut, or the budget is exhausted, the end of the descent is
+// accepted: the potential bounds its energy, and bodies move as it does (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 
@@ -414,7 +412,7 @@ void newton(Island& island, const StepContext& context) {
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
   begin(s);
   iterate(s);
-  if (failed() && (!context.may_halve || !touches(island))) {
+  if (failed()) {
     begin_descent(s);
     iterate(s);
     if (failed() && !context.may_halve) correct_wrenches(island);
