@@ -135,7 +135,8 @@ class TendonWorld(NotCopied):
             rest = self._core.rest(slot)
             self._core.set_rest(slot, rest * (rest_length / rest.sum()))
             self._core.set_state(slot, line, np.zeros_like(line))
-        self._core.set_collides(slot, collides)
+        if not collides:
+            self._core.set_collides(slot, False)
         parts = self._core, self._bodies, self._placement, self._numbers
         tendon = Tendon(*parts, slot, name, radius, material)
         self._tendons[slot] = tendon
@@ -375,18 +376,13 @@ class TendonWorld(NotCopied):
 
     def _solid_slots(self, argument, body) -> set[int]:
         """Slots of the links of a body, or of (body, link), that are obstacles or have tunnels."""
-        if isinstance(body, tuple):
-            if len(body) != 2:
-                raise InvalidType(argument, body, "a Tendon, a bodyUniqueId, or (bodyUniqueId, linkIndex)")
-            self._bodies.require(*body, argument)
-        else:
-            if not isinstance(body, (int, np.integer)) or isinstance(body, bool):
-                raise InvalidType(argument, body, "a Tendon, a bodyUniqueId, or (bodyUniqueId, linkIndex)")
-            self._bodies.require(body, -1, argument)
+        is_link = isinstance(body, tuple) and len(body) == 2
+        if not is_link and (not isinstance(body, (int, np.integer)) or isinstance(body, bool)):
+            raise InvalidType(argument, body, "a Tendon, a bodyUniqueId, or (bodyUniqueId, linkIndex)")
+        self._bodies.require(*(body if is_link else (body, -1)), argument)
         solid = self._obstacles.link_slots() | {t.link_slot for t in self.tunnels}
-        links = {slot for slot in solid if not self._bodies.is_gone(slot)}
-        keys = {slot: self._bodies.links[slot] for slot in links}
-        found = {slot for slot, key in keys.items() if body in (key, key[0])}
+        alive = {slot: self._bodies.links[slot] for slot in solid if not self._bodies.is_gone(slot)}
+        found = {slot for slot, link in alive.items() if body in (link, link[0])}
         if not found:
             raise UnknownId(argument, body, "a link that is an obstacle or has a tunnel")
         return found

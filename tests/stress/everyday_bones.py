@@ -70,6 +70,13 @@ def led_sideways(scene, tendon, way, force, mu):
     scene.capstan_range(tendon, mu, scene.restless(tendon), edges=True)
 
 
+def led_through_bore(scene, body, first, last, radius, force, mu):
+    """Drill a bore of this radius [m] from first to last, and lead a graft in it sideways."""
+    graft = drilled(scene, body, first, last, radius, scene.flat(0.5, 0.95), scene.pick(0.0, 0.2 * radius))
+    tendon, way = graft_through(scene, first, last, graft, force, mu)
+    led_sideways(scene, tendon, way, force, mu)
+
+
 @family
 def oblique_mouth(scene):
     """A bore at 0.5-0.9 rad to a box's face, its mouth 0-3 mm below it: the graft stays out of the bone."""
@@ -81,9 +88,7 @@ def oblique_mouth(scene):
     way = np.array([np.sin(tilt), 0, np.cos(tilt)])
     last = (size / 2 - below) / np.cos(tilt) * way
     first = -size / 2 / np.cos(tilt) * way
-    graft = drilled(scene, body, first, last, radius, scene.flat(0.5, 0.95), scene.pick(0.0, 0.2 * radius))
-    tendon, way = graft_through(scene, first, last, graft, force, mu)
-    led_sideways(scene, tendon, way, force, mu)
+    led_through_bore(scene, body, first, last, radius, force, mu)
 
 
 @family
@@ -96,9 +101,7 @@ def graft_in_bone(scene):
     last, first = (surface_on(triangles, through, s * axis)[0] for s in (1, -1))
     radius = scene.log(1.5e-3, 4e-3)
     first, last = first + scene.flat(0, 2e-3) * axis, last - scene.flat(0, 2e-3) * axis
-    graft = drilled(scene, body, first, last, radius, scene.flat(0.5, 0.95), scene.pick(0.0, 0.2 * radius))
-    tendon, way = graft_through(scene, first, last, graft, force, mu)
-    led_sideways(scene, tendon, way, force, mu)
+    led_through_bore(scene, body, first, last, radius, force, mu)
 
 
 @family

@@ -100,7 +100,6 @@ void bind_world_collision(GuardedWorld& world) {
       .def("set_tendons_collide", &World::set_tendons_collide)
       .def("set_link_collides", &World::set_link_collides)
       .def("collides", [](World& w, int c) { return !w.scene.filter.is_inert(c); })
-      .def("tendons_collide", [](World& w, int a, int b) { return w.scene.filter.meet(a, b); })
       .def("link_collides", [](World& w, int c, int link) { return w.scene.filter.meets_link(c, link); })
       .def("contacts", &contacts);
 }

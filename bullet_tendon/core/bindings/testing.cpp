@@ -70,7 +70,7 @@ py::tuple grip_term(const Array& raw, double most_force, bool slips, double k) {
   Array block({3, 3});
   const Block3 b = block_of(h.block(identity(k)));
   std::copy(b.v, b.v + 9, block.mutable_data());
-  return py::make_tuple(tuple(h.limited(h.raw)), tuple(h.linearised(h.raw)), block);
+  return py::make_tuple(tuple(h.limited(h.raw)), tuple(h.linearised()), block);
 }
 
 // A contact without friction.

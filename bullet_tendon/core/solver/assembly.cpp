@@ -99,8 +99,7 @@ void predict_contacts(Island& island) {
 void predict_anchors(Island& island) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors)
-      if (!h.rigid)
-        h.predict(h.raw + (h.stiffness + identity(h.viscosity / c->h_eff)) * c->dx.at(h.particle));
+      if (!h.rigid) h.predict(h.raw + h.slope(c->h_eff) * c->dx.at(h.particle));
 }
 
 void carry_springs(Island& island) {
@@ -299,8 +298,8 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
     if (matrix) {
-      c.matrix.add(h.particle, h.block(h.stiffness + identity(h.viscosity / c.h_eff)));
-      c.residual.add(h.particle, h.linearised(h.raw) - h.force);
+      c.matrix.add(h.particle, h.block(h.slope(c.h_eff)));
+      c.residual.add(h.particle, h.linearised() - h.force);
       continue;
     }
     h.raw = h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * c.motion().velocity(h.particle);
@@ -332,6 +331,17 @@ void fix_in_matrix(Island& island) {
                        outer(contact->geometry.normal));
 }
 
+namespace {
+
+// The anchor of a particle, if it is an attachment or a rigid grip.
+const Anchor* fixed_anchor(const Tendon& c, int particle) {
+  for (const Anchor& h : c.anchors)
+    if ((h.rigid || h.link >= 0) && h.particle == particle) return &h;
+  return nullptr;
+}
+
+}  // namespace
+
 // Such a contact has only anchored particles (or weights of free particles so small that these would have to
 // move far), or its gap is negative at the target of an anchor. Attachments to bodies count like rigid
 // anchors, because they stay near their target.
@@ -340,9 +350,7 @@ bool overruled(const Contact& contact, const Tendon& c) {
   for (int e : {0, 1}) {
     const double weight = e ? contact.a.w1 : contact.a.w0;
     if (weight == 0) continue;
-    const Anchor* anchor = nullptr;
-    for (const Anchor& h : c.anchors)
-      if ((h.rigid || h.link >= 0) && h.particle == contact.a.first + e) anchor = &h;
+    const Anchor* anchor = fixed_anchor(c, contact.a.first + e);
     any_free |= !anchor && weight >= kLeastEndWeight;
     if (!anchor) continue;
     Contact at_hold = contact;
@@ -357,9 +365,7 @@ bool overruled(const Contact& contact, const Tendon& a, const Tendon& b, const s
   for (const auto& [c, spot] : {std::pair{&a, &contact.a}, std::pair{&b, &contact.b}})
     for (int e : {0, 1}) {
       if ((e ? spot->w1 : spot->w0) < kLeastEndWeight) continue;
-      const Anchor* anchor = nullptr;
-      for (const Anchor& h : c->anchors)
-        if (h.particle == spot->first + e) anchor = &h;
+      const Anchor* anchor = fixed_anchor(*c, spot->first + e);
       if (!anchor || (other && !keep_distance(*anchor, *other, links))) return false;
       other = anchor;
     }

@@ -312,7 +312,7 @@ void take_step(Solution& s) {
   if (s.descends) {
     line_search(island);
     for (Tendon* c : island.tendons)
-      for (Anchor& h : c->anchors) h.slips = h.most_force > 0 && norm(h.raw) > h.most_force;
+      for (Anchor& h : c->anchors) h.slips = h.exceeds_limit(h.raw);
     // The normal force of a direct contact is that before the line search. Its limit is kept.
     for (Contact* contact : island.contacts)
       if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);

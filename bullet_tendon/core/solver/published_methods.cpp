@@ -51,8 +51,8 @@ void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
     h.raw = h.stiffness * (c.x.at(h.particle) - h.aim);
-    c.residual.add(h.particle, h.linearised(h.raw));
-    c.matrix.add(h.particle, h.block(h.stiffness + identity(h.viscosity / dt)));
+    c.residual.add(h.particle, h.linearised());
+    c.matrix.add(h.particle, h.block(h.slope(dt)));
   }
   for (int i = 0; i < c.n(); ++i) {
     c.residual.add(i, (-c.mass[i] / dt) * c.v.at(i));
@@ -91,7 +91,7 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
                             const StepContext& context) {
   const int i = h.particle;
   const Vec3 u = c.displacement.at(i);
-  if (!h.rigid) return h.linearised(h.raw) + h.block(h.stiffness + identity(h.viscosity / context.dt)) * u;
+  if (!h.rigid) return h.linearised() + h.block(h.slope(context.dt)) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
              bending_force(c, c.x, c.displacement, i);
@@ -127,7 +127,7 @@ void explicit_euler(Island& island, const StepContext& context) {
       Vec3 v = anchor_velocity(*c, h, dt), before = c->v.at(h.particle);
       const Vec3 needed = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
       h.force = h.limited(needed);
-      h.slips = h.most_force > 0 && norm(needed) > h.most_force;
+      h.slips = h.exceeds_limit(needed);
       if (h.slips) {
         c->v_new.add(h.particle, (-dt / c->mass[h.particle]) * h.force);
         continue;
@@ -188,8 +188,7 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) {
       h.force = predicted_anchor_force(island, *c, h, context);
-      const Vec3 u = c->displacement.at(h.particle);
-      if (!h.rigid) h.predict(h.raw + (h.stiffness + identity(h.viscosity / dt)) * u);
+      if (!h.rigid) h.predict(h.raw + h.slope(dt) * c->displacement.at(h.particle));
     }
   for (Tendon* c : island.tendons) find_velocities(*c);
   island.result.iterations = 1;

@@ -38,15 +38,15 @@ struct Anchor {
   Vec3 sum_force;   // sum over the finished substeps, weighted by their share of the step
   Vec3 step_force;  // average over the last step
 
+  // Derivative of R by the particle's displacement, with the step weight b [N/m].
+  Sym3 slope(double b) const { return stiffness + identity(viscosity / b); }
+  bool exceeds_limit(Vec3 r) const { return most_force > 0 && norm(r) > most_force; }
   // The force for R.
-  Vec3 limited(Vec3 r) const {
-    const double size = norm(r);
-    return most_force > 0 && size > most_force ? (most_force / size) * r : r;
-  }
-  // The force of the linearisation for R, and its block for the stiffness k of R [N/m].
-  Vec3 linearised(Vec3 r) const {
-    const double size = norm(r);
-    return slips && size > 0 ? (most_force / size) * r : r;
+  Vec3 limited(Vec3 r) const { return exceeds_limit(r) ? (most_force / norm(r)) * r : r; }
+  // The force of the linearisation at the last evaluation, and its block for the slope k [N/m].
+  Vec3 linearised() const {
+    const double size = norm(raw);
+    return slips && size > 0 ? (most_force / size) * raw : raw;
   }
   Sym3 block(const Sym3& k) const {
     const double size = norm(raw);
@@ -55,7 +55,7 @@ struct Anchor {
   }
   // Decides from the R that a linear solution predicts whether the next linearisation slips.
   void predict(Vec3 r) {
-    if (most_force > 0) slips = slips ? dot(r, raw) > 0 : norm(r) > most_force;
+    if (most_force > 0) slips = slips ? dot(r, raw) > 0 : exceeds_limit(r);
   }
 };
 

@@ -205,9 +205,9 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 }
 
 // Friction and normal force act on the centreline, because particles do not spin. On a free body the arm is
-// that of the start of the substep: implicit Euler keeps the angular momentum of both with it. A joint takes
-// up angular momentum anyway. On a link of an arm the arm is therefore that of the predicted end, to which
-// the normal belongs: a smooth wheel is then turned by nothing.
+// that of the start of the substep: implicit Euler keeps the angular momentum of both with it. On a link of
+// an articulated body, whose angular momentum its bearing or pybullet's own step changes by more, the arm is
+// that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing.
 Vec3 World::arm_of(const Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
@@ -281,8 +281,9 @@ void World::bone_contacts() {
       if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
       const Shape& shape = scene.shapes[s];
       const Link& link = scene.links[shape.link];
+      const std::vector<Entry>& entries = detection_.caches[c][s].entries;
+      if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
       const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
-      std::vector<Entry>& entries = detection_.caches[c][s].entries;
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
         if (!e.wanted) continue;
@@ -298,7 +299,7 @@ void World::bone_contacts() {
         const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         Contact contact = plane_contact(spot, shape.link, point, normal, key, shape.friction);
         contact.normal_force.direct =
-            !segment && options.bone_contact == BoneContact::constraint && !scene.links[shape.link].yields();
+            !segment && options.bone_contact == BoneContact::constraint && !link.yields();
         add_contact(contact);
       }
     }

@@ -263,7 +263,7 @@ class World {
   bool any_asleep() const;
   bool feels(int tendon, int link, double dt) const;
   void wake_disturbed(double dt);
-  bool is_met(int asleep) const;
+  bool is_met(int tendon) const;
   bool wake_met();
   void join_step();
   bool count_rest(double dt);
