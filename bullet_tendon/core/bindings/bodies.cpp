@@ -59,11 +59,11 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   const double a[3][3] = {{turning.xx, turning.xy, turning.xz},
                           {turning.xy, turning.yy, turning.yz},
                           {turning.xz, turning.yz, turning.zz}};
-  m.by_motion.read.assign(6, 0.0);
+  m.by_motion.assign(6, 0.0);
   if (falls && inertia.x > 0 && inertia.y > 0 && inertia.z > 0) {  // the gyroscopic torque
     const Sym3 moments = inertia.x * outer(axes.r0) + inertia.y * outer(axes.r1) + inertia.z * outer(axes.r2);
     const Vec3 gyroscopic = -(turning * cross(w, moments * w));
-    m.by_motion.read = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
+    m.by_motion = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
   }
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
@@ -206,7 +206,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
         m.gravity_response[3 * i + e] += m.free[i * n + k] * weight[3 * k + e];
   std::vector<double> moving(n);
   body.velocity_force(m.rates.data(), moving.data());
-  dense::multiply(m.free, moving, m.by_motion.read);
+  dense::multiply(m.free, moving, m.by_motion);
   body.stops(places.data(), m.limits);
 }
 

@@ -25,27 +25,27 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   for (int i = 0; i < n(); ++i)
     work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
                      gravity_response[3 * i + 2] * gravity.z;
-  if (by_motion.in_step.size() == work_.known.size())
-    for (int i = 0; i < n(); ++i) work_.known[i] += by_motion.in_step[i];
+  if (by_motion.size() == work_.known.size())
+    for (int i = 0; i < n(); ++i) work_.known[i] += by_motion[i];
   return work_.known;
 }
 
-// The same, plus the acceleration by the stops of the last step.
-const GeneralizedBody::Numbers& GeneralizedBody::unforced(Vec3 gravity) {
-  known(gravity);
+// The same as it was in the step, plus the acceleration by the stops.
+const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
+  work_.known.assign(n(), 0.0);
+  if (known_in_step_.size() == work_.known.size()) work_.known = known_in_step_;
   if (stopped_by_.size() == work_.known.size())
     for (int i = 0; i < n(); ++i) work_.known[i] += stopped_by_[i];
   return work_.known;
 }
 
-void GeneralizedBody::sense(Vec3 gravity) {
+void GeneralizedBody::sense() {
   doubt_stops();
   const bool stops_known = !contacts.empty() && !slipped_;
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
-  observer.observe(rates, free, unforced(gravity), alone, stops_known);
+  observer.observe(rates, free, unforced(), alone, stops_known);
   contacts_known = false;
-  by_motion.in_step = by_motion.read;
 }
 
 void GeneralizedBody::widen(Numbers direction) {
@@ -64,12 +64,11 @@ void GeneralizedBody::widen(Numbers direction) {
   ++unknowns.freedom;
 }
 
-bool GeneralizedBody::sample(const Numbers& after, Vec3 gravity) {
-  return observer.sample(after, unforced(gravity));
-}
+bool GeneralizedBody::sample(const Numbers& after) { return observer.sample(after, unforced()); }
 
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
-  change = known(gravity);
+  known_in_step_ = known(gravity);
+  change = known_in_step_;
   for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
   root = observer.root();
   find_stops(dt);

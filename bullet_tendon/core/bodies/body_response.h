@@ -54,20 +54,14 @@ struct BodyTurning {
   double pull = 0;  // sum of |force| |arm| of the tendons [N m]
 };
 
-// Acceleration of a body by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of
-// joints.
-struct AccelerationByMotion {
-  dense::Numbers read;     // at the present rates, set by who reads the body
-  dense::Numbers in_step;  // of the step in progress
-};
-
 struct GeneralizedBody {
   using Numbers = dense::Numbers;
   // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
   Numbers rates;
   Numbers free;              // free response M^-1 (n n)
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
-  AccelerationByMotion by_motion;
+  // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
+  Numbers by_motion;
   Numbers limits;  // (coordinate, side, depth) of every limit that is reached; side 1: it pushes upwards
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
@@ -96,11 +90,11 @@ struct GeneralizedBody {
   // Adds the part of a direction (n) that is orthogonal to the basis Q.
   void widen(Numbers direction);
   // Learns from its motion since the last step.
-  void sense(Vec3 gravity);
+  void sense();
   // Predicts its motion in the step.
   void predict(double dt, Vec3 gravity);
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).
-  bool sample(const Numbers& after, Vec3 gravity);
+  bool sample(const Numbers& after);
   // Records the tendons' forces of a step of dt [s].
   void act(double dt);
   // Whether it rotates far within dt [s] with this predicted spin, or under the forces of the tendons.
@@ -113,7 +107,7 @@ struct GeneralizedBody {
 
  private:
   const Numbers& known(Vec3 gravity);
-  const Numbers& unforced(Vec3 gravity);
+  const Numbers& unforced();
   void doubt_stops();
   void find_stops(double dt);
   double rate_along(size_t stop, const Numbers& of) const;
@@ -124,6 +118,7 @@ struct GeneralizedBody {
   void stop(double dt);
   void take_away(double dt);
   void push_by(const Numbers& impulse);
+  Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   Numbers stopped_by_;  // acceleration by the stops in the last step
   std::vector<Stop> stops_;
   Numbers directions_;    // D (n in each row)

@@ -208,7 +208,7 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     if (std::exchange(l.yielded, l.yields()) != l.yields()) interrupt();
   for (GeneralizedBody& m : scene.bodies)
     if (m.n() > 0) {
-      m.sense(gravity);
+      m.sense();
       m.predict(dt, gravity);
     }
   for (Link& l : scene.links)
@@ -216,7 +216,7 @@ void World::sense(double dt, Vec3 gravity, bool held) {
 }
 
 bool World::sample(int body, const dense::Numbers& rates) {
-  return scene.bodies[body].sample(rates, step_.context.gravity);
+  return scene.bodies[body].sample(rates);
 }
 
 void World::predict(int body) {
