@@ -79,6 +79,7 @@ class Bodies:
         self._bodies: list | None = None  # generalized, of the links in use
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
+        self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
 
     def require_client(self) -> None:
@@ -169,6 +170,7 @@ class Bodies:
     def _generalized(self) -> list:
         """The bodies of the links in use; slots do not change what they mean while they are."""
         if self._bodies is None:
+            self._update_joints()
             slots: dict[tuple[int, bytes], dict[int, int]] = {}
             for slot in self._used():
                 body, link = self.links[slot]
@@ -179,6 +181,14 @@ class Bodies:
                 for found in generalized_bodies(body, links, mark, self.client)
             ]
         return self._bodies
+
+    def _update_joints(self) -> None:
+        """Make pybullet report joints as they are, where bodies are new; else it does as they were loaded."""
+        found = {self._mark_of[slot][1] for slot in self._used()}
+        if not found <= self._updated:
+            p.syncBodyInfo(self.client)
+            p.syncUserData(physicsClientId=self.client)  # else the marks of removed bodies stay
+        self._updated = found
 
     def forget(self, slots: set[int]) -> None:
         """Read and push links no more: nothing refers to them."""
@@ -206,12 +216,15 @@ class Bodies:
         return self.frame(body, link)
 
     def apply_wrenches(self) -> None:
-        """Put the core's wrenches on the links that answer to them."""
+        """Put the core's wrenches on the links that answer to them, and the forces of limits on joints."""
         for slot, force, point, torque in self._core.pushes():
             body, link = self.links[slot]
             p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
             if torque is not None:
                 p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
+
+        for body in self._generalized():
+            body.apply_limits(self._core)
 
     def unheld(self) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""

@@ -80,6 +80,9 @@ class RigidBody:
         """Its motion right after pybullet's step; whether it seems to have been released."""
         return core.sample_link(self.slot, read_link(self.body, self.link, self.client)[2])
 
+    def apply_limits(self, core) -> None:
+        """It has no joints."""
+
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
@@ -132,6 +135,14 @@ class JointedBody:
         body, client = self.body, self.client
         motion = p.getBaseVelocity(body, client)
         return core.sample_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
+
+    def apply_limits(self, core) -> None:
+        """Stop joints at limits that they would pass in this step: pybullet acts on them only behind."""
+        frame, client = p.WORLD_FRAME, self.client
+        for link, parent, force, point, torque in core.limit_forces(self.slot, self._tree):
+            for on, sign in ((link, 1), (parent, -1)):
+                p.applyExternalForce(self.body, on, [sign * f for f in force], point, frame, client)
+                p.applyExternalTorque(self.body, on, [sign * t for t in torque], frame, client)
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

@@ -207,7 +207,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> moving(n);
   body.velocity_force(m.rates.data(), moving.data());
   dense::multiply(m.free, moving, m.by_motion);
-  body.stops(places.data(), m.limits);
+  body.limits(places.data(), m.limits);
 }
 
 // Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
@@ -394,6 +394,16 @@ void bind_world_bodies(GuardedWorld& world) {
                if (w.scene.links[i].yields() && !w.scene.bodies[w.scene.links[i].body].observer.held())
                  free.push_back(static_cast<int>(i));
              return free;
+           })
+      .def("limit_forces",
+           [](const World& w, int body, const Articulated& tree) {
+             py::list out;
+             for (const auto& [dof, amount] : w.scene.bodies[body].limit_forces) {
+               const Articulated::JointForce f = tree.force_of(dof, amount);
+               out.append(
+                   py::make_tuple(f.link - 1, f.parent - 1, tuple(f.force), tuple(f.point), tuple(f.torque)));
+             }
+             return out;
            })
       .def("finish_resolve", &World::finish_resolve)
       .def("wrenches", &wrenches)

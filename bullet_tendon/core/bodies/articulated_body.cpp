@@ -159,15 +159,21 @@ void Articulated::velocity_force(const double* rates, double* out) const {
   }
 }
 
-void Articulated::stops(const double* places, std::vector<double>& out) const {
+void Articulated::limits(const double* places, std::vector<double>& out) const {
   out.clear();
   for (int k = base_; k < dofs(); ++k) {
     const Twist& t = twists_[k];
     if (t.lower > t.upper) continue;
     const double place = places[t.place];
-    if (t.lower >= place) out.insert(out.end(), {double(k), 1, t.lower - place});
-    if (place >= t.upper) out.insert(out.end(), {double(k), -1, place - t.upper});
+    out.insert(out.end(), {double(k), 1, t.lower - place, double(k), -1, place - t.upper});
   }
+}
+
+Articulated::JointForce Articulated::force_of(int dof, double amount) const {
+  const Twist& t = twists_[dof];
+  const Vec3 linear = t.slides ? t.velocity : Vec3{};
+  return {t.carried, joints_[t.carried - 1].parent, amount * linear, base_at_ + links_[t.carried].joint,
+          amount * t.spin};
 }
 
 void answer(int n, int columns, const double* mass, double* b) {

@@ -53,9 +53,15 @@ class Articulated {
   // terms sum J^T (m a, I dw/dt + w x I w) at constant rates (Featherstone 2008, section 5.3: centrifugal,
   // Coriolis and gyroscopic), minus the damping of the joints, explicit as pybullet applies it.
   void velocity_force(const double* rates, double* out) const;
-  // out: coordinate, side and depth (bodies/body_response.h) of the limits that are reached. places: as in
-  // `place`.
-  void stops(const double* places, std::vector<double>& out) const;
+  // out: coordinate, side and depth (bodies/body_response.h) of all limits. places: as in `place`.
+  void limits(const double* places, std::vector<double>& out) const;
+  // What acts on a link at a point, and reversed on its parent, if a force or torque acts on the degree of
+  // freedom of a hinge or slider.
+  struct JointForce {
+    int link, parent;
+    Vec3 force, point, torque;
+  };
+  JointForce force_of(int dof, double amount) const;
 
  private:
   struct Placed {

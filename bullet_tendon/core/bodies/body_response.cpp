@@ -44,7 +44,7 @@ void GeneralizedBody::sense() {
   const bool stops_known = !contacts.empty() && !slipped_;
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
-  observer.observe(rates, free, unforced(), alone, stops_known);
+  observer.observe(rates, free, unforced(), alone, stops_known, is_struck());
   contacts_known = false;
 }
 
@@ -89,6 +89,7 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
 
 void GeneralizedBody::act(double dt) {
   observer.act(forces, dt);
+  find_limit_forces(dt);
   if (!is_stopped()) return stopped_by_.assign(n(), 0.0);
   auto add_response = [&](const Numbers& of, double sign) {
     dense::respond(of, forces, work_.half, work_.known);

@@ -14,6 +14,7 @@
 // Joint limits and contacts with bodies without mass are predicted. Where the rate along a direction d would
 // violate one, pybullet sets a rate that corrects a share of the depth (bodies/unilateral_stops.cpp).
 #pragma once
+#include <utility>
 #include <vector>
 
 #include "bodies/response_observer.h"
@@ -29,6 +30,7 @@ struct Stop {
   double held_back = 0;  // `wanted` less the rate predicted without stops, but with the tendons
   int coordinate = -1;   // of a limit; -1: a contact
   bool acts = false;
+  bool ahead = false;  // a limit that is not reached yet: pybullet does not act on it
 };
 
 // The unknowns of a body in the solution of an island.
@@ -62,7 +64,9 @@ struct GeneralizedBody {
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
   // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
   Numbers by_motion;
-  Numbers limits;  // (coordinate, side, depth) of every limit that is reached; side 1: it pushes upwards
+  Numbers limits;  // (coordinate, side, depth) of every limit; side 1: it pushes upwards
+  // Coordinate and force of every limit that the joint would have passed in the last step.
+  std::vector<std::pair<int, double>> limit_forces;
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
@@ -84,6 +88,8 @@ struct GeneralizedBody {
   }
   bool may_stop() const { return !stops_.empty(); }
   bool is_stopped() const;
+  // Whether a limit ahead stops it in this step.
+  bool is_struck() const;
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
@@ -111,15 +117,16 @@ struct GeneralizedBody {
   void doubt_stops();
   void find_stops(double dt);
   double rate_along(size_t stop, const Numbers& of) const;
-  void add_stop(double wanted, int coordinate);
-  void find_pushes(double dt);
+  void add_stop(double wanted, int coordinate, bool ahead = false);
+  void find_pushes(const Numbers& forces, double dt);
+  void find_limit_forces(double dt);
   void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);
   void stop(double dt);
   void take_away(double dt);
   void push_by(const Numbers& impulse);
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
-  Numbers stopped_by_;  // acceleration by the stops in the last step
+  Numbers stopped_by_;     // acceleration by the stops in the last step
   std::vector<Stop> stops_;
   Numbers directions_;    // D (n in each row)
   Numbers pushes_;        // lambda of all stops, of the last evaluation

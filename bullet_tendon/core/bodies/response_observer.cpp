@@ -31,11 +31,11 @@ void Observer::start(int n) {
 }
 
 void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
-                       bool stops_known) {
+                       bool stops_known, bool struck) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
-  if (has_acted()) {
+  if (has_acted() && !struck) {
     measure(sampled_.empty() ? rates : sampled_, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);

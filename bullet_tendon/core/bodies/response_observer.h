@@ -29,9 +29,10 @@ class Observer {
   using Numbers = dense::Numbers;
   // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n). alone: the
   // motion of the last step was predicted completely, except for a push. stops_known: the stops of the body
-  // are predicted, and nothing is learned.
+  // are predicted, and nothing is learned. struck: limits stopped it that pybullet did not know of, and the
+  // step is left out.
   void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
-               bool stops_known);
+               bool stops_known, bool struck);
   // Takes the rates right after the step. Returns whether the body was released. Rates that are observed
   // later may have been set from outside.
   bool sample(const Numbers& rates, const Numbers& gravity);

@@ -9,6 +9,10 @@
 // after it with its own forces (World::settle_stops). The solution treats S as rigid:
 //
 //   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
+//
+// pybullet acts on a joint limit only once the joint has passed it: what tendons throw would go on beyond it
+// for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
+// is applied together with the wrenches of the tendons, to both links of the joint (limit_forces).
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -39,8 +43,15 @@ constexpr double kLeastStopped = 0.5;
 // Depth from which pybullet's rate at a limit does not correct depth (its split impulse) [rad], [m].
 constexpr double kDeepBehind = 0.04;
 
-// The rate that pybullet sets behind a limit: outwards, or 0 if the depth is large.
-double rate_at_limit(double depth, double dt) { return depth < kDeepBehind ? kTakenBack * depth / dt : 0; }
+// Depth to which a joint is taken that would pass its limit: from then on pybullet acts [rad], [m].
+constexpr double kReached = 1e-6;
+
+// Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit:
+// outwards, or 0 if the depth is large.
+double rate_at_limit(double depth, double dt) {
+  if (depth < 0) return (depth - kReached) / dt;
+  return depth < kDeepBehind ? kTakenBack * depth / dt : 0;
+}
 
 // The same at a contact, which may be deeper by the slop.
 double rate_at_contact(double distance, double dt) {
@@ -71,6 +82,10 @@ bool GeneralizedBody::is_stopped() const {
   return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts; });
 }
 
+bool GeneralizedBody::is_struck() const {
+  return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts && s.ahead; });
+}
+
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
@@ -85,13 +100,13 @@ double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
 }
 
 // Adds a stop along work_.direction, unless its response is rounding: joints yield in some directions only.
-void GeneralizedBody::add_stop(double wanted, int coordinate) {
+void GeneralizedBody::add_stop(double wanted, int coordinate, bool ahead) {
   dense::multiply_transposed(root, work_.direction, work_.half);
   dense::multiply(free, work_.direction, work_.known);
   if (!(dense::dot(work_.half, work_.half) > kRoundingShare * dense::dot(work_.direction, work_.known)))
     return;
   const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
-  stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false});
+  stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false, ahead});
   directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
   work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
 }
@@ -106,10 +121,11 @@ void GeneralizedBody::find_stops(double dt) {
   doubted_.resize(n());
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
-    if (doubted_[i] != 0) continue;
+    const double depth = limits[s + 2];
+    if (doubted_[i] != 0 || depth < -dt * kMostRate) continue;
     work_.direction.assign(n(), 0.0);
     work_.direction[i] = limits[s + 1];
-    add_stop(rate_at_limit(limits[s + 2], dt), i);
+    add_stop(rate_at_limit(depth, dt), i, depth < 0);
   }
   for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
@@ -120,8 +136,11 @@ void GeneralizedBody::find_stops(double dt) {
 }
 
 // Computes lambda by projected Gauss-Seidel, starting from the last lambda.
-void GeneralizedBody::find_pushes(double dt) {
+void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
+  if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
+  dense::multiply_transposed(observer.root(), forces, work_.half);
+  dense::multiply(work_.through, work_.half, work_.given);
   if (pushes_.size() != m) pushes_.assign(m, 0.0);
   bool settled = false;
   for (int sweep = 0; sweep < kStopSweeps && !settled; ++sweep) {
@@ -141,10 +160,7 @@ void GeneralizedBody::find_pushes(double dt) {
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   bool other = false;
-  if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
-  dense::multiply_transposed(observer.root(), forces, work_.half);
-  dense::multiply(work_.through, work_.half, work_.given);
-  find_pushes(dt);
+  find_pushes(forces, dt);
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
     s.held_back = s.missing - dt * work_.given[a];
@@ -161,6 +177,23 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
   if (!choose_stops(forces, dt)) return false;
   stop(dt);
   return true;
+}
+
+// The forces that limits ahead need, with those of the tendons. A body that is held takes the free response
+// here: that needs no more force than the true one, so that a response that was not learned well throws
+// nothing.
+void GeneralizedBody::find_limit_forces(double dt) {
+  limit_forces.clear();
+  const size_t m = stops_.size();
+  if (!is_struck()) return;
+  auto side = [&](size_t a) { return directions_[a * n() + stops_[a].coordinate]; };
+  for (size_t a = 0; a < m && observer.held(); ++a)
+    for (size_t b = 0; b < m; ++b)
+      work_.within[a * m + b] = side(a) * side(b) * free[stops_[a].coordinate * n() + stops_[b].coordinate];
+  find_pushes(forces, dt);
+  for (size_t a = 0; a < m; ++a)
+    if (stops_[a].ahead && pushes_[a] > 0)
+      limit_forces.push_back({stops_[a].coordinate, side(a) * pushes_[a] / dt});
 }
 
 void GeneralizedBody::stop(double dt) {

@@ -215,9 +215,7 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     if (l.yields()) l.go_with(scene.bodies[l.body]);
 }
 
-bool World::sample(int body, const dense::Numbers& rates) {
-  return scene.bodies[body].sample(rates);
-}
+bool World::sample(int body, const dense::Numbers& rates) { return scene.bodies[body].sample(rates); }
 
 void World::predict(int body) {
   if (scene.bodies[body].n() == 0) return;
