@@ -536,7 +536,7 @@ def tendon_finger(scene):
     )
     freed(scene, robot)
     most = scene.pick(0.6, 6.0)
-    pulled(scene, robot, ("flexor", "extensor"), most, -0.1, 1.7)
+    pulled(scene, robot, ("flexor", "extensor"), most, -0.1, 1.3)
 
 
 @family
@@ -548,6 +548,8 @@ def finger_from_urdf(scene):
     masses = [scene.log(3e-3, 0.2) for _ in range(count)]
     low, high, bore = -0.1, scene.flat(1.0, 1.7), round(scene.flat(1.3, 2) * radius, 7)
     z, chamfer = scene.flat(0.004, 0.008), round(radius, 7)
+    # Eyelets begin 5 mm from a hinge: bent further, the rims of two mouths would pass through each other.
+    high = round(min(high, 1.9 * np.arctan(0.005 / (z + bore + chamfer))), 4)
     text = links(lengths, masses, 0.006, low, high)
     for name, side in (("flexor", -z), ("extensor", z)):
         text += EYELET.format(
