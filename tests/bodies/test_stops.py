@@ -72,7 +72,8 @@ JOINT = """<robot name="joint"><link name="base">
 <inertial><origin xyz="0.01 0.02 -0.03"/><mass value="{base}"/>
 <inertia ixx="4e-4" iyy="5e-4" izz="6e-4"/></inertial></link>
 <link name="arm"><inertial><origin xyz="0.05 0 0"/><mass value="{arm}"/>
-<inertia ixx="{i}" iyy="{i}" izz="{i}"/></inertial></link><joint name="joint" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="{axis}"/>
+<inertia ixx="{i}" iyy="{i}" izz="{i}"/></inertial></link>
+<joint name="joint" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="{axis}"/>
 <origin xyz="0.02 0 0.01" rpy="0.3 -0.2 0.5"/>
 <limit lower="{low}" upper="{high}" effort="10" velocity="100"/></joint></robot>"""
 
