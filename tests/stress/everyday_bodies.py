@@ -536,7 +536,7 @@ def tendon_finger(scene):
     )
     freed(scene, robot)
     most = scene.pick(0.6, 6.0)
-    pulled(scene, robot, ("flexor", "extensor"), most, -0.1, 1.3)
+    pulled(scene, robot, ("flexor", "extensor"), most, -0.1, 1.2)
 
 
 @family

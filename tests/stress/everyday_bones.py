@@ -285,10 +285,10 @@ def starts_inside(scene):
     scene.check(far < 3 * x, f"thrown {far:.3g} m away")
 
 
-def sheet(rows, columns, sizes, bulge):
-    """Vertices and triangles of a thin open sheet, bulged upwards."""
+def sheet(rows, columns, sizes, bulge, across):
+    """Vertices and triangles of a thin open sheet, bulged upwards along x, and by `across` along y."""
     u, v = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    vertices = np.stack([sizes[0] * u, sizes[1] * v, -bulge * (u * u + v * v)], -1).reshape(-1, 3)
+    vertices = np.stack([sizes[0] * u, sizes[1] * v, -bulge * u * u - across * v * v], -1).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
     at = lambda i, j: (i * columns + j).ravel()  # noqa: E731
     first = np.stack([at(i, j), at(i + 1, j), at(i + 1, j + 1)], -1)
@@ -301,7 +301,10 @@ def thin_sheet(scene):
     scene.begin(gravity=False)
     force, bulge = scene.log(1, 2000), scene.flat(0.004, 0.03)
     sizes, rows = [scene.flat(0.02, 0.05), 0.02], scene.whole(8, 24)
-    (vertices, faces), name = scene.source(sheet, rows, rows, sizes, bulge)
+    mu = scene.pick(0.0, scene.flat(0.02, 0.4))
+    # A smooth tendon would slide down a ridge, and off the sheet: it lies in a groove.
+    across = bulge if mu > 0 else -scene.flat(0.2, 0.8) * bulge
+    (vertices, faces), name = scene.source(sheet, rows, rows, sizes, bulge, across)
     scene.mesh(vertices, faces, name, friction=1.0)
     scene.solids.clear()  # it has no inside
     radius = scene.log(8e-4, 3e-3)
@@ -310,14 +313,13 @@ def thin_sheet(scene):
     steep = np.c_[2 * bulge / sizes[0] * a, 0 * a, 1 + 0 * a]
     off = (1.05 * radius + 5e-4) * steep / np.linalg.norm(steep, axis=1)[:, None]
     line = np.c_[sizes[0] * a, 0 * a + 1e-4, -bulge * a * a] + off
-    mu = scene.pick(0.0, scene.flat(0.02, 0.4))
     t = scene.world.add_tendon(line, radius, scene.material(force, friction=mu), scene.whole(30, 60))
     slope = np.array([1, 0, -2.4 * bulge / sizes[0]])
     slope /= np.linalg.norm(slope)
     t.set_force(0, force * slope * (-1, 1, 1))
     hand = t.grip(-1)
     triangles = Triangles(vertices[faces])
-    off_the_side = []  # a smooth tendon can slide down the side, and then pass below the sheet
+    off_the_side = []  # a tendon can slide down the side, and then pass below the sheet
 
     def above():
         """Every segment above the sheet by its radius, but at the sheet's border."""
@@ -331,7 +333,9 @@ def thin_sheet(scene):
         for a, b in zip(x[:-1], x[1:], strict=True):
             if max(abs(a[0]), abs(b[0])) < 0.95 * sizes[0] and max(abs(a[1]), abs(b[1])) < 0.9 * sizes[1]:
                 gap = triangles.distance(a, b)
-                below = -bulge * ((a[0] / sizes[0]) ** 2 + (a[1] / 0.02) ** 2) > a[2] + 0.5 * radius
+                below = (
+                    -bulge * (a[0] / sizes[0]) ** 2 - across * (a[1] / sizes[1]) ** 2 > a[2] + 0.5 * radius
+                )
                 scene.check(not below, f"a particle is below the sheet, at {np.round(a, 5).tolist()}")
                 scene.check(gap > 0.95 * radius - moved, f"{gap:.3g} m from the sheet (radius {radius})")
 

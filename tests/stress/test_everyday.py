@@ -53,7 +53,7 @@ WRONG_TODAY = {
     "pulley_sticks": "chords are shorter than the arcs that they stand for",
     "pulleys_in_series": "chords are shorter than the arcs that they stand for",
     "smooth_pulleys_in_series": "a chord between particles cuts a small wheel",
-    "thin_sheet": "a tendon that is drawn over the edge of a thin sheet passes through it",
+    "thin_sheet": "a tendon that is thrown along a thin sheet within one step passes through it",
     "tight_bore": "a tendon that is hardly thinner than its bore",
 }
 
