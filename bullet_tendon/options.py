@@ -71,7 +71,7 @@ class SolverOptions:
     contact_threshold: float = 0.0
     reuse_tolerance: float = 1e-6
     sleep: bool = True
-    max_linear_solves: int = 20_000
+    max_linear_solves: int = 30_000
     time_budget: float | None = None
     on_failure: str = "raise"
 

@@ -110,7 +110,8 @@ class StepReport:
         """Why the step was not solved further.
 
         "tolerance": it was reached; "rounding": the residual is above it, and is rounding, or moves nothing
-        (see converged); "method": it does not iterate; "budget": over_budget; "failure": not converged within the budget.
+        (see converged); "method": it does not iterate; "budget": over_budget; "failure": not converged
+        within the budget.
         """
         if not self.converged:
             return "budget" if self.over_budget else "failure"
