@@ -222,7 +222,6 @@ class Bodies:
             p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
             if torque is not None:
                 p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
-
         for body in self._generalized():
             body.apply_limits(self._core)
 

@@ -48,7 +48,7 @@ class SolverOptions:
         second) that something static holds or carries, until they or what is within reach of them moves or
         is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
     max_linear_solves: linear solutions that one step may take, of all its islands and substeps together. The
-        default is some eighty times what the most violent step of the scenarios takes.
+        default is some three hundred times what the most violent step of the scenarios takes.
     time_budget: wall time that one step may take [s]; None: any. Once either is used up, each
         substep that is left takes at most four linear solutions an island, and the step ends with finite
         positions. If that leaves anything unsolved, report.converged is False and report.over_budget True.

@@ -50,7 +50,7 @@ WRONG_TODAY = {
     "oblique_mouth": "the bone beside an oblique mouth is felt by the particles only",
     "over_coarse_bone": "the normals of a coarse mesh change the tension",
     "overhand_knot": "a knot that is pulled beyond its strength",
-    "pulley_sticks": "chords are shorter than the arcs that they stand for",
+    "pulley_sticks": "a soft tendon creeps on a wheel by its change of strain",
     "pulleys_in_series": "chords are shorter than the arcs that they stand for",
     "smooth_pulleys_in_series": "a chord between particles cuts a small wheel",
     "thin_sheet": "a tendon that is thrown along a thin sheet within one step passes through it",

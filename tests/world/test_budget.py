@@ -33,11 +33,11 @@ def folding(make_world, particles=60, **options):
     return world, t
 
 
-def tangled(make_world, particles, collides, **options):
+def tangled(make_world, particles, **options):
     """A tendon whose particles are put far from their neighbours, at random."""
     world = make_world(gravity=(0, 0, -9.81), **options)
     material = bt.Material(stiffness=3e5, exponent=2.0)
-    t = world.add_tendon([[0, 0, 0], [0.3, 0, 0]], 1e-3, material, particles, collides=collides)
+    t = world.add_tendon([[0, 0, 0], [0.3, 0, 0]], 1e-3, material, particles)
     t.grip(0), t.grip(-1)
     t.set_positions(t.positions + 0.05 * np.random.default_rng(0).normal(size=(particles, 3)))
     return world, t
@@ -106,7 +106,7 @@ def test_wall_time_is_bounded(make_world):
 
 def test_reasons_are_told(make_world):
     """A step that does not converge is halved, and the report says how often."""
-    world, _ = tangled(make_world, 25, True, max_linear_solves=400)
+    world, _ = tangled(make_world, 25, max_linear_solves=400)
     counts = {}
     for _ in range(12):
         world.step()
@@ -191,7 +191,7 @@ def interruptible():
 
 def test_ctrl_c_ends_a_long_step(make_world, interruptible):
     """The step is left within a second, and the tendons are as they were before it."""
-    world, t = tangled(make_world, 100, True, max_linear_solves=10**8, max_iterations=10**5)
+    world, t = tangled(make_world, 100, max_linear_solves=10**8, max_iterations=10**5)
     begun = time.perf_counter()
     timer = threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()

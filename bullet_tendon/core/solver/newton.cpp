@@ -405,7 +405,8 @@ void iterate(Solution& s) {
     if (next == Next::stop || !find_step(s, a)) break;
     take_step(s);
   }
-  if (!s.changed && !island.result.left_predicted_region) island.result.converged |= is_negligible(s);
+  if (island.result.converged || island.result.left_predicted_region || s.changed) return;
+  island.result.converged = is_negligible(s);
 }
 
 void end(Solution& s) {
