@@ -143,6 +143,9 @@ class JointedBody:
             for on, sign in ((link, 1), (parent, -1)):
                 p.applyExternalForce(self.body, on, [sign * f for f in force], point, frame, client)
                 p.applyExternalTorque(self.body, on, [sign * t for t in torque], frame, client)
+        for joint, change in core.limit_shifts(self.slot, self._tree):
+            place, rate = p.getJointState(self.body, joint, client)[:2]
+            p.resetJointState(self.body, joint, place + change, rate, client)
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

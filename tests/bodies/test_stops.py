@@ -154,3 +154,22 @@ def test_damping_that_was_changed_after_loading_is_known(make_world, client, tmp
     t.attach(0, arm, 0)
     world.step(2)
     assert np.abs(world._core.missed(0)).max() / 240 < 1e-6
+
+
+@pytest.mark.parametrize("dt, pull", [(1 / 240, 3.0), (1 / 240, 10.0), (1 / 90, 3.0)])
+def test_what_damps_a_swing_into_a_limit_does_not_hold_it_off(make_world, client, tmp_path, dt, pull):
+    """pybullet damps every link: a push that is gone once the joint rests at its limit."""
+    arm = jointed(client, tmp_path, True, low=-0.6, high=0.6, arm=0.1)
+    p.changeDynamics(arm, 0, linearDamping=0.04, angularDamping=0.04, physicsClientId=client)
+    world = make_world(dt)
+    tip, turn = p.getLinkState(arm, 0, physicsClientId=client)[:2]
+    away = -np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)[:, 2]
+    t = world.add_tendon([tip, tip + 0.3 * away], 0.001, bt.Material(stiffness=1e4, damping=5.0), 12)
+    t.attach(0, arm, 0)
+    t.set_force(-1, pull * away)
+    places = []
+    for _ in range(round(1 / dt)):
+        world.step()
+        places.append(p.getJointState(arm, 0, client)[0])
+    assert max(places) < 0.6 + 5e-4  # where it lands, by the damping of one step
+    assert places[-1] == pytest.approx(0.6, abs=2e-6)

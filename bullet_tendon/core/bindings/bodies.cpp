@@ -398,11 +398,20 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("limit_forces",
            [](const World& w, int body, const Articulated& tree) {
              py::list out;
-             for (const auto& [dof, amount] : w.scene.bodies[body].limit_forces) {
-               const Articulated::JointForce f = tree.force_of(dof, amount);
+             const dense::Numbers& forces = w.scene.bodies[body].limit_forces;
+             for (size_t dof = 0; dof < forces.size(); ++dof) {
+               if (forces[dof] == 0) continue;
+               const Articulated::JointForce f = tree.force_of(static_cast<int>(dof), forces[dof]);
                out.append(
                    py::make_tuple(f.link - 1, f.parent - 1, tuple(f.force), tuple(f.point), tuple(f.torque)));
              }
+             return out;
+           })
+      .def("limit_shifts",
+           [](const World& w, int body, const Articulated& tree) {
+             py::list out;
+             for (const auto& [dof, change] : w.scene.bodies[body].limit_shifts)
+               out.append(py::make_tuple(tree.force_of(dof, 0).link - 1, change));
              return out;
            })
       .def("finish_resolve", &World::finish_resolve)

@@ -30,7 +30,7 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   return work_.known;
 }
 
-// The same as it was in the step, plus the acceleration by the stops.
+// The same as it was in the step, plus the acceleration by pybullet's stops.
 const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
   work_.known.assign(n(), 0.0);
   if (known_in_step_.size() == work_.known.size()) work_.known = known_in_step_;
@@ -40,11 +40,11 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
 }
 
 void GeneralizedBody::sense() {
-  doubt_stops();
+  if (observer.has_acted()) doubt_stops();
   const bool stops_known = !contacts.empty() && !slipped_;
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
-  observer.observe(rates, free, unforced(), alone, stops_known, is_struck());
+  observer.observe(rates, free, unforced(), alone, stops_known);
   contacts_known = false;
 }
 
@@ -88,15 +88,11 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
 }
 
 void GeneralizedBody::act(double dt) {
-  observer.act(forces, dt);
-  find_limit_forces(dt);
-  if (!is_stopped()) return stopped_by_.assign(n(), 0.0);
-  auto add_response = [&](const Numbers& of, double sign) {
-    dense::respond(of, forces, work_.half, work_.known);
-    for (int i = 0; i < n(); ++i) stopped_by_[i] += sign * work_.known[i];
-  };
-  add_response(root, 1);
-  add_response(observer.root(), -1);
+  stopped_by_.assign(n(), 0.0);
+  limit_forces.assign(n(), 0.0);
+  limit_shifts.clear();
+  if (is_stopped()) share_stops(dt);
+  observer.act(forces, limit_forces, dt);
 }
 
 void GeneralizedBody::push(const Numbers& impulse) {

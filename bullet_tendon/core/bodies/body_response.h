@@ -30,7 +30,7 @@ struct Stop {
   double held_back = 0;  // `wanted` less the rate predicted without stops, but with the tendons
   int coordinate = -1;   // of a limit; -1: a contact
   bool acts = false;
-  bool ahead = false;  // a limit that is not reached yet: pybullet does not act on it
+  double ahead = 0;  // way to a limit that is not reached yet: pybullet does not act on it [m], [rad]
 };
 
 // The unknowns of a body in the solution of an island.
@@ -64,9 +64,10 @@ struct GeneralizedBody {
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
   // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
   Numbers by_motion;
-  Numbers limits;  // (coordinate, side, depth) of every limit; side 1: it pushes upwards
-  // Coordinate and force of every limit that the joint would have passed in the last step.
-  std::vector<std::pair<int, double>> limit_forces;
+  Numbers limits;        // (coordinate, side, depth) of every limit; side 1: it pushes upwards
+  Numbers limit_forces;  // generalized, of limits that joints would pass in this step (n)
+  // Coordinate and change of every joint that is moved to just behind its limit before this step.
+  std::vector<std::pair<int, double>> limit_shifts;
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
@@ -88,8 +89,6 @@ struct GeneralizedBody {
   }
   bool may_stop() const { return !stops_.empty(); }
   bool is_stopped() const;
-  // Whether a limit ahead stops it in this step.
-  bool is_struck() const;
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
@@ -101,7 +100,7 @@ struct GeneralizedBody {
   void predict(double dt, Vec3 gravity);
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).
   bool sample(const Numbers& after);
-  // Records the tendons' forces of a step of dt [s].
+  // Records the forces of the tendons and of the stops in a step of dt [s].
   void act(double dt);
   // Whether it rotates far within dt [s] with this predicted spin, or under the forces of the tendons.
   bool turns_far(Vec3 spin, double dt) const;
@@ -117,16 +116,16 @@ struct GeneralizedBody {
   void doubt_stops();
   void find_stops(double dt);
   double rate_along(size_t stop, const Numbers& of) const;
-  void add_stop(double wanted, int coordinate, bool ahead = false);
+  void add_stop(double wanted, int coordinate, double ahead = 0);
   void find_pushes(const Numbers& forces, double dt);
-  void find_limit_forces(double dt);
+  void share_stops(double dt);
   void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);
-  void stop(double dt);
-  void take_away(double dt);
+  void stop();
+  void take_away();
   void push_by(const Numbers& impulse);
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
-  Numbers stopped_by_;     // acceleration by the stops in the last step
+  Numbers stopped_by_;     // acceleration by pybullet's stops in the last step
   std::vector<Stop> stops_;
   Numbers directions_;    // D (n in each row)
   Numbers pushes_;        // lambda of all stops, of the last evaluation

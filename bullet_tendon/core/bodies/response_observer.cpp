@@ -28,14 +28,15 @@ void Observer::start(int n) {
   set_identity(n, share_root_);
   push_.assign(n, 0.0);
   forces_.assign(n, 0.0);
+  applied_.assign(n, 0.0);
 }
 
 void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
-                       bool stops_known, bool struck) {
+                       bool stops_known) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
-  if (has_acted() && !struck) {
+  if (has_acted()) {
     measure(sampled_.empty() ? rates : sampled_, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
@@ -85,14 +86,15 @@ bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
 }  // namespace
 
 void Observer::measure(const Numbers& rates, const Numbers& gravity) {
-  now_.forces = forces_;
-  multiply_transposed(root_, forces_, now_.root_forces);
+  now_.forces = applied_;
+  multiply_transposed(root_, applied_, now_.root_forces);
   now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
 
-void Observer::act(const Numbers& forces, double dt) {
-  forces_ = forces;
+void Observer::act(const Numbers& tendons, const Numbers& limits, double dt) {
+  forces_ = applied_ = tendons;
+  for (int i = 0; i < n_; ++i) applied_[i] += limits[i];
   dt_ = dt;
   acted_ = true;
 }

@@ -29,17 +29,16 @@ class Observer {
   using Numbers = dense::Numbers;
   // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n). alone: the
   // motion of the last step was predicted completely, except for a push. stops_known: the stops of the body
-  // are predicted, and nothing is learned. struck: limits stopped it that pybullet did not know of, and the
-  // step is left out.
+  // are predicted, and nothing is learned.
   void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
-               bool stops_known, bool struck);
+               bool stops_known);
   // Takes the rates right after the step. Returns whether the body was released. Rates that are observed
   // later may have been set from outside.
   bool sample(const Numbers& rates, const Numbers& gravity);
   // Takes rates that were set from outside.
   void refresh(const Numbers& rates);
-  // Records the generalized forces that act during the next dt [s].
-  void act(const Numbers& forces, double dt);
+  // Records the generalized forces that act during the next dt [s]: of the tendons, and of the limits ahead.
+  void act(const Numbers& tendons, const Numbers& limits, double dt);
   // Treats the body as free from this step on.
   void set_free();
   // The same, and forgets the last steps.
@@ -49,12 +48,14 @@ class Observer {
   void trust_last();
   void require_two() { find_push(); }
 
+  // Whether a step was taken since the rates were read last.
+  bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   bool is_new() const { return samples_ < 2; }             // fewer than two steps are known
   bool held() const { return held_; }                      // R_eff is less than the free response
   bool released() const { return released_; }              // it was held until the last step
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
   const Numbers& push() const { return push_; }            // acceleration
-  const Numbers& forces() const { return forces_; }        // of the last step
+  const Numbers& forces() const { return forces_; }        // of the tendons in the last step
   const Numbers& missed() const { return missed_; }  // acceleration that was not predicted; empty: not known
   // Whether pybullet cut off some rate in the last step.
   bool was_cut() const { return !last_.cut.empty() && dense::dot(last_.cut, last_.cut) > 0; }
@@ -68,7 +69,6 @@ class Observer {
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
   };
   void start(int n);
-  bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   bool leave_out_cut(const Numbers& rates);
@@ -83,6 +83,7 @@ class Observer {
   Numbers root_, effective_root_;  // L, E
   Numbers share_, share_root_;     // G, and S with G = S S^T
   Numbers rates_, forces_, push_;
+  Numbers applied_;  // forces of the tendons and of the limits ahead in the last step
   Numbers missed_;
   Numbers sampled_;  // rates right after the last step, if sampled
   Sample last_, previous_;

@@ -12,7 +12,9 @@
 //
 // pybullet acts on a joint limit only once the joint has passed it: what tendons throw would go on beyond it
 // for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
-// is applied together with the wrenches of the tendons, to both links of the joint (limit_forces).
+// is applied together with the wrenches of the tendons, to both links of the joint (limit_forces). A joint
+// that touches its limit is moved to just behind it instead (limit_shifts), because pybullet's own stop knows
+// what contacts and motors do in the step.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -45,6 +47,9 @@ constexpr double kDeepBehind = 0.04;
 
 // Depth to which a joint is taken that would pass its limit: from then on pybullet acts [rad], [m].
 constexpr double kReached = 1e-6;
+// Way to the limit below which a joint touches it [rad], [m]. Larger: joints are moved visibly. Smaller: the
+// noise of pybullet's contacts lifts a joint that rests on its limit, and limit_forces stop it again.
+constexpr double kTouching = 1e-5;
 
 // Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit:
 // outwards, or 0 if the depth is large.
@@ -82,10 +87,6 @@ bool GeneralizedBody::is_stopped() const {
   return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts; });
 }
 
-bool GeneralizedBody::is_struck() const {
-  return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts && s.ahead; });
-}
-
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
@@ -100,7 +101,7 @@ double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
 }
 
 // Adds a stop along work_.direction, unless its response is rounding: joints yield in some directions only.
-void GeneralizedBody::add_stop(double wanted, int coordinate, bool ahead) {
+void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
   dense::multiply_transposed(root, work_.direction, work_.half);
   dense::multiply(free, work_.direction, work_.known);
   if (!(dense::dot(work_.half, work_.half) > kRoundingShare * dense::dot(work_.direction, work_.known)))
@@ -125,7 +126,7 @@ void GeneralizedBody::find_stops(double dt) {
     if (doubted_[i] != 0 || depth < -dt * kMostRate) continue;
     work_.direction.assign(n(), 0.0);
     work_.direction[i] = limits[s + 1];
-    add_stop(rate_at_limit(depth, dt), i, depth < 0);
+    add_stop(rate_at_limit(depth, dt), i, -depth);
   }
   for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
@@ -175,35 +176,35 @@ bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
 bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
   if (stops_.empty() || static_cast<int>(forces.size()) != n()) return false;
   if (!choose_stops(forces, dt)) return false;
-  stop(dt);
+  stop();
   return true;
 }
 
-// The forces that limits ahead need, with those of the tendons. A body that is held takes the free response
-// here: that needs no more force than the true one, so that a response that was not learned well throws
-// nothing.
-void GeneralizedBody::find_limit_forces(double dt) {
-  limit_forces.clear();
+// Splits what the stops do in the step, under the forces of the tendons: the acceleration by pybullet's, and
+// the forces of limits ahead.
+void GeneralizedBody::share_stops(double dt) {
   const size_t m = stops_.size();
-  if (!is_struck()) return;
-  auto side = [&](size_t a) { return directions_[a * n() + stops_[a].coordinate]; };
-  for (size_t a = 0; a < m && observer.held(); ++a)
-    for (size_t b = 0; b < m; ++b)
-      work_.within[a * m + b] = side(a) * side(b) * free[stops_[a].coordinate * n() + stops_[b].coordinate];
   find_pushes(forces, dt);
-  for (size_t a = 0; a < m; ++a)
-    if (stops_[a].ahead && pushes_[a] > 0)
-      limit_forces.push_back({stops_[a].coordinate, side(a) * pushes_[a] / dt});
+  work_.direction.assign(n(), 0.0);
+  for (size_t a = 0; a < m; ++a) {
+    const Stop& s = stops_[a];
+    if (!(pushes_[a] > 0)) continue;
+    Numbers& sum = s.ahead > kTouching ? limit_forces : work_.direction;
+    const double* along = &directions_[a * n()];
+    for (int i = 0; i < n(); ++i) sum[i] += pushes_[a] / dt * along[i];
+    if (s.ahead > 0 && s.ahead <= kTouching)
+      limit_shifts.push_back({s.coordinate, -along[s.coordinate] * (s.ahead + kReached)});
+  }
+  dense::respond(observer.root(), work_.direction, work_.half, stopped_by_);
 }
 
-void GeneralizedBody::stop(double dt) {
+void GeneralizedBody::stop() {
   change = unstopped_;
   root = observer.root();
   work_.missing.clear();
   for (const Stop& s : stops_)
     if (s.acts) work_.missing.push_back(s.missing);
-  stopped_by_.assign(n(), 0.0);
-  if (!work_.missing.empty()) take_away(dt);
+  if (!work_.missing.empty()) take_away();
   if (dense::dot(pushed_, pushed_) > 0) push_by(pushed_);
 }
 
@@ -225,20 +226,15 @@ void GeneralizedBody::gather_acting() {
 // L L^T = S R S^T,
 //
 //   change += E W^T L^-1 missing,     E -= E W^T W.
-void GeneralizedBody::take_away(double dt) {
+void GeneralizedBody::take_away() {
   const size_t m = work_.missing.size(), width = n();
-  const double rate = 1 / dt;
   gather_acting();
   dense::root(static_cast<int>(m), work_.within_acting, work_.within_root);
   dense::forward(work_.within_root, work_.missing);
   dense::forward_rows(work_.within_root, n(), work_.half);
   dense::product_transposed(n(), root, work_.half, work_.along);  // E W^T
   for (size_t i = 0; i < width; ++i)
-    for (size_t a = 0; a < m; ++a) {
-      const double by = work_.along[i * m + a] * work_.missing[a];
-      change[i] += by;
-      stopped_by_[i] += rate * by;
-    }
+    for (size_t a = 0; a < m; ++a) change[i] += work_.along[i * m + a] * work_.missing[a];
   dense::subtract_product(n(), work_.along, work_.half, root);
 }
 

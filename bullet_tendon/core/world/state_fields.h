@@ -41,8 +41,8 @@ struct StateFields {
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, ahead)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
-  BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, push_, last_,
-            previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
+  BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
+            last_, previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, contacts,
             contacts_known, observer, root, change, touches, turning.far, stopped_by_, stops_, directions_,
             pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
