@@ -91,6 +91,15 @@ def jointed(client, tmp_path, fixed, **values):
     return body
 
 
+def pulled(world, client, arm, force, direction) -> None:
+    """A tendon from the arm's tip, pulled along a direction in its frame."""
+    tip, turn = p.getLinkState(arm, 0, physicsClientId=client)[:2]
+    away = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3) @ direction
+    t = world.add_tendon([tip, tip + 0.3 * away], 0.001, bt.Material(stiffness=1e4, damping=5.0), 12)
+    t.attach(0, arm, 0)
+    t.set_force(-1, force * away)
+
+
 @pytest.mark.parametrize("kind, reach", [("revolute", 0.5), ("prismatic", 0.03)])
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 60])
@@ -100,14 +109,7 @@ def test_what_a_tendon_throws_stops_at_its_limit(make_world, client, tmp_path, k
     values = {"low": -reach, "high": reach, "axis": "0 1 0" if kind == "revolute" else "0 0 1"}
     arm = jointed(client, tmp_path, True, kind=kind, **values)
     world = make_world(dt)
-    tip = np.array(p.getLinkState(arm, 0, physicsClientId=client)[0])
-    turn = np.array(p.getMatrixFromQuaternion(p.getLinkState(arm, 0, physicsClientId=client)[1])).reshape(
-        3, 3
-    )
-    away = turn[:, 2] * (side if kind == "prismatic" else -side)
-    t = world.add_tendon([tip, tip + 0.3 * away], 0.001, bt.Material(stiffness=1e4, damping=5.0), 12)
-    t.attach(0, arm, 0)
-    t.set_force(-1, pull * away)
+    pulled(world, client, arm, pull, [0, 0, side] if kind == "prismatic" else [0, 0, -side])
     places = []
     for _ in range(round(0.3 / dt)):
         world.step()
@@ -162,11 +164,7 @@ def test_what_damps_a_swing_into_a_limit_does_not_hold_it_off(make_world, client
     arm = jointed(client, tmp_path, True, low=-0.6, high=0.6, arm=0.1)
     p.changeDynamics(arm, 0, linearDamping=0.04, angularDamping=0.04, physicsClientId=client)
     world = make_world(dt)
-    tip, turn = p.getLinkState(arm, 0, physicsClientId=client)[:2]
-    away = -np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3)[:, 2]
-    t = world.add_tendon([tip, tip + 0.3 * away], 0.001, bt.Material(stiffness=1e4, damping=5.0), 12)
-    t.attach(0, arm, 0)
-    t.set_force(-1, pull * away)
+    pulled(world, client, arm, pull, [0, 0, -1])
     places = []
     for _ in range(round(1 / dt)):
         world.step()
