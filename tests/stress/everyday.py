@@ -67,9 +67,11 @@ def limited(seconds):
         signal.signal(signal.SIGPROF, before)
 
 
-def run(family: str, seed: int, steps: int = 240, limit: float | None = None) -> Outcome:
-    """Build, run and judge a scene; limit: of its processor time [s]."""
-    scene = Scene(zlib.crc32(family.encode()) ^ seed, steps)
+def run(
+    family: str, seed: int, steps=240, limit: float | None = None, budget: float | None = None
+) -> Outcome:
+    """Build, run and judge a scene; limit: of its processor time [s]; budget: of a step's wall time [s]."""
+    scene = Scene(zlib.crc32(family.encode()) ^ seed, steps, budget)
     verdict, message = "right", ""
     try:
         with limited(limit):
@@ -127,6 +129,7 @@ def main(arguments=None):
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 10), metavar=("A", "B"), help="A ... B-1")
     parser.add_argument("--steps", type=int, default=240)
     parser.add_argument("--limit", type=float, default=None, help="processor time of a scene [s]")
+    parser.add_argument("--time-budget", type=float, default=None, help="of a step, SolverOptions [s]")
     parser.add_argument("--program", action="store_true", help="print each wrong scene as a script")
     parser.add_argument("--folder", type=Path, help="keep these scripts here, as FAMILY_SEED.py")
     parser.add_argument("--json", type=Path, help="write all outcomes but the scripts to this file")
@@ -135,7 +138,7 @@ def main(arguments=None):
     for family in chosen.family:
         start, mine = time.perf_counter(), []
         for seed in progress(range(*chosen.seeds), family):
-            mine.append(run(family, seed, chosen.steps, chosen.limit))
+            mine.append(run(family, seed, chosen.steps, chosen.limit, chosen.time_budget))
             report(mine[-1], chosen)
         outcomes += mine
         print(f"{' '.join(row(family, mine)[:6])}: {time.perf_counter() - start:.1f} s", flush=True)

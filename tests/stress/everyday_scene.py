@@ -139,8 +139,8 @@ class Scene:
     counted, `solids` to what centrelines must keep away from.
     """
 
-    def __init__(self, seed: int, steps: int = 240):
-        self.rng, self.steps = np.random.default_rng(seed), steps
+    def __init__(self, seed: int, steps: int = 240, time_budget: float | None = None):
+        self.rng, self.steps, self.time_budget = np.random.default_rng(seed), steps, time_budget
         self.lines, self.names = [], itertools.count()
         self.seconds, self.unconverged, self.told, self.begun = [], 0, [], False
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
@@ -267,8 +267,12 @@ class Scene:
         self.gravity = np.array([0, 0, -G * bool(gravity)])
         self.p.setTimeStep(self.dt)
         self.p.setGravity(*self.gravity.tolist())
-        self.write("world = bt.TendonWorld()")
-        self.space["world"] = bt.TendonWorld(self.client)
+        budget = (
+            "" if self.time_budget is None else f"options=bt.SolverOptions(time_budget={self.time_budget})"
+        )
+        self.write(f"world = bt.TendonWorld({budget})")
+        options = bt.SolverOptions(time_budget=self.time_budget)
+        self.space["world"] = bt.TendonWorld(self.client, options)
         self.world = Recorded(self, self.space["world"], "world")
         return self.world
 
