@@ -17,6 +17,7 @@ struct Wrench {
   Vec3 force, torque;
 };
 inline Wrench operator+(const Wrench& a, const Wrench& b) { return {a.force + b.force, a.torque + b.torque}; }
+inline Wrench operator*(double s, const Wrench& a) { return {s * a.force, s * a.torque}; }
 
 struct Link {
   Pose pose;        // of the URDF link frame, at the start of the substep
@@ -32,6 +33,7 @@ struct Link {
   dense::Numbers root;          // J E (6 n)
   Wrench wrench;                // of the tendons in the finished substeps, averaged over the step
   Wrench part;                  // contribution of the substep that was solved last
+  Wrench solved;                // mean in the last substep that converged
   Wrench correction;            // of an iterate that is not a solution (solver/body_schur.h)
   // In a solution with unknowns of its body:
   dense::Numbers reached;  // J E Q (6 freedom)

@@ -15,6 +15,7 @@
 // (contact/contact.h).
 #pragma once
 #include "integrator/options.h"
+#include "integrator/step_budget.h"
 #include "integrator/substepper.h"
 #include "tendon/tendon.h"
 

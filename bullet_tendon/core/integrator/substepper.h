@@ -3,11 +3,9 @@
 //
 // Only this class cuts or repeats substeps. Lengths are integers in units of the step, so that substeps add
 // up to the step exactly. One budget limits the linear solutions and the wall time of a whole step. When it
-// is exhausted, a substep is not solved again and takes its last iterate.
+// is exhausted, the substep takes its last iterate, and the rest of the step is left out (World::leave_rest).
 #pragma once
 #include <array>
-
-#include "integrator/step_budget.h"
 
 namespace bt {
 
@@ -17,9 +15,6 @@ constexpr int kUnits = 3 * 8192;
 // Largest number of substeps of a step that does not converge [-]. Larger: steps that cannot be solved cost
 // more. Smaller: light bodies on stiff, taut tendons are not solved.
 constexpr int kMostSubsteps = 512;
-// The same once the budget is exhausted [-]. Motion is still limited, so that nothing passes through
-// anything.
-constexpr int kMostOverBudget = 64;
 // Largest number of times that contacts are detected again for a substep before it is halved, and that stops
 // of bodies are for a step [-]. Smaller: more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
@@ -65,20 +60,18 @@ class Substepper {
   bool divisible() const { return divisible_; }
   // Whether a substep that does not converge may be halved.
   bool may_halve() const { return divisible_ && size_ > kUnits / kMostSubsteps; }
-  bool may_cut(Budget& budget) const {
-    return divisible_ && size_ > 1 && (size_ > smallest(budget) || !budget.refuses());
-  }
+  bool may_cut() const { return divisible_ && size_ > 1; }
 
   // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided
   // by `parts`. Repeats end: a substep wakes each tendon, restarts each history and lets each body turn far
   // at most once, and detections and changes of stops are limited.
   void repeat(Reason why) { count(why); }
-  void cut(Reason why, double share, const Budget& budget) {
+  void cut(Reason why, double share) {
     count(why);
     do {
       size_ /= 2;
       share *= 2;
-    } while (share < 1 && size_ > smallest(budget));
+    } while (share < 1 && size_ > 1);
   }
   void divide(Reason why, int parts) {
     count(why);
@@ -95,7 +88,6 @@ class Substepper {
   const ReasonCounts& reasons() const { return reasons_; }
 
  private:
-  static int smallest(const Budget& budget) { return budget.exhausted() ? kUnits / kMostOverBudget : 1; }
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
   bool divisible_ = true;

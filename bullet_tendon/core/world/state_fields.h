@@ -47,7 +47,7 @@ struct StateFields {
             contacts_known, observer, root, change, touches, turning.far, stopped_by_, stops_, directions_,
             pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, body,
-            yielded, moved, jacobian, root, wrench.force, wrench.torque)
+            yielded, moved, jacobian, root, wrench.force, wrench.torque, solved.force, solved.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
   BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, h_eff, tangent_anchor)
   BT_FIELDS(SegmentPoint, tendon, first, w0, w1)

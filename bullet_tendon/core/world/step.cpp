@@ -51,6 +51,10 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
   begin_step_of_world(dt, gravity, whole);
   predict();
   while (!step_.substeps.done()) {
+    if (step_.substeps.taken() > 0 && step_.budget.refuses()) {
+      leave_rest();
+      break;
+    }
     const auto asked = Clock::now();
     update_proximity(oracle);
     step_.report.near_seconds += seconds_since(asked);
@@ -132,7 +136,7 @@ std::optional<Reason> World::solve_substep() {
   contacts_.all.swap(contacts_.solved);
   collect_contacts();
   if (wake_met()) return Reason::woken;
-  if (step_.motion_limit < 1 && step_.substeps.may_cut(step_.budget)) return Reason::motion;
+  if (step_.motion_limit < 1 && step_.substeps.may_cut()) return Reason::motion;
   const bool again = step_.detections > 0;
   if (!again || !contacts_.all.empty() || !contacts_.solved.empty()) {
     // A solution with the new contacts needs linear solutions, which an exhausted budget refuses.
@@ -196,9 +200,9 @@ void World::solve_again(Reason why) {
     return;
   }
   if (why == Reason::motion)
-    step_.substeps.cut(why, step_.motion_limit, step_.budget);
+    step_.substeps.cut(why, step_.motion_limit);
   else if (why == Reason::not_converged || why == Reason::left_prediction)
-    step_.substeps.cut(why, 0.5, step_.budget);
+    step_.substeps.cut(why, 0.5);
   else if (why == Reason::turn || why == Reason::growth)
     step_.substeps.divide(why, why == Reason::turn ? step_.parts : 2);
   else
@@ -244,7 +248,7 @@ void World::inherit_multipliers() {
 // Computes what this substep adds to the step's mean wrenches on links.
 void World::measure_wrenches() {
   const double share = step_.substeps.share();
-  for (Link& l : scene.links) l.part = {share * l.correction.force, share * l.correction.torque};
+  for (Link& l : scene.links) l.part = share * l.correction;
   auto push = [&](Link& link, Vec3 force, Vec3 arm) {
     link.part.force += share * force;
     link.part.torque += share * link.torque_of(force, arm);
@@ -263,7 +267,10 @@ void World::take_substep() {
   step_.report.take(step_.attempt);
   const double share = step_.substeps.share();
   measure_wrenches();
-  for (Link& l : scene.links) l.wrench = l.wrench + l.part;
+  for (Link& l : scene.links) {
+    l.wrench = l.wrench + l.part;
+    if (step_.attempt.converged) l.solved = (1 / share) * l.part;
+  }
   for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       Anchor& h = c->anchors[i];
@@ -286,6 +293,16 @@ void World::take_substep() {
     if (c) c->keep_multipliers(c->start_multipliers);
   step_.stop_changes = 0;
   predict();
+}
+
+// Leaves out the rest of a step whose budget is exhausted: the tendons stay where they are, with their
+// velocities, and the last wrenches that were solved act on the links for that time.
+void World::leave_rest() {
+  const double rest = 1 - step_.substeps.share_before();
+  for (Link& l : scene.links) l.wrench = l.wrench + rest * l.solved;
+  for (Tendon* c : step_.slots)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i)
+      c->anchors[i].sum_force += rest * c->anchors[i].last_mean;
 }
 
 void World::finish_step_of_world() {

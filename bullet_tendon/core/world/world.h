@@ -219,6 +219,7 @@ class World {
   std::optional<Reason> solve_islands();
   void solve_again(Reason why);
   void take_substep();
+  void leave_rest();
   void finish_step_of_world();
   void measure_wrenches();
   bool predict_at_solution();
