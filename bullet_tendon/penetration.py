@@ -17,6 +17,7 @@ TOUCH = 1e-9  # share of a shape's or segment's size up to which depth is roundi
 END = 1e-6  # share of a segment at its ends that may touch a surface: a particle set on a bone is not inside
 SAMPLES = np.linspace(0.0, 1.0, 9)  # of a segment that crosses a mesh, to find how deep it goes
 ROUNDS = 60  # of pushing out, after which there is no way out
+CLOSE = 0.1  # share of its length below which a segment that is pushed out is too short
 WAYS = 6  # directions tried for all that is inside together
 
 
@@ -159,12 +160,27 @@ class Surroundings:
         """
         pushed = self._over_nearest(line, radius)
         if not self.penetrated(pushed[:-1], pushed[1:]):
-            return pushed
+            return self._apart(pushed, line, radius)
         slid = [self._all_one_way(line, way, radius) for way in self._ways(line)]
         for other in sorted(slid, key=lambda x: np.abs(x - line).max()):
             other = self._over_nearest(other, radius)
             if not self.penetrated(other[:-1], other[1:]):
-                return other
+                return self._apart(other, line, radius)
+        return pushed
+
+    def _apart(self, pushed, line, radius: float) -> np.ndarray:
+        """`pushed`, whose particles are spaced along it as they are along `line`, if some of them met.
+
+        Particles inside an edge are put over both of its faces, and meet at what is nearest to them there.
+        """
+        before, after = (np.linalg.norm(np.diff(x, axis=0), axis=1) for x in (line, pushed))
+        for _ in range(ROUNDS):
+            if (after >= CLOSE * before).all():
+                break
+            along, places = (np.append(0.0, np.cumsum(h / h.sum())) for h in (after, before))
+            pushed = np.column_stack([np.interp(places, along, pushed[:, k]) for k in range(3)])
+            pushed = self._over_nearest(pushed, radius)
+            after = np.linalg.norm(np.diff(pushed, axis=0), axis=1)
         return pushed
 
     def _over_nearest(self, line, radius: float) -> np.ndarray:

@@ -172,6 +172,20 @@ def test_plane(make_world, client):
     np.testing.assert_allclose(t.positions[5:, 2], np.linspace(-0.02, 0.03, 11)[5:], atol=1e-12)
 
 
+@pytest.mark.parametrize("height", np.linspace(0.02, 0.09, 8))
+@pytest.mark.parametrize("n", [21, 56])
+def test_particles_inside_an_edge_do_not_meet(make_world, height, n):
+    """They are put over both faces, where the nearest point of several is the same."""
+    world = make_world()
+    add_primitive(world, "box")
+    t = tendon(world, [[-0.3, 0.01, height + 0.15], [0.3, 0.01, height + 0.15]], "push_out", n)
+    lengths = np.linalg.norm(np.diff(t.positions, axis=0), axis=1)
+    assert lengths.min() > 0.09 * 0.6 / (n - 1)
+    assert len(world.penetrations()) == 0
+    world.step(2)
+    assert world.report.converged
+
+
 def test_a_bore_is_not_inside_its_bone(make_world):
     world = make_world()
     body = add_primitive(world, "box")
