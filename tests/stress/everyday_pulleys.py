@@ -40,7 +40,7 @@ def wheel(scene: Scene, radius, mass, at, rail=None, friction=0.0, width=0.03):
     return body, link
 
 
-def arc(centre, radius, first, last, parts=24):
+def arc(centre, radius, first, last, parts=96):
     """Points on a circle in the plane y = 0, from angle to angle (of x to z)."""
     a = np.linspace(first, last, parts)
     return np.array(centre) + radius * np.c_[np.cos(a), 0 * a, np.sin(a)]
