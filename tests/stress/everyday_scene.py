@@ -669,12 +669,12 @@ class Scene:
         found = self.world.contacts["normal_force"].sum()
         self.check(found <= 2 * pressed, f"contacts of {found:.4g} N where loads can press {pressed:.4g} N")
 
-    def capstan_range(self, tendon, friction, slack, edges=False):
+    def capstan_range(self, tendon, friction, slack, edges=False, chords=False):
         """T1/T0 of the ends within e^(+-mu phi); slack [N]: what weights and inertia may add.
 
         phi is the turning of the polyline; a hundredth for ends that are not straight. edges: a particle on
         a sharp edge, where it turns by an angle, is held by normals between those of both its segments: its
-        tensions differ by up to that angle's cosine, without friction.
+        tensions differ by up to that angle's cosine, without friction. chords: by half of the largest one.
         """
         t = tendon._target
         if not len(self.world.contacts):  # it has slipped off, and flies
@@ -684,6 +684,8 @@ class Scene:
         grown = np.exp(1.01 * friction * turned.sum())
         if edges:
             grown /= np.cos(np.minimum(turned, 1.4)).prod()
+        if chords:
+            grown /= np.cos(turned.max() / 2)
         message = (
             f"tensions {first:.4g} and {last:.4g} N, beyond a factor of {grown:.4g} (slack {slack:.3g} N)"
         )
