@@ -48,7 +48,7 @@ class SolverOptions:
         second) that something static holds or carries, until they or what is within reach of them moves or
         is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
     max_linear_solves: linear solutions that one step may take, of all its islands and substeps together. The
-        default is some three hundred times what the most violent step of the scenarios takes.
+        default is some eighty times what the most violent step of the scenarios takes.
     time_budget: wall time that one step may take [s]; None: any. Once either is used up, the present
         substep ends after at most three more iterations. The tendons stay where they are for the rest of
         the step, with their velocities, and the last forces that were solved act on bodies for that time.
@@ -72,7 +72,7 @@ class SolverOptions:
     contact_threshold: float = 0.0
     reuse_tolerance: float = 1e-6
     sleep: bool = True
-    max_linear_solves: int = 30_000
+    max_linear_solves: int = 8_000
     time_budget: float | None = None
     on_failure: str = "raise"
 

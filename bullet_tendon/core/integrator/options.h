@@ -22,7 +22,7 @@ struct Options {
   double contact_threshold = 0;     // d_collision beyond the surfaces [m]
   double reuse_tolerance = 1e-6;    // error allowed to a reused contact plane [m]
   bool sleep = true;                // tendons at rest sleep
-  long max_linear_solves = 30000;   // per step, of all islands together
+  long max_linear_solves = 8000;    // per step, of all islands together
   double time_budget = 0;           // wall time per step [s]; 0: unlimited
 };
 
