@@ -38,10 +38,9 @@ def folded(scene: Scene):
         t.set_force(end, (0, 0, -force))
     scene.run(scene.steps)
     apart(scene, scene.tendons, 0.2)
-    moving = t._target.masses @ np.linalg.norm(t.velocities, axis=1) / scene.dt
     weight = t._target.masses.sum() * -scene.gravity
     right = np.array([0, 0, -2 * force]) - weight
-    scene.near("force on the hand [N]", hand.force, right, rel=1e-6, absolute=2 * moving)
+    scene.near("force on the hand [N]", hand.force, right, rel=1e-6, absolute=scene.inertia(t))
 
 
 def trefoil(scene, radius, length, particles, material):

@@ -691,12 +691,16 @@ class Scene:
         )
         self.check(max(first, last) <= 1.01 * grown * max(min(first, last), 0) + slack, message)
 
-    def restless(self, tendon) -> float:
-        """Inertia of a tendon's particles: the most that it can add to a tension [N]."""
+    def inertia(self, tendon) -> float:
+        """Sum of |mass x acceleration| over a tendon's particles [N]."""
         t = tendon._target
         old = next(v for other, v, _ in self._before if other is t)
         time = self.dt * (len(self.seconds) - self._looked)
-        return float(t.masses @ np.linalg.norm(t.velocities - old, axis=1) / time + t.masses.sum() * G)
+        return float(t.masses @ np.linalg.norm(t.velocities - old, axis=1) / time)
+
+    def restless(self, tendon) -> float:
+        """Inertia and weight of a tendon's particles: the most that they can add to a tension [N]."""
+        return self.inertia(tendon) + float(tendon._target.masses.sum()) * G
 
 
 def ease(steps):
