@@ -334,3 +334,32 @@ def test_a_tendon_that_is_as_thick_as_a_bore_finds_solid_bone(drilled, ratio):
         assert world.report.iterations <= 50
     end = t.positions[-1, 0]
     assert end == pytest.approx(-0.06 + 100 * 0.05 / 240 if ratio < 1 else -HALF - radius, abs=1e-3)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.6])
+def test_what_comes_from_the_side_is_not_in_a_bore(make_world, client, tilt):
+    """An eyelet without bone around it: a strand passes through it as if it was not there."""
+    world = make_world()
+    world.add_tunnel(bone(client), -1, [-HALF, 0, 0], [HALF, 0, 0], BORE, 0.0)
+    ends = [[-0.1 * math.sin(tilt), -0.02, -0.1], [0.1 * math.sin(tilt), -0.02, 0.1]]
+    t = world.add_tendon(ends, RADIUS, ROPE, 81)
+    start = t.positions
+    t.set_positions(start, np.tile([0, 1.0, 0], (81, 1)))
+    world.step(12)
+    np.testing.assert_allclose(t.positions, start + [0, 12 / 240, 0], atol=1e-9)
+
+
+def test_an_end_beside_an_eyelet_does_not_jam_what_runs_in_it(make_world, client):
+    """It is led through the eyelet's side by a soft hand, and pushes the strand that is in it aside."""
+    world = make_world()
+    world.add_tunnel(bone(client), -1, [-HALF, 0, 0], [HALF, 0, 0], BORE, 0.0)
+    inside = along_x(world, -0.2, 0.2, 81)
+    inside.grip(0), inside.grip(-1)
+    other = world.add_tendon([[0, 0.03, 0], [0, 0.2, 0]], RADIUS, ROPE, 41)
+    hand = other.grip(0, stiffness=200.0)
+    for _ in range(120):
+        hand.target = hand.target - [0, 0.03 / 120, 0]
+        world.step()
+        assert world.report.converged
+    assert off_axis(inside).max() <= BORE - RADIUS + 0.02 * RADIUS
+    assert np.linalg.norm(hand.force) < 200.0 * 0.03

@@ -1,10 +1,23 @@
 #include "geometry/tunnel_bore.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "math/rounding.h"
 
 namespace bt {
+
+double Bore::leaves(Vec3 a, Vec3 b) const {
+  const double z = along(a), rise = dot(b - a, axis);
+  double share = 1;
+  if (rise > 0) share = std::min(share, (length - z) / rise);
+  if (rise < 0) share = std::min(share, -z / rise);
+  // |p + s d| = R, of the parts across the axis.
+  const Vec3 p = without(a - start, axis), d = without(b - a, axis);
+  const double dd = dot(d, d), pd = dot(p, d), room = radius * radius - dot(p, p);
+  if (dd > 0) share = std::min(share, (std::sqrt(std::max(0.0, pd * pd + dd * room)) - pd) / dd);
+  return std::max(0.0, share);
+}
 
 Vec3 nearest_on_circle(Vec3 p, Vec3 centre, Vec3 axis, double radius, Vec3 fallback) {
   return centre + radius * unit_or(without(p - centre, axis), fallback);

@@ -30,6 +30,8 @@ struct Bore {
     double z = along(p);
     return z >= -beyond && z <= length + beyond && off_axis(p) <= radius;
   }
+  // Share of segment a-b, whose start is inside, up to where it leaves the bore [-].
+  double leaves(Vec3 a, Vec3 b) const;
 };
 
 // The point of the circle (centre, axis, radius) nearest to p.

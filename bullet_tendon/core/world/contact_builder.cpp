@@ -385,8 +385,27 @@ bool World::may_enter(int tendon, int tunnel) const {
          scene.filter.meets_link(tendon, t.link);
 }
 
-// Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius. It belongs to the bore
-// until it is beyond a mouth, even if a step moves it farther from the axis.
+namespace {
+
+// Whether a stretch of particles that is within a bore is there through one of its mouths: the tendon leaves
+// it there at one of its ends, or does not leave it. What comes from the side is no more inside than what
+// passes beside the bore: an eyelet need not have bone around it.
+bool came_through_mouth(const Tendon& c, const Bore& bore, int first, int last) {
+  const double edge = bore.chamfer + c.radius;
+  auto leaves_by_mouth = [&](int inside, int outside) {
+    const Vec3 x = c.x.at(inside), y = c.x.at(outside);
+    const double z = bore.along(x + bore.leaves(x, y) * (y - x));
+    return z <= edge || z >= bore.length - edge;
+  };
+  const bool begins = first == 0, ends = last == c.n() - 1;
+  return (begins && ends) || (!begins && leaves_by_mouth(first, first - 1)) ||
+         (!ends && leaves_by_mouth(last, last + 1));
+}
+
+}  // namespace
+
+// Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius and came through a mouth.
+// It belongs to the bore until it is beyond a mouth, even if a step moves it farther from the axis.
 void World::classify(int tendon) {
   Tendon& c = *step_.slots[tendon];
   Box box;
@@ -403,8 +422,22 @@ void World::classify(int tendon) {
       if (may_enter(tendon, in) && z >= 0 && z <= detection_.bores[in].length) continue;
       in = -1;
     }
-    for (size_t k = 0; k < detection_.near_tunnels.size() && in < 0; ++k)
-      if (detection_.bores[detection_.near_tunnels[k]].contains(x, 0)) in = detection_.near_tunnels[k];
+  }
+  for (const int t : detection_.near_tunnels) enter(c, t);
+}
+
+void World::enter(Tendon& c, int tunnel) {
+  const Bore& bore = detection_.bores[tunnel];
+  auto is_within = [&](int i) {
+    return c.tunnel_of[i] == tunnel || (c.tunnel_of[i] < 0 && bore.contains(c.x.at(i), 0));
+  };
+  for (int i = 0; i < c.n(); ++i) {
+    if (!is_within(i)) continue;
+    const int first = i;
+    bool any = c.tunnel_of[i] == tunnel;
+    for (; i + 1 < c.n() && is_within(i + 1); ++i) any |= c.tunnel_of[i + 1] == tunnel;
+    if (any || came_through_mouth(c, bore, first, i))
+      std::fill(c.tunnel_of.begin() + first, c.tunnel_of.begin() + i + 1, tunnel);
   }
 }
 
@@ -448,7 +481,8 @@ void World::bore_contacts(int tendon, int t) {
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.drift(x, dt);
     const bool inside = c.tunnel_of[i] == t;
-    if (!inside && !(bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius)) continue;
+    const bool enters = bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius && !bore.contains(x, 0);
+    if (!inside && !enters) continue;
     const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
     // Within a chamfer the mouth contact represents the wall.
     if (z < bore.chamfer || z > bore.length - bore.chamfer) continue;

@@ -276,6 +276,7 @@ class World {
   // Whether a tunnel exists, is wider than the tendon, and makes contacts with it.
   bool may_enter(int tendon, int tunnel) const;
   void classify(int tendon);
+  void enter(Tendon& c, int tunnel);
   // Writes to detection_.near_tunnels the tunnels that contain the tendon or that it can reach in the step.
   void find_near_tunnels(int tendon);
   void bore_contacts(int tendon, int tunnel);
