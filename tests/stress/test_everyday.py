@@ -49,6 +49,7 @@ WRONG_TODAY = {
     "light_body_off_centre": "attachments of bodies of a few grams lag behind in violent steps",
     "oblique_mouth": "the bone beside an oblique mouth is felt by the particles only",
     "over_coarse_bone": "the normals of a coarse mesh change the tension",
+    "pulley_smooth": "a wheel is turned by some hundredths of a radian while a soft tendon swings at 1/60 s",
     "pulley_sticks": "a soft tendon creeps on a wheel by its change of strain",
     "pulleys_in_series": "chords are shorter than the arcs that they stand for",
     "smooth_pulleys_in_series": "a chord between particles cuts a small wheel",
