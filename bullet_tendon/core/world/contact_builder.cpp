@@ -481,9 +481,11 @@ void World::bore_contacts(int tendon, int t) {
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.drift(x, dt);
     const bool inside = c.tunnel_of[i] == t;
-    const bool enters = bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius && !bore.contains(x, 0);
-    if (!inside && !enters) continue;
     const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
+    auto enters = [&] {
+      return bore.along(x) != z && bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius;
+    };
+    if (!inside && !enters()) continue;
     // Within a chamfer the mouth contact represents the wall.
     if (z < bore.chamfer || z > bore.length - bore.chamfer) continue;
     const Vec3 on_axis = bore.start + z * bore.axis;
