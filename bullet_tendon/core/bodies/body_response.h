@@ -30,7 +30,9 @@ struct Stop {
   double held_back = 0;  // `wanted` less the rate predicted without stops, but with the tendons
   int coordinate = -1;   // of a limit; -1: a contact
   bool acts = false;
-  double ahead = 0;  // way to a limit that is not reached yet: pybullet does not act on it [m], [rad]
+  // Way to a limit that is not reached yet, so that pybullet does not act on it; negative: behind it [m],
+  // [rad].
+  double ahead = 0;
 };
 
 // The unknowns of a body in the solution of an island.
