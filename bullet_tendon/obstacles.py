@@ -83,6 +83,10 @@ class Obstacles:
             return p.getDynamicsInfo(body, link, self._bodies.client)[1]
         return checks.number("friction", friction, at_least=0)
 
+    def of_link(self, body: int, link: int) -> list[Shape]:
+        """The shapes of a link; none, if it is no obstacle."""
+        return [self.shapes[number] for number in self._by_link.get((body, link), ())]
+
     def placed(self) -> list[Obstacle]:
         """All shapes where they are now."""
         found = []

@@ -55,6 +55,13 @@ class Placement:
         """Shapes of a body have been added."""
         self._told = {told for told in self._told if told[1] != body}
         self.new.update(self._tendons)
+        self.find_mouths(body)
+
+    def find_mouths(self, body: int) -> None:
+        """Shapes or tunnels of a body have been added or removed: see where the ones meet the others."""
+        for tunnel in self._tunnels.values():
+            if tunnel.bodyUniqueId == body:
+                tunnel._meet(self._obstacles.of_link(body, tunnel.linkIndex))
 
     def forget(self, slot: int) -> None:
         """A tendon has been removed."""

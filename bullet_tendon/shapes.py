@@ -73,6 +73,22 @@ class Shape:
         distance, point, u = zip(*answers, strict=True)
         return np.array(distance), np.array(point), np.array(u)
 
+    def contains(self, points) -> np.ndarray:
+        """(k,) whether points (k, 3) of the shape's frame [m] are inside; of an open mesh, none is."""
+        if self.interior is not None:
+            return self.interior.contains(points) if self.interior.closed else np.zeros(len(points), bool)
+        return self.depth(points) > 0.0
+
+    def depth(self, points) -> np.ndarray:
+        """(k,) depth [m] of points (k, 3), shape's frame; negative outside, but of a mesh that is no hull.
+
+        The distance to the surface of such a mesh has no sign: it is the depth of points that are inside.
+        """
+        if self.half_space is not None:
+            return self.half_space[3] - points @ self.half_space[:3]
+        distance = self.measure(points, points)[0]
+        return distance if self.interior is not None else -distance
+
 
 def collision_shapes(
     bodyUniqueId: int,

@@ -1,6 +1,6 @@
 """What is inside a triangle surface, whichever way its triangles were wound.
 
-Owns: the closed surfaces of one mesh. Used by penetration.py alone; goes with no room of the core.
+Owns: the closed surfaces of one mesh. Used by shapes.py and penetration.py; goes with no room of the core.
 
 The surface is cut into pieces that hang together by edges of two triangles. A piece that closes has an
 inside: its triangles are turned to agree, outwards. A closed piece wholly within another is a cavity, one

@@ -8,15 +8,18 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ._core import World as Core
 from .errors import NotCopied
+from .mouths import mouths_of
+from .shapes import Shape
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tunnel(NotCopied):
     """A cylindrical bore in a link, made by TendonWorld.add_tunnel.
 
-    start, end: (3,) ends of its axis in the link's frame [m]; radius [m]; friction: coefficient of its
-    wall [-]; chamfer: radius by which its mouths' edges are rounded [m], 0 for sharp edges.
+    start, end: (3,) ends of its axis, as given, in the link's frame [m]; radius [m]; friction: coefficient
+    of its wall [-]; chamfer: radius by which its mouths' edges are rounded [m], 0 for sharp edges.
     """
 
     bodyUniqueId: int
@@ -30,6 +33,7 @@ class Tunnel(NotCopied):
     slot: int = dataclasses.field(repr=False)
     link_slot: int = dataclasses.field(repr=False)
     _frame: Callable = dataclasses.field(repr=False)
+    _core: Core = dataclasses.field(repr=False)
 
     @property
     def ends(self) -> np.ndarray:
@@ -40,9 +44,16 @@ class Tunnel(NotCopied):
         origin, axes = self._frame(self.bodyUniqueId, self.linkIndex)
         return origin + np.array([self.start, self.end]) @ axes.T
 
+    def _drills(self, points) -> np.ndarray:
+        """(k,) whether it removes the bone at points (k, 3) of the link's frame [m]."""
+        return self._core.is_drilled(self.slot, points)
+
+    def _meet(self, shapes: list[Shape]) -> None:
+        """Let its mouths be where it meets the surface of its link's shapes."""
+        self._core.set_mouths(self.slot, *mouths_of(shapes, self.start, self.end, self.radius))
+
 
 ROUNDING = 1e-6  # share of a bore's radius by which a centreline may be in it unnoticed: an end on its mouth
-REACH = 2.0  # radii by which a bore goes on beyond its mouths; the core's kBoreReach
 
 
 class Bores:
@@ -56,7 +67,7 @@ class Bores:
         found = np.zeros(len(points), bool)
         for tunnel, origin, axes in self._bores:
             if (tunnel.bodyUniqueId, tunnel.linkIndex) == (bodyUniqueId, linkIndex):
-                found |= _in_bore(tunnel, (points - origin) @ axes)
+                found |= tunnel._drills((points - origin) @ axes)
         return found
 
     def first_with(self, line) -> Tunnel | None:
@@ -88,13 +99,3 @@ def passes(start, end, radius: float, line) -> bool:
     nearest = np.maximum(np.minimum(nearest, last), first)
     off = np.linalg.norm(x + nearest[:, None] * dx, axis=1)
     return bool(((first < last) & (off < radius - slack)).any())
-
-
-def _in_bore(tunnel: Tunnel, points) -> np.ndarray:
-    way = tunnel.end - tunnel.start
-    length = np.linalg.norm(way)
-    along = (points - tunnel.start) @ way / length
-    aside = points - tunnel.start - along[:, None] * way / length
-    beyond = REACH * tunnel.radius
-    near = (along >= -beyond) & (along <= length + beyond)
-    return near & (np.linalg.norm(aside, axis=1) <= tunnel.radius)

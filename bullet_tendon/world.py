@@ -180,6 +180,7 @@ class TendonWorld(NotCopied):
         Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
         """
         self._obstacles.remove(bodyUniqueId, linkIndex)
+        self._placement.find_mouths(int(bodyUniqueId))
 
     def set_collision(self, a: Tendon, b: Tendon | int | tuple[int, int], enabled: bool) -> None:
         """Whether a tendon makes contacts with another one, with itself (b is a), or with a body.
@@ -213,9 +214,11 @@ class TendonWorld(NotCopied):
         """A bore in a link, from start to end ((3,) each, in the link's URDF frame [m]).
 
         radius [m]; friction: coefficient of its wall, multiplied with the tendon's (None: the body's
-        lateralFriction); chamfer: radius by which the mouths' edges are rounded [m]. The bone
-        around it, if it is an obstacle, is not there within the bore. A bore has to be wider than the
-        tendons that lie in it. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        lateralFriction); chamfer: radius by which the mouths' edges are rounded [m]. The bone around it, if
+        it is an obstacle, is not there within the bore. A mouth is where the bore meets the bone's surface,
+        at whatever slope, if that is within two radii of the end given; otherwise it is a circle across the
+        axis at that end. A bore has to be wider than the tendons that lie in it. Raises InvalidType,
+        InvalidValue or UnknownId; then nothing has changed.
         """
         self._bodies.require(bodyUniqueId, linkIndex)
         start, end = checks.vector("start", start), checks.vector("end", end)
@@ -230,8 +233,9 @@ class TendonWorld(NotCopied):
         where = (int(bodyUniqueId), int(linkIndex), start, end)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
-        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link, self._bodies.checked_frame)
+        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link, self._bodies.checked_frame, self._core)
         self._tunnels[slot] = tunnel
+        self._placement.find_mouths(int(bodyUniqueId))
         return tunnel
 
     def remove_tunnel(self, tunnel: Tunnel) -> None:

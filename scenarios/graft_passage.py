@@ -110,7 +110,9 @@ def _measure(scene) -> None:
         scene.highest(f"force on the {bone}, most", np.linalg.norm(wrench[:3]), "N")
     scene.highest("pull, most", np.linalg.norm(h.hand.force), "N")
     for which, tunnel in enumerate(h.tunnels):
-        off_axis = _cylinder(h, which)[1][_inside(h, which)]
+        height, off_axis, length = _cylinder(h, which)
+        lowest = 2 * tunnel.radius  # an oblique mouth's rim is lower on one side
+        off_axis = off_axis[_inside(h, which) & (height > lowest) & (height < length - lowest)]
         if len(off_axis):
             gap = (tunnel.radius - off_axis.max()) / RADIUS
             scene.lowest("least distance to a bore's wall", gap, "radii")

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -173,41 +174,52 @@ def unit(random):
     return vector / np.linalg.norm(vector)
 
 
-def contact(random, kind, feature_radius=0.005, offset=0.001):
-    """A contact of a kind around a random axis, and a position at a random depth [m]."""
-    axis, place = unit(random), random.standard_normal(3) * 0.1
+def across(random, axis):
+    """A random unit vector across an axis."""
     out = unit(random)
     out -= axis * (axis @ out)
-    out /= np.linalg.norm(out)
+    return out / np.linalg.norm(out)
+
+
+def contact(random, kind, radius=0.005, offset=0.001, steep=0.0):
+    """A contact of a kind around a random axis, and a position at a random depth [m].
+
+    steep: slope of the plane of a mouth [-].
+    """
+    axis, place = unit(random), random.standard_normal(3) * 0.1
+    out, slope = across(random, axis), steep * across(random, axis)
     depth = random.uniform(1e-4, 8e-4)
     normal = unit(random)
     x = {
         BONE: normal * (offset - depth) + np.cross(normal, unit(random)) * 0.01,
-        BORE: place + out * (feature_radius + depth) + axis * 0.02,
+        BORE: place + out * (radius + depth) + axis * 0.02,
     }.get(kind)
     if kind == MOUTH:
         angle = random.uniform(0.2, 1.2)
-        x = (
-            place
-            + out * (feature_radius - (offset - depth) * math.cos(angle))
-            + axis * (offset - depth) * math.sin(angle)
-        )
+        edge = place + radius * (out + slope @ out * axis)
+        around = np.cross(axis, out) + slope @ np.cross(axis, out) * axis
+        inwards = -out + out @ around * around / (around @ around)
+        inwards /= np.linalg.norm(inwards)
+        over = np.cross(inwards, around) / np.linalg.norm(around)
+        x = edge + (offset - depth) * (math.cos(angle) * inwards + math.sin(angle) * over)
     stiffness, multiplier = 1e4, 3.0
-    surface, smooth = (normal, offset, place, axis, feature_radius), (0.0, 0.0, np.zeros(3))
+    surface, smooth = (normal, offset, place, axis, radius, slope), (0.0, 0.0, np.zeros(3))
 
     def evaluate(at, definite=False):
         return _core.testing.contact_term(kind, at, *surface, stiffness, multiplier, *smooth, definite)
 
-    return evaluate, x, stiffness, multiplier, place, axis
+    return evaluate, x, stiffness, multiplier, (place, axis, radius, slope)
 
 
-@pytest.mark.parametrize("kind", [BONE, BORE, MOUTH])
+@pytest.mark.parametrize(
+    ("kind", "steep"), [(BONE, 0.0), (BORE, 0.0), (MOUTH, 0.0), (MOUTH, 0.7), (MOUTH, 2.0)]
+)
 @RANDOM
 @given(seed=SEEDS)
-def test_contacts(kind, seed):
-    """The potential is N^2/(2k). What is definite leaves out N/d across a mouth's edge, which is negative."""
+def test_contacts(kind, steep, seed):
+    """The potential is N^2/(2k). What is definite leaves out what is negative: across a mouth's edge, N/d."""
     random = np.random.default_rng(seed)
-    evaluate, x, stiffness, multiplier, place, axis = contact(random, kind)
+    evaluate, x, stiffness, multiplier, rim = contact(random, kind, steep=steep)
 
     def potential(at):
         return max(0.0, multiplier - stiffness * evaluate(at)[0]) ** 2 / (2 * stiffness)
@@ -218,30 +230,46 @@ def test_contacts(kind, seed):
     hessian = -slopes(lambda at: evaluate(at)[2], x, 1e-7)
     agree(block, hessian)
     if kind == MOUTH:
-        out = (x - place) - axis * (axis @ (x - place))
-        along = np.cross(np.cross(axis, out), normal)
-        along /= np.linalg.norm(along)
+        tangent = tangent_beside(x, *rim)
+        along = np.cross(tangent, normal)
+        hessian -= min(0.0, tangent @ hessian @ tangent) * np.outer(tangent, tangent)
         distance = evaluate(x)[0] + 0.001
         hessian += np.linalg.norm(force) / distance * np.outer(along, along)
     agree(evaluate(x, definite=True)[3], hessian)
 
 
+def tangent_beside(x, place, axis, radius, slope):
+    """The unit tangent of a mouth's edge at its point nearest to x, by search."""
+    one = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    one /= np.linalg.norm(one)
+    other = np.cross(axis, one)
+
+    def point(angle):
+        out = np.cos(angle) * one + np.sin(angle) * other
+        return place + radius * (out + slope @ out * axis)
+
+    coarse = np.linspace(0, 2 * np.pi, 721)
+    best = coarse[np.argmin([np.linalg.norm(x - point(angle)) for angle in coarse])]
+    found = minimize_scalar(
+        lambda a: np.sum((x - point(a)) ** 2) * 1e6, (best - 1e-2, best, best + 1e-2), tol=1e-12
+    )
+    way = point(found.x + 1e-5) - point(found.x - 1e-5)
+    return way / np.linalg.norm(way)
+
+
+@pytest.mark.parametrize("steep", [0.0, 0.7, 2.0])
 @RANDOM
 @given(seed=SEEDS)
-def test_edges(seed):
+def test_edges(steep, seed):
     """A segment across the edge of a mouth: its nearest point goes with it."""
     random = np.random.default_rng(seed)
-    _, x, stiffness, multiplier, place, axis = contact(random, MOUTH)
-    out = (x - place) - axis * (axis @ (x - place))
-    out /= np.linalg.norm(out)
-    normal = x - place - 0.005 * out
-    around = np.cross(axis, out)
-    across = np.cross(normal / np.linalg.norm(normal), around)
-    along = across + random.uniform(-0.5, 0.5) * around
+    evaluate, x, stiffness, multiplier, rim = contact(random, MOUTH, steep=steep)
+    around = tangent_beside(x, *rim)
+    along = np.cross(evaluate(x)[1], around) + random.uniform(-0.5, 0.5) * around
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     def edge(at):
-        return _core.testing.edge_term(at[:3], at[3:], 0.001, place, axis, 0.005, stiffness, multiplier)
+        return _core.testing.edge_term(at[:3], at[3:], 0.001, *rim, stiffness, multiplier)
 
     def potential(at):
         return max(0.0, multiplier - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
@@ -295,7 +323,7 @@ def test_friction(slides, seed):
     tangent_anchor = np.cross(normal, unit(random))
     tangent_anchor *= (10 if slides else 0.3) * limit / tangent_stiffness / np.linalg.norm(tangent_anchor)
     x = normal * 5e-4
-    normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, 1e4, 3.0)
+    normal_only = (0.001, np.zeros(3), np.zeros(3), 0.0, np.zeros(3), 1e4, 3.0)
 
     def evaluate(at, tangent_stiffness=tangent_stiffness, limit=limit):
         return _core.testing.contact_term(

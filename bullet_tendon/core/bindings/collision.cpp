@@ -77,6 +77,20 @@ int add_shape(World& w, int link, const Array& position, const Array& rot, const
   return w.add_shape(s);
 }
 
+// centres, slopes (2, 3), in the link's frame.
+void set_mouths(World& w, int slot, const Array& centres, const Array& slopes) {
+  const Field centre = field_of(centres), slope = field_of(slopes);
+  w.set_mouths(slot, {centre.at(0), centre.at(1)}, {slope.at(0), slope.at(1)});
+}
+
+// points (k, 3), in the link's frame.
+py::array_t<bool> is_drilled(const World& w, int slot, const Array& points) {
+  const Field at = field_of(points);
+  py::array_t<bool> found(at.size());
+  for (int i = 0; i < at.size(); ++i) found.mutable_at(i) = w.is_drilled(slot, at.at(i));
+  return found;
+}
+
 py::list contacts(const World& w) {
   py::list out;
   for (const ContactRecord& c : w.contacts())
@@ -94,6 +108,8 @@ void bind_world_collision(GuardedWorld& world) {
       .def("add_tunnel",
            [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
               double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
+      .def("set_mouths", &set_mouths)
+      .def("is_drilled", &is_drilled)
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
       .def("set_collides", &World::set_collides)

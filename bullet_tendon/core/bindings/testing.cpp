@@ -83,20 +83,13 @@ Contact contact_of(ContactKind kind, double offset, double stiffness, double lam
   return contact;
 }
 
-// Sets the axis of a bore, or the circle of a mouth.
-void set_axis(Contact& contact, const Array& point, const Array& axis, double feature_radius) {
-  contact.geometry.axis_point = vec(point);
-  contact.geometry.axis = vec(axis);
-  contact.geometry.feature_radius = feature_radius;
-}
-
 // A contact, evaluated at a relative position [m]: gap, normal, force, block, and whether it slides.
 py::tuple contact_term(int kind, const Array& relative, const Array& normal, double offset,
-                       const Array& point, const Array& axis, double feature_radius, double stiffness,
-                       double lambda, double tangent_stiffness, double limit, const Array& tangent_anchor,
-                       bool definite) {
+                       const Array& centre, const Array& axis, double radius, const Array& slope,
+                       double stiffness, double lambda, double tangent_stiffness, double limit,
+                       const Array& tangent_anchor, bool definite) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
-  set_axis(contact, point, axis, feature_radius);
+  contact.geometry.rim = rim_of(vec(centre), vec(axis), radius, vec(slope), 0);
   contact.geometry.normal = vec(normal);
   contact.friction.coefficient = limit > 0 ? 1 : 0;
   contact.friction.limit = limit;
@@ -132,9 +125,9 @@ Array full_block(const Contact& contact, const double* P, int particles) {
 // A segment against the edge of a mouth, at the nearest point of the segment: gap, forces on its ends, and
 // the full block.
 py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
-                    const Array& axis, double feature_radius, double stiffness, double lambda) {
+                    const Array& axis, double radius, const Array& slope, double stiffness, double lambda) {
   Contact contact = contact_of(ContactKind::mouth, offset, stiffness, lambda);
-  set_axis(contact, centre, axis, feature_radius);
+  contact.geometry.rim = rim_of(vec(centre), vec(axis), radius, vec(slope), 0);
   contact.a = {0, 0, 0.5, 0.5};
   const Vec3 a = vec(start), b = vec(end);
   for (int i = 0; i < 50; ++i) contact.follow(a, b);

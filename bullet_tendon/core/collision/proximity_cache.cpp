@@ -10,10 +10,6 @@ namespace bt {
 
 namespace {
 
-// Length beyond each mouth, in radii, over which a bore removes bone surface [-]. It is enough for bores at
-// up to 63 degrees from the surface normal: no surface remains across the mouth.
-constexpr double kBoreReach = 2.0;
-
 // Most steps for which a feature reuses a plane after it has moved along it by more than kFresh of its
 // distance
 // [-]. Larger: features that come to rest use tilted planes for longer. Smaller: more queries.
@@ -294,16 +290,6 @@ void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Ve
   const double s = std::sin(angle), c = std::cos(angle);
   point += (s / curvature) * along + (-(1 - c) / curvature) * normal;
   normal = c * normal + s * along;
-}
-
-Bore in_world(const Tunnel& t, const Link& link) {
-  Vec3 start = to_world(link.pose, t.start), along = to_world(link.pose, t.end) - start;
-  double length = norm(along);
-  Box box;
-  box.include(start);
-  box.include(start + along);
-  box.grow(t.radius + t.chamfer);
-  return {start, (1 / length) * along, length, t.radius, t.chamfer, box};
 }
 
 }  // namespace bt

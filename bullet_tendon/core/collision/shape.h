@@ -23,6 +23,4 @@ struct Shape {
 
 Pose in_world(const Shape& shape, const Link& link);
 
-Bore in_world(const Tunnel& t, const Link& link);
-
 }  // namespace bt

@@ -15,14 +15,14 @@ constexpr double kStiffening = 10.0;
 
 // Gap [m], normal and curvature [1/m] of the wall of a bore at x. `around`: tangential unit vector.
 void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
-  Vec3 radial = without(x - contact.geometry.axis_point, contact.geometry.axis);
+  Vec3 radial = without(x - contact.geometry.rim.centre, contact.geometry.rim.axis);
   double rho = norm(radial);
-  contact.geometry.gap = contact.geometry.feature_radius - rho;
+  contact.geometry.gap = contact.geometry.rim.radius - rho;
   if (rho > 0) {
     contact.geometry.normal = (-1 / rho) * radial;
     curvature = 1 / rho;
   }
-  around = cross(contact.geometry.axis, contact.geometry.normal);
+  around = cross(contact.geometry.rim.axis, contact.geometry.normal);
 }
 
 }  // namespace

@@ -3,7 +3,7 @@
 //
 //   g = n.(x_a - x_b) - c                  gap of a plane contact [m]
 //   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore contact [m]; n points to the axis
-//   g = |x_a - nearest on circle| - r      gap of a mouth contact [m]
+//   g = |x_a - nearest on edge| - r        gap of a mouth contact [m]
 //   N = max(0, N_0 - k g)                  normal force [N]; N_0 is the carried multiplier
 //   z = xi + across(n)(x_a - x_b - ref)    tangential displacement from the sticking point [m]
 //   F_t = -k_t z, |F_t| <= mu N            friction [N]: Coulomb's return map
@@ -19,6 +19,7 @@
 #include <tuple>
 
 #include "contact/segment_point.h"
+#include "geometry/tunnel_bore.h"
 #include "tendon/axial_springs.h"
 
 namespace bt {
@@ -48,13 +49,12 @@ inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < 
 // The contact surface, and the gap to it.
 struct ContactGeometry {
   Vec3 normal;                 // n; of bores, mouths and pairs that follow, as last evaluated
-  double offset = 0;           // c; distance kept from the circle of a mouth [m]
+  double offset = 0;           // c; distance kept from the edge of a mouth [m]
   double gap = 0;              // g, as last evaluated [m]
   double depth_allowance = 0;  // negative gap that may remain at the end of a substep [m]
   double margin = 0;           // distance of the surfaces at zero gap (threshold) [m]
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
-  Vec3 axis_point, axis;       // bore: a point of its axis, and the axis; mouth: centre [m] and axis
-  double feature_radius = 0;   // bore: R - r; mouth: the circle's radius [m]
+  Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
   Vec3 side;                   // pair: n at the start of the step
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
@@ -149,7 +149,7 @@ struct Contact {
   // The same for a pair of segments with the ends x [m] (contact/segment_pair.cpp).
   void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
-  // Gap [m], normal and curvatures [1/m] of the circle of a mouth at x (contact/mouth_edge.cpp).
+  // Gap [m], normal and curvatures [1/m] of the edge of a mouth at x (contact/mouth_edge.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);

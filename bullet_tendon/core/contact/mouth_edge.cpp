@@ -1,8 +1,8 @@
-// Contact of a segment with the edge of a tunnel mouth: a circle of radius R, centre c and axis e.
+// Contact of a segment with the edge of a tunnel mouth (Rim).
 //
-//   D(x) = sqrt((R - rho)^2 + z^2)         distance of a point from the circle [m]
-//   H    = m m^T / D - kappa t t^T         second derivative of D [1/m]; t is the tangent of the circle,
-//                                          m = t x n, kappa = (R - rho) / (D rho)
+//   D(x) = |x - nearest point of the edge| [m], n its gradient
+//   H    = m m^T / D - kappa t t^T         second derivative of D [1/m]; t is the tangent of the edge,
+//                                          m = t x n, kappa = n.k / (1 - D n.k), k its curvature vector
 //   g(a, b) = min_u D(a + u l) - r         gap of the segment a-b [m], l = b - a
 //   g''     = P^T H P - v v^T / (l.H l)    P = (1 - u, u), v = P^T H l + (-n, n)
 //
@@ -12,41 +12,31 @@
 #include <cmath>
 
 #include "contact/contact.h"
-#include "geometry/segment_distance.h"
 #include "geometry/tunnel_bore.h"
 
 namespace bt {
 
 void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
-  Vec3 from = x - geometry.axis_point, radial = without(from, geometry.axis);
-  double rho = norm(radial), z = dot(from, geometry.axis), inward = geometry.feature_radius - rho;
-  Vec3 out = rho > 0 ? (1 / rho) * radial : any_perpendicular(geometry.axis);
-  double d = std::sqrt(inward * inward + z * z);
-  // A segment through the mouth that is beyond the circle is inside the bone. It is pushed back to the bore.
-  double sign = geometry.threads_mouth && inward < 0 ? -1 : 1;
+  const Rim& rim = geometry.rim;
+  const RimPoint edge = nearest_on_rim(rim, x, any_perpendicular(rim.axis));
+  const Vec3 from = x - edge.point;
+  const double d = norm(from), bend = dot(from, edge.curvature);
+  // A segment through the mouth that is beyond the edge is inside the bone. It is pushed back to the bore.
+  const double sign = geometry.threads_mouth && norm(without(x - rim.centre, rim.axis)) > rim.radius ? -1 : 1;
   geometry.gap = sign * d - geometry.offset;
   if (d > 0) {
-    geometry.normal = (sign / d) * (z * geometry.axis - inward * out);
+    geometry.normal = (sign / d) * from;
     across_edge = -sign / d;
+    if (bend < 1) curvature = sign * bend / (d * (1 - bend));
   }
-  if (d > 0 && rho > 0) curvature = sign * inward / (d * rho);
-  around = cross(geometry.axis, out);
+  around = edge.tangent;
 }
 
 // The search for the point of a segment nearest to an edge starts at the last point.
 void Contact::follow(Vec3 start, Vec3 end) {
-  const Vec3 l = end - start;
-  const double l2 = dot(l, l);
-  if (l2 == 0) return;
-  double u = a.w1;
-  for (int i = 0; i < kAdvances; ++i) {
-    const Vec3 on_edge = nearest_on_circle(start + u * l, geometry.axis_point, geometry.axis,
-                                           geometry.feature_radius, any_perpendicular(geometry.axis));
-    u = std::min(std::max(dot(on_edge - start, l) / l2, 0.0), 1.0);
-  }
-  a.w0 = 1 - u;
-  a.w1 = u;
-  geometry.point_shift = (u - friction.anchored_at) * l;
+  a.w1 = slide_to_rim(start, end, a.w1, geometry.rim);
+  a.w0 = 1 - a.w1;
+  geometry.point_shift = (a.w1 - friction.anchored_at) * (end - start);
 }
 
 void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {

@@ -3,15 +3,61 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/segment_distance.h"
 #include "math/rounding.h"
 
 namespace bt {
 
+Bore in_world(const Tunnel& tunnel, const Pose& pose) {
+  Bore bore;
+  bore.start = to_world(pose, tunnel.start);
+  const Vec3 way = to_world(pose, tunnel.end) - bore.start;
+  bore.length = norm(way);
+  bore.axis = (1 / bore.length) * way;
+  bore.radius = tunnel.radius;
+  bore.chamfer = tunnel.chamfer;
+  double steepest = 0;
+  for (int mouth : {0, 1}) {
+    bore.slope[mouth] = pose.rotation * (mouth ? tunnel.end_slope : tunnel.start_slope);
+    steepest = std::max(steepest, norm(bore.slope[mouth]));
+  }
+  bore.box.include(bore.start);
+  bore.box.include(bore.start + way);
+  bore.box.grow((1 + steepest) * (bore.radius + bore.chamfer));
+  return bore;
+}
+
+Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half) {
+  Rim rim{centre, axis, radius, slope, radius, {}, {}, half};
+  const double steep = norm(slope);
+  if (steep == 0) return rim;
+  const double stretch = std::sqrt(1 + steep * steep);
+  rim.longest = stretch * radius;
+  rim.longer = (1 / (steep * stretch)) * slope + (steep / stretch) * axis;
+  rim.shorter = (1 / steep) * cross(axis, slope);
+  return rim;
+}
+
+Rim Bore::rim(int mouth) const {
+  return rim_of(start + chamfer_at(mouth) * axis, axis, radius + chamfer, slope[mouth], 0);
+}
+
+bool Bore::has_wall(Vec3 p, double z) const {
+  const Vec3 out = (radius + chamfer) * unit_or(without(p - start, axis), {});
+  return z >= chamfer_at(0) + dot(slope[0], out) && z <= chamfer_at(1) + dot(slope[1], out);
+}
+
+bool Bore::is_within_rims(Vec3 p) const {
+  const double z = along(p), wide = radius + chamfer;
+  return z >= chamfer_at(0) + wide * norm(slope[0]) && z <= chamfer_at(1) - wide * norm(slope[1]);
+}
+
 double Bore::leaves(Vec3 a, Vec3 b) const {
-  const double z = along(a), rise = dot(b - a, axis);
   double share = 1;
-  if (rise > 0) share = std::min(share, (length - z) / rise);
-  if (rise < 0) share = std::min(share, -z / rise);
+  for (int mouth : {0, 1}) {
+    const double from = beyond(mouth, a), rise = beyond(mouth, b) - from;
+    if (rise > 0) share = std::min(share, -from / rise);
+  }
   // |p + s d| = R, of the parts across the axis.
   const Vec3 p = without(a - start, axis), d = without(b - a, axis);
   const double dd = dot(d, d), pd = dot(p, d), room = radius * radius - dot(p, p);
@@ -19,27 +65,114 @@ double Bore::leaves(Vec3 a, Vec3 b) const {
   return std::max(0.0, share);
 }
 
-Vec3 nearest_on_circle(Vec3 p, Vec3 centre, Vec3 axis, double radius, Vec3 fallback) {
-  return centre + radius * unit_or(without(p - centre, axis), fallback);
-}
-
 namespace {
 
-// Squared distance to the circle of the point at parameter u:
-//   D(u) = (rho(u) - R)^2 + z(u)^2, rho the distance from the axis, z the height over the plane.
-double to_circle(Vec3 a, Vec3 d, double u, Vec3 centre, Vec3 axis, double radius) {
-  Vec3 p = a + u * d - centre;
-  double z = dot(p, axis), rho = norm(without(p, axis));
-  return (rho - radius) * (rho - radius) + z * z;
+// A direction in the plane: cosine and sine of an angle.
+struct Direction {
+  double c, s;
+};
+
+Direction direction(double c, double s) {
+  const double size = std::sqrt(c * c + s * s);
+  return size > 0 ? Direction{c / size, s / size} : Direction{0, 1};
+}
+
+// Finds the angle at which the half of an ellipse (A cos, B sin), sin >= 0, is nearest to (x, y); x >= 0 and
+// A > B. Returns false where it is nearest at the end of that half.
+//
+// With f half the squared distance, f' = (B^2 - A^2) s c + A x s - B y c. On the side of (x, y), f' changes
+// sign once in the quarter. On the other side, f has a minimum beside that of (x, 0), or none.
+bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
+  // Iterations of Newton's method [-]. Fewer: points near the middle get a point that is not their nearest.
+  constexpr int kIterations = 40;
+  // Last turn, which is squared by the next [-]. Larger: the normals of contacts are less accurate.
+  constexpr double kArrived = 1e-8;
+  const double excess = A * A - B * B;
+  const bool own_side = y >= 0;
+  if (!own_side && A * x >= excess) return false;
+  at = own_side ? direction(B * x, A * y)
+                : direction(A * x / excess, std::sqrt(1 - A * x / excess * (A * x / excess)));
+  Direction low{1, 0}, high{0, 1};
+  for (int i = 0; i < kIterations; ++i) {
+    const double slope = A * x * at.s - B * y * at.c - excess * at.s * at.c;
+    const double bend = A * x * at.c + B * y * at.s - excess * (at.c * at.c - at.s * at.s);
+    (slope > 0 ? high : low) = at;
+    const double step = bend > 0 ? -slope / bend : 0;
+    Direction next = direction(at.c - step * at.s, at.s + step * at.c);
+    if (!own_side && (bend <= 0 || next.s <= 0)) return false;
+    const bool between = low.c * next.s >= low.s * next.c && next.c * high.s >= next.s * high.c;
+    if (own_side && (bend <= 0 || !between)) next = direction(low.c + high.c, low.s + high.s);
+    const double turned = std::fabs(at.c * next.s - at.s * next.c);
+    at = next;
+    if (turned < kArrived) break;
+  }
+  return true;
 }
 
 }  // namespace
 
-double nearest_to_circle(Vec3 a, Vec3 b, Vec3 centre, Vec3 axis, double radius) {
-  const Vec3 d = b - a;
-  auto square = [&](double u) { return to_circle(a, d, u, centre, axis, radius); };
+RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback) {
+  const double A = rim.longest, B = rim.radius;
+  if (rim.is_circle()) {
+    const Vec3 out = unit_or(without(p - rim.centre, rim.axis), fallback);
+    return {rim.centre + B * out, cross(rim.axis, out), (-1 / B) * out};
+  }
+  const double x = dot(p - rim.centre, rim.longer), y = dot(p - rim.centre, rim.shorter);
+  const double side = rim.half ? rim.half : std::copysign(1.0, y);
+  Direction at;
+  if (!nearest_on_half(A, B, std::fabs(x), side * y, at)) {
+    // The end of the half is a point, whose curvature is infinite, whichever way it is seen.
+    const Vec3 end = rim.centre + std::copysign(A, x) * rim.longer, from = p - end;
+    return {end, rim.shorter, (-1e9 / std::max(dot(from, from), 1e-18 * A * A)) * from};
+  }
+  const double c = std::copysign(at.c, x), s = side * at.s;
+  const double square = A * A * s * s + B * B * c * c;
+  return {rim.centre + A * c * rim.longer + B * s * rim.shorter,
+          (1 / std::sqrt(square)) * (B * c * rim.shorter - A * s * rim.longer),
+          (-A * B / (square * square)) * (B * c * rim.longer + A * s * rim.shorter)};
+}
+
+double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim) {
+  // Last change of the parameter, which is squared by the next [-]. Larger: more iterations of the solution.
+  constexpr double kArrived = 1e-8;
+  // Least second derivative for Newton's method, over that without the rim's curvature [-].
+  constexpr double kConvex = 0.02;
+  const Vec3 d = b - a, fallback = any_perpendicular(rim.axis);
+  const double length2 = dot(d, d);
+  if (length2 == 0) return u;
+  for (int i = 0; i < kAdvances; ++i) {
+    const RimPoint at = nearest_on_rim(rim, a + u * d, fallback);
+    const Vec3 from = a + u * d - at.point;
+    // Newton's method on half the squared distance: the rim's point moves by t (t.d) / (1 - from.k). Where
+    // that is not convex, the point is projected to the segment.
+    const double straight = 1 - dot(from, at.curvature), along = dot(at.tangent, d);
+    double bend = straight > 0 ? length2 - along * along / straight : 0;
+    if (bend < kConvex * length2) bend = length2;
+    const double last = u;
+    u = std::min(std::max(u - dot(from, d) / bend, 0.0), 1.0);
+    if (std::fabs(u - last) < kArrived) break;
+  }
+  return u;
+}
+
+namespace {
+
+// The point of a rim in the direction of p from the axis: near the nearest one, and found at once.
+Vec3 towards(const Rim& rim, Vec3 p) {
+  const Vec3 out = rim.radius * unit_or(without(p - rim.centre, rim.axis), {});
+  return rim.centre + out + dot(rim.slope, out) * rim.axis;
+}
+
+}  // namespace
+
+double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim) {
   // Intervals between samples [-]. Fewer: the nearer one of two minima may be missed. More: slower.
   constexpr int kSamples = 8;
+  const Vec3 d = b - a;
+  auto square = [&](double u) {
+    const Vec3 p = a + u * d, away = p - towards(rim, p);
+    return dot(away, away);
+  };
   int best = 0;
   double least = square(0);
   for (int s = 1; s <= kSamples; ++s) {
@@ -49,6 +182,7 @@ double nearest_to_circle(Vec3 a, Vec3 b, Vec3 centre, Vec3 axis, double radius) 
       best = s;
     }
   }
+  if (!rim.is_circle()) return slide_to_rim(a, b, static_cast<double>(best) / kSamples, rim);
   const double left = std::max(0, best - 1) / static_cast<double>(kSamples);
   const double right = std::min(kSamples, best + 1) / static_cast<double>(kSamples);
   const double u = golden_section(left, right, square);

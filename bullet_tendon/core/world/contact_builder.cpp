@@ -372,7 +372,7 @@ void World::find_bores() {
   for (auto& list : detection_.bores_by_link) list.clear();
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!scene.tunnel_alive[t]) continue;
-    detection_.bores[t] = in_world(scene.tunnels[t], scene.links[scene.tunnels[t].link]);
+    detection_.bores[t] = in_world(scene.tunnels[t], scene.links[scene.tunnels[t].link].pose);
     detection_.bores_by_link[scene.tunnels[t].link].push_back(detection_.bores[t]);
   }
   for (size_t c = 0; c < step_.slots.size(); ++c)
@@ -391,11 +391,9 @@ namespace {
 // it there at one of its ends, or does not leave it. What comes from the side is no more inside than what
 // passes beside the bore: an eyelet need not have bone around it.
 bool came_through_mouth(const Tendon& c, const Bore& bore, int first, int last) {
-  const double edge = bore.chamfer + c.radius;
   auto leaves_by_mouth = [&](int inside, int outside) {
     const Vec3 x = c.x.at(inside), y = c.x.at(outside);
-    const double z = bore.along(x + bore.leaves(x, y) * (y - x));
-    return z <= edge || z >= bore.length - edge;
+    return bore.beyond(x + bore.leaves(x, y) * (y - x)) >= -(bore.chamfer + c.radius);
   };
   const bool begins = first == 0, ends = last == c.n() - 1;
   return (begins && ends) || (!begins && leaves_by_mouth(first, first - 1)) ||
@@ -416,12 +414,8 @@ void World::classify(int tendon) {
       detection_.near_tunnels.push_back(static_cast<int>(t));
   for (int i = 0; i < c.n(); ++i) {
     int& in = c.tunnel_of[i];
-    const Vec3 x = c.x.at(i);
-    if (in >= 0) {
-      double z = detection_.bores[in].along(x);
-      if (may_enter(tendon, in) && z >= 0 && z <= detection_.bores[in].length) continue;
-      in = -1;
-    }
+    if (in < 0 || (may_enter(tendon, in) && detection_.bores[in].beyond(c.x.at(i)) <= 0)) continue;
+    in = -1;
   }
   for (const int t : detection_.near_tunnels) enter(c, t);
 }
@@ -481,21 +475,24 @@ void World::bore_contacts(int tendon, int t) {
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.drift(x, dt);
     const bool inside = c.tunnel_of[i] == t;
-    const double z = std::min(std::max(bore.along(x), 0.0), bore.length);
+    // Before an oblique mouth, the wall reaches beyond the mouth's plane. A particle enters where it is
+    // beside that wall, or before a mouth that it is predicted to pass.
     auto enters = [&] {
-      return bore.along(x) != z && bore.contains(ahead, 0) && bore.off_axis(x) <= bore.radius;
+      return bore.beyond(x) > 0 && bore.off_axis(x) <= bore.radius &&
+             (bore.contains(ahead, 0) || bore.has_wall(x, bore.along(x)));
     };
     if (!inside && !enters()) continue;
-    // Within a chamfer the mouth contact represents the wall.
-    if (z < bore.chamfer || z > bore.length - bore.chamfer) continue;
+    // Where there is no wall, and within a chamfer, the mouth contact represents the bone.
+    const double z = bore.along_within(x);
+    if (!bore.has_wall(x, z)) continue;
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
     contact.link = scene.tunnels[t].link;
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
-    contact.geometry.axis_point = on_axis + link.drift(on_axis, dt);
-    contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-    contact.geometry.feature_radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
+    contact.geometry.rim.centre = on_axis + link.drift(on_axis, dt);
+    contact.geometry.rim.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
+    contact.geometry.rim.radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
@@ -510,21 +507,19 @@ void World::mouth_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
   for (int mouth : {0, 1}) {
-    const double z = mouth ? bore.length - bore.chamfer : bore.chamfer, radius = bore.radius + bore.chamfer;
-    const Vec3 centre = bore.start + z * bore.axis;
+    const Rim rim = bore.rim(mouth);
     for (int k = 0; k + 1 < c.n(); ++k) {
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
       const double reach = mouth_reach(tendon, t, k);
+      const double over = rim.height(a), other = rim.height(b);
+      if (over * other > 0 && std::min(std::fabs(over), std::fabs(other)) > reach) continue;
       const double length2 = dot(d, d);
-      const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(centre - a, d) / length2)) : 0;
-      if (norm(a + u * d - centre) > radius + reach) continue;
-      // Both ends are inside the bore, beyond the chamfer: the bore contacts are sufficient.
-      auto inside = [&](Vec3 p, int i) {
-        double s = bore.along(p);
-        return c.tunnel_of[i] == t && s >= bore.chamfer && s <= bore.length - bore.chamfer;
-      };
+      const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(rim.centre - a, d) / length2)) : 0;
+      if (norm(a + u * d - rim.centre) > rim.longest + reach) continue;
+      // Both ends are within the wall: the bore contacts are sufficient.
+      auto inside = [&](Vec3 p, int i) { return c.tunnel_of[i] == t && bore.is_within_rims(p); };
       if (inside(a, k) && inside(b, k + 1)) continue;
-      mouth_contact(tendon, t, mouth, k, bore, centre, radius);
+      edge_contacts(tendon, t, mouth, k, rim, reach);
     }
   }
 }
@@ -539,36 +534,50 @@ double World::mouth_reach(int tendon, int t, int k) const {
   return std::max(reach(k), reach(k + 1)) + step_.slots[tendon]->rest[k] + scene.tunnels[t].chamfer;
 }
 
-void World::mouth_contact(int tendon, int t, int mouth, int k, const Bore& bore, Vec3 centre, double radius) {
+// Contacts of segment k with an edge, at the points that are predicted to be nearest at the end of the
+// substep. The point that is nearest now would have slid past the edge by then, and the contact would push it
+// further. In the narrow ends of an ellipse, a tendon can touch both sides.
+void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double reach) {
   const Tendon& c = *step_.slots[tendon];
   const Link& link = scene.links[scene.tunnels[t].link];
   const double dt = step_.context.dt;
-  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
-  // The point that is predicted to be nearest at the end of the substep. The point that is nearest now would
-  // have slid past the edge by then, and the contact would push it further.
-  const double u = nearest_to_circle(c.predicted.at(k) - link.drift(a, dt),
-                                     c.predicted.at(k + 1) - link.drift(b, dt), centre, bore.axis, radius);
+  const Vec3 a = c.predicted.at(k) - link.drift(c.x.at(k), dt);
+  const Vec3 b = c.predicted.at(k + 1) - link.drift(c.x.at(k + 1), dt);
+  double u = nearest_to_rim(a, b, rim);
+  if (!rim.is_circle()) rim.half = rim.side_of((1 - u) * a + u * b);
+  mouth_contact(tendon, t, mouth, k, rim, u, reach);
+  if (rim.is_circle()) return;
+  rim.half = -rim.half;
+  u = slide_to_rim(a, b, u, rim);
+  mouth_contact(tendon, t, mouth, k, rim, u, reach - c.rest[k]);
+}
+
+void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, double u, double reach) {
+  const Tendon& c = *step_.slots[tendon];
+  const Link& link = scene.links[scene.tunnels[t].link];
+  const double dt = step_.context.dt;
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
+  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
   const Vec3 x = (1 - u) * a + u * b;
-  const Vec3 sideways = unit_or(without(x - centre, bore.axis), any_perpendicular(bore.axis));
-  const Vec3 edge = nearest_on_circle(x, centre, bore.axis, radius, sideways);
-  const Vec3 apart = x - edge;
+  const Vec3 sideways = unit_or(without(x - rim.centre, rim.axis), any_perpendicular(rim.axis));
+  const Vec3 apart = x - nearest_on_rim(rim, x, sideways).point;
   const double distance = norm(apart);
-  if (distance > mouth_reach(tendon, t, k)) return;
+  if (distance > reach) return;
   const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
-  step_.motion_limit = std::min(step_.motion_limit, safe_fraction(distance, c.radius + bore.chamfer, motion));
-  const double za = dot(a - centre, bore.axis), zb = dot(b - centre, bore.axis);
+  step_.motion_limit =
+      std::min(step_.motion_limit, safe_fraction(distance, c.radius + scene.tunnels[t].chamfer, motion));
   Contact contact;
   contact.link = scene.tunnels[t].link;
-  contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth};
+  contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};
   contact.a = {tendon, k, 1 - u, u};
   contact.friction.anchored_at = u;
-  contact.geometry.axis_point = centre + link.drift(centre, dt);
-  contact.geometry.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-  contact.geometry.feature_radius = radius;
+  const Vec3 axis = unit_or(rim.axis + dt * cross(link.spin, rim.axis), rim.axis);
+  const Vec3 slope = without(rim.slope + dt * cross(link.spin, rim.slope), axis);
+  contact.geometry.rim = rim_of(rim.centre + link.drift(rim.centre, dt), axis, rim.radius, slope, rim.half);
   contact.geometry.margin = options.contact_threshold;
-  contact.geometry.offset = c.radius + bore.chamfer + options.contact_threshold;
-  contact.geometry.threads_mouth = (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && za * zb < 0;
+  contact.geometry.offset = c.radius + scene.tunnels[t].chamfer + options.contact_threshold;
+  contact.geometry.threads_mouth =
+      (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && rim.height(a) * rim.height(b) < 0;
   contact.geometry.normal = unit_or(apart, -sideways);
   contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
   contact.friction.relative_start = x + link.drift(x, dt);

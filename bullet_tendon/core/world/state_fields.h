@@ -62,7 +62,7 @@ struct StateFields {
   BT_FIELDS(Material, law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density)
   BT_FIELDS(Primitive, kind, half, growth, radius, half_length)
   BT_FIELDS(Shape, link, local, lo, hi, half_space, plane_normal, plane_offset, friction, primitive)
-  BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction)
+  BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction, start_slope, end_slope)
   BT_FIELDS(StepRecord, dt, gravity)
   BT_FIELDS(Checkpoint, valid, tendons, links, bodies, memory, contacts, sleeping_contacts, rest_gravity,
             last_step, may_resolve, sensed_links, sensed_bodies)

@@ -88,6 +88,21 @@ int World::add_tunnel(const Tunnel& tunnel) {
   return slot;
 }
 
+void World::set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]) {
+  wake_all();
+  Tunnel& tunnel = scene.tunnels[slot];
+  tunnel.start = centre[0];
+  tunnel.end = centre[1];
+  tunnel.start_slope = slope[0];
+  tunnel.end_slope = slope[1];
+  forget_planes();
+}
+
+bool World::is_drilled(int slot, Vec3 point) const {
+  const Bore bore = in_world(scene.tunnels[slot], Pose{});
+  return bore.contains(point, kBoreReach * bore.radius);
+}
+
 void World::remove_tunnel(int slot) {
   wake_all();
   take(scene.tunnels, scene.tunnel_alive, slot);

@@ -130,6 +130,11 @@ class World {
   int add_shape(const Shape& shape);
   void remove_shape(int slot);
   int add_tunnel(const Tunnel& tunnel);
+  // Where the axis of a tunnel meets its mouths' planes [m], and the slopes of these (Rim), in its link's
+  // frame.
+  void set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]);
+  // Whether a tunnel removes the bone at a point of its link's frame [m].
+  bool is_drilled(int slot, Vec3 point) const;
   void remove_tunnel(int slot);
   // Whether a tendon makes contacts: at all; with another tendon or (a == b) with itself; with a link.
   void set_collides(int tendon, bool collides);
@@ -282,8 +287,8 @@ class World {
   void bore_contacts(int tendon, int tunnel);
   void mouth_contacts(int tendon, int tunnel);
   double mouth_reach(int tendon, int t, int k) const;
-  void mouth_contact(int tendon, int tunnel, int mouth, int segment, const Bore& bore, Vec3 centre,
-                     double radius);
+  void edge_contacts(int tendon, int tunnel, int mouth, int segment, Rim rim, double reach);
+  void mouth_contact(int tendon, int tunnel, int mouth, int segment, const Rim& rim, double u, double reach);
 
   // The bores of a link that are wider than the tendon. The others are solid bone for it.
   const std::vector<Bore>& bores_for(const Tendon& c, int link);

@@ -1,0 +1,174 @@
+"""Mouths of bores that meet the bone's surface at a slope: where they are, and what they hold back."""
+
+import math
+
+import numpy as np
+import pybullet as p
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import bullet_tendon as bt
+from bullet_tendon import _core, shapes
+from bullet_tendon.mouths import mouths_of
+
+MOUTH = 2  # ContactKind::mouth
+SIZE = (0.2, 0.2, 0.05)  # of the box that is drilled [m]
+BORE = 0.004
+RANDOM = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+def slanted(tilt, below=0.0):
+    """Start and end of a bore through the box at a tilt [rad], its end as far below the upper face [m]."""
+    way = np.array([math.sin(tilt), 0.0, math.cos(tilt)])
+    half = 0.5 * SIZE[2] / math.cos(tilt)
+    return -half * way, (half - below / math.cos(tilt)) * way, way
+
+
+def slope_of(tilt, way):
+    """Of a horizontal plane over the axis `way`: z = 0 at c d + s e for d across the axis, s = slope . d."""
+    return -(np.array([0.0, 0.0, 1.0]) - math.cos(tilt) * way) / math.cos(tilt)
+
+
+@pytest.mark.parametrize("below", [0.0, 0.002])
+@pytest.mark.parametrize("tilt", [0.0, 0.3, 0.9, 1.05])
+def test_a_mouth_lies_in_the_surface(tilt, below):
+    start, end, way = slanted(tilt, below)
+    found = mouths_of([shapes.primitive("box", SIZE)], start, end, BORE)
+    half = 0.5 * SIZE[2] / math.cos(tilt)
+    np.testing.assert_allclose(found.centres, [-half * way, half * way], atol=1e-6)
+    np.testing.assert_allclose(found.slopes, [slope_of(tilt, way)] * 2, atol=1e-5)
+
+
+def test_a_mouth_that_is_straight_stays_where_it_was_given():
+    start, end, _ = slanted(0.0)
+    found = mouths_of([shapes.primitive("box", SIZE)], start, end, BORE)
+    assert (found.centres == [start, end]).all()
+    assert not found.slopes.any()
+
+
+@pytest.mark.parametrize(
+    ("solids", "start", "end"),
+    [
+        ([], [0, 0, -0.02], [0, 0, 0.02]),
+        (["box"], [0, 0, -0.025], [0, 0, 0.01]),
+        (["box"], [0.12, 0, -0.02], [0.12, 0, 0.02]),
+        (["box"], [0.099, 0, -0.02], [0.099, 0, 0.02]),
+    ],
+    ids=["no bone", "blind", "an eyelet beside the bone", "a groove along its edge"],
+)
+def test_what_has_no_surface_around_it_stays_across_the_axis(solids, start, end):
+    found = mouths_of([shapes.primitive(kind, SIZE) for kind in solids], start, end, BORE)
+    assert (found.centres == [start, end]).all()
+    assert not found.slopes.any()
+
+
+def test_a_bone_of_several_shapes_is_one():
+    """The surface within the bone, where two shapes overlap, is no mouth."""
+    halves = [shapes.primitive("box", (0.11, 0.2, 0.05), (x, 0, 0)) for x in (-0.05, 0.05)]
+    start, end, way = slanted(0.6, 0.001)
+    found = mouths_of(halves, start, end, BORE)
+    np.testing.assert_allclose(found.slopes, [slope_of(0.6, way)] * 2, atol=1e-5)
+
+
+def test_a_mesh_and_a_primitive_have_the_same_mouths():
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * SIZE
+    box = shapes.convex_mesh(corners)
+    surface = shapes.mesh(corners, box.query.hull.simplices)
+    start, end, _ = slanted(0.7, 0.002)
+    exact = mouths_of([shapes.primitive("box", SIZE)], start, end, BORE)
+    for shape in (box, surface):
+        found = mouths_of([shape], start, end, BORE)
+        np.testing.assert_allclose(found.centres, exact.centres, atol=1e-6)
+        np.testing.assert_allclose(found.slopes, exact.slopes, atol=1e-5)
+
+
+@RANDOM
+@given(seed=st.integers(0, 2**32 - 1), steep=st.floats(0.01, 2.0))
+def test_the_distance_from_an_edge_is_the_least(seed, steep):
+    """Against a search over the ellipse."""
+    random = np.random.default_rng(seed)
+    axis = random.standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    one = np.cross(axis, random.standard_normal(3))
+    one /= np.linalg.norm(one)
+    centre, slope = random.uniform(-1, 1, 3), steep * one
+    x = centre + random.uniform(-2, 2, 3) * BORE
+    found = _core.testing.contact_term(
+        MOUTH, x, np.zeros(3), 0.0, centre, axis, BORE, slope, 1.0, 0.0, 0.0, 0.0, np.zeros(3), True
+    )[0]
+    angles = np.linspace(0, 2 * np.pi, 20001)
+    out = np.outer(np.cos(angles), one) + np.outer(np.sin(angles), np.cross(axis, one))
+    edge = centre + BORE * (out + np.outer(out @ slope, axis))
+    least = np.linalg.norm(x - edge, axis=1).min()
+    assert found == pytest.approx(least, abs=1e-6 * BORE)
+
+
+def off_axis(points, way):
+    return np.linalg.norm(points - np.outer(points @ way, way), axis=1)
+
+
+def distance_to_bone(points, tilt):
+    """Signed distance of points (k, 3) from the drilled box near its upper face."""
+    way, top = slanted(tilt)[2], 0.5 * SIZE[2]
+    angles = np.linspace(0, 2 * np.pi, 721)[:-1]
+    out = np.outer(np.cos(angles), np.cross([0, 1, 0], way)) + np.outer(np.sin(angles), [0, 1, 0])
+    edge = BORE * out + np.outer(top / math.cos(tilt) + BORE * out @ slope_of(tilt, way), way)
+    wall = np.concatenate([edge - down * way for down in np.arange(0, 0.02, 1e-4)])
+    near = np.array([np.linalg.norm(wall - x, axis=1).min() for x in points])
+    foot = points * [1, 1, 0] + [0, 0, top]
+    face = np.where(off_axis(foot, way) > BORE, np.abs(points[:, 2] - top), np.inf)
+    inside = (points[:, 2] < top) & (off_axis(points, way) > BORE)
+    return np.where(inside, -1, 1) * np.minimum(face, near)
+
+
+@pytest.mark.parametrize("sideways", [(1, 0), (-1, 0), (0, 1), (0.7, -0.7)], ids=str)
+@pytest.mark.parametrize("chamfer", [0.0, 0.0008])
+def test_a_graft_led_over_an_oblique_mouth_stays_out_of_the_bone(make_world, client, sideways, chamfer):
+    """Its end is led out and aside: the mouth's edge and the wall up to it hold the centreline off."""
+    tilt, radius = 0.8, 0.002
+    start, end, way = slanted(tilt, 0.002)
+    world = make_world(1 / 240, (0, 0, 0))
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=np.array(SIZE) / 2, physicsClientId=client)
+    body = p.createMultiBody(0, shape, physicsClientId=client)
+    world.add_tunnel(body, -1, start, end, BORE, 0.0, chamfer)
+    world.add_obstacle(body)
+    material = bt.Material(stiffness=2e4, damping=20.0, friction=0.0)
+    graft = world.add_tendon([start - 0.03 * way, end + 0.04 * way], radius, material, 60)
+    graft.set_force(0, -20.0 * way)
+    hand = graft.grip(-1, stiffness=2e3, damping=2.0)
+    goal = hand.target + 0.025 * np.array([*sideways, 0.2])
+    first = hand.target
+    for k in range(240):
+        s = min(1.0, (k + 1) / 160)
+        hand.target = first + s * s * (3 - 2 * s) * (goal - first)
+        world.step()
+    assert world.report.converged
+    x = graft.positions
+    line = np.concatenate(
+        [a + np.linspace(0, 1, 8)[:, None] * (b - a) for a, b in zip(x, x[1:], strict=False)]
+    )
+    near = line[line[:, 2] > 0.01]
+    rounded = chamfer * (1 / math.sin(math.pi / 4 - tilt / 2) - 1)  # from a sharp edge to the round one in it
+    assert distance_to_bone(near, tilt).min() >= 0.93 * radius - rounded
+    assert graft.tension[0] == pytest.approx(20.0, rel=1e-3)
+    # Smooth: the tension is the same on both sides of the edge, but for the angle of a chord there.
+    assert graft.tension[-1] == pytest.approx(20.0, rel=0.1)
+
+
+def test_mouths_follow_the_obstacle(make_world, client):
+    """Whichever is added first; taken away, the surface is no mouth any more."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=np.array(SIZE) / 2, physicsClientId=client)
+    start, end, way = slanted(0.8, 0.002)
+    at = (end + 2.5 * BORE * way)[None]
+    for tunnel_first in (False, True):
+        world = make_world(1 / 240, (0, 0, 0))
+        body = p.createMultiBody(0, shape, physicsClientId=client)
+        if not tunnel_first:
+            world.add_obstacle(body)
+        tunnel = world.add_tunnel(body, -1, start, end, BORE)
+        if tunnel_first:
+            world.add_obstacle(body)
+        assert tunnel._drills(at).all()
+        world.remove_obstacle(body)
+        assert not tunnel._drills(at).any()
