@@ -146,6 +146,7 @@ class Scene:
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
         self.free, self.pushed, self.energy = [], {}, True
         self.work = self.turnover = 0.0
+        self._slow = {}  # speeds of soft hands in the last step
         self.heights = {}
         self.client = p.connect(p.DIRECT)
         self.raw = Client(self.client)
@@ -465,7 +466,8 @@ class Scene:
                 continue
             way = g._tendon.positions[g.particle] - g.target
             speed = np.linalg.norm(g._tendon.velocities[g.particle])
-            if speed * self.dt < 1e-3 * np.linalg.norm(way):
+            rested, self._slow[g] = self._slow.get(g, np.inf), speed
+            if max(speed, rested) * self.dt < 1e-3 * np.linalg.norm(way):
                 # The mean of a step differs from its end by less than what a hundredth of the way, and its
                 # damper, can do.
                 allowed = 0.01 * g.stiffness * np.linalg.norm(way) + 2 * g.damping * speed + 1e-6
@@ -625,12 +627,15 @@ class Scene:
             yield from ((origin + axes @ end, 3 * bore.radius) for end in (bore.start, bore.end))
 
     def drilled(self, points, body, link):
-        """Which points are in a bore of the link, or within twice its radius beyond a mouth."""
+        """Which points are in a bore of the link, or in front of a mouth by less than five times its radius.
+
+        A bore is drilled through to the surface, if its wall meets that within two radii of a mouth.
+        """
         inside = np.zeros(len(points), bool)
         for bore in self.bores:
             if (bore.bodyUniqueId, bore.linkIndex) == (int(body), link):
                 along, aside = self.in_bore(points, bore)
-                length, beyond = np.linalg.norm(bore.end - bore.start), 2 * bore.radius
+                length, beyond = np.linalg.norm(bore.end - bore.start), 5 * bore.radius
                 inside |= (along > -beyond) & (along < length + beyond) & (aside < 1.05 * bore.radius)
         return inside
 
@@ -643,15 +648,30 @@ class Scene:
         return along, np.linalg.norm(off - along[:, None] * way, axis=1)
 
     def in_clearance(self):
-        """Particles within a bore keep their radius from its wall."""
+        """Particles within a bore keep their radius from its wall, where there is bone around it."""
         for bore in self.bores:
             length = np.linalg.norm(bore.end - bore.start)
             for t in self.tendons:
                 along, aside = self.in_bore(t.positions, bore)
                 inside = (along > 0) & (along < length) & (aside < 2 * bore.radius)
+                inside[inside] = self._has_wall(t.positions[inside], bore)
                 over = (aside[inside] + t.radius - bore.radius).max(initial=0.0)
                 moved = min(np.abs(t.velocities).max() * self.dt, t.radius / 2)
                 self.check(over <= 0.05 * t.radius + moved, f"{over:.3g} m into the wall of a bore")
+
+    def _has_wall(self, points, bore):
+        """Whether the wall of a bore beside points is in one of its link's solids, or it has none."""
+        origin, axes = self.place(bore.bodyUniqueId, bore.linkIndex)
+        start, end = origin + axes @ bore.start, origin + axes @ bore.end
+        way = (end - start) / np.linalg.norm(end - start)
+        foot = start + np.outer((points - start) @ way, way)
+        aside = points - foot
+        wall = foot + 1.06 * bore.radius * aside / np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
+        solids = [s for s in self.solids if (int(s[0]), s[1]) == (int(bore.bodyUniqueId), bore.linkIndex)]
+        found = np.full(len(points), not solids)
+        for solid in solids:
+            found |= self.gaps(wall, solid) < 0
+        return found
 
     def no_opposed_contacts(self):
         """At rest a contact carries at most what the tension's turning and loads press.
