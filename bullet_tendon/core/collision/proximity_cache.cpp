@@ -46,17 +46,17 @@ double reach_of(const Tendon& tendon, int i, const Link& link, double dt, double
   return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link, dt);
 }
 
+bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
+  for (const Bore& b : bores)
+    if (b.contains(p, kBoreReach * b.radius)) return true;
+  return false;
+}
+
 namespace {
 
 bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
   return lo.x > s.hi.x + reach || lo.y > s.hi.y + reach || lo.z > s.hi.z + reach || hi.x < s.lo.x - reach ||
          hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
-}
-
-bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
-  for (const Bore& b : bores)
-    if (b.contains(p, kBoreReach * b.radius)) return true;
-  return false;
 }
 
 Plane plane_at(Vec3 on_feature, Vec3 point, double u, double sign, const Pose& pose,
@@ -240,6 +240,13 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Shape& 
   e.clearance = std::max(0.0, distance);
   e.now = e.asked;
   e.wanted = is_within_reach(e);
+}
+
+void list_within_reach(Entry& e, Vec3 x, const Surface& surface) {
+  const double within = e.reach + norm(x - e.a);
+  if (!e.nearby.empty() && e.listed >= within) return;
+  // A little more, so that the list holds for some steps.
+  e.listed = surface.list(e.a, e.b, std::max(e.listed, (1 + kListed) * within), e.nearby);
 }
 
 namespace {

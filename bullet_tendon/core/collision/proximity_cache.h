@@ -86,6 +86,9 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
 void answer(const Query& query, double distance, Vec3 point, double u, const Shape& shape, const Pose& pose,
             const std::vector<Bore>& bores, Entry& entry);
 
+// Lets the list of the triangles near a particle at x (shape frame) hold all that are within reach of it [m].
+void list_within_reach(Entry& entry, Vec3 x, const Surface& surface);
+
 // Share of a step that is safe for a feature at the distance `clearance` [m] from a centreline of this radius
 // [m], with the relative motion `motion` [m]: until they could touch, or move by kFarthestMove radii [-].
 double safe_fraction(double clearance, double radius, double motion);
@@ -98,6 +101,8 @@ void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Ve
 
 // Predicted motion of a particle within the step relative to a link [m].
 double motion_of(const Tendon& tendon, int particle, const Link& link, double dt);
+// Whether bone at a point (world) is drilled away [m].
+bool in_any_bore(Vec3 point, const std::vector<Bore>& bores);
 // Greatest distance to a link at which a particle can touch it within the step [m].
 double reach_of(const Tendon& tendon, int particle, const Link& link, double dt, double threshold);
 

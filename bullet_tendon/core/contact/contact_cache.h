@@ -10,9 +10,11 @@ struct ContactMemory {
   double lambda = 0;            // N [N]
   double lambda_confirmed = 0;  // the smaller N of the last two steps [N]
   bool sliding = false;
-  Vec3 mean_force;      // on the point a [N]
-  double h_eff = 0;     // step weight of the tendon [s]
-  Vec3 tangent_anchor;  // xi [m], in the link's frame; in the world frame for two tendons
+  Vec3 mean_force;   // on the point a [N]
+  double h_eff = 0;  // step weight of the tendon [s]
+  // In the link's frame; in the world frame for two tendons.
+  Vec3 tangent_anchor;  // xi [m]
+  Vec3 normal;          // n
 };
 
 }  // namespace bt

@@ -104,6 +104,11 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
   return rooted(best);
 }
 
+// Least height of a point over the tangent plane of another, over their distance from the feature, from which
+// the surface between them is a valley [-]. Larger: flat valleys have one side at a time, between which what
+// slides changes. Smaller: more contacts on rough surfaces.
+constexpr double kValley = 1e-3;
+
 Surface::Surface(std::vector<Triangle> triangles) : triangles_(std::move(triangles)) {
   nodes_.reserve(2 * triangles_.size());
   if (!triangles_.empty()) build(0, static_cast<int>(triangles_.size()));
@@ -171,6 +176,24 @@ Nearest Surface::search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& foun
   for (const Nearby& near : found)
     if (near.distance <= kRoundingShare * size_) return {};
   return nearest(found, a, b);
+}
+
+Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 x, const Nearest& first,
+                               double reach) const {
+  const Vec3 normal = unit_or(x - first.point, {});
+  const double least = kValley * first.distance;
+  auto height = [&](Vec3 p) { return dot(p - first.point, normal); };
+  Nearest best{2 * reach, 0, {}};
+  for (const Nearby& near : listed) {
+    const Triangle& t = triangles_[near.triangle];
+    if (std::max({height(t.a), height(t.b), height(t.c)}) <= least) continue;
+    const Nearest found = nearest_of(t, x, x);
+    // Each point is above the tangent plane of the other: the surface is concave between them.
+    const Vec3 other = unit_or(x - found.point, {});
+    const bool concave = height(found.point) > least && dot(first.point - found.point, other) > least;
+    if (concave && found.distance <= reach && found.distance < best.distance) best = found;
+  }
+  return best;
 }
 
 bool Surface::is_between(Vec3 from, Vec3 to) const {

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 #include <type_traits>
 #include <vector>
 
@@ -101,6 +102,19 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
     if (end.wanted && height(end.now, cache.local[i]) <= inside) return false;
   }
   return true;
+}
+
+// The plane of the other side, within reach, if a particle is in a valley of a mesh. With one side at a time,
+// it would change sides from step to step, and sink between them.
+std::optional<Plane> across_valley(NearCache& cache, int particle, const Shape& shape) {
+  Entry& e = cache.entries[particle];
+  const Vec3 x = cache.local[particle];
+  const Nearest first{norm(x - e.now.point), 0, e.now.point};
+  if (!shape.surface || e.inside || first.distance == 0) return {};
+  list_within_reach(e, x, *shape.surface);
+  const Nearest other = shape.surface->across_valley(e.nearby, x, first, e.reach);
+  if (other.distance > e.reach) return {};
+  return Plane{other.point, (1 / other.distance) * (x - other.point)};
 }
 
 // A particle as a point of a segment.
@@ -223,10 +237,15 @@ void World::add_contact(const Contact& contact) {
   if (!leave_out) contacts_.all.push_back(contact);
 }
 
+const ContactMemory* World::remembered(const ContactKey& key) const {
+  const auto found = std::lower_bound(contacts_.memory.begin(), contacts_.memory.end(), key,
+                                      [](const ContactMemory& m, const ContactKey& k) { return m.key < k; });
+  return found != contacts_.memory.end() && found->key == key ? &*found : nullptr;
+}
+
 void World::recall(Contact& contact, double inertia) {
-  auto found = std::lower_bound(contacts_.memory.begin(), contacts_.memory.end(), contact.key,
-                                [](const ContactMemory& m, const ContactKey& key) { return m.key < key; });
-  if (found == contacts_.memory.end() || !(found->key == contact.key)) return;
+  const ContactMemory* found = remembered(contact.key);
+  if (!found) return;
   const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
       bt::carries(options) && options.contact_stiffness == 0;  // the paper's spring has no multiplier
@@ -262,7 +281,8 @@ void World::remember() {
                                 std::min(contact.normal_force.value, contact.normal_force.lambda_previous),
                                 contact.friction.sliding, contact.force.mean,
                                 step_.slots[contact.a.tendon]->h_eff,
-                                transposed_times(turn, contact.friction.displacement)});
+                                transposed_times(turn, contact.friction.displacement),
+                                transposed_times(turn, contact.geometry.normal)});
   }
   std::sort(contacts_.memory.begin(), contacts_.memory.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
@@ -283,7 +303,7 @@ void World::bone_contacts() {
       const Link& link = scene.links[shape.link];
       const std::vector<Entry>& entries = detection_.caches[c][s].entries;
       if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
-      const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
+      const Pose start = in_world(shape, link), end = link.ahead(start, step_.context.dt);
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
         if (!e.wanted) continue;
@@ -294,16 +314,35 @@ void World::bone_contacts() {
         Vec3 point = e.now.point, normal = e.now.normal;
         lean_ahead(detection_.caches[c][s], f, to_local(end, spot.of(step_.slots[c]->predicted)), point,
                    normal);
+        ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
         point = to_world(end, point);
         normal = end.rotation * normal;
-        const ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
-        Contact contact = plane_contact(spot, shape.link, point, normal, key, shape.friction);
-        contact.normal_force.direct =
-            !segment && options.bone_contact == BoneContact::constraint && !link.yields();
-        add_contact(contact);
+        const auto other = segment ? std::nullopt : across_valley(detection_.caches[c][s], f, shape);
+        if (other && !in_any_bore(to_world(start, other->point), bores_for(*step_.slots[c], shape.link))) {
+          const Vec3 other_normal = end.rotation * other->normal;
+          ContactKey across = key;
+          (last_faced(key, other_normal, normal) ? key : across).end = 1;
+          bone_contact(spot, across, to_world(end, other->point), other_normal);
+        }
+        bone_contact(spot, key, point, normal);
       }
     }
   }
+}
+
+void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, Vec3 point, Vec3 normal) {
+  const Shape& shape = scene.shapes[key.other];
+  Contact contact = plane_contact(spot, shape.link, point, normal, key, shape.friction);
+  contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
+                                options.bone_contact == BoneContact::constraint &&
+                                !scene.links[shape.link].yields();
+  add_contact(contact);
+}
+
+// Whether the normal of a contact in the last step was nearer to one normal than to another.
+bool World::last_faced(const ContactKey& key, Vec3 one, Vec3 other) const {
+  const ContactMemory* last = remembered(key);
+  return last && dot(scene.links[scene.shapes[key.other].link].pose.rotation * last->normal, one - other) > 0;
 }
 
 void World::half_space_contacts(int tendon, int s) {
@@ -318,11 +357,8 @@ void World::half_space_contacts(int tendon, int s) {
     double height = dot(normal, x) - offset;
     if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
     const Vec3 foot = to_world(end, to_local(pose, x - height * normal));
-    Contact contact =
-        plane_contact(particle_of(c, tendon, i), shape.link, foot, end.rotation * shape.plane_normal,
-                      {ContactKind::bone, tendon, i, s}, shape.friction);
-    contact.normal_force.direct = options.bone_contact == BoneContact::constraint && !link.yields();
-    add_contact(contact);
+    bone_contact(particle_of(c, tendon, i), {ContactKind::bone, tendon, i, s}, foot,
+                 end.rotation * shape.plane_normal);
   }
 }
 

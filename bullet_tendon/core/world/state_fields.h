@@ -49,7 +49,7 @@ struct StateFields {
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, body,
             yielded, moved, jacobian, root, wrench.force, wrench.torque, solved.force, solved.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
-  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, h_eff, tangent_anchor)
+  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, h_eff, tangent_anchor, normal)
   BT_FIELDS(SegmentPoint, tendon, first, w0, w1)
   // Only what reports of the last step need, and what sleeping contacts need to act on links.
   BT_FIELDS(Contact, key, a, b, link, geometry.normal, geometry.depth_allowance, geometry.margin,

@@ -261,6 +261,9 @@ class World {
   void finish_pair(Contact& contact);
   Vec3 arm_of(const Contact& contact) const;
   void add_contact(const Contact& contact);
+  void bone_contact(const SegmentPoint& spot, const ContactKey& key, Vec3 point, Vec3 normal);
+  bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
+  const ContactMemory* remembered(const ContactKey& key) const;
   double depth_to_leave(const Contact& contact, double most) const;
   // Warm start from the contact memory. inertia: of the particle, over the squared step weight [N/m].
   void recall(Contact& contact, double inertia);

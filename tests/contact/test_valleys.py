@@ -1,0 +1,92 @@
+"""Valleys of meshes: a tendon in one touches both of its sides."""
+
+import math
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+G, RADIUS, PARTICLES = 9.81, 0.002, 21
+
+
+def groove(client, half_angle, tilt=0.0):
+    """A mesh of two faces that meet along the x axis at twice this angle [rad], turned by `tilt` about it."""
+    sides = [math.pi / 2 + tilt + side * half_angle for side in (-1, 1)]
+    corners = [[x, 0.0, 0.0] for x in (-0.2, 0.2)]
+    corners += [[x, 0.05 * math.cos(a), 0.05 * math.sin(a)] for a in sides for x in (-0.2, 0.2)]
+    faces = [[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4]]
+    shape = p.createCollisionShape(
+        p.GEOM_MESH,
+        vertices=corners,
+        indices=np.ravel(faces).tolist(),
+        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
+        physicsClientId=client,
+    )
+    return p.createMultiBody(0, shape, physicsClientId=client), (corners, faces)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize(("half_angle", "tilt"), [(0.6, 0.0), (0.8, 0.3), (1.45, 0.04)], ids=str)
+def test_both_sides_carry_the_weight(make_world, client, half_angle, tilt, friction):
+    """At rest, with the forces that statics gives where there is no friction, and without a tremor."""
+    world = make_world(1 / 240, (0, 0, -G))
+    body, mesh = groove(client, half_angle, tilt)
+    world.add_obstacle(body, friction=1.0, convex=False, meshes=[mesh])
+    up = RADIUS / math.sin(half_angle) * np.array([0, -math.sin(tilt), math.cos(tilt)])
+    t = world.add_tendon(
+        [up - [0.1, 0, 0], up + [0.1, 0, 0]],
+        RADIUS,
+        bt.Material(stiffness=3e3, damping=3.0, friction=friction),
+        PARTICLES,
+    )
+    world.step(120)
+    before = t.positions
+    world.step(60)
+    np.testing.assert_allclose(t.positions, before, atol=1e-8)
+    np.testing.assert_allclose(t.positions[:, 1:], np.tile(up[1:], (PARTICLES, 1)), atol=1e-6)
+    contacts = world.contacts
+    assert contacts["distance"].min() > -1e-7
+    weight = t.masses.sum() * G
+    np.testing.assert_allclose(world.wrench(body)[:3], [0, 0, -weight], atol=1e-6 * weight)
+    if not friction:
+        for side in (-1, 1):
+            # The faces' normals are at tilt +- (90 degrees - half_angle) from upwards; two forces in balance.
+            from_up = tilt - side * (math.pi / 2 - half_angle)
+            other = tilt + side * (math.pi / 2 - half_angle)
+            on_it = contacts["normal"] @ [0, -math.sin(from_up), math.cos(from_up)] > 1 - 1e-6
+            expected = weight * math.sin(other) / math.sin(other - from_up)
+            assert contacts["normal_force"][on_it].sum() == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_taut_tendon_does_not_sink_between_the_faces_of_a_groove(make_world, client):
+    """A force within one step throws it into a groove of coarse faces: it stays on top of them, and rests."""
+    world = make_world(1 / 75, (0, 0, 0))
+    along, across = np.linspace(-1, 1, 15), np.linspace(-1, 1, 15)
+    vertices = np.array(
+        [[0.027 * a, 0.02 * b, -0.014 * a * a + 0.006 * b * b] for a in along for b in across]
+    )
+    k = np.arange(14 * 15).reshape(14, 15)[:, :-1].ravel()
+    faces = np.concatenate([np.c_[k, k + 15, k + 1], np.c_[k + 1, k + 15, k + 16]])
+    shape = p.createCollisionShape(
+        p.GEOM_MESH,
+        vertices=vertices.tolist(),
+        indices=faces.ravel().tolist(),
+        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
+        physicsClientId=client,
+    )
+    body = p.createMultiBody(0, shape, physicsClientId=client)
+    world.add_obstacle(body, friction=1.0, convex=False, meshes=[(vertices, faces)])
+    a = np.linspace(-1.25, 1.25, 41)
+    line = np.c_[0.027 * a, 0 * a + 1e-4, -0.014 * a * a + 0.0025]
+    t = world.add_tendon(line, 0.0013, bt.Material(stiffness=1e6, damping=200.0, friction=0.0), 41)
+    pull = np.array([1, 0, -1.25])
+    t.set_force(0, 600 / np.linalg.norm(pull) * pull * [-1, 1, 1])
+    t.grip(-1)
+    for _ in range(60):
+        world.step()
+        assert world.report.converged
+    x = t.positions[np.abs(t.positions[:, 0]) < 0.024]
+    assert (x[:, 2] > -0.014 * (x[:, 0] / 0.027) ** 2 + 0.001).all()
+    assert t.tension.max() < 1.1 * 600
