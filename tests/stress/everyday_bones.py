@@ -302,8 +302,8 @@ def thin_sheet(scene):
     force, bulge = scene.log(1, 2000), scene.flat(0.004, 0.03)
     sizes, rows = [scene.flat(0.02, 0.05), 0.02], scene.whole(8, 24)
     mu = scene.pick(0.0, scene.flat(0.02, 0.4))
-    # A smooth tendon would slide down a ridge, and off the sheet: it lies in a groove.
-    across = bulge if mu > 0 else -scene.flat(0.2, 0.8) * bulge
+    # On a ridge it would slide down, and off the sheet: it lies in a groove.
+    across = -scene.flat(0.2, 0.8) * bulge
     (vertices, faces), name = scene.source(sheet, rows, rows, sizes, bulge, across)
     scene.mesh(vertices, faces, name, friction=1.0)
     scene.solids.clear()  # it has no inside
