@@ -14,6 +14,7 @@ from bullet_tendon import _core
 RANDOM = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SEEDS = st.integers(0, 2**32 - 1)
 BONE, BORE, MOUTH = 0, 1, 2
+ROUND = -1  # a bone whose surface is round
 EXACT = 1e-6  # relative
 REST, STIFFNESS = 0.02, 300.0
 LAWS = {
@@ -203,6 +204,10 @@ def contact(random, kind, radius=0.005, offset=0.001, steep=0.0):
         over = np.cross(inwards, around) / np.linalg.norm(around)
         x = edge + (offset - depth) * (math.cos(angle) * inwards + math.sin(angle) * over)
     stiffness, multiplier = 1e4, 3.0
+    if kind == ROUND:
+        kind, x = BONE, place + out * (radius - depth) + axis * 0.02
+    elif kind == BONE:
+        radius = 0.0
     surface, smooth = (normal, offset, place, axis, radius, slope), (0.0, 0.0, np.zeros(3))
 
     def evaluate(at, definite=False):
@@ -212,7 +217,7 @@ def contact(random, kind, radius=0.005, offset=0.001, steep=0.0):
 
 
 @pytest.mark.parametrize(
-    ("kind", "steep"), [(BONE, 0.0), (BORE, 0.0), (MOUTH, 0.0), (MOUTH, 0.7), (MOUTH, 2.0)]
+    ("kind", "steep"), [(BONE, 0.0), (ROUND, 0.0), (BORE, 0.0), (MOUTH, 0.0), (MOUTH, 0.7), (MOUTH, 2.0)]
 )
 @RANDOM
 @given(seed=SEEDS)
@@ -229,7 +234,10 @@ def test_contacts(kind, steep, seed):
     agree(-np.array(force), slopes(potential, x, 1e-7))
     hessian = -slopes(lambda at: evaluate(at)[2], x, 1e-7)
     agree(block, hessian)
-    if kind == MOUTH:
+    if kind == ROUND:
+        around = np.cross(normal, rim[1])
+        hessian -= min(0.0, around @ hessian @ around) * np.outer(around, around)
+    elif kind == MOUTH:
         tangent = tangent_beside(x, *rim)
         along = np.cross(tangent, normal)
         hessian -= min(0.0, tangent @ hessian @ tangent) * np.outer(tangent, tangent)
@@ -269,7 +277,7 @@ def test_edges(steep, seed):
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     def edge(at):
-        return _core.testing.edge_term(at[:3], at[3:], 0.001, *rim, stiffness, multiplier)
+        return _core.testing.edge_term(MOUTH, at[:3], at[3:], 0.001, *rim, stiffness, multiplier)
 
     def potential(at):
         return max(0.0, multiplier - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
@@ -278,6 +286,30 @@ def test_edges(steep, seed):
     assert np.linalg.norm(force) > 0
     agree(-force, slopes(potential, ends, 1e-7))
     agree(edge(ends)[3], -slopes(lambda at: np.concatenate(edge(at)[1:3]), ends, 1e-7))
+
+
+@RANDOM
+@given(seed=SEEDS)
+def test_chords_of_a_round_bone(seed):
+    """A segment over a round bone: its nearest point goes with it, and presses along the radius."""
+    random = np.random.default_rng(seed)
+    _, x, stiffness, multiplier, (place, axis, radius, slope) = contact(random, ROUND)
+    out = (x - place) - axis * (axis @ (x - place))
+    along = np.cross(axis, out / np.linalg.norm(out)) + random.uniform(-0.5, 0.5) * axis
+    ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
+
+    def chord(at):
+        return _core.testing.edge_term(
+            BONE, at[:3], at[3:], 0.0, place, axis, radius, slope, stiffness, multiplier
+        )
+
+    def potential(at):
+        return max(0.0, multiplier - stiffness * chord(at)[0]) ** 2 / (2 * stiffness)
+
+    force = np.concatenate(chord(ends)[1:3])
+    assert np.linalg.norm(force) > 0
+    agree(-force, slopes(potential, ends, 1e-7))
+    agree(chord(ends)[3], -slopes(lambda at: np.concatenate(chord(at)[1:3]), ends, 1e-7))
 
 
 @pytest.mark.parametrize("shares", [(0.3, 0.6), (0.0, 0.4), (0.7, 1.0), (0.0, 1.0)])

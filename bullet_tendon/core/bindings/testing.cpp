@@ -122,11 +122,11 @@ Array full_block(const Contact& contact, const double* P, int particles) {
   return full;
 }
 
-// A segment against the edge of a mouth, at the nearest point of the segment: gap, forces on its ends, and
-// the full block.
-py::tuple edge_term(const Array& start, const Array& end, double offset, const Array& centre,
+// A segment against the edge of a mouth, or a round bone, at the nearest point of the segment: gap, forces on
+// its ends, and the full block.
+py::tuple edge_term(int kind, const Array& start, const Array& end, double offset, const Array& centre,
                     const Array& axis, double radius, const Array& slope, double stiffness, double lambda) {
-  Contact contact = contact_of(ContactKind::mouth, offset, stiffness, lambda);
+  Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
   contact.geometry.rim = rim_of(vec(centre), vec(axis), radius, vec(slope), 0);
   contact.a = {0, 0, 0.5, 0.5};
   const Vec3 a = vec(start), b = vec(end);

@@ -269,11 +269,12 @@ double flatter(double a, double b) { return a * b <= 0 ? 0 : std::fabs(a) < std:
 
 }  // namespace
 
-void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Vec3& normal) {
+Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3 ahead) {
   const int n = static_cast<int>(cache.local.size());
   const int first = feature < n ? 0 : n, last = feature < n ? n - 1 : 2 * n - 2;
   const double spacing =
       norm(cache.local[std::min(feature % n + 1, n - 1)] - cache.local[std::max(feature % n - 1, 0)]);
+  const Vec3 point = cache.entries[feature].now.point, normal = cache.entries[feature].now.normal;
   double curvature = 0, nearest = spacing;
   Vec3 along;
   bool found = false;
@@ -290,13 +291,14 @@ void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Ve
     nearest = std::min(nearest, length);
     found = true;
   }
+  if (feature >= n && curvature > 0 && shape.primitive.is_round())
+    return {point, normal, along, 1 / curvature};
   const double aside = dot(ahead - point, along), height = dot(ahead - point, normal);
-  if (curvature == 0 || 1 + curvature * height <= 0.5) return;
+  if (curvature == 0 || 1 + curvature * height <= 0.5) return {point, normal};
   const double most = std::fabs(curvature) * nearest;
   const double angle = std::min(std::max(std::atan2(curvature * aside, 1 + curvature * height), -most), most);
   const double s = std::sin(angle), c = std::cos(angle);
-  point += (s / curvature) * along + (-(1 - c) / curvature) * normal;
-  normal = c * normal + s * along;
+  return {point + (s / curvature) * along + (-(1 - c) / curvature) * normal, c * normal + s * along};
 }
 
 }  // namespace bt

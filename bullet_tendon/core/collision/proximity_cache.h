@@ -95,9 +95,17 @@ double safe_fraction(double clearance, double radius, double motion);
 // The smallest of these shares of all features near the shape [-].
 double motion_limit_of(const NearCache& cache, double radius);
 
-// Moves a plane (shape frame) along the surface to the predicted position `ahead` of the feature. The
-// curvature follows from the planes of the neighbouring features.
-void lean_ahead(const NearCache& cache, int feature, Vec3 ahead, Vec3& point, Vec3& normal);
+// A surface beside a feature: a plane, or round (shape frame).
+struct Tangent {
+  Vec3 point, normal;  // [m], [-]
+  Vec3 along;          // unit vector in which it is round
+  double radius = 0;   // of its curvature [m]; 0: a plane
+};
+
+// The surface at the predicted position `ahead` of a feature (shape frame). The curvature follows from the
+// planes of the neighbouring features. A segment over a round primitive has the round surface itself, along
+// which its contact point follows; other features have the plane that is tangent there.
+Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3 ahead);
 
 // Predicted motion of a particle within the step relative to a link [m].
 double motion_of(const Tendon& tendon, int particle, const Link& link, double dt);

@@ -13,26 +13,25 @@ namespace {
 constexpr double kDepth = 5e-4;
 constexpr double kStiffening = 10.0;
 
-// Gap [m], normal and curvature [1/m] of the wall of a bore at x. `around`: tangential unit vector.
-void bore_gap(Contact& contact, Vec3 x, double& curvature, Vec3& around) {
-  Vec3 radial = without(x - contact.geometry.rim.centre, contact.geometry.rim.axis);
-  double rho = norm(radial);
-  contact.geometry.gap = contact.geometry.rim.radius - rho;
-  if (rho > 0) {
-    contact.geometry.normal = (-1 / rho) * radial;
-    curvature = 1 / rho;
-  }
-  around = cross(contact.geometry.rim.axis, contact.geometry.normal);
-}
-
 }  // namespace
+
+void Contact::cylinder_gap(Vec3 x, double sign, double& curvature, Vec3& around) {
+  const Vec3 radial = without(x - geometry.rim.centre, geometry.rim.axis);
+  const double rho = norm(radial);
+  geometry.gap = sign * (rho - geometry.rim.radius);
+  if (rho > 0) {
+    geometry.normal = (sign / rho) * radial;
+    curvature = -sign / rho;
+  }
+  around = cross(geometry.rim.axis, geometry.normal);
+}
 
 void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   // Curvatures of the surface around the axis, and across the edge of a mouth [1/m].
   double curvature = 0, across_edge = 0;
   Vec3 around;
-  if (key.kind == ContactKind::bore)
-    bore_gap(*this, relative, curvature, around);
+  if (key.kind == ContactKind::bore || is_round())
+    cylinder_gap(relative, is_round() ? 1 : -1, curvature, around);
   else if (key.kind == ContactKind::mouth)
     mouth_gap(relative, curvature, around, across_edge);
   else

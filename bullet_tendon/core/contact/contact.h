@@ -4,6 +4,7 @@
 //   g = n.(x_a - x_b) - c                  gap of a plane contact [m]
 //   g = (R - r) - |across(axis)(x_a - p)|  gap of a bore contact [m]; n points to the axis
 //   g = |x_a - nearest on edge| - r        gap of a mouth contact [m]
+//   g = |across(axis)(x_a - p)| - (R + r)  gap of a segment over a round surface of radius R [m]
 //   N = max(0, N_0 - k g)                  normal force [N]; N_0 is the carried multiplier
 //   z = xi + across(n)(x_a - x_b - ref)    tangential displacement from the sticking point [m]
 //   F_t = -k_t z, |F_t| <= mu N            friction [N]: Coulomb's return map
@@ -55,7 +56,8 @@ struct ContactGeometry {
   double depth_allowance = 0;  // negative gap that may remain at the end of a substep [m]
   double margin = 0;           // distance of the surfaces at zero gap (threshold) [m]
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
-  Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius
+  Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round
+                               // surface: the circle of its curvature, plus the tendon's radius
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
   Vec3 side;                   // pair: n at the start of the step
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
@@ -107,6 +109,8 @@ struct Contact {
   int link = -1;
   bool moves = false;   // the link's body is an unknown of the solve
   Vec3 arm;             // contact point, from that body's centre of mass [m]
+  Vec3 arm_end;         // the contact point to which the arm leads [m]
+  bool begins = false;  // this is the point of the start of the substep, else of its end
   bool joins = false;   // couples two tendons in the pattern of their matrix
   bool passes = false;  // predicted not to touch
   ContactGeometry geometry;
@@ -123,10 +127,14 @@ struct Contact {
   // force of the curvature terms are those of this position, else the predicted ones. definite: the terms
   // that can make the block indefinite are left out, such as the convex edge of a mouth.
   void evaluate(Vec3 relative, bool at_position, bool definite = true);
-  // Mouth contact: finds the point of the segment start-end nearest to the edge, from the last one.
+  // Whether the surface is round, and the contact point that of a segment which is nearest to it.
+  bool is_round() const { return key.kind == ContactKind::bone && geometry.rim.radius > 0; }
+  // Whether the contact point slides along its segment.
+  bool follows() const { return key.kind == ContactKind::mouth || is_round(); }
+  // Finds the point of the segment start-end nearest to the edge or the round surface, from the last one.
   void follow(Vec3 start, Vec3 end);
   // Sets the sliding term that the motion of this point along the segment adds to the block
-  // (contact/mouth_edge.cpp). Call it after evaluate.
+  // (contact/following.cpp). Call it after evaluate.
   void add_sliding_term(Vec3 start, Vec3 end, bool definite);
   // If the depth is too large, sets N_0 <- N and increases k. Returns whether it did.
   bool stiffen();
@@ -150,8 +158,11 @@ struct Contact {
   // The same for a pair of segments with the ends x [m] (contact/segment_pair.cpp).
   void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
-  // Gap [m], normal and curvatures [1/m] of the edge of a mouth at x (contact/mouth_edge.cpp).
+  // Gap [m], normal and curvatures [1/m] of the edge of a mouth at x (contact/following.cpp).
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
+  // Gap [m], normal and curvature [1/m] of a round surface (sign 1), or of the wall of a bore (sign -1), at
+  // x. `around`: tangential unit vector.
+  void cylinder_gap(Vec3 x, double sign, double& curvature, Vec3& around);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
 };

@@ -8,7 +8,7 @@
 //   S      = (l_a.H l_a, -l_a.H l_b; ., l_b.H l_b)
 //
 // The contact points are the nearest points of every iteration, for the same reason as at an edge
-// (contact/mouth_edge.cpp). A point at the end of its segment is fixed and has no column in V. Nearly
+// (contact/following.cpp). A point at the end of its segment is fixed and has no column in V. Nearly
 // parallel segments have no unique nearest points. They have a contact with fixed points at each end of the
 // stretch along which they touch (geometry/segment_distance.h).
 #include <algorithm>

@@ -20,6 +20,7 @@ struct Primitive {
   double radius = 0, half_length = 0;  // of the cylinder [m]
 
   explicit operator bool() const { return kind != Kind::none; }
+  bool is_round() const { return kind == Kind::cylinder || (kind == Kind::box && growth > 0); }
   Nearest nearest(Vec3 a, Vec3 b) const;
 
  private:

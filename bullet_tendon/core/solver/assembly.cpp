@@ -264,10 +264,15 @@ void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other)
 }  // namespace
 
 void follow(Island& island, Contact& contact) {
-  if (contact.key.kind == ContactKind::mouth) {
+  if (contact.follows()) {
     const Field& x = island.at(contact.a).x_new;
     const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
     contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
+    // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
+    if (contact.is_round() && contact.friction.coefficient == 0) return;
+    const Vec3 at = contact.begins ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
+    contact.arm += at - contact.arm_end;
+    contact.arm_end = at;
   } else if (contact.b.tendon >= 0) {
     Vec3 x[4];
     ends_of(island, contact, x);
@@ -280,7 +285,7 @@ void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
   Tendon& a = island.at(contact.a);
   const int i = contact.a.first;
   const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
-  if (contact.key.kind == ContactKind::mouth)
+  if (contact.follows())
     contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
   else if (contact.b.tendon >= 0) {
     ends_of(island, contact, x);

@@ -47,8 +47,8 @@ void find_acting(Island& island);
 // Functions that the converged and the published methods share.
 Vec3 relative_position(const Island& island, const Contact& contact, Field Tendon::* where);
 void add_contact_force(Island& island, const Contact& contact);
-// Moves the contact points of pairs and mouths to the points that are nearest now. add_sliding_blocks adds
-// the resulting sliding-point terms, and precedes add_contact_block.
+// Moves the contact points of pairs, mouths and round surfaces to the points that are nearest now.
+// add_sliding_blocks adds the resulting sliding-point terms, and precedes add_contact_block.
 void follow(Island& island, Contact& contact);
 void add_sliding_blocks(Island& island, Contact& contact, bool definite);
 void add_contact_block(Island& island, const Contact& contact);

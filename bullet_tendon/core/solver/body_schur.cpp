@@ -323,8 +323,8 @@ BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& bor
   add_force(link.load, pull, arm);
 }
 
-// The same for the sliding-point terms of a mouth contact. A motion of the edge is equivalent to the opposite
-// motion of both ends of the segment.
+// The same for the sliding-point terms of a contact that follows. A motion of the edge is equivalent to the
+// opposite motion of both ends of the segment.
 BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Panel& panel,
                                            LinkColumns& link) {
   Eight u[3], along, at_end;
@@ -466,7 +466,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     if (!link.moves && !a.carried) continue;
     const Vec3 arm = (*island.bodies.links)[contact->link].now(contact->arm);
     couple(*contact, arm, a, a.panels[p], link);
-    if (contact->key.kind == ContactKind::mouth) couple_sliding_terms(*contact, arm, a.panels[p], link);
+    if (contact->follows()) couple_sliding_terms(*contact, arm, a.panels[p], link);
   }
   each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);

@@ -117,6 +117,11 @@ std::optional<Plane> across_valley(NearCache& cache, int particle, const Shape& 
   return Plane{other.point, (1 / other.distance) * (x - other.point)};
 }
 
+Tangent in_world(const Tangent& surface, const Pose& pose) {
+  return {to_world(pose, surface.point), pose.rotation * surface.normal, pose.rotation * surface.along,
+          surface.radius};
+}
+
 // A particle as a point of a segment.
 SegmentPoint particle_of(const Tendon& c, int tendon, int i) {
   return i < c.n() - 1 ? SegmentPoint{tendon, i, 1, 0} : SegmentPoint{tendon, i - 1, 0, 1};
@@ -151,7 +156,7 @@ void World::collect_contacts() {
 }
 
 // Contact with a plane on a link, given where it is at the end of the substep without tendon forces.
-Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 normal, const ContactKey& key,
+Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& surface, const ContactKey& key,
                              double friction) {
   const Link& link = scene.links[link_slot];
   const Tendon& c = *step_.slots[spot.tendon];
@@ -160,9 +165,17 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, Vec3 point, Vec3 
   contact.key = key;
   contact.a = spot;
   contact.link = link_slot;
-  contact.geometry.normal = normal;
-  contact.geometry.offset = dot(normal, point) + c.radius + options.contact_threshold;
+  const double kept = c.radius + options.contact_threshold;
+  contact.geometry.normal = surface.normal;
+  contact.geometry.offset = dot(surface.normal, surface.point) + kept;
+  // The force on a free body acts where its point was at the start (set_arm). A point that follows to the end
+  // would hold back a ball that rolls.
+  const bool is_free = link.yields() && link.jacobian.empty();
+  if (surface.radius > 0 && !is_free)
+    contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
+                                  cross(surface.normal, surface.along), surface.radius + kept, {}, 0);
   contact.geometry.margin = options.contact_threshold;
+  contact.friction.anchored_at = spot.w1;
   contact.friction.coefficient = friction * c.friction;
   const Vec3 x = spot.of(c.x);
   contact.friction.relative_start = x + link.drift(x, dt);
@@ -212,7 +225,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   // The inertia term makes a particle without tension stick before it gains speed.
   contact.friction.stiffness =
       carries ? held.stiffness + kLooseTangentRatio * held.inertia : kSpringTangentRatio * held.stiffness;
-  if (contact.link >= 0) contact.arm = arm_of(contact);
+  if (contact.link >= 0) set_arm(contact);
   contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
   contact.geometry.depth_allowance = depth_to_leave(contact, kPushOut * radius);
   recall(contact, held.inertia);
@@ -222,11 +235,15 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 // that of the start of the substep: implicit Euler keeps the angular momentum of both with it. On a link of
 // an articulated body, whose angular momentum its bearing or pybullet's own step changes by more, the arm is
 // that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing.
-Vec3 World::arm_of(const Contact& contact) const {
+void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
-  if (link.jacobian.empty()) return contact.a.of(c.x) - link.centre;
-  return contact.a.of(c.predicted) - link.centre - step_.context.dt * link.velocity;
+  contact.begins = link.jacobian.empty();
+  contact.arm_end = contact.a.of(contact.begins ? c.x : c.predicted);
+  const Vec3 centre = contact.begins ? link.centre : link.centre + step_.context.dt * link.velocity;
+  // A force without friction passes through the centre of a round surface, wherever it acts.
+  if (contact.is_round() && contact.friction.coefficient == 0) contact.arm_end = contact.geometry.rim.centre;
+  contact.arm = contact.arm_end - centre;
 }
 
 void World::add_contact(const Contact& contact) {
@@ -311,28 +328,25 @@ void World::bone_contacts() {
         if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius)) continue;
         const SegmentPoint spot = segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u}
                                           : particle_of(*step_.slots[c], tendon, f);
-        Vec3 point = e.now.point, normal = e.now.normal;
-        lean_ahead(detection_.caches[c][s], f, to_local(end, spot.of(step_.slots[c]->predicted)), point,
-                   normal);
+        const Vec3 ahead = to_local(end, spot.of(step_.slots[c]->predicted));
+        const Tangent surface = in_world(tangent_of(detection_.caches[c][s], shape, f, ahead), end);
         ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
-        point = to_world(end, point);
-        normal = end.rotation * normal;
         const auto other = segment ? std::nullopt : across_valley(detection_.caches[c][s], f, shape);
         if (other && !in_any_bore(to_world(start, other->point), bores_for(*step_.slots[c], shape.link))) {
-          const Vec3 other_normal = end.rotation * other->normal;
+          const Tangent side = in_world({other->point, other->normal}, end);
           ContactKey across = key;
-          (last_faced(key, other_normal, normal) ? key : across).end = 1;
-          bone_contact(spot, across, to_world(end, other->point), other_normal);
+          (last_faced(key, side.normal, surface.normal) ? key : across).end = 1;
+          bone_contact(spot, across, side);
         }
-        bone_contact(spot, key, point, normal);
+        bone_contact(spot, key, surface);
       }
     }
   }
 }
 
-void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, Vec3 point, Vec3 normal) {
+void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface) {
   const Shape& shape = scene.shapes[key.other];
-  Contact contact = plane_contact(spot, shape.link, point, normal, key, shape.friction);
+  Contact contact = plane_contact(spot, shape.link, surface, key, shape.friction);
   contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
                                 options.bone_contact == BoneContact::constraint &&
                                 !scene.links[shape.link].yields();
@@ -357,8 +371,8 @@ void World::half_space_contacts(int tendon, int s) {
     double height = dot(normal, x) - offset;
     if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
     const Vec3 foot = to_world(end, to_local(pose, x - height * normal));
-    bone_contact(particle_of(c, tendon, i), {ContactKind::bone, tendon, i, s}, foot,
-                 end.rotation * shape.plane_normal);
+    bone_contact(particle_of(c, tendon, i), {ContactKind::bone, tendon, i, s},
+                 {foot, end.rotation * shape.plane_normal});
   }
 }
 

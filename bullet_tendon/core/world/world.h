@@ -259,9 +259,9 @@ class World {
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
   void finish_pair(Contact& contact);
-  Vec3 arm_of(const Contact& contact) const;
+  void set_arm(Contact& contact) const;
   void add_contact(const Contact& contact);
-  void bone_contact(const SegmentPoint& spot, const ContactKey& key, Vec3 point, Vec3 normal);
+  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
   bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
   const ContactMemory* remembered(const ContactKey& key) const;
   double depth_to_leave(const Contact& contact, double most) const;
@@ -298,7 +298,7 @@ class World {
   void make_islands();
   int island_root(int tendon);
   void join_islands(int a, int b);
-  Contact plane_contact(SegmentPoint spot, int link, Vec3 point, Vec3 normal, const ContactKey& key,
+  Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
                         double friction);
 
   StepState step_;

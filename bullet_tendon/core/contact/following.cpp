@@ -1,13 +1,16 @@
-// Contact of a segment with the edge of a tunnel mouth (Rim).
+// Contacts of a segment whose point slides along it: with the edge of a tunnel mouth (Rim), and with a round
+// surface.
 //
 //   D(x) = |x - nearest point of the edge| [m], n its gradient
 //   H    = m m^T / D - kappa t t^T         second derivative of D [1/m]; t is the tangent of the edge,
 //                                          m = t x n, kappa = n.k / (1 - D n.k), k its curvature vector
+//   D(x) = distance from the axis of curvature, H = t t^T / D for a round surface
 //   g(a, b) = min_u D(a + u l) - r         gap of the segment a-b [m], l = b - a
 //   g''     = P^T H P - v v^T / (l.H l)    P = (1 - u, u), v = P^T H l + (-n, n)
 //
 // The contact point is the nearest point of every iteration. With a fixed point, a segment that slides or
-// turns would leave the edge or penetrate it, and the normal force would turn the segment further.
+// turns would leave the edge or penetrate it, and the normal force would turn the segment further: the chords
+// around a wheel would turn to and fro, each against its neighbours.
 #include <algorithm>
 #include <cmath>
 
@@ -32,9 +35,14 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_
   around = edge.tangent;
 }
 
-// The search for the point of a segment nearest to an edge starts at the last point.
 void Contact::follow(Vec3 start, Vec3 end) {
-  a.w1 = slide_to_rim(start, end, a.w1, geometry.rim);
+  if (is_round()) {
+    const Vec3 l = without(end - start, geometry.rim.axis);
+    const double square = dot(l, l);
+    if (square > 0) a.w1 = std::min(std::max(dot(geometry.rim.centre - start, l) / square, 0.0), 1.0);
+  } else {
+    a.w1 = slide_to_rim(start, end, a.w1, geometry.rim);
+  }
   a.w0 = 1 - a.w1;
   geometry.point_shift = (a.w1 - friction.anchored_at) * (end - start);
 }
@@ -42,12 +50,15 @@ void Contact::follow(Vec3 start, Vec3 end) {
 void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   geometry.sliding_terms = 0;
   const double u = a.w1;
-  if (key.kind != ContactKind::mouth || !normal_force.pressed || u <= 0 || u >= 1) return;
+  if (!follows() || !normal_force.pressed || u <= 0 || u >= 1) return;
   const Vec3 x = (1 - u) * start + u * end, l = end - start;
   const double kept = geometry.gap;
   double curvature = 0, across_edge = 0;
   Vec3 around;
-  mouth_gap(x, curvature, around, across_edge);
+  if (is_round())
+    cylinder_gap(x, 1, curvature, around);
+  else
+    mouth_gap(x, curvature, around, across_edge);
   geometry.gap = kept;
   const Vec3 m = cross(around, geometry.normal);
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
