@@ -58,6 +58,7 @@ struct ContactGeometry {
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
   Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round
                                // surface: the circle of its curvature, plus the tendon's radius
+  RimPoint edge;               // mouth: the point of its edge, as last evaluated
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
   Vec3 side;                   // pair: n at the start of the step
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed

@@ -21,7 +21,8 @@ namespace bt {
 
 void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
   const Rim& rim = geometry.rim;
-  const RimPoint edge = nearest_on_rim(rim, x, any_perpendicular(rim.axis));
+  geometry.edge = nearest_on_rim(rim, x, any_perpendicular(rim.axis), geometry.edge);
+  const RimPoint& edge = geometry.edge;
   const Vec3 from = x - edge.point;
   const double d = norm(from), bend = dot(from, edge.curvature);
   // A segment through the mouth that is beyond the edge is inside the bone. It is pushed back to the bore.
@@ -41,7 +42,7 @@ void Contact::follow(Vec3 start, Vec3 end) {
     const double square = dot(l, l);
     if (square > 0) a.w1 = std::min(std::max(dot(geometry.rim.centre - start, l) / square, 0.0), 1.0);
   } else {
-    a.w1 = slide_to_rim(start, end, a.w1, geometry.rim);
+    a.w1 = slide_to_rim(start, end, a.w1, geometry.rim, geometry.edge);
   }
   a.w0 = 1 - a.w1;
   geometry.point_shift = (a.w1 - friction.anchored_at) * (end - start);

@@ -78,7 +78,8 @@ Direction direction(double c, double s) {
 }
 
 // Finds the angle at which the half of an ellipse (A cos, B sin), sin >= 0, is nearest to (x, y); x >= 0 and
-// A > B. Returns false where it is nearest at the end of that half.
+// A > B. The search starts at `at`, if that is not zero. Returns false where it is nearest at the end of that
+// half.
 //
 // With f half the squared distance, f' = (B^2 - A^2) s c + A x s - B y c. On the side of (x, y), f' changes
 // sign once in the quarter. On the other side, f has a minimum beside that of (x, 0), or none.
@@ -90,8 +91,10 @@ bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
   const double excess = A * A - B * B;
   const bool own_side = y >= 0;
   if (!own_side && A * x >= excess) return false;
-  at = own_side ? direction(B * x, A * y)
-                : direction(A * x / excess, std::sqrt(1 - A * x / excess * (A * x / excess)));
+  if (!own_side)
+    at = direction(A * x / excess, std::sqrt(1 - A * x / excess * (A * x / excess)));
+  else if (at.c == 0 && at.s == 0)
+    at = direction(B * x, A * y);
   Direction low{1, 0}, high{0, 1};
   for (int i = 0; i < kIterations; ++i) {
     const double slope = A * x * at.s - B * y * at.c - excess * at.s * at.c;
@@ -111,7 +114,7 @@ bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
 
 }  // namespace
 
-RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback) {
+RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& last) {
   const double A = rim.longest, B = rim.radius;
   if (rim.is_circle()) {
     const Vec3 out = unit_or(without(p - rim.centre, rim.axis), fallback);
@@ -119,7 +122,7 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback) {
   }
   const double x = dot(p - rim.centre, rim.longer), y = dot(p - rim.centre, rim.shorter);
   const double side = rim.half ? rim.half : std::copysign(1.0, y);
-  Direction at;
+  Direction at{last.c, last.s};
   if (!nearest_on_half(A, B, std::fabs(x), side * y, at)) {
     // The end of the half is a point, whose curvature is infinite, whichever way it is seen.
     const Vec3 end = rim.centre + std::copysign(A, x) * rim.longer, from = p - end;
@@ -129,10 +132,10 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback) {
   const double square = A * A * s * s + B * B * c * c;
   return {rim.centre + A * c * rim.longer + B * s * rim.shorter,
           (1 / std::sqrt(square)) * (B * c * rim.shorter - A * s * rim.longer),
-          (-A * B / (square * square)) * (B * c * rim.longer + A * s * rim.shorter)};
+          (-A * B / (square * square)) * (B * c * rim.longer + A * s * rim.shorter), at.c, at.s};
 }
 
-double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim) {
+double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at) {
   // Last change of the parameter, which is squared by the next [-]. Larger: more iterations of the solution.
   constexpr double kArrived = 1e-11;
   // Least second derivative for Newton's method, over that without the rim's curvature [-].
@@ -141,7 +144,7 @@ double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim) {
   const double length2 = dot(d, d);
   if (length2 == 0) return u;
   for (int i = 0; i < kAdvances; ++i) {
-    const RimPoint at = nearest_on_rim(rim, a + u * d, fallback);
+    at = nearest_on_rim(rim, a + u * d, fallback, at);
     const Vec3 from = a + u * d - at.point;
     // Newton's method on half the squared distance: the rim's point moves by t (t.d) / (1 - from.k). Where
     // that is not convex, the point is projected to the segment.
@@ -182,7 +185,8 @@ double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim) {
       best = s;
     }
   }
-  if (!rim.is_circle()) return slide_to_rim(a, b, static_cast<double>(best) / kSamples, rim);
+  RimPoint at;
+  if (!rim.is_circle()) return slide_to_rim(a, b, static_cast<double>(best) / kSamples, rim, at);
   const double left = std::max(0, best - 1) / static_cast<double>(kSamples);
   const double right = std::min(kSamples, best + 1) / static_cast<double>(kSamples);
   const double u = golden_section(left, right, square);

@@ -33,6 +33,7 @@ Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half);
 // A point of a rim, with the unit tangent and the curvature vector of the rim there [1/m].
 struct RimPoint {
   Vec3 point, tangent, curvature;
+  double c = 0, s = 0;  // its place along the longer and the shorter semi-axis, without signs, over these [-]
 };
 
 // A bore in a link: a cylinder between two planes (link frame), with rims that are sharp or rounded by a
@@ -88,10 +89,12 @@ struct Bore {
 // The bore of a link at this pose.
 Bore in_world(const Tunnel& tunnel, const Pose& pose);
 
-// The point of a rim nearest to p; of a point on the axis, that towards `fallback`.
-RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback);
-// Parameter in [0, 1] of the point of segment a-b next to u from which the rim is nowhere nearer.
-double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim);
+// The point of a rim nearest to p; of a point on the axis, that towards `fallback`. The search starts at
+// `last`, if that was found before.
+RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& last = {});
+// Parameter in [0, 1] of the point of segment a-b next to u from which the rim is nowhere nearer. at: the
+// point of the rim that was found last.
+double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at);
 // Parameter in [0, 1] of the point of segment a-b nearest to the rim.
 double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim);
 

@@ -598,7 +598,10 @@ void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double r
   mouth_contact(tendon, t, mouth, k, rim, u, reach);
   if (rim.is_circle()) return;
   rim.half = -rim.half;
-  u = slide_to_rim(a, b, u, rim);
+  const Vec3 x = (1 - u) * a + u * b;
+  RimPoint other = nearest_on_rim(rim, x, {});
+  if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > reach - c.rest[k]) return;
+  u = slide_to_rim(a, b, u, rim, other);
   mouth_contact(tendon, t, mouth, k, rim, u, reach - c.rest[k]);
 }
 
