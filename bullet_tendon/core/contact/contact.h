@@ -108,12 +108,12 @@ struct Contact {
   ContactKey key;
   SegmentPoint a, b;  // b.tendon = -1: contact with a link
   int link = -1;
-  bool moves = false;   // the link's body is an unknown of the solve
-  Vec3 arm;             // contact point, from that body's centre of mass [m]
-  Vec3 arm_end;         // the contact point to which the arm leads [m]
-  bool begins = false;  // this is the point of the start of the substep, else of its end
-  bool joins = false;   // couples two tendons in the pattern of their matrix
-  bool passes = false;  // predicted not to touch
+  bool moves = false;     // the link's body is an unknown of the solve
+  Vec3 arm;               // contact point, from that body's centre of mass [m]
+  Vec3 arm_end;           // the point to which the arm leads [m]
+  bool at_start = false;  // it is that of the start of the substep, else of its end
+  bool joins = false;     // couples two tendons in the pattern of their matrix
+  bool passes = false;    // predicted not to touch
   ContactGeometry geometry;
   NormalForce normal_force;
   Friction friction;

@@ -270,7 +270,7 @@ void follow(Island& island, Contact& contact) {
     contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
     // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
     if (contact.is_round() && contact.friction.coefficient == 0) return;
-    const Vec3 at = contact.begins ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
+    const Vec3 at = contact.at_start ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
     contact.arm += at - contact.arm_end;
     contact.arm_end = at;
   } else if (contact.b.tendon >= 0) {

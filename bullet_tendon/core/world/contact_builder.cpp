@@ -238,9 +238,9 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
-  contact.begins = link.jacobian.empty();
-  contact.arm_end = contact.a.of(contact.begins ? c.x : c.predicted);
-  const Vec3 centre = contact.begins ? link.centre : link.centre + step_.context.dt * link.velocity;
+  contact.at_start = link.jacobian.empty();
+  contact.arm_end = contact.a.of(contact.at_start ? c.x : c.predicted);
+  const Vec3 centre = contact.at_start ? link.centre : link.centre + step_.context.dt * link.velocity;
   // A force without friction passes through the centre of a round surface, wherever it acts.
   if (contact.is_round() && contact.friction.coefficient == 0) contact.arm_end = contact.geometry.rim.centre;
   contact.arm = contact.arm_end - centre;
