@@ -43,6 +43,7 @@ def test_a_scene_of_each_family(family):
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).
 WRONG_TODAY = {
     "block_and_tackle": "a chord between particles cuts a small wheel",
+    "capstan": "sticking contacts store energy, and give it back when a hand pulls the other way",
     "end_pushed_on_plate": "a free end that buckles under a large push",
     "finger_from_urdf": "a link of some grams is turned by a radian within a step",
     "graft_in_bone": "chords of a coarse graft press on both walls of a tight bore",
