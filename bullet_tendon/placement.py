@@ -58,10 +58,14 @@ class Placement:
         self.find_mouths(body)
 
     def find_mouths(self, body: int) -> None:
-        """Shapes or tunnels of a body have been added or removed: see where the ones meet the others."""
+        """Shapes of a body have been added or removed: see where its tunnels meet the surface now."""
         for tunnel in self._tunnels.values():
             if tunnel.bodyUniqueId == body:
-                tunnel._meet(self._obstacles.of_link(body, tunnel.linkIndex))
+                self.find_mouths_of(tunnel)
+
+    def find_mouths_of(self, tunnel: Tunnel) -> None:
+        """A tunnel has been added, or the shapes of its link have changed."""
+        tunnel._meet(self._obstacles.of_link(tunnel.bodyUniqueId, tunnel.linkIndex))
 
     def forget(self, slot: int) -> None:
         """A tendon has been removed."""

@@ -235,7 +235,7 @@ class TendonWorld(NotCopied):
         slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
         tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link, self._bodies.checked_frame, self._core)
         self._tunnels[slot] = tunnel
-        self._placement.find_mouths(int(bodyUniqueId))
+        self._placement.find_mouths_of(tunnel)
         return tunnel
 
     def remove_tunnel(self, tunnel: Tunnel) -> None:
