@@ -103,11 +103,14 @@ bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
     const double step = bend > 0 ? -slope / bend : 0;
     Direction next = direction(at.c - step * at.s, at.s + step * at.c);
     if (!own_side && (bend <= 0 || next.s <= 0)) return false;
+    if (bend > 0 && std::fabs(step) < kArrived) {
+      at = next;
+      break;
+    }
+    // Beside the root, rounding puts the step outside the bracket: what has arrived is not halved again.
     const bool between = low.c * next.s >= low.s * next.c && next.c * high.s >= next.s * high.c;
     if (own_side && (bend <= 0 || !between)) next = direction(low.c + high.c, low.s + high.s);
-    const double turned = std::fabs(at.c * next.s - at.s * next.c);
     at = next;
-    if (turned < kArrived) break;
   }
   return true;
 }
