@@ -86,8 +86,9 @@ void set_mouths(World& w, int slot, const Array& centres, const Array& slopes) {
 // points (k, 3), in the link's frame.
 py::array_t<bool> is_drilled(const World& w, int slot, const Array& points) {
   const Field at = field_of(points);
+  const Bore bore = w.bore_in_link(slot);
   py::array_t<bool> found(at.size());
-  for (int i = 0; i < at.size(); ++i) found.mutable_at(i) = w.is_drilled(slot, at.at(i));
+  for (int i = 0; i < at.size(); ++i) found.mutable_at(i) = bore.removes(at.at(i));
   return found;
 }
 

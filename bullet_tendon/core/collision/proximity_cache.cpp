@@ -47,9 +47,7 @@ double reach_of(const Tendon& tendon, int i, const Link& link, double dt, double
 }
 
 bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
-  for (const Bore& b : bores)
-    if (b.contains(p, kBoreReach * b.radius)) return true;
-  return false;
+  return std::any_of(bores.begin(), bores.end(), [&](const Bore& b) { return b.removes(p); });
 }
 
 namespace {

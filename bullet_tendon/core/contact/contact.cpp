@@ -15,7 +15,15 @@ constexpr double kStiffening = 10.0;
 
 }  // namespace
 
-void Contact::cylinder_gap(Vec3 x, double sign, double& curvature, Vec3& around) {
+void Contact::curved_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
+  if (key.kind == ContactKind::mouth)
+    mouth_gap(x, curvature, around, across_edge);
+  else
+    cylinder_gap(x, curvature, around);
+}
+
+void Contact::cylinder_gap(Vec3 x, double& curvature, Vec3& around) {
+  const double sign = key.kind == ContactKind::bore ? -1 : 1;  // from within
   const Vec3 radial = without(x - geometry.rim.centre, geometry.rim.axis);
   const double rho = norm(radial);
   geometry.gap = sign * (rho - geometry.rim.radius);
@@ -30,10 +38,8 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   // Curvatures of the surface around the axis, and across the edge of a mouth [1/m].
   double curvature = 0, across_edge = 0;
   Vec3 around;
-  if (key.kind == ContactKind::bore || is_round())
-    cylinder_gap(relative, is_round() ? 1 : -1, curvature, around);
-  else if (key.kind == ContactKind::mouth)
-    mouth_gap(relative, curvature, around, across_edge);
+  if (is_curved())
+    curved_gap(relative, curvature, around, across_edge);
   else
     geometry.gap = dot(geometry.normal, relative) - geometry.offset;
   geometry.gap -= geometry.depth_allowance;

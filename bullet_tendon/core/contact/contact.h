@@ -130,6 +130,8 @@ struct Contact {
   void evaluate(Vec3 relative, bool at_position, bool definite = true);
   // Whether the surface is round, and the contact point that of a segment which is nearest to it.
   bool is_round() const { return key.kind == ContactKind::bone && geometry.rim.radius > 0; }
+  // Whether the gap is that of a curved surface, else of a plane.
+  bool is_curved() const { return key.kind == ContactKind::bore || follows(); }
   // Whether the contact point slides along its segment.
   bool follows() const { return key.kind == ContactKind::mouth || is_round(); }
   // Finds the point of the segment start-end nearest to the edge or the round surface, from the last one.
@@ -159,11 +161,11 @@ struct Contact {
   // The same for a pair of segments with the ends x [m] (contact/segment_pair.cpp).
   void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
-  // Gap [m], normal and curvatures [1/m] of the edge of a mouth at x (contact/following.cpp).
+  // Gap [m], normal and curvatures [1/m] of a curved surface at x: the edge of a mouth
+  // (contact/following.cpp), else the wall of a bore or a round surface. `around`: tangential unit vector.
+  void curved_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
-  // Gap [m], normal and curvature [1/m] of a round surface (sign 1), or of the wall of a bore (sign -1), at
-  // x. `around`: tangential unit vector.
-  void cylinder_gap(Vec3 x, double sign, double& curvature, Vec3& around);
+  void cylinder_gap(Vec3 x, double& curvature, Vec3& around);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
 };

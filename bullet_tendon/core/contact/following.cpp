@@ -56,10 +56,7 @@ void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   const double kept = geometry.gap;
   double curvature = 0, across_edge = 0;
   Vec3 around;
-  if (is_round())
-    cylinder_gap(x, 1, curvature, around);
-  else
-    mouth_gap(x, curvature, around, across_edge);
+  curved_gap(x, curvature, around, across_edge);
   geometry.gap = kept;
   const Vec3 m = cross(around, geometry.normal);
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;

@@ -17,6 +17,11 @@ namespace {
 // queries.
 constexpr size_t kMostNearby = 64;
 
+// Least height of a point over the tangent plane of another, over their distance from the feature, from which
+// the surface between them is a valley [-]. Larger: flat valleys have one side at a time, between which what
+// slides changes. Smaller: more contacts on rough surfaces.
+constexpr double kValley = 1e-3;
+
 double along(Vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
 
 Vec3 middle(const Triangle& t) { return (1.0 / 3) * (t.a + t.b + t.c); }
@@ -103,11 +108,6 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
   }
   return rooted(best);
 }
-
-// Least height of a point over the tangent plane of another, over their distance from the feature, from which
-// the surface between them is a valley [-]. Larger: flat valleys have one side at a time, between which what
-// slides changes. Smaller: more contacts on rough surfaces.
-constexpr double kValley = 1e-3;
 
 Surface::Surface(std::vector<Triangle> triangles) : triangles_(std::move(triangles)) {
   nodes_.reserve(2 * triangles_.size());

@@ -122,6 +122,13 @@ Tangent in_world(const Tangent& surface, const Pose& pose) {
           surface.radius};
 }
 
+// Where a rim is at the end of the substep, without the tendons.
+Rim drifted(const Rim& rim, const Link& link, double dt) {
+  const Vec3 axis = unit_or(rim.axis + dt * cross(link.spin, rim.axis), rim.axis);
+  const Vec3 slope = without(rim.slope + dt * cross(link.spin, rim.slope), axis);
+  return rim_of(rim.centre + link.drift(rim.centre, dt), axis, rim.radius, slope, rim.half);
+}
+
 // A particle as a point of a segment.
 SegmentPoint particle_of(const Tendon& c, int tendon, int i) {
   return i < c.n() - 1 ? SegmentPoint{tendon, i, 1, 0} : SegmentPoint{tendon, i - 1, 0, 1};
@@ -540,9 +547,8 @@ void World::bore_contacts(int tendon, int t) {
     contact.link = scene.tunnels[t].link;
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
-    contact.geometry.rim.centre = on_axis + link.drift(on_axis, dt);
-    contact.geometry.rim.axis = unit_or(bore.axis + dt * cross(link.spin, bore.axis), bore.axis);
-    contact.geometry.rim.radius = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
+    const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
+    contact.geometry.rim = drifted(rim_of(on_axis, bore.axis, room, {}, 0), link, dt);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
@@ -624,9 +630,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};
   contact.a = {tendon, k, 1 - u, u};
   contact.friction.anchored_at = u;
-  const Vec3 axis = unit_or(rim.axis + dt * cross(link.spin, rim.axis), rim.axis);
-  const Vec3 slope = without(rim.slope + dt * cross(link.spin, rim.slope), axis);
-  contact.geometry.rim = rim_of(rim.centre + link.drift(rim.centre, dt), axis, rim.radius, slope, rim.half);
+  contact.geometry.rim = drifted(rim, link, dt);
   contact.geometry.margin = options.contact_threshold;
   contact.geometry.offset = c.radius + scene.tunnels[t].chamfer + options.contact_threshold;
   contact.geometry.threads_mouth =

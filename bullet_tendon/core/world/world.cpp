@@ -98,10 +98,7 @@ void World::set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]
   forget_planes();
 }
 
-bool World::is_drilled(int slot, Vec3 point) const {
-  const Bore bore = in_world(scene.tunnels[slot], Pose{});
-  return bore.contains(point, kBoreReach * bore.radius);
-}
+Bore World::bore_in_link(int slot) const { return in_world(scene.tunnels[slot], Pose{}); }
 
 void World::remove_tunnel(int slot) {
   wake_all();

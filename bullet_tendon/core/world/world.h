@@ -133,8 +133,8 @@ class World {
   // Where the axis of a tunnel meets its mouths' planes [m], and the slopes of these (Rim), in its link's
   // frame.
   void set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]);
-  // Whether a tunnel removes the bone at a point of its link's frame [m].
-  bool is_drilled(int slot, Vec3 point) const;
+  // The bore of a tunnel, in its link's frame.
+  Bore bore_in_link(int slot) const;
   void remove_tunnel(int slot);
   // Whether a tendon makes contacts: at all; with another tendon or (a == b) with itself; with a link.
   void set_collides(int tendon, bool collides);
