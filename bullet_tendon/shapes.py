@@ -76,7 +76,7 @@ class Shape:
     def contains(self, points) -> np.ndarray:
         """(k,) whether points (k, 3) of the shape's frame [m] are inside; of an open mesh, none is."""
         if self.interior is not None:
-            return self.interior.contains(points) if self.interior.closed else np.zeros(len(points), bool)
+            return self.interior.contains(points)
         return self.depth(points) > 0.0
 
     def depth(self, points) -> np.ndarray:
