@@ -3,6 +3,8 @@
 Segments are a -> b, rows of (k, 3) arrays; triangles are (t, 3, 3).
 """
 
+import itertools
+
 import numpy as np
 
 
@@ -143,3 +145,9 @@ def check_pairs(a, b, distance, point, u, outside):
     assert (u >= 0).all() and (u <= 1).all()
     gap = np.linalg.norm(a + u[:, None] * (b - a) - point, axis=1)
     assert np.abs(gap - np.abs(distance))[outside].max() <= 1e-9
+
+
+def subdivided(x, parts):
+    """Points along a polyline, `parts` to each segment."""
+    u = np.arange(parts) / parts
+    return np.vstack([((1 - u)[:, None] * a + u[:, None] * b) for a, b in itertools.pairwise(x)] + [x[-1:]])

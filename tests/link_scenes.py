@@ -11,8 +11,8 @@ TETRA = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
-def add_mesh(world, client, vertices, faces, friction=0.0):
-    """A static obstacle of the triangles as they are; their corners (k, 3, 3) [m]."""
+def mesh_obstacle(world, client, vertices, faces, friction=0.0):
+    """The body of a static obstacle of the triangles as they are."""
     vertices, faces = np.asarray(vertices, float), np.asarray(faces)
     shape = p.createCollisionShape(
         p.GEOM_MESH,
@@ -23,7 +23,13 @@ def add_mesh(world, client, vertices, faces, friction=0.0):
     )
     body = p.createMultiBody(0, shape, physicsClientId=client)
     world.add_obstacle(body, friction=friction, convex=False, meshes=[(vertices, faces)])
-    return vertices[faces]
+    return body
+
+
+def add_mesh(world, client, vertices, faces, friction=0.0):
+    """The same; corners (k, 3, 3) of its triangles [m]."""
+    mesh_obstacle(world, client, vertices, faces, friction)
+    return np.asarray(vertices, float)[np.asarray(faces)]
 
 
 def probe_of(client):

@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import subdivided
 
 import bullet_tendon as bt
 
@@ -28,10 +29,7 @@ def over_a_wheel(world, client, friction, force):
 
 def depth_of_chords(t):
     """How far the centreline is nearer to the wheel's surface than its radius, at most [m]."""
-    x = t.positions
-    fine = np.concatenate(
-        [a + np.linspace(0, 1, 33)[:, None] * (b - a) for a, b in zip(x, x[1:], strict=False)]
-    )
+    fine = subdivided(t.positions, 32)
     return WHEEL + RADIUS - np.hypot(fine[:, 1], fine[:, 2]).min()
 
 

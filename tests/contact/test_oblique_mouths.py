@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import subdivided
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -144,10 +145,7 @@ def test_a_graft_led_over_an_oblique_mouth_stays_out_of_the_bone(make_world, cli
         hand.target = first + s * s * (3 - 2 * s) * (goal - first)
         world.step()
     assert world.report.converged
-    x = graft.positions
-    line = np.concatenate(
-        [a + np.linspace(0, 1, 8)[:, None] * (b - a) for a, b in zip(x, x[1:], strict=False)]
-    )
+    line = subdivided(graft.positions, 7)
     near = line[line[:, 2] > 0.01]
     rounded = chamfer * (1 / math.sin(math.pi / 4 - tilt / 2) - 1)  # from a sharp edge to the round one in it
     assert distance_to_bone(near, tilt).min() >= 0.93 * radius - rounded

@@ -3,28 +3,21 @@
 import math
 
 import numpy as np
-import pybullet as p
 import pytest
+from link_scenes import mesh_obstacle
 
 import bullet_tendon as bt
 
 G, RADIUS, PARTICLES = 9.81, 0.002, 21
 
 
-def groove(client, half_angle, tilt=0.0):
-    """A mesh of two faces that meet along the x axis at twice this angle [rad], turned by `tilt` about it."""
+def groove(world, client, half_angle, tilt):
+    """An obstacle: two faces that meet along the x axis at twice this angle [rad], turned by `tilt`."""
     sides = [math.pi / 2 + tilt + side * half_angle for side in (-1, 1)]
     corners = [[x, 0.0, 0.0] for x in (-0.2, 0.2)]
     corners += [[x, 0.05 * math.cos(a), 0.05 * math.sin(a)] for a in sides for x in (-0.2, 0.2)]
     faces = [[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4]]
-    shape = p.createCollisionShape(
-        p.GEOM_MESH,
-        vertices=corners,
-        indices=np.ravel(faces).tolist(),
-        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
-        physicsClientId=client,
-    )
-    return p.createMultiBody(0, shape, physicsClientId=client), (corners, faces)
+    return mesh_obstacle(world, client, corners, faces, friction=1.0)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -32,8 +25,7 @@ def groove(client, half_angle, tilt=0.0):
 def test_both_sides_carry_the_weight(make_world, client, half_angle, tilt, friction):
     """At rest, with the forces that statics gives where there is no friction, and without a tremor."""
     world = make_world(1 / 240, (0, 0, -G))
-    body, mesh = groove(client, half_angle, tilt)
-    world.add_obstacle(body, friction=1.0, convex=False, meshes=[mesh])
+    body = groove(world, client, half_angle, tilt)
     up = RADIUS / math.sin(half_angle) * np.array([0, -math.sin(tilt), math.cos(tilt)])
     t = world.add_tendon(
         [up - [0.1, 0, 0], up + [0.1, 0, 0]],
@@ -69,15 +61,7 @@ def test_a_taut_tendon_does_not_sink_between_the_faces_of_a_groove(make_world, c
     )
     k = np.arange(14 * 15).reshape(14, 15)[:, :-1].ravel()
     faces = np.concatenate([np.c_[k, k + 15, k + 1], np.c_[k + 1, k + 15, k + 16]])
-    shape = p.createCollisionShape(
-        p.GEOM_MESH,
-        vertices=vertices.tolist(),
-        indices=faces.ravel().tolist(),
-        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
-        physicsClientId=client,
-    )
-    body = p.createMultiBody(0, shape, physicsClientId=client)
-    world.add_obstacle(body, friction=1.0, convex=False, meshes=[(vertices, faces)])
+    mesh_obstacle(world, client, vertices, faces, friction=1.0)
     a = np.linspace(-1.25, 1.25, 41)
     line = np.c_[0.027 * a, 0 * a + 1e-4, -0.014 * a * a + 0.0025]
     t = world.add_tendon(line, 0.0013, bt.Material(stiffness=1e6, damping=200.0, friction=0.0), 41)

@@ -1,8 +1,8 @@
 """Scenes of tendons in and on bones: bores, oblique mouths, meshes, sheets, plates, what starts inside."""
 
 import numpy as np
-from brute_force import Triangles
-from everyday_scene import Scene, family, subdivided, turning
+from brute_force import Triangles, subdivided
+from everyday_scene import Scene, family, turning
 from scipy.spatial import ConvexHull
 
 

@@ -401,7 +401,7 @@ class Scene:
     def _overlaps(self):
         """Whether a tendon begins a hundredth of its radius inside a solid, itself or another one."""
         for k, t in enumerate(self.tendons):
-            points = subdivided(t.positions, PARTS)
+            points = brute_force.subdivided(t.positions, PARTS)
             if any((self.gaps(points, solid) < 0.99 * t.radius).any() for solid in self.solids):
                 return True
             if any(nearest(t, other) < 0.99 * (t.radius + other.radius) for other in self.tendons[: k + 1]):
@@ -590,7 +590,7 @@ class Scene:
                 allowed = 0.1 * t.radius + min(speed * self.dt, t.radius / 2)
                 if solid[2] == "mesh" and step not in (80, 160, self.steps, None):
                     continue
-                points = subdivided(x, PARTS)
+                points = brute_force.subdivided(x, PARTS)
                 held = [h.particle for h in t.holds if getattr(h, "bodyUniqueId", None) == int(solid[0])]
                 beside = self._beside(held, x)
                 self._outside(t, points[~beside], solid, allowed, step)
@@ -641,11 +641,16 @@ class Scene:
 
     def in_bore(self, points, bore):
         """Places along the axis from its start, and distances from it [m]."""
+        along, aside = self._from_axis(points, bore)
+        return along, np.linalg.norm(aside, axis=1)
+
+    def _from_axis(self, points, bore):
+        """Places along the axis from its start, and vectors from the axis (k, 3), world frame [m]."""
         origin, axes = self.place(bore.bodyUniqueId, bore.linkIndex)
         way = (bore.end - bore.start) / np.linalg.norm(bore.end - bore.start)
         off = (points - origin) @ axes - bore.start
         along = off @ way
-        return along, np.linalg.norm(off - along[:, None] * way, axis=1)
+        return along, (off - along[:, None] * way) @ axes.T
 
     def in_clearance(self):
         """Particles within a bore keep their radius from its wall, where there is bone around it."""
@@ -661,12 +666,9 @@ class Scene:
 
     def _has_wall(self, points, bore):
         """Whether the wall of a bore beside points is in one of its link's solids, or it has none."""
-        origin, axes = self.place(bore.bodyUniqueId, bore.linkIndex)
-        start, end = origin + axes @ bore.start, origin + axes @ bore.end
-        way = (end - start) / np.linalg.norm(end - start)
-        foot = start + np.outer((points - start) @ way, way)
-        aside = points - foot
-        wall = foot + 1.06 * bore.radius * aside / np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
+        aside = self._from_axis(points, bore)[1]
+        off_axis = np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
+        wall = points + (1.06 * bore.radius / off_axis - 1.0) * aside
         solids = [s for s in self.solids if (int(s[0]), s[1]) == (int(bore.bodyUniqueId), bore.linkIndex)]
         found = np.full(len(points), not solids)
         for solid in solids:
@@ -734,12 +736,6 @@ def turning(x):
     way /= np.linalg.norm(way, axis=1)[:, None]
     across = np.linalg.norm(np.cross(way[:-1], way[1:]), axis=1)
     return np.arctan2(across, np.einsum("ij,ij->i", way[:-1], way[1:]))
-
-
-def subdivided(x, parts):
-    """Points along a polyline, `parts` to each segment."""
-    u = np.arange(parts) / parts
-    return np.vstack([((1 - u)[:, None] * a + u[:, None] * b) for a, b in itertools.pairwise(x)] + [x[-1:]])
 
 
 def signed_to_mesh(sizes, x):

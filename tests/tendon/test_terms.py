@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq
 
 import bullet_tendon as bt
 from bullet_tendon import _core
@@ -247,7 +247,7 @@ def test_contacts(kind, steep, seed):
 
 
 def tangent_beside(x, place, axis, radius, slope):
-    """The unit tangent of a mouth's edge at its point nearest to x, by search."""
+    """The unit tangent of a mouth's edge at its point nearest to x: where their distance does not change."""
     one = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     one /= np.linalg.norm(one)
     other = np.cross(axis, one)
@@ -256,13 +256,30 @@ def tangent_beside(x, place, axis, radius, slope):
         out = np.cos(angle) * one + np.sin(angle) * other
         return place + radius * (out + slope @ out * axis)
 
+    def tangent(angle):
+        around = np.cos(angle) * other - np.sin(angle) * one
+        return around + slope @ around * axis
+
     coarse = np.linspace(0, 2 * np.pi, 721)
     best = coarse[np.argmin([np.linalg.norm(x - point(angle)) for angle in coarse])]
-    found = minimize_scalar(
-        lambda a: np.sum((x - point(a)) ** 2) * 1e6, (best - 1e-2, best, best + 1e-2), tol=1e-12
-    )
-    way = point(found.x + 1e-5) - point(found.x - 1e-5)
+    bracket = best - coarse[1], best + coarse[1]
+    way = tangent(brentq(lambda angle: (x - point(angle)) @ tangent(angle), *bracket, xtol=1e-14))
     return way / np.linalg.norm(way)
+
+
+def agree_on_a_segment(kind, ends, offset, rim, stiffness, multiplier):
+    """The contact of a segment with ends (6,): forces and block against the potential N^2/(2k)."""
+
+    def term(at):
+        return _core.testing.edge_term(kind, at[:3], at[3:], offset, *rim, stiffness, multiplier)
+
+    def potential(at):
+        return max(0.0, multiplier - stiffness * term(at)[0]) ** 2 / (2 * stiffness)
+
+    force = np.concatenate(term(ends)[1:3])
+    assert np.linalg.norm(force) > 0
+    agree(-force, slopes(potential, ends, 1e-7))
+    agree(term(ends)[3], -slopes(lambda at: np.concatenate(term(at)[1:3]), ends, 1e-7))
 
 
 @pytest.mark.parametrize("steep", [0.0, 0.7, 2.0])
@@ -276,16 +293,7 @@ def test_edges(steep, seed):
     along = np.cross(evaluate(x)[1], around) + random.uniform(-0.5, 0.5) * around
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
-    def edge(at):
-        return _core.testing.edge_term(MOUTH, at[:3], at[3:], 0.001, *rim, stiffness, multiplier)
-
-    def potential(at):
-        return max(0.0, multiplier - stiffness * edge(at)[0]) ** 2 / (2 * stiffness)
-
-    force = np.concatenate(edge(ends)[1:3])
-    assert np.linalg.norm(force) > 0
-    agree(-force, slopes(potential, ends, 1e-7))
-    agree(edge(ends)[3], -slopes(lambda at: np.concatenate(edge(at)[1:3]), ends, 1e-7))
+    agree_on_a_segment(MOUTH, ends, 0.001, rim, stiffness, multiplier)
 
 
 @RANDOM
@@ -293,23 +301,13 @@ def test_edges(steep, seed):
 def test_chords_of_a_round_bone(seed):
     """A segment over a round bone: its nearest point goes with it, and presses along the radius."""
     random = np.random.default_rng(seed)
-    _, x, stiffness, multiplier, (place, axis, radius, slope) = contact(random, ROUND)
+    _, x, stiffness, multiplier, rim = contact(random, ROUND)
+    place, axis = rim[:2]
     out = (x - place) - axis * (axis @ (x - place))
     along = np.cross(axis, out / np.linalg.norm(out)) + random.uniform(-0.5, 0.5) * axis
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
-    def chord(at):
-        return _core.testing.edge_term(
-            BONE, at[:3], at[3:], 0.0, place, axis, radius, slope, stiffness, multiplier
-        )
-
-    def potential(at):
-        return max(0.0, multiplier - stiffness * chord(at)[0]) ** 2 / (2 * stiffness)
-
-    force = np.concatenate(chord(ends)[1:3])
-    assert np.linalg.norm(force) > 0
-    agree(-force, slopes(potential, ends, 1e-7))
-    agree(chord(ends)[3], -slopes(lambda at: np.concatenate(chord(at)[1:3]), ends, 1e-7))
+    agree_on_a_segment(BONE, ends, 0.0, rim, stiffness, multiplier)
 
 
 @pytest.mark.parametrize("shares", [(0.3, 0.6), (0.0, 0.4), (0.7, 1.0), (0.0, 1.0)])
