@@ -171,3 +171,50 @@ def test_what_damps_a_swing_into_a_limit_does_not_hold_it_off(make_world, client
         places.append(p.getJointState(arm, 0, client)[0])
     assert max(places) < 0.6 + 5e-4  # where it lands, by the damping of one step
     assert places[-1] == pytest.approx(0.6, abs=2e-6)
+
+
+CHAIN_LINK = """<link name="l{k}"><inertial><origin xyz="{half} 0 0"/><mass value="{mass}"/>
+<inertia ixx="{i}" iyy="{i}" izz="{i}"/></inertial></link>
+<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/><origin xyz="{x} 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-0.1" upper="1.2" effort="10" velocity="100"/></joint>
+"""
+
+
+def chain(client, tmp_path, masses, length=0.04):
+    """Links on hinges in a row along x, without damping and motors, at rest at zero."""
+    text = '<robot name="chain"><link name="base"/>'
+    for k, mass in enumerate(masses):
+        values = {"half": length / 2, "mass": mass, "i": mass * length**2 / 12}
+        text += CHAIN_LINK.format(k=k, parent=f"l{k - 1}" if k else "base", x=length if k else 0, **values)
+    path = tmp_path / "chain.urdf"
+    path.write_text(text + "</robot>")
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    body = p.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+    for link in range(len(masses)):
+        p.changeDynamics(body, link, **UNDAMPED, jointDamping=0, physicsClientId=client)
+        p.setJointMotorControl2(body, link, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    return body
+
+
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 80, 1 / 60])
+@pytest.mark.parametrize("pull", [0.4, 4.0, 20.0])
+@pytest.mark.parametrize("masses", [[0.02, 0.01, 0.005], [0.005] * 4, [0.2, 0.003]])
+def test_light_links_come_to_rest_at_all_their_limits(make_world, client, tmp_path, masses, pull, dt):
+    """pybullet cuts off rates before its limits act, and ends its sweeps over several limits early.
+
+    A pull above the hinges bends all of them to the same side. What was cut off, or left undone, would throw
+    the other links.
+    """
+    arm = chain(client, tmp_path, masses)
+    world = make_world(dt)
+    tip = np.array([0.04 * len(masses) - 0.01, 0, 0.006])
+    t = world.add_tendon([tip, [-0.1, 0, 0.006]], 0.001, bt.Material(stiffness=2e4, damping=2.0), 20)
+    t.attach(0, arm, len(masses) - 1)
+    t.set_force(-1, [-pull, 0, 0])
+    places = []
+    for _ in range(round(1 / dt)):
+        world.step()
+        assert world.report.converged
+        places.append([s[0] for s in p.getJointStates(arm, range(len(masses)), client)])
+    assert np.min(places) > -0.1 - 1e-4
+    assert places[-1] == pytest.approx([-0.1] * len(masses), abs=1e-4)

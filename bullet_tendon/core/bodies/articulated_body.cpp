@@ -9,6 +9,13 @@ namespace bt {
 
 namespace {
 
+// Way to a limit that a joint does not have [rad], [m].
+constexpr double kNoLimit = 1e6;
+
+}  // namespace
+
+namespace {
+
 // R diag(d) R^T
 Sym3 turned(const Rot3& r, Vec3 d) {
   const Vec3 column[3] = {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
@@ -163,9 +170,10 @@ void Articulated::limits(const double* places, std::vector<double>& out) const {
   out.clear();
   for (int k = base_; k < dofs(); ++k) {
     const Twist& t = twists_[k];
-    if (t.lower > t.upper) continue;
+    const bool limited = t.lower <= t.upper;
     const double place = places[t.place];
-    out.insert(out.end(), {double(k), 1, t.lower - place, double(k), -1, place - t.upper});
+    out.insert(out.end(), {double(k), 1, limited ? t.lower - place : -kNoLimit, double(k), -1,
+                           limited ? place - t.upper : -kNoLimit});
   }
 }
 

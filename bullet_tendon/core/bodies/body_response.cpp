@@ -41,10 +41,11 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
 
 void GeneralizedBody::sense() {
   if (observer.has_acted()) doubt_stops();
-  const bool stops_known = !contacts.empty() && !slipped_;
+  const bool jointed = !limits.empty(), stops_known = !contacts.empty() && !slipped_;
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
-  const bool alone = !gravity_response.empty() && n() == 6 && (touches == 1 || turning.far);
-  observer.observe(rates, free, unforced(), alone, stops_known);
+  const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
+  const double noise = is_stopped() ? kSolverNoise : 0;
+  observer.observe(rates, free, unforced(), {alone, jointed, stops_known, noise});
   contacts_known = false;
 }
 

@@ -27,9 +27,10 @@ namespace bt {
 struct Stop {
   double wanted = 0;     // lower bound of the rate [m/s], [rad/s]
   double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
-  double held_back = 0;  // `wanted` less the rate predicted without stops, but with the tendons
+  double held_back = 0;  // `wanted` less the rate predicted with the tendons and all other stops
   int coordinate = -1;   // of a limit; -1: a contact
   bool acts = false;
+  bool admitted = true;  // whether it may begin to act
   // Way to a limit that is not reached yet, so that pybullet does not act on it; negative: behind it [m],
   // [rad].
   double ahead = 0;
@@ -113,13 +114,21 @@ struct GeneralizedBody {
   void push(const Numbers& impulse);
 
  private:
+  // Largest change in a sweep over the stops: of a rate [m/s], [rad/s], and as a share of the rates involved.
+  struct Sweep {
+    double rate = 0, share = 0;
+  };
   const Numbers& known(Vec3 gravity);
   const Numbers& unforced();
   void doubt_stops();
   void find_stops(double dt);
   double rate_along(size_t stop, const Numbers& of) const;
   void add_stop(double wanted, int coordinate, double ahead = 0);
+  void admit_stops(const Numbers& forces, double dt);
   void find_pushes(const Numbers& forces, double dt);
+  void pivot_stops(double dt);
+  bool pybullet_falls_short(double dt);
+  Sweep sweep_stops(double dt, Numbers& pushes, bool backwards) const;
   void share_stops(double dt);
   void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);

@@ -31,8 +31,8 @@ void Observer::start(int n) {
   applied_.assign(n, 0.0);
 }
 
-void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
-                       bool stops_known) {
+void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity,
+                       const Circumstances& of) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
   released_ = false;
   missed_.clear();
@@ -40,20 +40,19 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     measure(sampled_.empty() ? rates : sampled_, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    const bool cut = alone && leave_out_cut(sampled_.empty() ? rates : sampled_);
+    const Numbers& reached = sampled_.empty() ? rates : sampled_;
+    const bool cut = of.jointed ? note_cut(reached) : of.alone && leave_out_cut(reached);
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
-    if (!cut) {
-      released_ = held_ && was_released(now_);
-      if (samples_ > 0 && !was_cut() && !stops_known) learn(now_, gravity);
-    }
+    if (!cut || of.jointed) released_ = held_ && was_released(now_);
+    if (!cut && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of.noise);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
-    if (!stops_known) find_push();
+    if (!of.stops_known) find_push();
   }
   dense::root(n_, free, root_);
-  stops_known ? set_free() : take_effective();
+  of.stops_known ? set_free() : take_effective();
   refresh(rates);
 }
 
@@ -142,19 +141,29 @@ bool Observer::leave_out_cut(const Numbers& rates) {
   return any;
 }
 
+// Marks the rates that pybullet cut off. Returns whether there is any: then nothing is learned.
+bool Observer::note_cut(const Numbers& rates) {
+  for (int i = 0; i < n_; ++i)
+    if (is_cut_off(rates[i])) now_.cut[i] = rates[i] > 0 ? 1 : -1;
+  return dot(now_.cut, now_.cut) > 0;
+}
+
 // Whether the body moved along the forces by more than predicted (kEvidence).
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);
   return beyond > kEvidence * dot(now.root_forces, now.root_forces);
 }
 
-void Observer::learn(const Sample& now, const Numbers& gravity) {
+void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
   s_.resize(n_);
   for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
   const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
   if (news <= kLeastNews * kLeastNews * whole) return;
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
+  multiply(root_, e_, one_);
+  if (std::all_of(one_.begin(), one_.end(), [&](double error) { return dt_ * std::fabs(error) <= noise; }))
+    return;
   const double es = dot(e_, s_), ee = dot(e_, e_);
   one_ = gravity;
   forward(root_, one_);

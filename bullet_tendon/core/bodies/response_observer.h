@@ -23,15 +23,23 @@ namespace bt {
 // because pybullet damps after it cuts off.
 constexpr double kMostRate = 100.0;
 constexpr double kCutOff = 0.999;
+// Change of a rate at which pybullet's solver ends its sweeps over stops (the square root of its default
+// residual threshold), and the error of rates that is expected of it [m/s], [rad/s].
+constexpr double kSolverResidual = 3e-4;
+constexpr double kSolverNoise = 1e-3;
 
 class Observer {
  public:
   using Numbers = dense::Numbers;
-  // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n). alone: the
-  // motion of the last step was predicted completely, except for a push. stops_known: the stops of the body
-  // are predicted, and nothing is learned.
-  void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, bool alone,
-               bool stops_known);
+  // What is known of the last step. alone: the motion of a rigid body was predicted completely, except for a
+  // push. jointed: it is an articulated body. stops_known: its stops are predicted, and nothing is learned.
+  // noise: error of the rates, from which nothing is learned.
+  struct Circumstances {
+    bool alone, jointed, stops_known;
+    double noise;
+  };
+  // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n).
+  void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, const Circumstances& of);
   // Takes the rates right after the step. Returns whether the body was released. Rates that are observed
   // later may have been set from outside.
   bool sample(const Numbers& rates, const Numbers& gravity);
@@ -72,9 +80,10 @@ class Observer {
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   bool leave_out_cut(const Numbers& rates);
+  bool note_cut(const Numbers& rates);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
-  void learn(const Sample& now, const Numbers& gravity);
+  void learn(const Sample& now, const Numbers& gravity, double noise);
   void limit_share();
   void take_effective();
   void find_push();

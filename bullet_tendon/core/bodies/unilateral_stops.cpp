@@ -14,7 +14,11 @@
 // for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
 // is applied together with the wrenches of the tendons, to both links of the joint (limit_forces). A joint
 // that touches its limit is moved to just behind it instead (limit_shifts), because pybullet's own stop knows
-// what contacts and motors do in the step.
+// what contacts and motors do in the step. It needs limit_forces too where it falls short: pybullet cuts off
+// rates before its stops act, and ends its sweeps over several stops early.
+//
+// The cut-off itself would leave the other joints of a chain without its reactions. A joint is therefore
+// stopped at a rate below it, by limit_forces.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -38,9 +42,19 @@ constexpr double kContactTakenBack = 0.08;
 // rates involved, below which the sweeps end [-]. Fewer: wrong active stops if there are many.
 constexpr int kStopSweeps = 100;
 constexpr double kStopSettled = 1e-11;
+// Maximum number of pivots that follow if the sweeps did not settle, per stop.
+constexpr size_t kPivotsPerStop = 4;
+
+// Sweeps of pybullet's own solver (its default), forwards and backwards in turn. It also ends them when no
+// rate changes by more than kSolverResidual.
+constexpr int kPybulletSweeps = 50;
 
 // A stop exists if it corrected at least this share of the missing rate [-].
 constexpr double kLeastStopped = 0.5;
+
+// Rate at which joints are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off, which
+// would have no reactions.
+constexpr double kFastest = 0.99 * kMostRate;
 
 // Depth from which pybullet's rate at a limit does not correct depth (its split impulse) [rad], [m].
 constexpr double kDeepBehind = 0.04;
@@ -51,10 +65,11 @@ constexpr double kReached = 1e-6;
 // noise of pybullet's contacts lifts a joint that rests on its limit, and limit_forces stop it again.
 constexpr double kTouching = 1e-5;
 
-// Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit:
-// outwards, or 0 if the depth is large.
+// Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit,
+// or where the joint is moved behind it: outwards, or 0 if the depth is large.
 double rate_at_limit(double depth, double dt) {
-  if (depth < 0) return (depth - kReached) / dt;
+  if (depth < -kTouching) return (depth - kReached) / dt;
+  depth = depth < 0 ? kReached : depth;
   return depth < kDeepBehind ? kTakenBack * depth / dt : 0;
 }
 
@@ -75,9 +90,9 @@ void GeneralizedBody::doubt_stops() {
   for (size_t k = 0; k < stops_.size(); ++k) {
     const Stop& s = stops_[k];
     if (!s.acts) continue;
-    const bool went_on = rate_along(k, rates) - s.wanted < -kLeastStopped * std::fabs(s.held_back);
+    const bool went_on = rate_along(k, rates) - s.wanted < -kLeastStopped * s.held_back;
     if (s.coordinate < 0) rested_ = !went_on || rested_;
-    if (!went_on) continue;
+    if (!went_on || s.wanted == -kFastest) continue;
     stopped_by_.clear();
     (s.coordinate >= 0 ? doubted_[s.coordinate] = 1 : slipped_ = true);
   }
@@ -107,7 +122,7 @@ void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
   if (!(dense::dot(work_.half, work_.half) > kRoundingShare * dense::dot(work_.direction, work_.known)))
     return;
   const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
-  stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false, ahead});
+  stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false, true, ahead});
   directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
   work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
 }
@@ -123,10 +138,10 @@ void GeneralizedBody::find_stops(double dt) {
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
     const double depth = limits[s + 2];
-    if (doubted_[i] != 0 || depth < -dt * kMostRate) continue;
+    const double wanted = doubted_[i] != 0 ? -kFastest : std::max(-kFastest, rate_at_limit(depth, dt));
     work_.direction.assign(n(), 0.0);
     work_.direction[i] = limits[s + 1];
-    add_stop(rate_at_limit(depth, dt), i, -depth);
+    add_stop(wanted, i, wanted > -kFastest ? -depth : kFastest);
   }
   for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
@@ -136,38 +151,95 @@ void GeneralizedBody::find_stops(double dt) {
   }
 }
 
-// Computes lambda by projected Gauss-Seidel, starting from the last lambda.
+// Computes lambda by projected Gauss-Seidel, starting from the last lambda, and by pivoting if that is slow.
 void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
   dense::multiply_transposed(observer.root(), forces, work_.half);
   dense::multiply(work_.through, work_.half, work_.given);
   if (pushes_.size() != m) pushes_.assign(m, 0.0);
-  bool settled = false;
-  for (int sweep = 0; sweep < kStopSweeps && !settled; ++sweep) {
-    settled = true;
-    for (size_t a = 0; a < m; ++a) {
-      double left = stops_[a].missing - dt * work_.given[a];
-      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
-      for (size_t b = 0; b < m; ++b) left -= work_.within[a * m + b] * pushes_[b];
-      const double before = pushes_[a], own = work_.within[a * m + a];
-      pushes_[a] = std::max(0.0, before + left / own);
-      settled &= own * std::fabs(pushes_[a] - before) <= kStopSettled * whole;
+  for (int sweep = 0; sweep < kStopSweeps; ++sweep)
+    if (sweep_stops(dt, pushes_, false).share <= kStopSettled) return;
+  pivot_stops(dt);
+}
+
+// Principal pivoting (Murty 1974): one stop, the first that pulls or is violated, changes sides at a time.
+// Where the response to the stops is singular this can go in circles; then lambda stays that of the sweeps.
+void GeneralizedBody::pivot_stops(double dt) {
+  const size_t m = stops_.size();
+  const auto left_of = [&](size_t a) { return stops_[a].missing - dt * work_.given[a]; };
+  std::vector<char> acts(m);
+  for (size_t a = 0; a < m; ++a) acts[a] = pushes_[a] > 0;
+  for (size_t pivot = 0; pivot < kPivotsPerStop * m; ++pivot) {
+    std::vector<size_t> acting;
+    for (size_t a = 0; a < m; ++a)
+      if (acts[a]) acting.push_back(a);
+    Numbers within, pushes;
+    for (size_t a : acting) {
+      pushes.push_back(left_of(a));
+      for (size_t b : acting) within.push_back(work_.within[a * m + b]);
     }
+    dense::root(static_cast<int>(acting.size()), within, work_.within_root);
+    dense::solve(work_.within_root, pushes);
+    Numbers all(m);
+    for (size_t k = 0; k < acting.size(); ++k) all[acting[k]] = pushes[k];
+    size_t wrong = m;
+    for (size_t a = 0; a < m && wrong == m; ++a) {
+      double left = left_of(a);
+      for (size_t b = 0; b < m; ++b) left -= work_.within[a * m + b] * all[b];
+      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
+      if (acts[a] ? all[a] < 0 : stops_[a].admitted && left > kStopSettled * whole) wrong = a;
+    }
+    if (wrong == m) {
+      pushes_ = all;
+      return;
+    }
+    acts[wrong] ^= 1;
   }
+}
+
+// One sweep of projected Gauss-Seidel over the stops.
+GeneralizedBody::Sweep GeneralizedBody::sweep_stops(double dt, Numbers& pushes, bool backwards) const {
+  const size_t m = stops_.size();
+  Sweep most;
+  for (size_t k = 0; k < m; ++k) {
+    const size_t a = backwards ? m - 1 - k : k;
+    double left = stops_[a].missing - dt * work_.given[a];
+    const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
+    for (size_t b = 0; b < m; ++b) left -= work_.within[a * m + b] * pushes[b];
+    const double before = pushes[a], own = work_.within[a * m + a];
+    pushes[a] = stops_[a].admitted ? std::max(0.0, before + left / own) : 0.0;
+    const double rate = own * std::fabs(pushes[a] - before);
+    most.rate = std::max(most.rate, rate);
+    if (whole > 0) most.share = std::max(most.share, rate / whole);
+  }
+  return most;
+}
+
+// A stop of speed begins to act only where the rates of this solution exceed it. Forces on a joint that was
+// stopped would move it, free, by far more than they last.
+void GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
+  work_.direction = forces;
+  for (int i = 0; i < n(); ++i) work_.direction[i] -= pushed_[i] / dt;
+  dense::respond(root, work_.direction, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) work_.known[i] = rates[i] + change[i] + dt * work_.known[i];
+  for (size_t a = 0; a < stops_.size(); ++a)
+    stops_[a].admitted =
+        stops_[a].wanted > -kFastest || stops_[a].acts || rate_along(a, work_.known) < -kFastest;
 }
 
 // Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.size();
   bool other = false;
+  admit_stops(forces, dt);
   find_pushes(forces, dt);
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
-    s.held_back = s.missing - dt * work_.given[a];
+    s.held_back = pushes_[a] * work_.within[a * m + a];
     const double size = std::fabs(s.missing) + dt * std::fabs(work_.given[a]);
     // It acts if it changes the rate by more than rounding.
-    const bool acts = pushes_[a] * work_.within[a * m + a] > kRoundingShare * size;
+    const bool acts = s.held_back > kRoundingShare * size;
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;
@@ -180,22 +252,44 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
   return true;
 }
 
+// Whether pybullet's own stops would not stop the joints, under the tendons and the limits ahead: it would
+// cut off a rate before they act, or end its sweeps over them too early.
+bool GeneralizedBody::pybullet_falls_short(double dt) {
+  work_.direction = forces;
+  for (int i = 0; i < n(); ++i) work_.direction[i] += limit_forces[i];
+  dense::respond(observer.root(), work_.direction, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i)
+    if (std::fabs(rates[i] + unstopped_[i] + dt * work_.known[i]) >= kMostRate) return true;
+  const size_t m = stops_.size();
+  Numbers pushes(m);
+  double change = kMostRate;
+  for (int sweep = 0; sweep < kPybulletSweeps && change > kSolverResidual; ++sweep)
+    change = sweep_stops(dt, pushes, sweep % 2 == 0).rate;
+  for (size_t a = 0; a < m; ++a) {
+    double error = 0;
+    for (size_t b = 0; b < m; ++b) error += work_.within[a * m + b] * (pushes[b] - pushes_[b]);
+    if (std::fabs(error) > kSolverNoise) return true;
+  }
+  return false;
+}
+
 // Splits what the stops do in the step, under the forces of the tendons: the acceleration by pybullet's, and
 // the forces of limits ahead.
 void GeneralizedBody::share_stops(double dt) {
-  const size_t m = stops_.size();
   find_pushes(forces, dt);
+  const auto add = [&](bool ahead, Numbers& sum) {
+    for (size_t a = 0; a < stops_.size(); ++a)
+      if (stops_[a].ahead > kTouching == ahead)
+        for (int i = 0; i < n(); ++i) sum[i] += pushes_[a] / dt * directions_[a * n() + i];
+  };
+  add(true, limit_forces);
+  const bool all = !limits.empty() && !observer.held() && pybullet_falls_short(dt);
   work_.direction.assign(n(), 0.0);
-  for (size_t a = 0; a < m; ++a) {
-    const Stop& s = stops_[a];
-    if (!(pushes_[a] > 0)) continue;
-    Numbers& sum = s.ahead > kTouching ? limit_forces : work_.direction;
-    const double* along = &directions_[a * n()];
-    for (int i = 0; i < n(); ++i) sum[i] += pushes_[a] / dt * along[i];
-    if (s.ahead > 0 && s.ahead <= kTouching)
-      limit_shifts.push_back({s.coordinate, -along[s.coordinate] * (s.ahead + kReached)});
-  }
+  add(false, all ? limit_forces : work_.direction);
   dense::respond(observer.root(), work_.direction, work_.half, stopped_by_);
+  for (size_t a = 0; a < stops_.size(); ++a)
+    if (const Stop& s = stops_[a]; pushes_[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
+      limit_shifts.push_back({s.coordinate, -directions_[a * n() + s.coordinate] * (s.ahead + kReached)});
 }
 
 void GeneralizedBody::stop() {

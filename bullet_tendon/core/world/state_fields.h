@@ -39,7 +39,7 @@ struct StateFields {
   BT_FIELDS(CollisionFilter, inert_, tendons_, links_)
   BT_FIELDS(SpringState, lambda, elastic, slope)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
-  BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, ahead)
+  BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
