@@ -1,9 +1,7 @@
 #include "linear/sparse_block_ldlt.h"
 
 #include <algorithm>
-#include <functional>
-#include <iterator>
-#include <queue>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -38,6 +36,24 @@ inline bool invert(PaddedBlock& b) {
   return true;
 }
 
+// A set of blocks, one bit each.
+class BlockSet {
+ public:
+  explicit BlockSet(int n) : words_((n + 63) / 64) {}
+  void insert(int i) { words_[i / 64] |= bit(i); }
+  void erase(int i) { words_[i / 64] &= ~bit(i); }
+  // -1: none.
+  int first() const {
+    for (size_t w = 0; w < words_.size(); ++w)
+      if (words_[w]) return static_cast<int>(64 * w) + __builtin_ctzll(words_[w]);
+    return -1;
+  }
+
+ private:
+  static uint64_t bit(int i) { return uint64_t{1} << i % 64; }
+  std::vector<uint64_t> words_;
+};
+
 inline Vec3 row_of(const PaddedBlock& b, int i) { return {b.row[i][0], b.row[i][1], b.row[i][2]}; }
 
 }  // namespace
@@ -65,39 +81,31 @@ void SparseFactor::analyse(int n, const Edges& edges) {
 // Eliminates always the block that has the fewest neighbours (minimum degree), of several the first one. Its
 // neighbours are the blocks below its pivot, and become neighbours of each other.
 void SparseFactor::eliminate_symbolically() {
-  neighbours_.resize(n_);
-  for (std::vector<int>& list : neighbours_) list.clear();
-  for (auto [i, j] : edges_) {
-    neighbours_[i].push_back(j);
-    neighbours_[j].push_back(i);
-  }
+  list_neighbours();
+  std::vector<BlockSet> of_degree;
+  const auto set_of = [&](int i) -> BlockSet& {
+    const size_t degree = neighbours_[i].size();
+    if (of_degree.size() <= degree) of_degree.resize(degree + 1, BlockSet(n_));
+    return of_degree[degree];
+  };
+  for (int i = 0; i < n_; ++i) set_of(i).insert(i);
   where_.assign(n_, -1);
   node_.clear();
-  // Number of neighbours and block. A block is entered again when its number changes.
-  using Degree = std::pair<size_t, int>;
-  std::priority_queue<Degree, std::vector<Degree>, std::greater<Degree>> degrees;
-  for (int i = 0; i < n_; ++i) {
-    std::vector<int>& list = neighbours_[i];
-    std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-    degrees.push({list.size(), i});
-  }
-  std::vector<int> joined;
-  while (!degrees.empty()) {
-    const auto [degree, pivot] = degrees.top();
-    degrees.pop();
-    const std::vector<int>& around = neighbours_[pivot];
-    if (where_[pivot] >= 0 || degree != around.size()) continue;
+  size_t degree = 0;
+  while (static_cast<int>(node_.size()) < n_) {
+    const int pivot = of_degree[degree].first();
+    if (pivot < 0) {
+      ++degree;
+      continue;
+    }
+    of_degree[degree].erase(pivot);
     where_[pivot] = static_cast<int>(node_.size());
     node_.push_back(pivot);
-    for (int i : around) {
-      joined.clear();
-      std::set_union(neighbours_[i].begin(), neighbours_[i].end(), around.begin(), around.end(),
-                     std::back_inserter(joined));
-      neighbours_[i].clear();
-      std::copy_if(joined.begin(), joined.end(), std::back_inserter(neighbours_[i]),
-                   [i, pivot = pivot](int j) { return j != i && j != pivot; });
-      degrees.push({neighbours_[i].size(), i});
+    for (int i : neighbours_[pivot]) {
+      set_of(i).erase(i);
+      join_neighbours(i, pivot);
+      set_of(i).insert(i);
+      degree = std::min(degree, neighbours_[i].size());
     }
   }
   first_.assign(1, 0);
@@ -107,6 +115,35 @@ void SparseFactor::eliminate_symbolically() {
     std::sort(rows_.begin() + first_.back(), rows_.end());
     first_.push_back(static_cast<int>(rows_.size()));
   }
+}
+
+void SparseFactor::list_neighbours() {
+  neighbours_.resize(n_);
+  for (std::vector<int>& list : neighbours_) list.clear();
+  for (auto [i, j] : edges_) {
+    neighbours_[i].push_back(j);
+    neighbours_[j].push_back(i);
+  }
+  for (std::vector<int>& list : neighbours_) {
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+  }
+  marked_.assign(n_, 0);
+  mark_ = 0;
+}
+
+// The neighbours of a pivot become those of its neighbour i, instead of the pivot.
+void SparseFactor::join_neighbours(int i, int pivot) {
+  std::vector<int>& list = neighbours_[i];
+  marked_[i] = ++mark_;
+  size_t kept = 0;
+  for (int j : list) {
+    marked_[j] = mark_;
+    if (j != pivot) list[kept++] = j;
+  }
+  list.resize(kept);
+  for (int j : neighbours_[pivot])
+    if (marked_[j] != mark_) list.push_back(j);
 }
 
 int SparseFactor::slot(int row, int column) const {

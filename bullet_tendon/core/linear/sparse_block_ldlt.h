@@ -45,16 +45,20 @@ class SparseFactor {
   void solve(std::vector<Vec3>& b);
 
  private:
+  void list_neighbours();
+  void join_neighbours(int i, int pivot);
   void eliminate_symbolically();
   void plan_updates();
   int slot(int row, int column) const;
 
   int n_ = 0;
   Edges edges_;
-  std::vector<std::vector<int>> neighbours_;  // of each block when it is eliminated, ascending
-  std::vector<int> where_, node_;             // position of a block in the elimination order, and the inverse
-  std::vector<int> first_, rows_;             // positions of the blocks below pivot k: rows_[first_[k] ...]
-  std::vector<int> target_;                   // target block of each update, in order
+  std::vector<std::vector<int>> neighbours_;  // of each block when it is eliminated
+  std::vector<int> marked_;                   // by block: the last mark that it got
+  int mark_ = 0;
+  std::vector<int> where_, node_;  // position of a block in the elimination order, and the inverse
+  std::vector<int> first_, rows_;  // positions of the blocks below pivot k: rows_[first_[k] ...]
+  std::vector<int> target_;        // target block of each update, in order
   std::vector<PaddedBlock> diagonal_, below_;  // D^-1 and L once factorised
   std::vector<PaddedBlock> scaled_;            // W of one pivot, by block below it
   std::vector<Vec3> right_;                    // of a solution, by position
