@@ -1,5 +1,6 @@
 """Scenes of tendons over what turns: pulleys, tackles, windlasses, cranks, and of capstans that do not."""
 
+import itertools
 import math
 
 import numpy as np
@@ -72,6 +73,28 @@ def serpentine(wheels, radius, first, last):
         line += arc((x, 0, z), size + radius, *angles).tolist()
     x, _, size, _ = wheels[-1]
     return [*line, [x + size + radius, 0, last]]
+
+
+def taut_length(wheels, first, last):
+    """Length of a taut line from `first` to `last` around wheels as in `serpentine`; None if it leaves any.
+
+    Between circles of signed radii s_i r_i (positive: turned to the left) the line goes along d, with normal
+    n to its left: C_2 - C_1 = L d + (s_2 r_2 - s_1 r_1) n.
+    """
+    circles = [(*first, 0.0), *[(x, z, -size if over else size) for x, z, size, over in wheels], (*last, 0.0)]
+    length, ways = 0.0, []
+    for (x, z, one), (u, v, other) in itertools.pairwise(circles):
+        square = (u - x) ** 2 + (v - z) ** 2 - (other - one) ** 2
+        if square <= 0:
+            return None
+        length += math.sqrt(square)
+        ways.append(math.atan2(v - z, u - x) - math.atan2(other - one, math.sqrt(square)))
+    for circle, (come, go) in zip(circles[1:-1], itertools.pairwise(ways), strict=True):
+        wrap = math.copysign(1, circle[2]) * (go - come)  # all ways go to the right
+        if wrap < 0:
+            return None
+        length += abs(circle[2]) * wrap
+    return length
 
 
 def angle(scene, hinge):
@@ -254,18 +277,17 @@ def block_and_tackle(scene):
 
     # pybullet's prismatic joint and wheel are solved by iterations, which have no exact energy.
     scene.lead(hand, (0, 0, -lift), scene.steps, watch=momentum)
-    bends = np.pi * (size + radius) * 2 * count
-    straight = 0.0
-    for body, _ in blocks:
-        straight += 2 * (drop - scene.raw.getJointState(body, 0)[0])
-    # The path: from the hold to the first block, and between blocks and wheels on both sides of each.
-    path = straight + bends - hand.target[2]
+    for k, (body, _) in enumerate(blocks):
+        wheels[2 * k] = (2 * k * step, scene.raw.getJointState(body, 0)[0] - drop, size, False)
+    around = [(x, z, at + radius, over) for x, z, at, over in wheels]
+    path = taut_length(around, tendon.positions[0, ::2], tendon.positions[-1, ::2])
     taut = tendon._target.tension.min() > 0
     h = tendon.rest_length / (tendon.particles - 1)
     loose = (2 * count) * (
         np.pi * (size + radius) * chord_error(tendon, size + radius) + h * h / (size + radius)
     )
-    if taut:
+    # A block that weighs less than the other ones is drawn up to the wheels, and out of the tackle.
+    if taut and path is not None:
         scene.near("length around the tackle [m]", tendon.length, path, absolute=loose + 0.2 * radius)
 
 
