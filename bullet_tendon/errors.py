@@ -78,6 +78,10 @@ class InsideWarning(RuntimeWarning):
     """A tendon that begins inside an obstacle, and is not attached there."""
 
 
+class ResolutionWarning(RuntimeWarning):
+    """A taut tendon that turns so far at one particle on a mesh that its tension is not exact."""
+
+
 class MissingExtra(TendonError, ImportError):
     """An optional package is needed for what was asked, and is not installed."""
 

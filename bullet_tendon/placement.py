@@ -1,14 +1,16 @@
 """Placement: what is looked at once, where tendons were put somewhere, and by no step after that.
 
 Owns: which tendons were put somewhere since the last step, and of which of them has been told that they are
-inside a link. Goes with no room of the core.
+inside a link, or too coarse for a mesh. Goes with no room of the core.
 """
+
+import math
 
 import numpy as np
 
 from .anchors import Attachment
 from .bodies import Bodies
-from .errors import InsideWarning, InvalidValue, warn
+from .errors import InsideWarning, InvalidValue, ResolutionWarning, warn
 from .obstacles import Obstacles
 from .penetration import Obstacle, Penetrations, Surroundings
 from .tunnels import Bores, Tunnel, passes
@@ -23,6 +25,7 @@ class Placement:
         self._bodies, self._obstacles = bodies, obstacles
         self._tendons, self._tunnels = tendons, tunnels
         self._told: set[tuple[int, int, int]] = set()  # slot, body, link
+        self._coarse: set[int] = set()  # slots of tendons of which tell_coarse has told
         self.new: set[int] = set()  # slots of tendons to look at before the next step
 
     def require_clearance(self, argument: str, value, line, radius: float, tendon=None) -> None:
@@ -70,6 +73,7 @@ class Placement:
     def forget(self, slot: int) -> None:
         """A tendon has been removed."""
         self._told = {told for told in self._told if told[0] != slot}
+        self._coarse.discard(slot)
         self.new.discard(slot)
 
     def look(self) -> None:
@@ -96,6 +100,21 @@ class Placement:
                 ):
                     self._told.add(key)
                     warn(InsideWarning(_message(tendon, obstacle, depth)))
+
+    def tell_coarse(self, slot: int, particle: int, link: int, angle: float) -> None:
+        """A ResolutionWarning, once for each tendon that turns by an angle [rad] at a particle on a mesh."""
+        if slot in self._coarse:
+            return
+        self._coarse.add(slot)
+        body, index = self._bodies.links[link]
+        name, turn = self._tendons[slot].name, f"{math.degrees(angle):.0f} degrees at particle {particle}"
+        warn(
+            ResolutionWarning(
+                f"tendon {name!r} is too coarse for the mesh of body {body}, link {index}: "
+                f"it turns by {turn}, where its tension can be off by up to a fifth "
+                "(by 6 % up to 15 degrees). Add particles, or use a finer mesh"
+            )
+        )
 
 
 def _message(tendon, obstacle: Obstacle, depth: float) -> str:

@@ -22,7 +22,7 @@ from .reports import StepReport
 from .tendon import Tendon
 
 _GRAVITY = ["gravityAcceleration" + axis for axis in "XYZ"]
-_FAILED, _SOLVED = 0, 1  # what the core's apply returns; 2 where the parameters are not valid
+_FAILED, _SOLVED, _COARSELY, _BAD_PARAMETERS = range(4)  # what the core's apply returns
 
 
 class Stepper:
@@ -85,7 +85,7 @@ class Stepper:
             self._placement.look()
         links = self._links
         outcome = self._core.apply(parameters, self._sense if links else None, self._measure)
-        if outcome > _SOLVED:
+        if outcome == _BAD_PARAMETERS:
             _checked(parameters)
         self._is_read = False
         self._bullet = self._react = 0.0
@@ -95,6 +95,9 @@ class Stepper:
             start = perf_counter()
             self._bodies.apply_wrenches()
             self._react = perf_counter() - start
+        if outcome == _COARSELY:
+            slot = self._core.report().coarse_tendon
+            self._placement.tell_coarse(slot, *self._core.coarse_turn(slot))
 
     def step(self) -> None:
         """apply, pybullet's step, and the observation of held bodies right after it."""

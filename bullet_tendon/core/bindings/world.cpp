@@ -84,7 +84,7 @@ bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& se
 }
 
 // Result of `apply`.
-enum Outcome { kFailed = 0, kSolved = 1, kBadParameters = 2 };
+enum Outcome { kFailed = 0, kSolved = 1, kSolvedCoarsely = 2, kBadParameters = 3 };
 
 // A step of p.getPhysicsEngineParameters' length and gravity.
 int apply(World& w, const py::dict& parameters, const py::object& sense, const py::object& measure) {
@@ -104,7 +104,8 @@ int apply(World& w, const py::dict& parameters, const py::object& sense, const p
     if (!std::isfinite(values[k])) return kBadParameters;
   }
   if (!(values[0] > 0)) return kBadParameters;
-  return attempt(w, values[0], {values[1], values[2], values[3]}, false, sense, measure) ? kSolved : kFailed;
+  if (!attempt(w, values[0], {values[1], values[2], values[3]}, false, sense, measure)) return kFailed;
+  return w.report().coarse_tendon < 0 ? kSolved : kSolvedCoarsely;
 }
 
 // A step of another length, which is not divided, and in which bodies neither move nor yield.
@@ -161,6 +162,11 @@ void bind_world_world(GuardedWorld& world) {
       .def("step", &step)
       .def("apply", &apply)
       .def("hold", &hold)
+      .def("coarse_turn",
+           [](const World& w, int tendon) {
+             const CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;
+             return py::make_tuple(of.particle, of.link, of.angle);
+           })
       .def("last_step",
            [](const World& w) { return py::make_tuple(w.last_step().dt, tuple(w.last_step().gravity)); })
       .def("save",
@@ -184,6 +190,7 @@ void bind_report(py::module_& m) {
       .def_readonly("solve_seconds", &Report::solve_seconds)
       .def_readonly("search_seconds", &Report::search_seconds)
       .def_readonly("over_budget", &Report::over_budget)
+      .def_readonly("coarse_tendon", &Report::coarse_tendon)
       .def_property_readonly(
           "reasons", [](const Report& r) { return std::vector<int>(r.reasons.begin(), r.reasons.end()); })
       .def("counts", &counts);

@@ -70,6 +70,13 @@ struct TendonWorkspace : PredictedRegion {
   int worst_particle = 0;
 };
 
+// The farthest turn of a taut tendon at a particle on a mesh, where it is too far (world/report.cpp).
+struct CoarseTurn {
+  int particle = -1, link = -1;  // slot of the link
+  double angle = 0;              // [rad]
+  int steps = 0;                 // for which it has lasted
+};
+
 class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
  public:
   // The rest lengths are the distances between the n points [m].
@@ -117,6 +124,7 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   Material material;
   SpringSet structure, shear;
   int rest_set = 0;  // number of calls of set_rest
+  CoarseTurn coarse;
 
  private:
   void share_out();

@@ -314,6 +314,7 @@ void World::finish_step_of_world() {
   act_on_bodies();
   for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
+  find_coarse_turns();
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
   step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),

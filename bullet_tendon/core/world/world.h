@@ -250,6 +250,7 @@ class World {
   // world/islands.cpp
   bool solve_each_island();
   void read_worst(const Island& island);
+  void find_coarse_turns();
   // world/contact_builder.cpp
   void collect_contacts();
   void bone_contacts();
