@@ -37,11 +37,13 @@ constexpr double kTwoStepHungRatio = 4.0;
 // longer.
 constexpr double kPushOut = 0.5;
 
-// Tangential stiffness of a sticking contact, beyond the transverse stiffness of the particle, over its
-// inertia divided by the squared step weight [-]. It sets the displacement before sliding (micrometres). A
-// tendon that is laid on a slope gains the velocity g dt before its contacts are strained. It slips first
-// where the friction limit exceeds the tangential weight by a share of less than about 1 /
-// kLooseTangentRatio. Larger: more iterations. Smaller: tendons that should stick creep first.
+// Tangential stiffness of a sticking contact: shares of the transverse stiffness of the particle, and of its
+// inertia divided by the squared step weight [-]. They set the displacement before sliding: of a taut tendon
+// that turns by phi at a particle, mu phi / kStickingRatio of a segment. Larger: more iterations. Smaller:
+// tendons that should stick creep first, and contacts store energy (with 1, 6 % of what was moved). A tendon
+// that is laid on a slope gains the velocity g dt before its contacts are strained. It slips first where the
+// friction limit exceeds the tangential weight by a share of less than about 1 / kLooseTangentRatio.
+constexpr double kStickingRatio = 10.0;
 constexpr double kLooseTangentRatio = 300.0;
 
 // Normal and tangential stiffness of contacts without multipliers, over the whole stiffness of a particle
@@ -230,8 +232,8 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   else
     contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, held.hung);
   // The inertia term makes a particle without tension stick before it gains speed.
-  contact.friction.stiffness =
-      carries ? held.stiffness + kLooseTangentRatio * held.inertia : kSpringTangentRatio * held.stiffness;
+  contact.friction.stiffness = carries ? kStickingRatio * held.stiffness + kLooseTangentRatio * held.inertia
+                                       : kSpringTangentRatio * held.stiffness;
   if (contact.link >= 0) set_arm(contact);
   contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
   contact.geometry.depth_allowance = depth_to_leave(contact, kPushOut * radius);
@@ -276,7 +278,7 @@ void World::recall(Contact& contact, double inertia) {
   contact.friction.anchor = without(turn * found->tangent_anchor, contact.geometry.normal);
   // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
-    const double per_inertia = 1 + kLooseTangentRatio;
+    const double per_inertia = kStickingRatio + kLooseTangentRatio;
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
   }
