@@ -42,19 +42,10 @@ def test_a_scene_of_each_family(family):
 
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).
 WRONG_TODAY = {
-    "block_and_tackle": "a chord between particles cuts a small wheel",
-    "capstan": "sticking contacts store energy, and give it back when a hand pulls the other way",
     "end_pushed_on_plate": "a free end that buckles under a large push",
-    "finger_from_urdf": "a link of some grams is turned by a radian within a step",
     "graft_in_bone": "chords of a coarse graft press on both walls of a tight bore",
     "light_body_off_centre": "attachments of bodies of a few grams lag behind in violent steps",
     "oblique_mouth": "chords of a coarse graft press on both walls of a tight bore",
-    "over_coarse_bone": "the normals of a coarse mesh change the tension",
-    "pulley_smooth": "a wheel is turned by some hundredths of a radian while a soft tendon swings at 1/60 s",
-    "pulley_sticks": "a soft tendon creeps on a wheel by its change of strain",
-    "pulleys_in_series": "chords are shorter than the arcs that they stand for",
-    "smooth_pulleys_in_series": "a chord between particles cuts a small wheel",
-    "tendon_finger": "links of 20 g are turned by half a radian within a step, in steps of seconds",
 }
 
 
