@@ -1,7 +1,7 @@
 """Placement: what is looked at once, where tendons were put somewhere, and by no step after that.
 
 Owns: which tendons were put somewhere since the last step, and of which of them has been told that they are
-inside a link, or too coarse for a mesh. Goes with no room of the core.
+inside a link. Goes with no room of the core.
 """
 
 import math
@@ -25,7 +25,6 @@ class Placement:
         self._bodies, self._obstacles = bodies, obstacles
         self._tendons, self._tunnels = tendons, tunnels
         self._told: set[tuple[int, int, int]] = set()  # slot, body, link
-        self._coarse: set[int] = set()  # slots of tendons of which tell_coarse has told
         self.new: set[int] = set()  # slots of tendons to look at before the next step
 
     def require_clearance(self, argument: str, value, line, radius: float, tendon=None) -> None:
@@ -73,7 +72,6 @@ class Placement:
     def forget(self, slot: int) -> None:
         """A tendon has been removed."""
         self._told = {told for told in self._told if told[0] != slot}
-        self._coarse.discard(slot)
         self.new.discard(slot)
 
     def look(self) -> None:
@@ -102,10 +100,7 @@ class Placement:
                     warn(InsideWarning(_message(tendon, obstacle, depth)))
 
     def tell_coarse(self, slot: int, particle: int, link: int, angle: float) -> None:
-        """A ResolutionWarning, once for each tendon that turns by an angle [rad] at a particle on a mesh."""
-        if slot in self._coarse:
-            return
-        self._coarse.add(slot)
+        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a mesh."""
         body, index = self._bodies.links[link]
         name, turn = self._tendons[slot].name, f"{math.degrees(angle):.0f} degrees at particle {particle}"
         warn(

@@ -22,13 +22,13 @@ def prism(world, client, sides):
     return mesh_obstacle(world, client, vertices, faces)
 
 
-def drawn_over(world, force, particles):
+def drawn_over(world, force, particles, name="cord"):
     """A tendon over half of the prism, pulled down at both ends."""
     a = np.linspace(math.pi, 0, 61)
     arc = (1.02 * BONE + RADIUS) * np.c_[np.cos(a), 0 * a, np.sin(a)]
     line = np.vstack([arc[0] - [0, 0, 0.05], arc, arc[-1] - [0, 0, 0.05]])
     material = bt.Material(stiffness=1e4, damping=10.0, friction=0.0)
-    t = world.add_tendon(line, RADIUS, material, particles, name="cord")
+    t = world.add_tendon(line, RADIUS, material, particles, name=name)
     for end in (0, -1):
         t.set_force(end, (0, 0, -force))
     return t
@@ -57,6 +57,16 @@ def test_it_is_told_once_for_each_tendon(make_world, client):
     world.remove_tendon(t)
     drawn_over(world, 50.0, 16)
     assert len(told(world, 60)) == 1
+
+
+def test_tendons_that_begin_together_are_all_told(make_world, client):
+    world = make_world(1 / 240, (0, 0, 0))
+    prism(world, client, 12)
+    for aside in (-0.02, 0.0, 0.02):
+        t = drawn_over(world, 50.0, 16, f"cord at {aside}")
+        t.set_positions(t.positions + [0, aside, 0])
+    texts = told(world, 60)
+    assert len({text.split("'")[1] for text in texts}) == len(texts) == 3
 
 
 @pytest.mark.parametrize(("sides", "particles", "force"), [(36, 60, 50.0), (12, 16, 0.0)])

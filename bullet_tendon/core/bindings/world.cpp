@@ -163,8 +163,9 @@ void bind_world_world(GuardedWorld& world) {
       .def("apply", &apply)
       .def("hold", &hold)
       .def("coarse_turn",
-           [](const World& w, int tendon) {
-             const CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;
+           [](World& w, int tendon) {
+             CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;
+             of.reported = true;
              return py::make_tuple(of.particle, of.link, of.angle);
            })
       .def("last_step",

@@ -75,6 +75,7 @@ struct CoarseTurn {
   int particle = -1, link = -1;  // slot of the link
   double angle = 0;              // [rad]
   int steps = 0;                 // for which it has lasted
+  bool reported = false;         // once for each tendon
 };
 
 class Tendon : public TendonModel, public TendonState, public TendonWorkspace {

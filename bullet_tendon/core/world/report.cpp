@@ -31,8 +31,10 @@ double coarse_turn(const Tendon& c, int i, double gravity) {
 
 }  // namespace
 
-// Finds the tendons that have turned too far for kCoarseSteps steps, and reports one of them.
+// Finds the tendons that have turned too far for kCoarseSteps steps. The report names one of those that were
+// not reported yet.
 void World::find_coarse_turns() {
+  const double gravity = norm(step_.context.gravity);
   for (Tendon* c : step_.slots)
     if (c) c->coarse.angle = 0;
   for (const Contact& contact : contacts_.all) {
@@ -40,15 +42,15 @@ void World::find_coarse_turns() {
     if (!(contact.normal_force.value > 0)) continue;
     Tendon& c = *step_.slots[contact.a.tendon];
     for (int i : {contact.a.first, contact.a.first + 1}) {
-      const double angle = coarse_turn(c, i, norm(step_.context.gravity));
-      if (angle > c.coarse.angle) c.coarse = {i, contact.link, angle, c.coarse.steps};
+      const double angle = coarse_turn(c, i, gravity);
+      if (angle > c.coarse.angle) c.coarse = {i, contact.link, angle, c.coarse.steps, c.coarse.reported};
     }
   }
   for (size_t c = 0; c < step_.slots.size(); ++c) {
     if (!step_.slots[c]) continue;
     CoarseTurn& coarse = step_.slots[c]->coarse;
     coarse.steps = coarse.angle > 0 ? coarse.steps + 1 : 0;
-    if (coarse.steps == kCoarseSteps) step_.report.coarse_tendon = static_cast<int>(c);
+    if (coarse.steps >= kCoarseSteps && !coarse.reported) step_.report.coarse_tendon = static_cast<int>(c);
   }
 }
 

@@ -35,7 +35,7 @@ struct Report {
   long linear_solves = 0;    // of all islands, including those of rejected solutions
   bool over_budget = false;  // the exhausted budget refused work
   ReasonCounts reasons{};    // number of repeated or cut substeps, by reason
-  int coarse_tendon = -1;    // slot of a tendon that has turned too far on a mesh for a while; -1: none
+  int coarse_tendon = -1;    // slot of a tendon of which a turn has to be reported; -1: none
   // Adds the report of a solved substep.
   void take(const Report& part);
 };
