@@ -49,7 +49,8 @@ struct BodyUnknowns {
 
 // Workspace. Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
 struct BodyWorkspace {
-  dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along;
+  dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along,
+      left, whole;
 };
 
 // Whether a free body rotates so far in this step that its arms change.
@@ -126,9 +127,11 @@ struct GeneralizedBody {
   void add_stop(double wanted, int coordinate, double ahead = 0);
   void admit_stops(const Numbers& forces, double dt);
   void find_pushes(const Numbers& forces, double dt);
-  void pivot_stops(double dt);
+  void pivot_stops();
   bool pybullet_falls_short(double dt);
-  Sweep sweep_stops(double dt, Numbers& pushes, bool backwards) const;
+  double pushed_along(size_t stop, const Numbers& pushes) const;
+  Sweep sweep_stops(Numbers& pushes, bool backwards) const;
+  const Numbers& rates_with(const Numbers& by_root, const Numbers& by_change, double dt);
   void share_stops(double dt);
   void gather_acting();
   bool choose_stops(const Numbers& forces, double dt);

@@ -157,17 +157,22 @@ void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
   if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
   dense::multiply_transposed(observer.root(), forces, work_.half);
   dense::multiply(work_.through, work_.half, work_.given);
+  work_.left.resize(m);
+  work_.whole.resize(m);
+  for (size_t a = 0; a < m; ++a) {
+    work_.left[a] = stops_[a].missing - dt * work_.given[a];
+    work_.whole[a] = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
+  }
   if (pushes_.size() != m) pushes_.assign(m, 0.0);
   for (int sweep = 0; sweep < kStopSweeps; ++sweep)
-    if (sweep_stops(dt, pushes_, false).share <= kStopSettled) return;
-  pivot_stops(dt);
+    if (sweep_stops(pushes_, false).share <= kStopSettled) return;
+  pivot_stops();
 }
 
 // Principal pivoting (Murty 1974): one stop, the first that pulls or is violated, changes sides at a time.
 // Where the response to the stops is singular this can go in circles; then lambda stays that of the sweeps.
-void GeneralizedBody::pivot_stops(double dt) {
+void GeneralizedBody::pivot_stops() {
   const size_t m = stops_.size();
-  const auto left_of = [&](size_t a) { return stops_[a].missing - dt * work_.given[a]; };
   std::vector<char> acts(m);
   for (size_t a = 0; a < m; ++a) acts[a] = pushes_[a] > 0;
   for (size_t pivot = 0; pivot < kPivotsPerStop * m; ++pivot) {
@@ -176,7 +181,7 @@ void GeneralizedBody::pivot_stops(double dt) {
       if (acts[a]) acting.push_back(a);
     Numbers within, pushes;
     for (size_t a : acting) {
-      pushes.push_back(left_of(a));
+      pushes.push_back(work_.left[a]);
       for (size_t b : acting) within.push_back(work_.within[a * m + b]);
     }
     dense::root(static_cast<int>(acting.size()), within, work_.within_root);
@@ -185,10 +190,8 @@ void GeneralizedBody::pivot_stops(double dt) {
     for (size_t k = 0; k < acting.size(); ++k) all[acting[k]] = pushes[k];
     size_t wrong = m;
     for (size_t a = 0; a < m && wrong == m; ++a) {
-      double left = left_of(a);
-      for (size_t b = 0; b < m; ++b) left -= work_.within[a * m + b] * all[b];
-      const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
-      if (acts[a] ? all[a] < 0 : stops_[a].admitted && left > kStopSettled * whole) wrong = a;
+      const bool violated = work_.left[a] - pushed_along(a, all) > kStopSettled * work_.whole[a];
+      if (acts[a] ? all[a] < 0 : stops_[a].admitted && violated) wrong = a;
     }
     if (wrong == m) {
       pushes_ = all;
@@ -198,22 +201,36 @@ void GeneralizedBody::pivot_stops(double dt) {
   }
 }
 
+// Change of the rate along a stop by impulses of all stops.
+double GeneralizedBody::pushed_along(size_t stop, const Numbers& pushes) const {
+  const double* row = &work_.within[stop * pushes.size()];
+  double sum = 0;
+  for (size_t b = 0; b < pushes.size(); ++b) sum += row[b] * pushes[b];
+  return sum;
+}
+
 // One sweep of projected Gauss-Seidel over the stops.
-GeneralizedBody::Sweep GeneralizedBody::sweep_stops(double dt, Numbers& pushes, bool backwards) const {
+GeneralizedBody::Sweep GeneralizedBody::sweep_stops(Numbers& pushes, bool backwards) const {
   const size_t m = stops_.size();
   Sweep most;
   for (size_t k = 0; k < m; ++k) {
     const size_t a = backwards ? m - 1 - k : k;
-    double left = stops_[a].missing - dt * work_.given[a];
-    const double whole = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
-    for (size_t b = 0; b < m; ++b) left -= work_.within[a * m + b] * pushes[b];
+    const double left = work_.left[a] - pushed_along(a, pushes);
     const double before = pushes[a], own = work_.within[a * m + a];
     pushes[a] = stops_[a].admitted ? std::max(0.0, before + left / own) : 0.0;
     const double rate = own * std::fabs(pushes[a] - before);
     most.rate = std::max(most.rate, rate);
-    if (whole > 0) most.share = std::max(most.share, rate / whole);
+    if (work_.whole[a] > 0) most.share = std::max(most.share, rate / work_.whole[a]);
   }
   return most;
+}
+
+// The rates with this response and change of the rates, under the forces in work_.direction.
+const GeneralizedBody::Numbers& GeneralizedBody::rates_with(const Numbers& by_root, const Numbers& by_change,
+                                                            double dt) {
+  dense::respond(by_root, work_.direction, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) work_.known[i] = rates[i] + by_change[i] + dt * work_.known[i];
+  return work_.known;
 }
 
 // A stop of speed begins to act only where the rates of this solution exceed it. Forces on a joint that was
@@ -221,11 +238,9 @@ GeneralizedBody::Sweep GeneralizedBody::sweep_stops(double dt, Numbers& pushes, 
 void GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   work_.direction = forces;
   for (int i = 0; i < n(); ++i) work_.direction[i] -= pushed_[i] / dt;
-  dense::respond(root, work_.direction, work_.half, work_.known);
-  for (int i = 0; i < n(); ++i) work_.known[i] = rates[i] + change[i] + dt * work_.known[i];
+  const Numbers& reached = rates_with(root, change, dt);
   for (size_t a = 0; a < stops_.size(); ++a)
-    stops_[a].admitted =
-        stops_[a].wanted > -kFastest || stops_[a].acts || rate_along(a, work_.known) < -kFastest;
+    stops_[a].admitted = stops_[a].wanted > -kFastest || stops_[a].acts || rate_along(a, reached) < -kFastest;
 }
 
 // Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
@@ -237,9 +252,8 @@ bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_[a];
     s.held_back = pushes_[a] * work_.within[a * m + a];
-    const double size = std::fabs(s.missing) + dt * std::fabs(work_.given[a]);
     // It acts if it changes the rate by more than rounding.
-    const bool acts = s.held_back > kRoundingShare * size;
+    const bool acts = s.held_back > kRoundingShare * work_.whole[a];
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;
@@ -257,19 +271,16 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
 bool GeneralizedBody::pybullet_falls_short(double dt) {
   work_.direction = forces;
   for (int i = 0; i < n(); ++i) work_.direction[i] += limit_forces[i];
-  dense::respond(observer.root(), work_.direction, work_.half, work_.known);
-  for (int i = 0; i < n(); ++i)
-    if (std::fabs(rates[i] + unstopped_[i] + dt * work_.known[i]) >= kMostRate) return true;
+  for (double rate : rates_with(observer.root(), unstopped_, dt))
+    if (std::fabs(rate) >= kMostRate) return true;
   const size_t m = stops_.size();
   Numbers pushes(m);
   double change = kMostRate;
   for (int sweep = 0; sweep < kPybulletSweeps && change > kSolverResidual; ++sweep)
-    change = sweep_stops(dt, pushes, sweep % 2 == 0).rate;
-  for (size_t a = 0; a < m; ++a) {
-    double error = 0;
-    for (size_t b = 0; b < m; ++b) error += work_.within[a * m + b] * (pushes[b] - pushes_[b]);
-    if (std::fabs(error) > kSolverNoise) return true;
-  }
+    change = sweep_stops(pushes, sweep % 2 == 0).rate;
+  for (size_t a = 0; a < m; ++a) pushes[a] -= pushes_[a];
+  for (size_t a = 0; a < m; ++a)
+    if (std::fabs(pushed_along(a, pushes)) > kSolverNoise) return true;
   return false;
 }
 
