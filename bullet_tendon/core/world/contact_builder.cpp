@@ -588,8 +588,7 @@ double World::mouth_reach(int tendon, int t, int k) const {
   auto reach = [&](int i) {
     return reach_of(*step_.slots[tendon], i, link, step_.context.dt, options.contact_threshold);
   };
-  // One segment length is added: the edge is sharp, and a segment beside it can be over it after one step.
-  return std::max(reach(k), reach(k + 1)) + step_.slots[tendon]->rest[k] + scene.tunnels[t].chamfer;
+  return std::max(reach(k), reach(k + 1)) + scene.tunnels[t].chamfer;
 }
 
 // Contacts of segment k with an edge, at the points that are predicted to be nearest at the end of the
@@ -608,9 +607,9 @@ void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double r
   rim.half = -rim.half;
   const Vec3 x = (1 - u) * a + u * b;
   RimPoint other = nearest_on_rim(rim, x, {});
-  if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > reach - c.rest[k]) return;
+  if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > reach) return;
   u = slide_to_rim(a, b, u, rim, other);
-  mouth_contact(tendon, t, mouth, k, rim, u, reach - c.rest[k]);
+  mouth_contact(tendon, t, mouth, k, rim, u, reach);
 }
 
 void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, double u, double reach) {
