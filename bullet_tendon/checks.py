@@ -38,7 +38,6 @@ def integer(argument: str, value, *, at_least=None, at_most=None) -> int:
     """An integer within the bounds given (bool is refused, numpy integers are accepted)."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise InvalidType(argument, value, "an integer")
-    allowed = _range_text("an integer", None, at_least, at_most)
     try:
         result = int(value)
     except Exception:  # a subclass's own __int__
@@ -46,7 +45,7 @@ def integer(argument: str, value, *, at_least=None, at_most=None) -> int:
     below = at_least is not None and result < at_least
     beyond = at_most is not None and result > at_most
     if below or beyond:
-        raise InvalidValue(argument, value, allowed)
+        raise InvalidValue(argument, value, _range_text("an integer", None, at_least, at_most))
     return result
 
 
