@@ -67,9 +67,9 @@ class StepReport:
     where the step was taken in substeps.
     reasons: how often a substep was solved again or cut, by reason: "motion" (something near a contact moves
     by more than its radius), "turn" (a segment turns far), "growth" (the last step was much shorter),
-    "not_converged", "left_prediction" (particles ended where contacts were not looked for), "woken" (tendons
-    at rest were reached), "step_weights" (tendons that press on each other had other methods),
-    "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far),
+    "not_converged" (or energy was created), "left_prediction" (particles ended where contacts were not looked
+    for), "woken" (tendons at rest were reached), "step_weights" (tendons that press on each other had other
+    methods), "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far),
     "released" (a body was released, or pulled by something that was not predicted: this step or the previous
     one was solved again. iterations and linear_solves include that).
     over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged is

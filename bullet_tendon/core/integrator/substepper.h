@@ -24,7 +24,7 @@ enum class Reason : int {
   motion = 0,       // a tendon moves by more than its radius relative to something near it: cut
   turn,             // a segment turns far in a BDF2 step: divided in three, or with contacts in two
   growth,           // BDF2 would restart, because the last step was much shorter: divided in two
-  not_converged,    // an island did not converge within its iterations: halved
+  not_converged,    // an island did not converge within its iterations, or created energy: halved
   left_prediction,  // particles left their predicted region: contacts are detected again; later halved
   woken,            // a tendon came within reach of a sleeping one, which wakes: repeated
   step_weights,     // tendons in contact with each other had different step weights: repeated

@@ -12,9 +12,13 @@
 // impulses between pairs of interacting points remove the created energy (passivity controller: Hannaford and
 // Ryu 2002). The first impulses act along contact normals and springs, which conserves linear and angular
 // momentum. The next ones act across them, which is needed where a compressed tendon turns about an anchor.
+// Where the velocities have less energy than was created, it remains in the positions: a carried normal force
+// has pushed a contact apart, or a bent tendon has buckled to a higher potential. Such a substep is cut
+// (solver/newton.cpp).
 #include <algorithm>
 #include <cmath>
 
+#include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
 
@@ -151,12 +155,23 @@ bool has_compression(const Tendon& c) {
   return false;
 }
 
+// Work of contacts that correct depth [J].
+double corrected(const Island& island) {
+  double work = 0;
+  for (const Contact* contact : island.contacts) {
+    const bool apart = contact->geometry.gap + contact->geometry.depth_allowance > 0;
+    const Vec3 moved = relative_position(island, *contact, &Tendon::displacement);
+    if (!apart) work += std::max(0.0, contact->normal_force.value * dot(contact->geometry.normal, moved));
+  }
+  return work;
+}
+
 }  // namespace
 
-void project_energy(Island& island, Vec3 gravity) {
+double project_energy(Island& island, Vec3 gravity) {
   const bool any = std::any_of(island.tendons.begin(), island.tendons.end(),
                                [](const Tendon* c) { return has_compression(*c); });
-  if (!any && island.contacts.empty()) return;
+  if (!any && island.contacts.empty()) return 0;
   double left = 0;
   for (Tendon* c : island.tendons) left += gained(*c, gravity);
   for (const Contact* contact : island.contacts)
@@ -165,6 +180,7 @@ void project_energy(Island& island, Vec3 gravity) {
   for (const bool across : {false, true})
     for (int sweep = 0; sweep < kSweeps && left > 0; ++sweep)
       each_pair(island, [&](const Pair& pair) { dissipate(island, pair, across, left); });
+  return left - corrected(island);
 }
 
 }  // namespace bt

@@ -46,7 +46,8 @@ void multiply(Island& island);
 // small share of `enough` [N] are neglected.
 void solve_limits(Island& island, const StepContext& context, double enough);
 
-// Removes the energy that a step of implicit Euler created from tendon.v_new.
-void project_energy(Island& island, Vec3 gravity);
+// Removes the energy that a step of implicit Euler created from tendon.v_new. Returns how much of it remains
+// [J], without the work of contacts that correct depth.
+double project_energy(Island& island, Vec3 gravity);
 
 }  // namespace bt

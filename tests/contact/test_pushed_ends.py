@@ -1,0 +1,90 @@
+"""A stiff tendon that stands askew on a plate, pushed at both ends, moves by their work alone."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+RODS = [
+    {
+        "dt": 1 / 300,
+        "radius": 1.5e-3,
+        "n": 54,
+        "stiffness": 185,
+        "exponent": 2,
+        "bending": 5.4e-4,
+        "push": 0.045,
+    },
+    {
+        "dt": 1 / 200,
+        "radius": 1.2e-3,
+        "n": 54,
+        "stiffness": 6e4,
+        "exponent": 2,
+        "bending": 4.6e-4,
+        "push": 0.45,
+    },
+    {
+        "dt": 1 / 66,
+        "radius": 1.8e-3,
+        "n": 46,
+        "stiffness": 87,
+        "exponent": 1,
+        "bending": 2.2e-4,
+        "push": 0.011,
+    },
+    {
+        "dt": 1 / 150,
+        "radius": 8e-4,
+        "n": 30,
+        "stiffness": 270,
+        "exponent": 1,
+        "bending": 2.4e-4,
+        "push": 0.028,
+    },
+    {
+        "dt": 1 / 66,
+        "radius": 1.2e-3,
+        "n": 40,
+        "stiffness": 340,
+        "exponent": 1,
+        "bending": 1.5e-4,
+        "push": 0.04,
+    },
+]
+
+
+def plate(world, client):
+    """A plate whose upper face is z = 0."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.2, 0.2, 0.02], physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, -1, [0, 0, -0.02], physicsClientId=client))
+
+
+@pytest.mark.parametrize("slant", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("rod", RODS)
+def test_a_pushed_end_gains_no_energy(client, make_world, rod, slant):
+    """Energy grows by the work of both pushes at most."""
+    world = make_world(rod["dt"])
+    plate(world, client)
+    way, foot = np.array([np.sin(slant), 0, np.cos(slant)]), np.array([0, 0, 1.05 * rod["radius"]])
+    material = bt.Material(
+        stiffness=rod["stiffness"],
+        exponent=rod["exponent"],
+        damping=2e-4 * rod["stiffness"],
+        bending_stiffness=rod["bending"],
+        friction=0.6,
+    )
+    t = world.add_tendon([foot, foot + 0.025 * way], rod["radius"], material, rod["n"])
+    pushes = {0: np.array([0, 0, -rod["push"]]), -1: -rod["push"] * way}
+    for end, force in pushes.items():
+        t.set_force(end, force)
+    at_start = t.energy
+    work = turnover = 0.0
+    for _ in range(60):
+        before = t.positions
+        world.step()
+        done = [force @ (t.positions[end] - before[end]) for end, force in pushes.items()]
+        work += sum(done)
+        turnover += sum(map(abs, done))
+        assert t.energy - at_start - work <= 0.01 * turnover + 1e-9
