@@ -356,32 +356,20 @@ void stay(Island& island) {
   place_at_start(island);
 }
 
-// Places all particles where their present velocities take them, except for anchored ones.
-void continue_motion(Island& island) {
-  for (Tendon* c : island.tendons)
-    for (int i = 0; i < c->n(); ++i) c->dx.set(i, c->h_eff * c->v.at(i));
-  place_at_dx(island);
-  place_bodies(island);
-}
-
 double evaluated_potential(Island& island) {
   residual_of(island, true);
   return potential(island);
 }
 
 // Begins the descent of a solution that failed: from its last iterate, if its potential is smaller than that
-// of no motion, else from no motion or from the present one, whichever has the smaller potential.
+// of no motion, else from no motion.
 void begin_descent(Solution& s) {
   Island& island = s.island;
   const double reached = potential(island);
   stay(island);
-  const double still = evaluated_potential(island);
-  if (reached < still) {
+  if (reached < evaluated_potential(island)) {
     place_at_dx(island);
     advance_bodies(island, 1);
-  } else {
-    continue_motion(island);
-    if (!(evaluated_potential(island) < still)) place_at_start(island);
   }
   s.descends = true;
   s.start_anew();
