@@ -13,11 +13,6 @@ namespace bt {
 
 namespace {
 
-// Smallest share of a body's inertia in the Schur complement if indefinite terms of contacts and compressed
-// springs are included [-]. Smaller: excessive steps of light bodies. Larger: indefinite terms are left out
-// more often, and convergence is slower.
-constexpr double kInertiaLeft = 0.5;
-
 // The sparse matrix of tendons in contact: their bands and the blocks of coupling contacts.
 
 int block_at(const Island& island, int tendon, int i) { return island.matrix.offset[tendon] + i; }
@@ -280,31 +275,25 @@ bool answer_columns(Island& island, const Options& o, size_t p) {
   return true;
 }
 
-// Whether the Schur complement minus kInertiaLeft times the identity, the inertia of the bodies, is positive
-// definite.
-bool keeps_inertia(Island& island) {
-  const int n = island.bodies.freedom;
-  for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] -= kInertiaLeft;
-  dense::root(n, island.bodies.corner, island.bodies.corner_root);
-  bool keeps = true;
-  for (int k = 0; k < n; ++k) {
-    island.bodies.corner[k * n + k] += kInertiaLeft;
-    keeps &= island.bodies.corner_root[k * n + k] > 0;
-  }
-  return keeps;
-}
-
 size_t panels_of(const Island& island) { return (island.bodies.freedom + kLanes - 1) / kLanes; }
 
-// Computes the Schur complement of the tendons and its Cholesky factor.
+// Whether the Schur complement is positive definite, by its Cholesky factor.
+bool is_definite(const Island& island) {
+  const int n = island.bodies.freedom;
+  for (int k = 0; k < n; ++k)
+    if (island.bodies.corner_root[k * n + k] == 0) return false;
+  return true;
+}
+
+// Computes the Schur complement of the tendons and its Cholesky factor. false: indefinite terms of contacts
+// and compressed springs, which are left out if `definite`, exceed the inertia of the bodies.
 bool factorise_bodies(Island& island, const Options& o, bool definite) {
   for (size_t p = 0; p < panels_of(island); ++p) {
     if (!answer_columns(island, o, p)) return false;
     for (size_t q = p; q < panels_of(island); ++q) take_complement(island, p, q);
   }
-  if (!definite && !keeps_inertia(island)) return false;
   dense::root(island.bodies.freedom, island.bodies.corner, island.bodies.corner_root);
-  return true;
+  return definite || is_definite(island);
 }
 
 // Solves for bodies (corner_side) and tendons (x).
