@@ -16,21 +16,9 @@ namespace {
 // Contact stiffness over the transverse stiffness of a particle (inertia over the squared step weight, and
 // tension over segment length) [-]. The multipliers carry the load, so that this ratio sets how fast depth
 // vanishes, and not the depth of a resting contact. Larger: the active set takes more iterations. Smaller:
-// impacts need more augmented Lagrangian updates.
+// impacts need more augmented Lagrangian updates. It is at least the inertia of the hanging load, T/g over
+// the squared step weight.
 constexpr double kContactRatio = 30.0;
-
-// The same for two-step methods [-]. A multiplier from the last step lags behind the depth, which excites
-// vibrations. Stiffer contacts excite them less. Two-step methods damp them little: at 30, tendons that rest
-// over an edge begin to vibrate; at 100 they do not.
-constexpr double kTwoStepContactRatio = 300.0;
-
-// Lower bound of the contact stiffness of two-step methods over the inertia of the hanging load, T/g over the
-// squared step weight [-]; of implicit Euler it is that inertia. With g = (N_0 - N)/k, where N_0 is the force
-// of the last step, the contact does the work N g' = dt N'^2/k on a vibration, averaged over a cycle. A
-// vibration persists where this work exceeds the damping of the method: for two-step methods at k < 4 m/dt^2.
-// Smaller: vibrations persist, and weights on a coarse tendon creep over rough edges. Larger: the active set
-// takes more iterations.
-constexpr double kTwoStepHungRatio = 4.0;
 
 // Largest depth that one step corrects, in radii [-]. Depth over dt is a velocity, which remains after the
 // step. Larger: a tendon that was placed inside a bone leaves it at high speed. Smaller: the correction takes
@@ -206,8 +194,7 @@ double World::depth_to_leave(const Contact& contact, double most) const {
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *step_.slots[tendon_slot];
   contact.geometry.radius = c.radius;
-  finish_contact(contact, held_at(c, particle, !carries(options), norm(step_.context.gravity)), c.radius,
-                 c.h_eff < step_.context.dt);
+  finish_contact(contact, held_at(c, particle, !carries(options), norm(step_.context.gravity)), c.radius);
 }
 
 void World::finish_pair(Contact& contact) {
@@ -217,18 +204,15 @@ void World::finish_pair(Contact& contact) {
   contact.geometry.radius = a.radius + b.radius;
   finish_contact(contact,
                  mean_of(held_at(a, contact.a, along, gravity), held_at(b, contact.b, along, gravity)),
-                 std::min(a.radius, b.radius), std::min(a.h_eff, b.h_eff) < step_.context.dt);
+                 std::min(a.radius, b.radius));
 }
 
-void World::finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step) {
+void World::finish_contact(Contact& contact, const HeldBack& held, double radius) {
   const bool carries = bt::carries(options), chosen = options.contact_stiffness > 0;
   if (chosen)
     contact.normal_force.stiffness = options.contact_stiffness;
   else if (!carries)  // without multipliers only stiffness limits the depth
     contact.normal_force.stiffness = kSpringRatio * held.stiffness;
-  else if (two_step)
-    contact.normal_force.stiffness =
-        std::max(kTwoStepContactRatio * held.stiffness, kTwoStepHungRatio * held.hung);
   else
     contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, held.hung);
   // The inertia term makes a particle without tension stick before it gains speed.

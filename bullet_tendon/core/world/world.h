@@ -258,7 +258,7 @@ class World {
   void tendon_contacts();
   void pair_contact(const SegmentPair& pair, const PairPoint& at);
   void finish_contact(Contact& contact, int tendon_slot, int particle);
-  void finish_contact(Contact& contact, const HeldBack& held, double radius, bool two_step);
+  void finish_contact(Contact& contact, const HeldBack& held, double radius);
   void finish_pair(Contact& contact);
   void set_arm(Contact& contact) const;
   void add_contact(const Contact& contact);
