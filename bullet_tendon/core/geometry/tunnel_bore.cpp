@@ -189,11 +189,7 @@ double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim) {
     }
   }
   RimPoint at;
-  if (!rim.is_circle()) return slide_to_rim(a, b, static_cast<double>(best) / kSamples, rim, at);
-  const double left = std::max(0, best - 1) / static_cast<double>(kSamples);
-  const double right = std::min(kSamples, best + 1) / static_cast<double>(kSamples);
-  const double u = golden_section(left, right, square);
-  return u < 1e-7 ? 0 : u > 1 - 1e-7 ? 1 : u;
+  return slide_to_rim(a, b, static_cast<double>(best) / kSamples, rim, at);
 }
 
 }  // namespace bt
