@@ -18,7 +18,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
 
@@ -155,13 +154,15 @@ bool has_compression(const Tendon& c) {
   return false;
 }
 
-// Work of contacts that correct depth [J].
+// Work of contacts that correct depth, without that of their links [J].
 double corrected(const Island& island) {
   double work = 0;
   for (const Contact* contact : island.contacts) {
-    const bool apart = contact->geometry.gap + contact->geometry.depth_allowance > 0;
-    const Vec3 moved = relative_position(island, *contact, &Tendon::displacement);
-    if (!apart) work += std::max(0.0, contact->normal_force.value * dot(contact->geometry.normal, moved));
+    const SegmentPoint &a = contact->a, &b = contact->b;
+    const Vec3 other = b.tendon < 0 ? link_displacement(island, *contact) : b.of(island.at(b).displacement);
+    const double apart = contact->geometry.gap + contact->geometry.depth_allowance;
+    const double moved = dot(contact->geometry.normal, a.of(island.at(a).displacement) - other);
+    work += contact->normal_force.value * std::max(0.0, moved - std::max(0.0, apart));
   }
   return work;
 }
