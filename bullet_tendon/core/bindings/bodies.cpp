@@ -352,7 +352,9 @@ py::list pushes(const World& w) {
     const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
     if (!l.yields() || !(force > 0 || torque > 0)) continue;
     if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kRoundingShare * force * torque && force > 0) {
-      const Vec3 point = l.start_centre + (1 / (force * force)) * cross(l.wrench.force, l.wrench.torque);
+      // Of unit vectors: the product of tiny forces and torques would underflow.
+      const Vec3 arm = (torque / force) * cross(unit_or(l.wrench.force, {}), unit_or(l.wrench.torque, {}));
+      const Vec3 point = l.start_centre + arm;
       out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
     } else {
       out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(l.start_centre), tuple(l.wrench.torque)));
