@@ -67,6 +67,10 @@ double Bore::leaves(Vec3 a, Vec3 b) const {
 
 namespace {
 
+// Last change of Newton's method that is taken, an angle or a parameter of a segment [-]: the next would be
+// its square. Larger: the normals of contacts are less accurate. Smaller: one more iteration, without effect.
+constexpr double kArrived = 1e-7;
+
 // A direction in the plane: cosine and sine of an angle.
 struct Direction {
   double c, s;
@@ -86,8 +90,6 @@ Direction direction(double c, double s) {
 bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
   // Iterations of Newton's method [-]. Fewer: points near the middle get a point that is not their nearest.
   constexpr int kIterations = 40;
-  // Last turn, which is squared by the next [-]. Larger: the normals of contacts are less accurate.
-  constexpr double kArrived = 1e-11;
   const double excess = A * A - B * B;
   const bool own_side = y >= 0;
   if (!own_side && A * x >= excess) return false;
@@ -139,8 +141,6 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& l
 }
 
 double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at) {
-  // Last change of the parameter, which is squared by the next [-]. Larger: more iterations of the solution.
-  constexpr double kArrived = 1e-11;
   // Least second derivative for Newton's method, over that without the rim's curvature [-].
   constexpr double kConvex = 0.02;
   const Vec3 d = b - a, fallback = any_perpendicular(rim.axis);
