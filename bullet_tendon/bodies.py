@@ -81,6 +81,7 @@ class Bodies:
         self._mark_of: list[tuple[int, bytes]] = []
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
+        self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
 
     def require_client(self) -> None:
         """Raise UnknownId where the client was disconnected."""
@@ -151,6 +152,9 @@ class Bodies:
             if not body.read(self._core):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
+            for body_id, link, force, point in self._external:
+                if body_id == body.body:
+                    body.add_force(self._core, link, force, point)
 
     def sample(self) -> bool:
         """Motion of what is held, right after pybullet's step; whether any of it seems to be released."""
@@ -224,6 +228,23 @@ class Bodies:
                 p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
         for body in self._generalized():
             body.apply_limits(self._core)
+
+    def apply_external_force(self, body: int, link: int, force, point, in_link: bool) -> None:
+        """Put a force [N] of the user on a link for pybullet's next step, and tell the next reads of it.
+
+        in_link: force and point (3,) are in the link's inertial frame, else in the world's.
+        """
+        _, (centre, turn), _ = read_link(body, link, self.client)
+        if in_link:
+            axes = np.reshape(p.getMatrixFromQuaternion(turn), (3, 3))
+            force, point = axes @ force, centre + axes @ point
+        force, point = tuple(map(float, force)), tuple(map(float, point))
+        p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
+        self._external.append((body, link, force, point))
+
+    def forget_external_forces(self) -> None:
+        """The step that they were for has been solved."""
+        self._external.clear()
 
     def unheld(self) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""

@@ -83,6 +83,11 @@ class RigidBody:
     def apply_limits(self, core) -> None:
         """It has no joints."""
 
+    def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
+        """Tell the core of a force of the user at a world point, once the body was read."""
+        if link == self.link:
+            core.add_link_force(self.slot, force, point)
+
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
@@ -146,6 +151,11 @@ class JointedBody:
         for joint, change in core.limit_shifts(self.slot, self._tree):
             place, rate = p.getJointState(self.body, joint, client)[:2]
             p.resetJointState(self.body, joint, place + change, rate, client)
+
+    def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
+        """Tell the core of a force of the user on a link at a world point, once the body was read."""
+        if self._yields[self._tree is self._trees[True]]:
+            core.add_body_force(self.slot, self._tree, link + 1, force, point)
 
     def can_be_held(self) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

@@ -95,6 +95,7 @@ class Stepper:
             start = perf_counter()
             self._bodies.apply_wrenches()
             self._react = perf_counter() - start
+        self._bodies.forget_external_forces()
         if outcome == _COARSELY:
             slot = self._core.report().coarse_tendon
             self._placement.tell_coarse(slot, *self._core.coarse_turn(slot))
@@ -171,7 +172,7 @@ class Stepper:
         pulled = [slot for slot in self._core.pulled_bodies() if self._bodies.was_free(slot)]
         if not released and not pulled:
             return False
-        cut = [slot for slot in pulled if self._core.was_cut(slot)]
+        cut = [slot for slot in pulled if self._core.velocity_was_cut(slot)]
         for slot in cut:
             self._bodies.change_rates(slot, -last_dt * self._core.missed(slot), last_dt)
         pulled = [slot for slot in pulled if slot not in cut]

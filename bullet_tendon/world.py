@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from os import PathLike
 
 import numpy as np
+import pybullet as p
 from numpy.typing import ArrayLike
 
 from . import _core, checks
@@ -270,6 +271,24 @@ class TendonWorld(NotCopied):
         something here refers to; InvalidValue where pybullet's time step, gravity or a body is not finite.
         """
         self._stepper.apply()
+
+    def apply_external_force(
+        self, bodyUniqueId: int, linkIndex: int, forceObj: ArrayLike, posObj: ArrayLike, flags: int
+    ) -> None:
+        """p.applyExternalForce, of which the tendons know before they are stepped.
+
+        Acts on a link (-1: the base) during the next step. forceObj (3,) [N] at posObj (3,) [m]; flags:
+        p.WORLD_FRAME, or p.LINK_FRAME for both in the link's inertial frame, as pybullet takes it. A force
+        that is given to pybullet alone is seen only by what it has done: where it pulls at a tendon, the
+        step is then solved again, and a light body can be far away by then. Raises InvalidType, InvalidValue
+        or UnknownId; then nothing has changed.
+        """
+        force, point = checks.vector("forceObj", forceObj), checks.vector("posObj", posObj)
+        self._bodies.require(bodyUniqueId, linkIndex)
+        if checks.integer("flags", flags) not in (p.WORLD_FRAME, p.LINK_FRAME):
+            raise InvalidValue("flags", flags, "p.WORLD_FRAME or p.LINK_FRAME")
+        where = int(bodyUniqueId), int(linkIndex)
+        self._bodies.apply_external_force(*where, force, point, flags == p.LINK_FRAME)
 
     def relax(self, tolerance: float = 1e-6, max_steps: int = 1000) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.

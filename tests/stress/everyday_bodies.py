@@ -165,6 +165,16 @@ def bounced(scene):
 @family
 def light_body_off_centre(scene):
     """1-10 g knotted beside the centre, and pulled by up to 1 kN: the knot stays where it is."""
+    pulled_light_body(scene, "p.applyExternalForce")
+
+
+@family
+def told_force_on_light_body(scene):
+    """The same, where the tendons are told of the force: no step is late."""
+    pulled_light_body(scene, "world.apply_external_force")
+
+
+def pulled_light_body(scene, apply):
     scene.begin()
     mass, force = scene.log(1e-3, 0.01), scene.log(0.1, 1000)
     lever, length = scene.flat(0.001, 0.008), scene.flat(0.05, 0.3)
@@ -175,11 +185,13 @@ def light_body_off_centre(scene):
     scene.run(scene.steps // 4)
     way = [round(v, 4) for v in (force * (np.array([0, 0, -1]) + 0.2 * scene.direction())).tolist()]
     push = f"x = p.getBasePositionAndOrientation({body.text})[0]"
-    go = f"p.applyExternalForce({body.text}, -1, {way!r}, x, p.WORLD_FRAME)"
+    go = f"{apply}({body.text}, -1, {way!r}, x, p.WORLD_FRAME)"
+    told = not apply.startswith("p.")
     applied = f"applied = {{int({body.text}): {way!r}}}"
     for lines, unknown in (((push, go, applied), force), (("applied = {}",), 0.0)):
-        scene.run(5, *lines)  # a force is learned from what it did
-        more = 2 * unknown / mass * scene.dt**2
+        if not told:
+            scene.run(5, *lines)  # a force is learned from what it did
+        more = 0.0 if told else 2 * unknown / mass * scene.dt**2
         scene.run(scene.steps // 3, *lines, watch=lambda more=more: at_its_place(scene, t, hold, more))
 
 

@@ -42,6 +42,9 @@ REFUSED = {
     "load_urdf": lambda s: s.world.load_urdf(s.path),
     "step": lambda s: s.world.step(),
     "apply": lambda s: s.world.apply(),
+    "apply_external_force": lambda s: s.world.apply_external_force(
+        s.body, -1, [0, 0, 1], [0, 0, 0], p.WORLD_FRAME
+    ),
     "relax": lambda s: s.world.relax(),
     "wrench": lambda s: s.world.wrench(s.body),
     "penetrations": lambda s: s.world.penetrations(),

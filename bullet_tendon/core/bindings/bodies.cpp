@@ -49,6 +49,7 @@ bool is_finite(const World& w, int slot) {
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
   const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
+  m.external.clear();
   m.limits.clear();
   m.gravity_response.clear();
   if (falls) m.gravity_response.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
@@ -124,6 +125,14 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
   }
 }
 
+// A force of the user at a world point of the link that a slot stands for, in this step.
+void add_link_force(World& w, int slot, Vec3 force, Vec3 point) {
+  const Link& l = w.scene.links[slot];
+  if (!l.yields()) return;
+  const Vec3 torque = cross(point - l.centre, force);
+  w.scene.bodies[slot].add_external({force.x, force.y, force.z, torque.x, torque.y, torque.z});
+}
+
 void clear_link(World& w, int slot) {
   w.ensure_link(slot);
   w.scene.links[slot] = Link{};
@@ -137,7 +146,10 @@ void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
       .def("read_link", &read_link)
       .def("sample_link", &sample_link)
-      .def("set_contacts", &set_contacts);
+      .def("set_contacts", &set_contacts)
+      .def("add_link_force", [](World& w, int slot, const py::tuple& force, const py::tuple& point) {
+        add_link_force(w, slot, vector(force.ptr()), vector(point.ptr()));
+      });
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
     place(l, info.ptr(), where.ptr());
@@ -234,6 +246,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   const Reading reading{infos, base, motion, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
+  m.external.clear();
   read_dynamics(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
@@ -255,6 +268,19 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
   std::vector<double> rates, places;
   read_joints(body, motion, joints, rates, places);
   return w.sample(slot, rates);
+}
+
+// A force of the user at a world point of any link of a body, in this step. tree: as it was read.
+void add_body_force(World& w, int slot, const Articulated& tree, int link, const py::tuple& force,
+                    const py::tuple& point) {
+  GeneralizedBody& m = w.scene.bodies[slot];
+  if (m.n() != tree.dofs() || link < 0 || link >= tree.links() || !tree.moves(link)) return;
+  dense::Numbers jacobian(6 * m.n()), generalized(m.n());
+  tree.jacobian(link, jacobian.data());
+  const Vec3 f = vector(force.ptr()), torque = cross(vector(point.ptr()) - tree.centre(link), f);
+  const double wrench[6] = {f.x, f.y, f.z, torque.x, torque.y, torque.z};
+  dense::add_rows(jacobian, 6, wrench, generalized);
+  m.add_external(generalized);
 }
 
 // J (links, 6, dofs), the mass matrix, and the generalized force of the motion itself (dofs).
@@ -279,7 +305,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  world.def("read_body", &read_body).def("sample_body", &sample_body);
+  world.def("read_body", &read_body).def("sample_body", &sample_body).def("add_body_force", &add_body_force);
   m.def("dynamics", &dynamics);
 }
 
@@ -388,7 +414,8 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("stopped",
            [](const World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
       .def("missed", [](const World& w, int body) { return copy_of(w.scene.bodies[body].observer.missed()); })
-      .def("was_cut", [](const World& w, int body) { return w.scene.bodies[body].observer.was_cut(); })
+      .def("velocity_was_cut",
+           [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
       .def("pushable",
            [](const World& w) {
              std::vector<int> free;

@@ -67,11 +67,20 @@ void GeneralizedBody::widen(Numbers direction) {
 
 bool GeneralizedBody::sample(const Numbers& after) { return observer.sample(after, unforced()); }
 
+void GeneralizedBody::add_external(const Numbers& force) {
+  external.resize(n());
+  for (int i = 0; i < n(); ++i) external[i] += force[i];
+}
+
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
   known_in_step_ = known(gravity);
   change = known_in_step_;
   for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
   root = observer.root();
+  if (!external.empty()) {
+    dense::respond(root, external, work_.half, work_.known);
+    for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
+  }
   find_stops(dt);
   settle_stops(observer.forces(), dt);
 }
@@ -93,7 +102,9 @@ void GeneralizedBody::act(double dt) {
   limit_forces.assign(n(), 0.0);
   limit_shifts.clear();
   if (is_stopped()) share_stops(dt);
-  observer.act(forces, limit_forces, dt);
+  work_.known = limit_forces;
+  for (int i = 0; i < n() && !external.empty(); ++i) work_.known[i] += external[i];
+  observer.act(forces, work_.known, dt);
 }
 
 void GeneralizedBody::push(const Numbers& impulse) {

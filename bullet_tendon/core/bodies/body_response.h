@@ -72,6 +72,7 @@ struct GeneralizedBody {
   Numbers limit_forces;  // generalized, of limits that joints would pass in this step (n)
   // Coordinate and change of every joint that is moved to just behind its limit before this step.
   std::vector<std::pair<int, double>> limit_shifts;
+  Numbers external;  // generalized forces that the user has told for this step (n); empty: none
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
@@ -100,6 +101,8 @@ struct GeneralizedBody {
   void widen(Numbers direction);
   // Learns from its motion since the last step.
   void sense();
+  // Adds a generalized force of the user to those of this step.
+  void add_external(const Numbers& force);
   // Predicts its motion in the step.
   void predict(double dt, Vec3 gravity);
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).

@@ -91,9 +91,9 @@ void Observer::measure(const Numbers& rates, const Numbers& gravity) {
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
 
-void Observer::act(const Numbers& tendons, const Numbers& limits, double dt) {
+void Observer::act(const Numbers& tendons, const Numbers& others, double dt) {
   forces_ = applied_ = tendons;
-  for (int i = 0; i < n_; ++i) applied_[i] += limits[i];
+  for (int i = 0; i < n_; ++i) applied_[i] += others[i];
   dt_ = dt;
   acted_ = true;
 }
@@ -126,7 +126,7 @@ void Observer::compare(const Sample& now) {
 
 // Without the cut-off, the rate would have been larger. A motion short of the prediction is replaced by the
 // prediction. A motion beyond it is the least possible one. Returns whether a rate was cut off; then nothing
-// is learned. Bodies whose spin was cut off are not corrected, because their arms are not known.
+// is learned.
 bool Observer::leave_out_cut(const Numbers& rates) {
   bool any = false;
   for (int i = 3; i < n_; ++i)

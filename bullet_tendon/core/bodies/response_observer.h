@@ -45,8 +45,9 @@ class Observer {
   bool sample(const Numbers& rates, const Numbers& gravity);
   // Takes rates that were set from outside.
   void refresh(const Numbers& rates);
-  // Records the generalized forces that act during the next dt [s]: of the tendons, and of the limits ahead.
-  void act(const Numbers& tendons, const Numbers& limits, double dt);
+  // Records the generalized forces that act during the next dt [s]: of the tendons, and all others that are
+  // known: of the limits ahead, and the user's.
+  void act(const Numbers& tendons, const Numbers& others, double dt);
   // Treats the body as free from this step on.
   void set_free();
   // The same, and forgets the last steps.
@@ -67,6 +68,10 @@ class Observer {
   const Numbers& missed() const { return missed_; }  // acceleration that was not predicted; empty: not known
   // Whether pybullet cut off some rate in the last step.
   bool was_cut() const { return !last_.cut.empty() && dense::dot(last_.cut, last_.cut) > 0; }
+  // The same of the velocity of a rigid body: a pull on it is then not known.
+  bool velocity_was_cut() const {
+    return was_cut() && (last_.cut[0] != 0 || last_.cut[1] != 0 || last_.cut[2] != 0);
+  }
 
  private:
   friend struct StateFields;  // world/state_fields.h
@@ -92,7 +97,7 @@ class Observer {
   Numbers root_, effective_root_;  // L, E
   Numbers share_, share_root_;     // G, and S with G = S S^T
   Numbers rates_, forces_, push_;
-  Numbers applied_;  // forces of the tendons and of the limits ahead in the last step
+  Numbers applied_;  // all known forces in the last step
   Numbers missed_;
   Numbers sampled_;  // rates right after the last step, if sampled
   Sample last_, previous_;

@@ -146,6 +146,8 @@ struct SizesOfBody {
         fit &= size % 7 == 0;
       else if (field == "directions_")
         fit &= n == 0 ? size == 0 : size % n == 0;
+      else if (field == "external")
+        fit &= size == 0 || size == n;
       else if (field != "pushes_" && field != "doubted_")
         fit &= fits(value, n);
     } else if constexpr (std::is_same_v<T, std::vector<Stop>>) {

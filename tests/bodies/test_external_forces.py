@@ -1,0 +1,129 @@
+"""Forces of the user of which the tendons are told, TendonWorld.apply_external_force."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from link_scenes import UNDAMPED, free_ball, hinged, misfit
+
+import bullet_tendon as bt
+
+LENGTH = 0.2
+FAR = 99.0  # [m/s], [rad/s]: pybullet cuts rates off at 100
+FRAMES = [p.WORLD_FRAME, p.LINK_FRAME]
+FORCE, POINT = [3.0, -2.0, 1.0], [0.02, 0.01, -0.03]
+
+
+def taut(world, body, lever, stiffness=1e5, damping=1e-3):
+    """A tendon from a grip above, attached beside the body's centre."""
+    material = bt.Material(stiffness=stiffness, damping=damping * stiffness)
+    t = world.add_tendon([[0, 0, LENGTH], [lever, 0, 0]], 1e-3, material, 12)
+    t.grip(0)
+    return t, t.attach(-1, body)
+
+
+def pull(world, body, force):
+    at = p.getBasePositionAndOrientation(body, world.physicsClientId)[0]
+    world.apply_external_force(body, -1, force, at, p.WORLD_FRAME)
+
+
+def offset_box(client):
+    """Its inertial frame is neither at its link frame's origin nor along its axes."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.01, 0.02, 0.03], physicsClientId=client)
+    turn = p.getQuaternionFromEuler([0.4, 0.2, -0.7])
+    body = p.createMultiBody(
+        0.3, shape, -1, [0.1, 0.2, 0.3], turn,
+        baseInertialFramePosition=[0.01, -0.02, 0.03], baseInertialFrameOrientation=turn,
+        physicsClientId=client,
+    )  # fmt: skip
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
+    return body
+
+
+def motion(body, client):
+    found = p.getBasePositionAndOrientation(body, client) + p.getBaseVelocity(body, client)
+    joints = [p.getJointState(body, j, client)[:2] for j in range(p.getNumJoints(body, client))]
+    return np.concatenate([*found, *joints])
+
+
+@pytest.mark.parametrize("flags", FRAMES)
+@pytest.mark.parametrize("kind, link", [("box", -1), ("arm", 0)])
+def test_the_body_moves_as_pybullet_alone_moves_it(make_world, client, tmp_path, kind, link, flags):
+    body = offset_box(client) if kind == "box" else hinged(client, tmp_path)
+    world, start = make_world(1 / 240), p.saveState(client)
+    ends = []
+    for apply in (p.applyExternalForce, world.apply_external_force):
+        p.restoreState(start, physicsClientId=client)
+        told = {"physicsClientId": client} if apply is p.applyExternalForce else {}
+        for _ in range(20):
+            if link >= 0:
+                p.getLinkState(body, link, 0, 1, client)  # else pybullet uses the pose of a step ago
+            apply(body, link, FORCE, POINT, flags, **told)
+            world.step()
+        ends.append(motion(body, client))
+    np.testing.assert_allclose(*ends, atol=1e-12)
+    p.restoreState(start, physicsClientId=client)
+    assert np.abs(ends[0] - motion(body, client)).max() > 1e-3
+
+
+@pytest.mark.parametrize("mass", [0.002, 0.2])
+@pytest.mark.parametrize("dt", [1 / 1000, 1 / 240])
+def test_a_sudden_force_is_no_surprise(make_world, client, mass, dt):
+    """It comes and ends between two steps; no step is taken again, and the end stays on the body."""
+    world = make_world(dt)
+    body = free_ball(client, mass)
+    t, held = taut(world, body, 0.0)
+    world.step(10)
+    for k in range(60):
+        if k < 30:
+            pull(world, body, [0.0, 0.0, -200.0])
+        world.step()
+        assert not world.report.reasons.get("released", 0)
+        assert misfit(t, held, client) <= 1e-7
+        assert k != 25 or t.tension.max() > 100
+
+
+def test_a_failed_step_keeps_the_force(make_world, client, monkeypatch):
+    """pybullet keeps what was applied until it is stepped; the next step is told of it again."""
+    world = make_world(1 / 240)
+    body = free_ball(client, 0.01)
+    t, held = taut(world, body, 0.0)
+    world.step(3)
+    pull(world, body, [0, 0, -50.0])
+    t.set_force(5, [1e300, 0, 0])
+    with pytest.raises(bt.StepFailed):
+        world.apply()
+    t.set_force(5, [0, 0, 0])
+    world.step()
+    assert misfit(t, held, client) <= 1e-9 and t.tension.max() > 10
+
+
+def test_an_untouched_body_is_simply_pushed(make_world, client):
+    world = make_world(1 / 100)
+    body = free_ball(client, 2.0)
+    pull(world, body, [4.0, 0, 0])
+    world.step(2)
+    np.testing.assert_allclose(p.getBaseVelocity(body, client)[0], [0.02, 0, 0], atol=1e-12)
+
+
+BAD = {
+    "no body": ((99, -1, FORCE, POINT, p.WORLD_FRAME), bt.UnknownId, "bodyUniqueId"),
+    "no link": ((0, 3, FORCE, POINT, p.WORLD_FRAME), bt.UnknownId, "linkIndex"),
+    "not finite": ((0, -1, [0, 0, np.nan], POINT, p.WORLD_FRAME), bt.InvalidValue, "forceObj"),
+    "short": ((0, -1, FORCE, [0, 0], p.WORLD_FRAME), bt.InvalidValue, "posObj"),
+    "text": ((0, -1, "abc", POINT, p.WORLD_FRAME), bt.InvalidType, "forceObj"),
+    "no frame": ((0, -1, FORCE, POINT, 7), bt.InvalidValue, "flags"),
+    "frame of text": ((0, -1, FORCE, POINT, "world"), bt.InvalidType, "flags"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_forces_are_refused(make_world, client, what):
+    arguments, error, name = BAD[what]
+    world = make_world(1 / 240)
+    body = free_ball(client, 1.0)
+    assert body == 0
+    with pytest.raises(error) as caught:
+        world.apply_external_force(*arguments)
+    assert caught.value.argument == name
+    world.step()
+    assert not np.any(p.getBaseVelocity(body, client))
