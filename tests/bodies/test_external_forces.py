@@ -82,6 +82,43 @@ def test_a_sudden_force_is_no_surprise(make_world, client, mass, dt):
         assert k != 25 or t.tension.max() > 100
 
 
+CUT_OFF = [  # kg, N, m, s, damping over stiffness [s]
+    (0.00141, 660, 0.0058, 0.00412, 1e-5),
+    (0.00451, 270, 0.0071, 0.00357, 1e-4),
+    (0.00238, 264, 0.0057, 0.00304, 1e-3),
+    (0.00335, 141, 0.0078, 0.00289, 1e-4),
+    (0.00332, 204, 0.0038, 0.00475, 1e-3),
+    (0.00727, 540, 0.0052, 0.00260, 1e-5),
+    (0.00189, 355, 0.0049, 0.00316, 1e-5),
+    (0.00785, 187, 0.0079, 0.00286, 1e-5),
+]
+
+
+@pytest.mark.parametrize("mass, force, lever, dt, damping", CUT_OFF)
+def test_a_spin_that_pybullet_cut_off_is_not_taken_for_a_torque(
+    make_world, client, mass, force, lever, dt, damping
+):
+    """A knot beside the centre spins light bodies beyond 100 rad/s; the step after it is right again."""
+    world = make_world(dt, (0, 0, -9.81))
+    body = free_ball(client, mass)
+    t, held = taut(world, body, lever, 200 * force, damping)
+    world.step(60)
+    rates, cut, judged = np.zeros(6), 0, 0
+    for k in range(120):
+        if k < 40:
+            pull(world, body, [0.1 * force, 0.15 * force, -force])
+        before = rates
+        world.step()
+        rates = np.abs(np.concatenate(p.getBaseVelocity(body, client)))
+        if max(rates.max(), before.max()) > FAR:
+            cut += 1
+            continue
+        judged += 1
+        turn = dt * np.linalg.norm(rates[3:])
+        assert misfit(t, held, client) <= 1e-7 + 0.5 * lever * turn**2
+    assert cut >= 1 and judged >= 60
+
+
 def test_a_failed_step_keeps_the_force(make_world, client, monkeypatch):
     """pybullet keeps what was applied until it is stepped; the next step is told of it again."""
     world = make_world(1 / 240)

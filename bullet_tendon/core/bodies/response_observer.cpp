@@ -129,9 +129,7 @@ void Observer::compare(const Sample& now) {
 // is learned.
 bool Observer::leave_out_cut(const Numbers& rates) {
   bool any = false;
-  for (int i = 3; i < n_; ++i)
-    if (is_cut_off(rates[i])) return false;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < n_; ++i) {
     if (!is_cut_off(rates[i])) continue;
     any = true;
     now_.cut[i] = rates[i] > 0 ? 1 : -1;
