@@ -42,7 +42,7 @@ class _Anchor(NotCopied):
 
     @property
     def force(self) -> np.ndarray:
-        """(3,) force of the tendon on what holds it, in the last step [N], world frame.
+        """(3,) force of the tendon on what holds it, the mean over the last step [N], world frame.
 
         Zero before the first step and after the release.
         """

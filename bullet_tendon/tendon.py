@@ -76,7 +76,11 @@ class Tendon(NotCopied):
 
     @property
     def velocities(self) -> np.ndarray:
-        """(n, 3) particles [m/s], world frame."""
+        """(n, 3) particles [m/s], world frame.
+
+        Those at the end of the last step. With "bdf2", of tendons on free bodies: means over the last step,
+        as pybullet's are.
+        """
         return self._core.velocities(self._alive())
 
     @property

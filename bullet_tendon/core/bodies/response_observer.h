@@ -66,6 +66,8 @@ class Observer {
   const Numbers& push() const { return push_; }            // acceleration
   const Numbers& forces() const { return forces_; }        // of the tendons in the last step
   const Numbers& missed() const { return missed_; }  // acceleration that was not predicted; empty: not known
+  // Whether most of the last motion, beside that by these accelerations, was not predicted.
+  bool is_surprised(const Numbers& accelerations);
   // Whether pybullet cut off some rate in the last step.
   bool was_cut() const { return !last_.cut.empty() && dense::dot(last_.cut, last_.cut) > 0; }
   // The same of the velocity of a rigid body: a pull on it is then not known.

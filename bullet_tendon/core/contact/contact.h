@@ -101,7 +101,9 @@ struct ContactForce {
   Vec3 linear;     // of the linearisation; equals total if that is of the present state [N]
   Vec3 mean;       // total, averaged over the substep by the integrator [N]
   Vec3 last_mean;  // mean of the previous step [N]
-  Sym3 block;      // minus the derivative of the linear force [N/m]
+  Vec3 given;      // to what it acts on, in this step and in the previous one [N] (World::given)
+  Vec3 last_given;
+  Sym3 block;  // minus the derivative of the linear force [N/m]
 };
 
 struct Contact {

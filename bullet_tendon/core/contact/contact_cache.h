@@ -11,6 +11,7 @@ struct ContactMemory {
   double lambda_confirmed = 0;  // the smaller N of the last two steps [N]
   bool sliding = false;
   Vec3 mean_force;   // on the point a [N]
+  Vec3 given_force;  // ContactForce::given [N]
   double h_eff = 0;  // step weight of the tendon [s]
   // In the link's frame; in the world frame for two tendons.
   Vec3 tangent_anchor;  // xi [m]

@@ -5,6 +5,8 @@
 #include <functional>
 #include <utility>
 
+#include "bodies/body_history.h"
+
 namespace bt {
 
 namespace {
@@ -21,15 +23,27 @@ constexpr double kCreep = 1e-3;
 
 }  // namespace
 
+namespace {
+
+bool moves_body(const Tendon& c) {
+  return std::any_of(c.anchors.begin(), c.anchors.end(),
+                     [](const Anchor& h) { return h.link >= 0 && (h.moves || !h.rigid); });
+}
+
+}  // namespace
+
 BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   const double dt = context.dt;
   // The velocities of a tendon in contact can be discontinuous, and are not extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
-  // Within a divided step, a tendon in contact takes implicit Euler.
-  const bool second_order = is_second_order(method) && (context.substeps->is_whole() || !c.touched);
+  // Within a divided step, a tendon in contact or on a body that moves takes implicit Euler.
+  const bool second_order =
+      is_second_order(method) && (context.substeps->is_whole() || !(c.touched || moves_body(c)));
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
-  const bool two = second_order && growth > 0 && growth <= kMostGrowth && c.smooth;
+  const bool two =
+      second_order && growth > 0 && growth <= kMostGrowth && c.smooth && (!c.with_body || growth == 1);
+  if (!two && c.with_body) c.v = c.user_velocities();
   const double last = two ? -growth * growth / (1 + 2 * growth) : 0;
   c.history = last;
   c.h_eff = two ? dt * (1 + growth) / (1 + 2 * growth) : dt;
@@ -76,6 +90,11 @@ void finish_step(Tendon& c, const StepContext& context) {
   c.v_before = c.v;
   c.x = c.x_new;
   c.v = c.v_new;
+  if (c.with_body && c.history == 0) c.mean_velocities = c.v;
+  for (int k = 0; c.with_body && c.history != 0 && k < 3; ++k)
+    for (int i = 0; i < c.n(); ++i)
+      c.mean_velocities[k][i] += kTwoStepShare * (c.v[k][i] - c.mean_velocities[k][i]);
+  c.steady_share = 1;
   for (Anchor& h : c.anchors) {
     if (h.rigid && !h.moves) c.x.set(h.particle, h.aim);  // without the rounding of the displacement
     h.target_before = h.aim;

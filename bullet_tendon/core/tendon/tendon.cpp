@@ -166,6 +166,7 @@ void Tendon::spread_coincident() {
 
 void Tendon::reset_history() {
   dt_before = 0;
+  with_body = false;
   for (SpringSet* s : {&structure, &shear}) {
     if (s->count > 0)
       evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces

@@ -43,6 +43,11 @@ struct TendonState {
   int sleeping_island = -1;
   uint64_t touching = 0;  // hash of the contacts with bodies
   bool touched = false;   // a contact exerted a force on it in the last step
+  // The last step was solved together with bodies that have a history: mean_velocities are then
+  // those that correspond to the bodies' (u of bodies/body_history.h).
+  bool with_body = false;
+  Field mean_velocities;    // [m/s]
+  double steady_share = 1;  // of the last step's forces (World::begin_histories)
 };
 
 // The region in which contacts are detected: predicted positions at the end of the substep [m], and the
@@ -58,6 +63,8 @@ struct PredictedRegion {
 struct TendonWorkspace : PredictedRegion {
   double h_eff = 0;               // step weight b [s] (integrator/scheme.h)
   Multipliers start_multipliers;  // at the start of the substep
+  bool coupled = false;           // in this step, to a body that has a history
+  bool barred = false;            // to one that cannot have one
   double history = 0;  // weight of the previous step in the history: xh = x + history (x_before - x)
   Field displacement, x_new;
   Field v_new;                  // at the end of the substep [m/s]
@@ -90,6 +97,8 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void set_rest(const std::vector<double>& rest);
   // Sets the additional mass of a particle [kg].
   void set_point_mass(int particle, double kilograms);
+  // The velocities that the user sees [m/s].
+  const Field& user_velocities() const { return with_body ? mean_velocities : v; }
   Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
   // These three change displacement and x_new: of a particle by `by`, of a particle to the position `at`, of
   // all particles by alpha dx.

@@ -39,7 +39,7 @@ void World::find_point_masses() {
       GeneralizedBody& m = scene.bodies[scene.links[h.link].body];
       if (!scene.links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped())
         continue;
-      const double of_mass = 3 * m.free[0],
+      const double share = m.history.share(), of_mass = 3 * share * share * m.free[0],
                    of_point =
                        trace(scene.links[h.link].mobility(to_world(scene.links[h.link].pose, h.local)));
       // At the centre of mass, rotation adds nothing but rounding to the mobility.
@@ -133,13 +133,14 @@ bool World::find_turning() {
     return false;
   for (GeneralizedBody& m : scene.bodies) {
     m.turning.torque = {};
-    m.turning.pull = 0;
+    m.turning.pull = m.turning.lever = 0;
   }
   auto add_pull = [&](int link, Vec3 arm, Vec3 force) {
     if (link < 0 || !scene.links[link].yields() || !scene.links[link].jacobian.empty()) return;
     GeneralizedBody& m = scene.bodies[scene.links[link].body];
     m.turning.torque += cross(arm, force);
     m.turning.pull += norm(arm) * norm(force);
+    m.turning.lever = std::max(m.turning.lever, norm(arm));
   };
   for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
@@ -148,7 +149,8 @@ bool World::find_turning() {
   for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.force.mean);
   bool any = false;
   for (const Link& l : scene.links) {
-    if (!l.yields() || !(scene.bodies[l.body].turning.pull > 0) || scene.bodies[l.body].turning.far) continue;
+    if (!l.yields() || !(scene.bodies[l.body].turning.lever > 0) || scene.bodies[l.body].turning.far)
+      continue;
     scene.bodies[l.body].turning.far = scene.bodies[l.body].turns_far(l.spin, step_.substeps.step());
     any |= scene.bodies[l.body].turning.far;
   }
@@ -177,9 +179,14 @@ bool World::settle_stops() {
 
 // Applies the mean forces of the whole step to the bodies.
 void World::act_on_bodies() {
+  for (Link& l : scene.links) {
+    if (!l.yields() || !scene.bodies[l.body].history.continues) continue;
+    const dense::Numbers& given = scene.bodies[l.body].history.given;
+    l.wrench = l.wrench + Wrench{{given[0], given[1], given[2]}, {given[3], given[4], given[5]}};
+  }
   sum_forces(1, [](const Link& l) { return l.wrench; });
   for (GeneralizedBody& m : scene.bodies)
-    if (m.n() > 0) m.act(step_.substeps.step());
+    if (m.n() > 0) m.act(step_.substeps.step(), step_.substeps.taken() == 1);
 }
 
 // Adds the impulse of the solved substep to the bodies' rates for the following substeps.

@@ -111,6 +111,7 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
   const size_t n = c.n();
   for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before})
     require(static_cast<size_t>(f->size()) == n, kSizes);
+  require(!s.with_body || static_cast<size_t>(s.mean_velocities.size()) == n, kSizes);
   require(s.tunnel_of.size() == n, kSizes);
   require_springs(t.structure, c.structure.count);
   require_springs(t.shear, c.shear.count);
@@ -146,7 +147,7 @@ struct SizesOfBody {
         fit &= size % 7 == 0;
       else if (field == "directions_")
         fit &= n == 0 ? size == 0 : size % n == 0;
-      else if (field == "external")
+      else if (field == "external" || field == "mean" || field == "applied")
         fit &= size == 0 || size == n;
       else if (field != "pushes_" && field != "doubted_")
         fit &= fits(value, n);
@@ -163,6 +164,9 @@ void require_body(const GeneralizedBody& body) {
   visit(sizes, const_cast<GeneralizedBody&>(body));
   for (size_t k = 0; k + 2 < body.limits.size(); k += 3)
     sizes.fit &= body.limits[k] >= 0 && body.limits[k] < body.rates.size();
+  const BodyHistory& history = body.history;
+  for (const auto* wrench : {&history.mean, &history.applied})
+    sizes.fit &= history.dt == 0 || wrench->size() == body.rates.size();
   require(sizes.fit, kSizes);
 }
 

@@ -270,6 +270,7 @@ void World::recall(Contact& contact, double inertia) {
   contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;
   contact.force.last_mean = found->mean_force;
+  contact.force.last_given = found->given_force;
   contact.limit_friction(contact.normal_force.lambda_previous);
   contact.friction.sliding = found->sliding;
 }
@@ -289,7 +290,7 @@ void World::remember() {
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
     contacts_.memory.push_back({contact.key, contact.normal_force.value,
                                 std::min(contact.normal_force.value, contact.normal_force.lambda_previous),
-                                contact.friction.sliding, contact.force.mean,
+                                contact.friction.sliding, contact.force.mean, contact.force.given,
                                 step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement),
                                 transposed_times(turn, contact.geometry.normal)});
@@ -301,6 +302,7 @@ void World::remember() {
       step_.slots[c]->smooth = step_.slots[c]->touching == contacts_.touching[c];
       step_.slots[c]->touching = contacts_.touching[c];
     }
+  for (GeneralizedBody& m : scene.bodies) m.history.smooth = true;
 }
 
 void World::bone_contacts() {

@@ -94,6 +94,7 @@ void lie_still(Tendon& c) {
   c.x_before = c.x;
   c.v.zero();
   c.v_before.zero();
+  c.with_body = false;
 }
 
 double skin_of(const Tendon& c, double threshold) { return (1 + kSlack) * c.radius + threshold; }

@@ -34,8 +34,8 @@ struct StateFields {
             viscosity, most_force, exact, slips, force, mean_force, last_mean, sum_force, step_force)
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
-  BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, quiet,
-            sleeping_island, touching, touched)
+  BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, with_body,
+            mean_velocities, steady_share, quiet, sleeping_island, touching, touched)
   BT_FIELDS(CollisionFilter, inert_, tendons_, links_)
   BT_FIELDS(SpringState, lambda, elastic, slope)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
@@ -43,13 +43,15 @@ struct StateFields {
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
+  BT_FIELDS(BodyHistory, possible, smooth, mean, applied, steady_share, dt)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, external,
-            contacts, contacts_known, observer, root, change, touches, turning.far, stopped_by_, stops_,
-            directions_, pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
+            contacts, contacts_known, observer, history, root, change, touches, turning.far, stopped_by_,
+            stops_, directions_, pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, body,
             yielded, moved, jacobian, root, wrench.force, wrench.torque, solved.force, solved.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
-  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, h_eff, tangent_anchor, normal)
+  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, given_force, h_eff,
+            tangent_anchor, normal)
   BT_FIELDS(SegmentPoint, tendon, first, w0, w1)
   // Only what reports of the last step need, and what sleeping contacts need to act on links.
   BT_FIELDS(Contact, key, a, b, link, geometry.normal, geometry.depth_allowance, geometry.margin,

@@ -110,6 +110,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
 void World::predict() {
   step_.context.dt = step_.substeps.h();
   step_.detections = 0;
+  continue_histories();
   find_turning();
   find_point_masses();
   for (GeneralizedBody& m : scene.bodies) m.unknowns.y.clear();
@@ -249,16 +250,23 @@ void World::inherit_multipliers() {
 void World::measure_wrenches() {
   const double share = step_.substeps.share();
   for (Link& l : scene.links) l.part = share * l.correction;
-  auto push = [&](Link& link, Vec3 force, Vec3 arm) {
+  auto push = [&](Link& link, Vec3 given, Vec3 end, Vec3 arm) {
+    const double two_step = link.yields() ? scene.bodies[link.body].history.share() : 1;
+    const Vec3 force = two_step < 1 ? two_step * two_step * end : given;
     link.part.force += share * force;
     link.part.torque += share * link.torque_of(force, arm);
   };
-  for (const Contact& contact : contacts_.all)
-    if (contact.link >= 0) push(scene.links[contact.link], -contact.force.mean, contact.arm);
+  for (Contact& contact : contacts_.all) {
+    contact.force.given = given(*step_.slots[contact.a.tendon], contact.force.mean, contact.force.last_given);
+    if (contact.link >= 0)
+      push(scene.links[contact.link], -contact.force.given, -contact.force.total, contact.arm);
+  }
   for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       const Anchor& h = c->anchors[i];
-      if (h.link >= 0) push(scene.links[h.link], h.mean_force, scene.links[h.link].arm_of(h.local));
+      if (h.link < 0) continue;
+      Link& link = scene.links[h.link];
+      push(link, given(*c, h.mean_force, h.step_force), h.force, link.arm_of(h.local));
     }
 }
 
@@ -275,11 +283,12 @@ void World::take_substep() {
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       Anchor& h = c->anchors[i];
       h.last_mean = h.mean_force;
-      h.sum_force += share * h.mean_force;
+      h.sum_force += share * given(*c, h.mean_force, h.step_force);
     }
   remember();
   for (Tendon* c : step_.slots)
     if (c) {
+      c->with_body = c->coupled && step_.substeps.is_whole();
       finish_step(*c, step_.context);
       c->let_overlaid_part();
     }
@@ -312,6 +321,7 @@ void World::finish_step_of_world() {
   step_.report.over_budget = step_.budget.refused();
   step_.report.converged &= !step_.report.over_budget;
   act_on_bodies();
+  begin_histories();
   for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
   find_coarse_turns();
@@ -320,24 +330,6 @@ void World::finish_step_of_world() {
   step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),
                                       [](auto& c) { return c && c->sleeping_island >= 0; });
   fall_asleep();
-}
-
-bool World::share_weights() {
-  bool changed = false;
-  for (bool any = is_second_order(options.integrator); any; changed |= any) {
-    any = false;
-    for (const Contact& contact : contacts_.all) {
-      // Both tendons' histories contain the contact force of the last step.
-      const bool acts = !contact.passes || norm(contact.force.last_mean) > 0;
-      if (contact.b.tendon < 0 || !acts) continue;
-      Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
-      if (a.smooth != b.smooth || (a.smooth && a.h_eff != b.h_eff)) {
-        a.smooth = b.smooth = false;
-        any = true;
-      }
-    }
-  }
-  return changed;
 }
 
 // Sets the targets of attached particles. A target is the attached point on the link, predicted without the
@@ -355,15 +347,17 @@ void World::aim_attachments(Tendon& c) {
     h.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
     h.rigid = !link.yields() || !scene.bodies[link.body].point_mass;
     h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;
-    if (!h.rigid)
-      h.stiffness =
-          identity(1 / (step_.context.reach * step_.context.reach * scene.bodies[link.body].free[0]));
+    if (!h.rigid) {
+      const double reach = step_.context.reach, share = scene.bodies[link.body].history.share();
+      h.stiffness = identity(1 / (share * share * reach * reach * scene.bodies[link.body].free[0]));
+    }
   }
 }
 
 void World::interrupt() {
   for (auto& c : scene.tendons)
     if (c) c->smooth = false;
+  for (GeneralizedBody& m : scene.bodies) m.history.smooth = false;
 }
 
 bool World::any_moved() const {

@@ -229,9 +229,19 @@ class World {
   void measure_wrenches();
   bool predict_at_solution();
   void inherit_multipliers();
-  // Gives tendons in contact with each other the same step weight, so that their impulses are equal and
-  // opposite. true: a step weight has changed.
+  // world/histories.cpp
+  template <class Do>
+  void each_coupling(Do what);
+  template <class Do>
+  void each_pair(Do what);
+  void continue_histories();
+  void find_couplings();
+  // Gives what acts on each other the same step weight, so that impulses are equal and opposite. true: a step
+  // weight has changed.
   bool share_weights();
+  Vec3 given(const Tendon& c, Vec3 mean, Vec3 last) const;
+  Vec3 known_acceleration(const Tendon& c, int i) const;
+  void begin_histories();
   // world/bodies.cpp
   template <class Do>
   void each_touch(Do what) const;

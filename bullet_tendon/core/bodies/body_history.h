@@ -1,0 +1,48 @@
+// The history of a free rigid body whose tendons are stepped by BDF2.
+//
+// pybullet moves a body by u_1 = u_0 + dt R (F_1 + k), x_1 = x_0 + dt u_1, with R = M^-1 and k the forces
+// that it knows itself. u is the mean velocity of a step. BDF2 for positions and velocities is
+//
+//   v_1 = v_0 + dt R (G_1 + k),   G_1 = (2 T_1 + G_0)/3,   u_1 = (2 v_1 + u_0)/3,
+//
+// with T the forces of the tendons at the end of a step and G their mean. So the forces that pybullet has to
+// be given are
+//
+//   F_1 = (2 G_1 + F_0)/3 = 4/9 T_1 + given,   given = 2/9 G_0 + 1/3 F_0.
+//
+// After a step of implicit Euler, G = F = T and v = u + dt R (F + k)/2: u is the velocity half a step
+// earlier. Then constant forces are not changed. u of bodies and of tendons together conserves momentum.
+#pragma once
+#include "math/small_matrix.h"
+
+namespace bt {
+
+// Share of the step weight of BDF2 in the step, after a step of the same length [-].
+constexpr double kTwoStepShare = 2.0 / 3;
+
+struct BodyHistory {
+  using Numbers = dense::Numbers;
+  bool possible = false;  // a rigid body that moves by itself
+  bool smooth = false;    // as TendonState::smooth
+  // Wrenches of the last step about the centre of mass, world axes [N], [N m] (6); empty: zero.
+  Numbers mean, applied;    // G, F
+  double steady_share = 1;  // of F (World::begin_histories)
+  double dt = 0;            // length of the last step [s]; 0: the next one is by implicit Euler
+  // Of the present step:
+  bool admitted = false;  // it can have a history, and so can all bodies of its island
+  bool coupled = false;   // a tendon acts on it
+  bool continues = false;
+  Numbers given;  // empty: zero
+
+  // Step weight over the length of the step.
+  double share() const { return continues ? kTwoStepShare : 1; }
+  // Whether it ends a step of implicit Euler after which it may continue.
+  bool begins() const { return dt > 0 && coupled && !continues; }
+  void forget();
+  // Begins a step of `step` [s].
+  void begin(double step, bool whole);
+  // Takes the wrench F that acted in the step.
+  void finish(const Numbers& forces, double step, bool whole);
+};
+
+}  // namespace bt

@@ -1,0 +1,167 @@
+// BDF2 of tendons together with the free rigid bodies that they act on (bodies/body_history.h).
+//
+// What acts on each other continues by BDF2 together, or takes implicit Euler together: only then are
+// impulses equal and opposite. Articulated bodies, and bodies that something else holds, have no history. A
+// tendon that acts on one of them takes implicit Euler, and so does the rest of its island.
+#include "world/world.h"
+
+namespace bt {
+
+namespace {
+
+// Whether a tendon ends a step of implicit Euler after which it may continue with its bodies.
+bool begins_history(const Tendon* c) { return c && c->with_body && c->history == 0; }
+
+}  // namespace
+
+// Calls what(tendon, body) for every attachment and every contact between a tendon and a body that yields.
+template <class Do>
+void World::each_coupling(Do what) {
+  auto call = [&](Tendon& c, int link) {
+    if (link >= 0 && scene.links[link].yields()) what(c, scene.bodies[scene.links[link].body]);
+  };
+  for (Tendon* c : step_.slots)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) call(*c, c->anchors[i].link);
+  for (const Contact& contact : contacts_.all) call(*step_.slots[contact.a.tendon], contact.link);
+}
+
+// Calls what(tendon, tendon) for every contact between tendons whose histories contain its force.
+template <class Do>
+void World::each_pair(Do what) {
+  for (const Contact& contact : contacts_.all)
+    if (contact.b.tendon >= 0 && (!contact.passes || norm(contact.force.last_mean) > 0))
+      what(*step_.slots[contact.a.tendon], *step_.slots[contact.b.tendon]);
+}
+
+// Predicts bodies with the forces that their histories give.
+void World::continue_histories() {
+  if (step_.substeps.taken() > 0) return;
+  const bool two_step =
+      !step_.whole && is_second_order(options.integrator) && options.iteration == Iteration::newton;
+  for (size_t m = 0; m < scene.bodies.size(); ++m) {
+    BodyHistory& history = scene.bodies[m].history;
+    if (!two_step) history.forget();
+    if (!two_step || scene.bodies[m].n() == 0) continue;
+    scene.bodies[m].continue_history(step_.substeps.step(), step_.context.gravity, step_.substeps.is_whole());
+    lead_links(static_cast<int>(m));
+  }
+}
+
+// Determines which tendons are solved together with bodies that have a history. A body has none where
+// another body of the same island cannot have one.
+void World::find_couplings() {
+  for (Tendon* c : step_.slots)
+    if (c) c->coupled = c->barred = false;
+  for (GeneralizedBody& m : scene.bodies) m.history.coupled = false;
+  for (bool any = true; any;) {
+    any = false;
+    auto set = [&](bool& which, bool value) {
+      any |= value != which;
+      which = value;
+    };
+    each_coupling([&](Tendon& c, GeneralizedBody& m) {
+      set(c.barred, c.barred || !m.history.admitted);
+      set(m.history.admitted, !c.barred);
+      set(c.coupled, true);
+      m.history.coupled = true;
+    });
+    each_pair([&](Tendon& a, Tendon& b) {
+      set(a.barred, a.barred || b.barred);
+      set(b.barred, a.barred);
+      set(a.coupled, a.coupled || b.coupled);
+      set(b.coupled, a.coupled);
+    });
+  }
+  for (Tendon* c : step_.slots)
+    if (c) c->coupled &= !c->barred;
+}
+
+// Prepares BDF2 after a step of implicit Euler (bodies/body_history.h). Forces that began with the step leave
+// v = u at its end, forces that were there before leave v half a step ahead of u. Known forces were there. Of
+// the other forces, that share is taken to have been there with which the change of velocity is, as an
+// energy, that by the known forces: all of them at rest and in free fall, few of them after a release.
+void World::begin_histories() {
+  if (!is_second_order(options.integrator) || step_.whole) return;
+  const double dt = step_.substeps.step();
+  std::vector<double> known(scene.tendons.size()), all(scene.tendons.size());
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    if (!begins_history(step_.slots[c])) continue;
+    const Tendon& t = *step_.slots[c];
+    const int root = island_root(static_cast<int>(c));
+    for (int i = 0; i < t.n(); ++i) {
+      const Vec3 change = t.v.at(i) - t.v_before.at(i), by_known = dt * known_acceleration(t, i);
+      all[root] += t.mass[i] * dot(change, change);
+      known[root] += t.mass[i] * dot(by_known, by_known);
+    }
+  }
+  for (size_t m = 0; m < scene.bodies.size(); ++m) {
+    if (!scene.bodies[m].history.begins()) continue;
+    const int root = island_root(islands_.touches[m]);
+    const auto [of_known, of_all] = scene.bodies[m].energies_of_change(dt, step_.context.gravity);
+    known[root] += of_known;
+    all[root] += of_all;
+  }
+  auto steady_share = [&](int tendon) {
+    const int root = island_root(tendon);
+    return known[root] < all[root] ? known[root] / all[root] : 1.0;
+  };
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    if (!begins_history(step_.slots[c])) continue;
+    Tendon& t = *step_.slots[c];
+    const double share = t.steady_share = steady_share(static_cast<int>(c));
+    for (int i = 0; i < t.n(); ++i) {
+      const Vec3 change = t.v.at(i) - t.v_before.at(i);
+      t.v.add(i, 0.5 * (share * change + (1 - share) * dt * known_acceleration(t, i)));
+      t.v_before.set(i, t.v.at(i) - change);
+    }
+  }
+  for (size_t m = 0; m < scene.bodies.size(); ++m)
+    if (scene.bodies[m].history.begins())
+      scene.bodies[m].history.steady_share = steady_share(islands_.touches[m]);
+}
+
+Vec3 World::known_acceleration(const Tendon& c, int i) const {
+  return step_.context.gravity + (1 / c.mass[i]) * c.force.at(i);
+}
+
+bool World::share_weights() {
+  if (!is_second_order(options.integrator)) return false;
+  find_couplings();
+  const double dt = step_.context.dt;
+  bool changed = false;
+  for (bool any = true; any;) {
+    any = false;
+    auto interrupt = [&](auto& of, bool two) {
+      any |= of.smooth;
+      changed |= of.smooth && two;
+      of.smooth = false;
+    };
+    auto restart = [&](Tendon& c) { interrupt(c, c.h_eff < dt); };
+    auto restart_body = [&](GeneralizedBody& m) { interrupt(m.history, m.history.continues); };
+    for (Tendon* c : step_.slots)
+      if (c && (c->barred || (c->h_eff < dt && c->coupled != c->with_body))) restart(*c);
+    for (GeneralizedBody& m : scene.bodies)
+      if (m.history.continues && !(m.history.admitted && m.history.coupled)) restart_body(m);
+    each_pair([&](Tendon& a, Tendon& b) {
+      if (a.smooth == b.smooth && (!a.smooth || a.h_eff == b.h_eff)) return;
+      restart(a);
+      restart(b);
+    });
+    each_coupling([&](Tendon& c, GeneralizedBody& m) {
+      const bool two = c.h_eff < dt;
+      if (!c.coupled || (c.smooth == m.history.smooth && (!c.smooth || two == m.history.continues))) return;
+      restart(c);
+      restart_body(m);
+    });
+  }
+  return changed;
+}
+
+// What a force of this mean gives in the substep to what it acts on [N], if it gave `last` in the last step
+// (bodies/body_history.h).
+Vec3 World::given(const Tendon& c, Vec3 mean, Vec3 last) const {
+  if (!c.coupled || c.h_eff == step_.context.dt) return mean;
+  return kTwoStepShare * mean + (1 - kTwoStepShare) * c.steady_share * last;
+}
+
+}  // namespace bt
