@@ -59,7 +59,7 @@ def move(method, case, cell, steps) -> dict:
     then (None: not finite); step_us: wall time of a step [us]; mass: of the body and of what of the spring
     moves with it [kg].
     """
-    scene = Scene(time_step=cell.time_step, gravity=-GRAVITY * (case == "hanging"), solver=bt.SolverOptions())
+    scene = Scene(time_step=cell.time_step, gravity=-GRAVITY * (case == "hanging"), solver=method.solver)
     with scene:
         body = _ball(scene.client, cell.mass, SPEED * (case == "free"))
         spring = method(scene, (0, 0, LENGTH), body, -1, cell.stiffness)
@@ -88,7 +88,7 @@ def move(method, case, cell, steps) -> dict:
 
 def rest(method, cell, steps) -> float:
     """Relative error of the tension of a weight that was let go with damping."""
-    with Scene(time_step=cell.time_step, gravity=-GRAVITY, solver=bt.SolverOptions()) as scene:
+    with Scene(time_step=cell.time_step, gravity=-GRAVITY, solver=method.solver) as scene:
         body = _ball(scene.client, cell.mass, 0.0)
         damping = DAMPING_RATIO * cell.critical_damping
         spring = method(scene, (0, 0, LENGTH), body, -1, cell.stiffness, damping)
@@ -97,7 +97,7 @@ def rest(method, cell, steps) -> float:
 
 def hold(method, case, cell, steps, last) -> float:
     """Relative error of the tension on a held body, the largest of the last steps."""
-    with Scene(time_step=cell.time_step, gravity=-GRAVITY, solver=bt.SolverOptions()) as scene:
+    with Scene(time_step=cell.time_step, gravity=-GRAVITY, solver=method.solver) as scene:
         body, link = (_lever if case == "motor" else _box)(scene.client, cell.mass)
         at = motion(body, link, scene.client)[0]
         spring = method(scene, at + LENGTH * DOWN, body, link, cell.stiffness)

@@ -1,4 +1,4 @@
-"""One massless spring between a fixed point and a body, twice: a tendon, and what users write by hand.
+"""One massless spring between a fixed point and a body: a tendon, and what users write by hand.
 
 Both have the force K strain + C d(strain)/dt, pulling and pushing, and start at their rest length LENGTH
 straight below (or above) the fixed point. Both act on the body's centre of mass, and end each step with
@@ -16,10 +16,12 @@ LENGTH, RADIUS, DENSITY, PARTICLES = 0.2, 1e-4, 100.0, 10  # m, m, kg/m^3, -: 0.
 
 
 class TendonSpring:
-    """A tendon, stepped by its world.
+    """A tendon, stepped by its world with implicit Euler.
 
     anchor (3,) [m]: the fixed point; stiffness K [N], damping C [N s]; link: of `body`.
     """
+
+    solver = bt.SolverOptions()
 
     def __init__(self, scene, anchor, body, link, stiffness, damping=0.0):
         self.world, self.anchor = scene.world, np.array(anchor, float)
@@ -52,9 +54,16 @@ class TendonSpring:
         return self.tendon.energy + self.gravity * float(self.tendon.masses @ self.tendon.positions[:, 2])
 
 
+class TwoStepSpring(TendonSpring):
+    """A tendon, stepped with BDF2."""
+
+    solver = bt.SolverOptions(integrator="bdf2")
+
+
 class HandWrittenSpring:
     """An external force from where the body is before the step. The same arguments."""
 
+    solver = bt.SolverOptions()
     moving_mass = 0.0
 
     def __init__(self, scene, anchor, body, link, stiffness, damping=0.0):
@@ -83,7 +92,7 @@ class HandWrittenSpring:
         return float(0.5 * self.stiffness / LENGTH * (span - LENGTH) ** 2)
 
 
-METHODS = {"bullet_tendon": TendonSpring, "explicit force": HandWrittenSpring}
+METHODS = {"implicit Euler": TendonSpring, "BDF2": TwoStepSpring, "explicit force": HandWrittenSpring}
 
 
 def motion(body, link, client) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,8 @@
 """Error and stability of a tendon on a body over stiffness, mass and time step, beside an explicit force.
 
-The explicit force is what pybullet's users write by hand: k times the elongation, from where the body is
-before the step (coupled_springs). Both methods get the same bodies, without pybullet's damping, and the
-same steps (coupled_bodies). In each cell of the table:
+The tendon is stepped by implicit Euler and by BDF2. The explicit force is what pybullet's users write by
+hand: k times the elongation, from where the body is before the step (coupled_springs). All methods get the
+same bodies, without pybullet's damping, and the same steps (coupled_bodies). In each cell of the table:
 
 gain     the most energy that a moving body gains, over what was put in: hanging, free, pulled with 2 kN.
          Stable: finite, and never more than GAIN in any of the three.
@@ -79,12 +79,12 @@ def panels(record) -> list[dict]:
 
 
 def summary(cells) -> dict:
-    """Shares of stable cells by method, and the errors where both methods are stable."""
-    both = [c["methods"] for c in cells if all(m["stable"] for m in c["methods"].values())]
+    """Shares of stable cells by method, and the errors where all methods are stable."""
+    stable = [c["methods"] for c in cells if all(m["stable"] for m in c["methods"].values())]
     return {
         "cells": len(cells),
         "methods": {name: _shares([c["methods"][name] for c in cells]) for name in METHODS},
-        "both_stable": {"cells": len(both), **{key: _compare(both, key) for key in ERRORS}},
+        "all_stable": {"cells": len(stable), **{key: _compare(stable, key) for key in ERRORS}},
     }
 
 
@@ -164,18 +164,14 @@ def _largest(gains) -> float | None:
     return None if None in gains else max(gains)
 
 
-def _compare(both, key) -> dict | None:
-    """Geometric means of an error where both methods have it, and the first's over the second's."""
-    pairs = [[m[name]["errors"][key] for name in METHODS] for m in both]
-    logs = np.log([np.maximum(pair, FINEST) for pair in pairs if None not in pair])
+def _compare(stable, key) -> dict | None:
+    """Geometric means of an error where all methods have it."""
+    rows = [[m[name]["errors"][key] for name in METHODS] for m in stable]
+    logs = np.log([np.maximum(row, FINEST) for row in rows if None not in row])
     if len(logs) == 0:
         return None
     means = np.exp(logs.mean(axis=0)).tolist()
-    return {
-        "cells": len(logs),
-        "errors": dict(zip(METHODS, means, strict=True)),
-        "ratio": means[0] / means[1],
-    }
+    return {"cells": len(logs), "errors": dict(zip(METHODS, means, strict=True))}
 
 
 def _grid(record, dt, name) -> list[list[dict]]:
@@ -204,12 +200,12 @@ def _summary_lines(record) -> list[str]:
             f"  largest gain: {gains}; {part['step_us']:.0f} us a step",
             f"  cells within 1 %: {counts}",
         ]
-    both = record["both_stable"]
-    lines.append(f"where both are stable ({both['cells']} cells), geometric means:")
+    stable = record["all_stable"]
+    lines.append(f"where all are stable ({stable['cells']} cells), geometric means:")
     for key in ERRORS:
-        if both[key]:
-            means = ", ".join(f"{name} {error:.1e}" for name, error in both[key]["errors"].items())
-            lines.append(f"  {key:7} {means} ({both[key]['cells']} cells)")
+        if stable[key]:
+            means = ", ".join(f"{name} {error:.1e}" for name, error in stable[key]["errors"].items())
+            lines.append(f"  {key:7} {means} ({stable[key]['cells']} cells)")
     return lines
 
 

@@ -67,7 +67,7 @@ def draw(path: str, panels: list[dict]) -> None:
         from matplotlib.figure import Figure  # without pyplot: no window, no global state
     except ImportError:
         raise errors.MissingExtra("matplotlib", "view", "drawing a benchmark") from None
-    columns = min(len(panels), 2)
+    columns = 3 if len(panels) == 9 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
     page = Figure(figsize=(6.5 * columns, 4.8 * rows), dpi=130, layout="constrained")
     for axes, panel in zip(page.subplots(rows, columns, squeeze=False).flat, panels, strict=False):
