@@ -1,6 +1,6 @@
 """Random scenes such as users build, each judged by laws that do not come from this code.
 
-python tests/stress/everyday.py [--family NAME ...] [--seeds A B] [--steps 240] [--program] [--json FILE]
+python tests/stress/everyday.py [--family NAME ...] [--seeds A B] [--integrator NAME] [--program]
 
 A scene is repeatable by its family and seed. It is right, or refused by a typed error before its first step;
 all else is wrong: another error, StepFailed, a value that is not finite, a law that does not hold. Steps that
@@ -67,11 +67,9 @@ def limited(seconds):
         signal.signal(signal.SIGPROF, before)
 
 
-def run(
-    family: str, seed: int, steps=240, limit: float | None = None, budget: float | None = None
-) -> Outcome:
-    """Build, run and judge a scene; limit: of its processor time [s]; budget: of a step's wall time [s]."""
-    scene = Scene(zlib.crc32(family.encode()) ^ seed, steps, budget)
+def run(family: str, seed: int, steps=240, limit: float | None = None, **options) -> Outcome:
+    """Build, run and judge a scene; limit: of its processor time [s]; options: of SolverOptions."""
+    scene = Scene(zlib.crc32(family.encode()) ^ seed, steps, **options)
     verdict, message = "right", ""
     try:
         with limited(limit):
@@ -130,15 +128,18 @@ def main(arguments=None):
     parser.add_argument("--steps", type=int, default=240)
     parser.add_argument("--limit", type=float, default=None, help="processor time of a scene [s]")
     parser.add_argument("--time-budget", type=float, default=None, help="of a step, SolverOptions [s]")
+    parser.add_argument("--integrator", default=None, help="SolverOptions")
     parser.add_argument("--program", action="store_true", help="print each wrong scene as a script")
     parser.add_argument("--folder", type=Path, help="keep these scripts here, as FAMILY_SEED.py")
     parser.add_argument("--json", type=Path, help="write all outcomes but the scripts to this file")
     chosen = parser.parse_args(arguments)
+    options = {"time_budget": chosen.time_budget, "integrator": chosen.integrator}
+    options = {name: value for name, value in options.items() if value is not None}
     outcomes = []
     for family in chosen.family:
         start, mine = time.perf_counter(), []
         for seed in progress(range(*chosen.seeds), family):
-            mine.append(run(family, seed, chosen.steps, chosen.limit, chosen.time_budget))
+            mine.append(run(family, seed, chosen.steps, chosen.limit, **options))
             report(mine[-1], chosen)
         outcomes += mine
         print(f"{' '.join(row(family, mine)[:6])}: {time.perf_counter() - start:.1f} s", flush=True)

@@ -136,11 +136,11 @@ class Scene:
     """A client and a world; draws random numbers, builds, runs and judges.
 
     Families set what does not hold in them: `energy` False where motors or moved bodies do work that is not
-    counted, `solids` to what centrelines must keep away from.
+    counted, `solids` to what centrelines must keep away from. options: of SolverOptions.
     """
 
-    def __init__(self, seed: int, steps: int = 240, time_budget: float | None = None):
-        self.rng, self.steps, self.time_budget = np.random.default_rng(seed), steps, time_budget
+    def __init__(self, seed: int, steps: int = 240, **options):
+        self.rng, self.steps, self.options = np.random.default_rng(seed), steps, options
         self.lines, self.names = [], itertools.count()
         self.seconds, self.unconverged, self.told, self.begun = [], 0, [], False
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
@@ -268,12 +268,9 @@ class Scene:
         self.gravity = np.array([0, 0, -G * bool(gravity)])
         self.p.setTimeStep(self.dt)
         self.p.setGravity(*self.gravity.tolist())
-        budget = (
-            "" if self.time_budget is None else f"options=bt.SolverOptions(time_budget={self.time_budget})"
-        )
-        self.write(f"world = bt.TendonWorld({budget})")
-        options = bt.SolverOptions(time_budget=self.time_budget)
-        self.space["world"] = bt.TendonWorld(self.client, options)
+        named = ", ".join(f"{name}={value!r}" for name, value in self.options.items())
+        self.write(f"world = bt.TendonWorld({f'options=bt.SolverOptions({named})' if named else ''})")
+        self.space["world"] = bt.TendonWorld(self.client, bt.SolverOptions(**self.options))
         self.world = Recorded(self, self.space["world"], "world")
         return self.world
 
