@@ -12,6 +12,8 @@ import numpy as np
 from .errors import InvalidValue, MissingExtra
 
 WIDTH = 11.0  # of a figure [inch]
+MAPS_IN_ROW = 3
+MAP_RANGE = 30.0  # of the faintest map's highest value over the lowest that has a colour of its own
 
 
 def outline(image, inside) -> np.ndarray:
@@ -39,21 +41,34 @@ def save_png(path, image):
             )
 
 
-def figure(path, images: Sequence = (), curves: Sequence[dict] = (), xlabel="", ylabel="", title=""):
-    """One picture file: a row of (title, image) above a plot of curves dict(x=, y=, label=, ...).
+def figure(
+    path,
+    images: Sequence = (),
+    curves: Sequence[dict] = (),
+    xlabel="",
+    ylabel="",
+    title="",
+    maps: Sequence[dict] = (),
+    map_labels: Sequence[str] = ("", "", ""),
+):
+    """One picture file: a row of (title, image) above maps above a plot of curves dict(x=, y=, label=, ...).
 
-    Further keys of a curve go to matplotlib's plot. The file's type follows its name. Raises
-    InvalidValue without images and curves, MissingExtra without matplotlib.
+    Further keys of a curve go to matplotlib's plot. A map is dict(title=, x=, y=, values=) with values
+    (len(y), len(x)) >= 0, drawn in colours of one logarithmic scale, MAPS_IN_ROW side by side; map_labels: of
+    x, of y and of the values. The file's type follows its name. Raises InvalidValue without images, maps and
+    curves, MissingExtra without matplotlib.
     """
-    if not len(images) and not len(curves):
-        raise InvalidValue("images", images, "at least one image, or one curve")
+    if not len(images) and not len(curves) and not len(maps):
+        raise InvalidValue("images", images, "at least one image, one map, or one curve")
     try:
         from matplotlib.figure import Figure  # without pyplot: no window, no global state
     except ImportError:
         raise MissingExtra("matplotlib", "view", "composing a figure") from None
-    parts = [part for part, wanted in (("images", images), ("curves", curves)) if len(wanted)]
+    contents = {"images": images, "maps": maps, "curves": curves}
+    parts = [part for part, wanted in contents.items() if len(wanted)]
     row = 0.5 + max((WIDTH / len(images) * image.shape[0] / image.shape[1] for _, image in images), default=0)
-    heights = [row if part == "images" else 4.2 for part in parts]
+    every = {"images": row, "maps": 2.6 * -(-len(maps) // MAPS_IN_ROW), "curves": 4.2}
+    heights = [every[part] for part in parts]
     page = Figure(figsize=(WIDTH, sum(heights) + 0.5 * bool(title)), dpi=130, layout="constrained")
     rows = page.subfigures(len(parts), 1, squeeze=False, height_ratios=heights)[:, 0]
     areas = dict(zip(parts, rows, strict=True))
@@ -61,6 +76,8 @@ def figure(path, images: Sequence = (), curves: Sequence[dict] = (), xlabel="", 
         page.suptitle(title, fontsize=14)
     if "images" in areas:
         _draw_images(areas["images"], images)
+    if "maps" in areas:
+        _draw_maps(areas["maps"], maps, *map_labels)
     if "curves" in areas:
         _draw_curves(areas["curves"].subplots(), curves, xlabel, ylabel)
     page.savefig(path, facecolor="white")
@@ -71,6 +88,27 @@ def _draw_images(area, images):
         axes.imshow(image)
         axes.set_title(name, fontsize=10)
         axes.axis("off")
+
+
+def _draw_maps(area, maps, xlabel, ylabel, label):
+    from matplotlib.colors import LogNorm
+
+    peaks = [max(float(np.max(one["values"])), np.finfo(float).tiny) for one in maps]
+    norm = LogNorm(min(peaks) / MAP_RANGE, max(peaks), clip=True)
+    rows = -(-len(maps) // MAPS_IN_ROW)
+    grid = area.subplots(rows, min(len(maps), MAPS_IN_ROW), squeeze=False, sharex=True, sharey=True)
+    for axes, one in zip(grid.flat, maps, strict=False):
+        drawn = axes.pcolormesh(
+            one["x"], one["y"], one["values"], norm=norm, shading="nearest", rasterized=True
+        )
+        axes.set_title(one["title"], fontsize=10)
+    for axes in grid.flat[len(maps) :]:
+        axes.axis("off")
+    for axes in grid[-1]:
+        axes.set_xlabel(xlabel)
+    for axes in grid[:, 0]:
+        axes.set_ylabel(ylabel)
+    area.colorbar(drawn, ax=grid, label=label)
 
 
 def _draw_curves(axes, curves, xlabel, ylabel):

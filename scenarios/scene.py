@@ -67,7 +67,8 @@ class Scene:
 
     bones: ids of bodies that pictures show as if one could look into them. camera: arguments of
     view.camera_image for pictures and the window. labels: xlabel, ylabel, title of the picture's plot;
-    plotted: names of the series in it, None for all. note: a line that is printed below the table.
+    plotted: names of the series in it, None for all. map_labels: of abscissa, ordinate and values of maps.
+    note: a line that is printed below the table.
     Any further attribute may be set, as a place for a scenario's own handles.
     """
 
@@ -97,6 +98,8 @@ class Scene:
         self.time = 0.0
         self.unconverged = 0
         self.finite = True
+        self.maps: list[dict] = []
+        self.map_labels = ("", "", "")
         self._series: dict[str, tuple[list[float], list[float]]] = {}
         self._visuals: dict = {}
         self._clock = 0.0  # when the last step was shown [s]
@@ -170,11 +173,15 @@ class Scene:
         image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity)
         self.frames.append((title, image))
 
+    def map(self, title: str, x, y, values) -> None:
+        """Keep values (len(y), len(x)) >= 0 at abscissae x and ordinates y, for the picture."""
+        self.maps.append({"title": title, "x": x, "y": y, "values": values})
+
     def draw(self, path: str) -> None:
-        """Write the picture: a row of the marked moments above a plot of the series."""
+        """Write the picture: a row of the marked moments above the maps above a plot of the series."""
         names = list(self.series) if self.plotted is None else [n for n in self.plotted if n in self.series]
         curves = [{"x": self.series[n][0], "y": self.series[n][1], "label": n} for n in names]
-        view.figure(path, self.frames, curves, **self.labels)
+        view.figure(path, self.frames, curves, maps=self.maps, map_labels=self.map_labels, **self.labels)
 
     def close(self) -> None:
         """Disconnect the client; a second call does nothing."""

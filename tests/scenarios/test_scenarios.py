@@ -15,6 +15,7 @@ from bullet_tendon.scenarios import (
     release,
     runner,
     step_limit,
+    super_elasticity,
     suspended_plate,
     table1,
     tendon_finger,
@@ -218,6 +219,7 @@ SHORTENED = [
     (twisted_tendon, {}),
     (table1, {"BLOCKS": 4, "FRAMES": 30}),
     (step_limit, {"STEPS": 200, "BISECTIONS": 3}),
+    (super_elasticity, {"PARTICLES": (20, 60)}),
     (hanging_weight, {}),
     (motor_hold, {}),
     (release, {}),
@@ -238,3 +240,24 @@ def test_tendons_that_pass_through_each_other_are_noticed(monkeypatch):
     outcome = runner.run(two_tendons)
     assert "nearest, crosswise" in [check.name for check in outcome.failed]
     assert outcome.status == 1
+
+
+def test_the_largest_way_of_a_sudden_pull_agrees_with_its_closed_form():
+    """At small strain U ~ z^(2(p+1)), so that the largest way is (2(p+1))^(1/(2p+1)) times that at rest."""
+    for law, exponent in (("linear", 1), ("power", 2)):
+        material, middle = super_elasticity.LAWS[law], super_elasticity.LENGTH / 2
+        ratio = super_elasticity.largest_way(material, middle, 0.01) / super_elasticity.way_at_rest(
+            material, middle, 0.01
+        )
+        assert ratio == pytest.approx((2 * (exponent + 1)) ** (1 / (2 * exponent + 1)), rel=1e-3)
+
+
+def test_maps_are_drawn_with_images_and_curves(tmp_path):
+    pytest.importorskip("matplotlib")
+    with Scene() as scene:
+        for k in range(4):
+            scene.map(f"map {k}", np.arange(5.0), np.arange(3.0), np.full((3, 5), float(k)))
+        scene.record("curve", 1.0)
+        path = tmp_path / "picture.png"
+        scene.draw(str(path))
+        assert path.read_bytes().startswith(b"\x89PNG")
