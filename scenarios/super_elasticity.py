@@ -18,7 +18,6 @@ the least stored energy U(z) of all shapes with the particle at z is F z. Dampin
 method that keeps the balance of energy stays below it.
 """
 
-import itertools
 from types import SimpleNamespace
 
 import numpy as np
