@@ -98,7 +98,12 @@ def _lead(h, time) -> None:
     """Move the hand to where it has to be at `time` [s], and raise the force that holds back."""
     along = min(SPEED * time, h.arc[-1])
     h.hand.target = [np.interp(along, h.arc, h.way[:, c]) for c in range(3)]
-    h.graft.set_force(-1, HELD_BACK * min(1.0, time / RAMP) * h.down)
+    h.graft.set_force(-1, held_back(h, time))
+
+
+def held_back(h, time) -> np.ndarray:
+    """(3,) force on the graft's other end at `time` [s], which comes up slowly [N]."""
+    return HELD_BACK * min(1.0, time / RAMP) * h.down
 
 
 def _measure(scene) -> None:

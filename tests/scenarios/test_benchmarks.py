@@ -5,14 +5,22 @@ import math
 
 import numpy as np
 import pytest
-from bullet_tendon.scenarios.benchmarks import cylinder, harness, peers, problems, speed, work_precision
+from bullet_tendon.scenarios.benchmarks import (
+    cylinder,
+    hand_record,
+    harness,
+    peers,
+    problems,
+    speed,
+    work_precision,
+)
 from bullet_tendon.scenarios.benchmarks.chain_ode import PLANE, ChainOde
 from conftest import SANITIZED
 
 import bullet_tendon as bt
 from bullet_tendon import _core
 
-NAMES = ["apart", "call", "coupling", "heap", "peers", "speed", "work_precision"]
+NAMES = ["apart", "call", "coupling", "haptic", "heap", "peers", "speed", "work_precision"]
 
 
 def numbers(item):
@@ -49,6 +57,20 @@ def test_quick_runs_write_finite_numbers_and_a_plot(name, tmp_path, capsys):
     assert all(math.isfinite(number) for number in found)
     assert files[1].stat().st_size > 1000
     assert capsys.readouterr().out.count("\n") > 5
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_record_of_a_hand_reaches_the_end_and_is_no_faster_than_a_slip(seed):
+    along, off = hand_record.hand_record(0.2, seed)
+    assert len(along) == len(off) and along[0] == 0
+    assert along[-1] == pytest.approx(0.2, abs=hand_record.ENCODER)
+    fastest = 1.875 * hand_record.SLIP[1] / hand_record.SLIP_TIME  # of a minimum-jerk movement
+    assert (
+        np.abs(np.diff(along)).max() * hand_record.RATE < fastest + 2 * hand_record.ENCODER * hand_record.RATE
+    )
+    assert np.diff(along).min() < 0
+    assert np.abs(off).max() <= hand_record.TREMOR + hand_record.ENCODER
+    assert np.array_equal(along, hand_record.hand_record(0.2, seed)[0])
 
 
 def test_json_refuses_what_is_not_finite(tmp_path):
