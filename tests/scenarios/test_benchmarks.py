@@ -9,18 +9,22 @@ from bullet_tendon.scenarios.benchmarks import (
     cylinder,
     hand_record,
     harness,
+    multibody,
+    multibody_problems,
     peers,
     problems,
+    rigid_ode,
     speed,
     work_precision,
 )
 from bullet_tendon.scenarios.benchmarks.chain_ode import PLANE, ChainOde
 from conftest import SANITIZED
+from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
 from bullet_tendon import _core
 
-NAMES = ["apart", "call", "coupling", "haptic", "heap", "peers", "speed", "work_precision"]
+NAMES = ["apart", "call", "coupling", "haptic", "heap", "multibody", "peers", "speed", "work_precision"]
 
 
 def numbers(item):
@@ -71,6 +75,61 @@ def test_the_record_of_a_hand_reaches_the_end_and_is_no_faster_than_a_slip(seed)
     assert np.diff(along).min() < 0
     assert np.abs(off).max() <= hand_record.TREMOR + hand_record.ENCODER
     assert np.array_equal(along, hand_record.hand_record(0.2, seed)[0])
+
+
+def test_the_exact_equations_of_free_bodies_conserve_energy():
+    """Two boxes, turned and off centre, on springs: elastic energy, motion and height, by differences."""
+    springs = [(-1, np.zeros(3), 0, np.array([0.03, 0.01, 0.05]), 300.0, 0.1)]
+    springs.append((0, np.array([0, -0.02, -0.05]), 1, np.array([0.01, 0, 0.04]), 300.0, 0.1))
+    masses, inertias = np.array([0.5, 0.3]), np.array([[1e-3, 2e-3, 2.5e-3], [1e-3, 5e-4, 8e-4]])
+    bodies = rigid_ode.FreeBodies(masses, inertias, springs)
+    turns = Rotation.from_euler("xyz", [[0.3, 0.2, 0.1], [-0.2, 0.4, 0.0]])
+    start = np.concatenate([[0.1, 0, -0.2, 0.15, 0.02, -0.4], turns.as_quat().ravel(), np.zeros(12)])
+
+    def energy(state):
+        x, turn, v, spin = np.split(state, [6, 14, 20])
+        x, v, spin = (part.reshape(2, 3) for part in (x, v, spin))
+        turn = Rotation.from_quat(turn.reshape(2, 4))
+        own = turn.inv().apply(spin)
+        kinetic = 0.5 * np.sum(masses * np.sum(v**2, 1)) + 0.5 * np.sum(inertias * own**2)
+        height = rigid_ode.GRAVITY * np.sum(masses * x[:, 2])
+        at = lambda body, point: point if body < 0 else x[body] + turn[body].apply(point)  # noqa: E731
+        stretches = [np.linalg.norm(at(a, p) - at(b, q)) - rest for a, p, b, q, _, rest in springs]
+        return kinetic + height + sum(0.5 * 300.0 / 0.1 * s**2 for s in stretches)
+
+    end = rigid_ode._solve(bodies._rates, start, np.array([0.2, 0.7]))
+    assert np.abs(end[1, 14:20]).max() > 0.1
+    assert energy(end[1]) == pytest.approx(energy(start), abs=1e-7)
+
+
+def test_the_exact_equations_of_the_arm_conserve_energy():
+    arm = rigid_ode.Arm(0.2, 0.5, 0.5 * 0.2**2 / 12, [0.4, 0, 0.3], 50.0, 0.3)
+    start = np.array([0.2, 0.7, 0.0, 0.0])
+
+    def energy(state):
+        step = 1e-6
+        places = [arm.points(state[:2] + k * step * state[2:]) for k in (-1, 0, 1)]
+        velocity = (places[2] - places[0])[:2] / (2 * step)
+        rates = np.cumsum(state[2:])
+        kinetic = 0.25 * np.sum(velocity**2) + 0.5 * arm.inertia * np.sum(rates**2)
+        stretch = np.linalg.norm(arm.anchor - places[1][2]) - 0.3
+        return kinetic + 0.5 * 9.81 * places[1][:2, 2].sum() + 0.5 * 50.0 / 0.3 * stretch**2
+
+    end = rigid_ode._solve(arm._rates, start, np.array([0.1, 0.6]))
+    assert np.abs(end[1, 2:]).max() > 0.1
+    assert energy(end[1]) == pytest.approx(energy(start), abs=1e-7)
+
+
+@pytest.mark.parametrize("problem", ["pendulum", "double pendulum", "plate"])
+def test_bdf2_follows_free_bodies_at_second_order_half_a_step_later(problem):
+    build = multibody_problems.PROBLEMS[problem]
+    rates = (240, 480)
+    exact = multibody._references(build, rates, 1.0)
+    errors = [
+        multibody._error(multibody._measure(build, "BDF2", rate, 1.0)[1], exact[rate][1]) for rate in rates
+    ]
+    assert errors[1] < 1e-3
+    assert 1.8 < math.log2(errors[0] / errors[1]) < 2.2
 
 
 def test_json_refuses_what_is_not_finite(tmp_path):
