@@ -83,3 +83,31 @@ def test_a_suture_swings_as_it_does_with_a_step_64_times_as_short(make_world, n)
         world.step(steps * finer)
         ends.append(t.positions)
     assert np.linalg.norm(ends[0] - ends[1], axis=1).max() <= 0.03 * length
+
+
+def test_a_contact_that_ends_takes_its_force_along(make_world):
+    """A suture in the tunnels of three plates gains what the load, the hand and the plates give."""
+    world = make_world(0.002055, integrator="bdf2")
+    half, free = 0.002252, 0.003284
+    plates, points = [], [(0.0019608, 0, -0.03)]
+    for x, z in ((0.0019608, 0), (4.395288e-05, 0.014824), (-0.0004538736, 0.029648)):
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.03, 0.03, half])
+        plates.append(p.createMultiBody(0, shape, -1, [0, 0, z]))
+        world.add_obstacle(plates[-1], friction=1.0)
+        ends = [x, 0, -half], [x, 0, half]
+        world.add_tunnel(plates[-1], -1, *ends, 0.0009061925, friction=1.0)
+        points += [(x, 0, z - free), (x, 0, z + free)]
+    points.append((points[-1][0], 0, 0.062932))
+    silk = bt.Material(stiffness=933.6241, exponent=1.086, density=736.9, friction=0.0)
+    suture = world.add_tendon(points, 0.0003275, silk, 60)
+    load = np.array([0, 0, -0.1658])
+    suture.set_force(0, load)
+    hand = suture.grip(-1)
+    for k in range(160):
+        share = (k + 1) / 160
+        hand.target = points[-1] + np.array([0.003954, 0, 0.002354]) * share**2 * (3 - 2 * share)
+        before = suture.velocities
+        world.step()
+        gained = suture.masses @ (suture.velocities - before) / 0.002055
+        given = load - hand.force - sum(world.wrench(plate)[:3] for plate in plates)
+        assert np.abs(gained - given).max() < 1e-9

@@ -33,6 +33,18 @@ void World::each_pair(Do what) {
       what(*step_.slots[contact.a.tendon], *step_.slots[contact.b.tendon]);
 }
 
+// Calls what(key) for every contact that had a force in the last step and is none in this one: its part of
+// the mean force, which the history contains, would act on the tendon only.
+template <class Do>
+void World::each_lost_contact(Do what) {
+  contacts_.recalled.assign(contacts_.memory.size(), false);
+  for (const Contact& contact : contacts_.all)
+    if (const ContactMemory* found = remembered(contact.key))
+      contacts_.recalled[found - contacts_.memory.data()] = true;
+  for (size_t k = 0; k < contacts_.memory.size(); ++k)
+    if (!contacts_.recalled[k]) what(contacts_.memory[k].key);
+}
+
 // Predicts bodies with the forces that their histories give.
 void World::continue_histories() {
   if (step_.substeps.taken() > 0) return;
@@ -137,9 +149,15 @@ bool World::share_weights() {
       of.smooth = false;
     };
     auto restart = [&](Tendon& c) { interrupt(c, c.h_eff < dt); };
+    auto continues = [&](const Tendon* c) { return c && c->h_eff < dt; };
     auto restart_body = [&](GeneralizedBody& m) { interrupt(m.history, m.history.continues); };
     for (Tendon* c : step_.slots)
-      if (c && (c->barred || (c->h_eff < dt && c->coupled != c->with_body))) restart(*c);
+      if (c && (c->barred || (continues(c) && c->coupled != c->with_body))) restart(*c);
+    each_lost_contact([&](const ContactKey& key) {
+      if (continues(step_.slots[key.tendon])) restart(*step_.slots[key.tendon]);
+      if (key.kind == ContactKind::tendon && continues(step_.slots[key.other]))
+        restart(*step_.slots[key.other]);
+    });
     for (GeneralizedBody& m : scene.bodies)
       if (m.history.continues && !(m.history.admitted && m.history.coupled)) restart_body(m);
     each_pair([&](Tendon& a, Tendon& b) {

@@ -88,6 +88,7 @@ struct ContactSet {
   std::vector<Contact> solved;  // of the previous solution of this substep
   std::vector<Contact> asleep;  // of sleeping tendons
   std::vector<ContactMemory> memory;
+  std::vector<bool> recalled;  // work space, by memory: whether it is a contact of this detection
   std::vector<uint64_t> touching;
 };
 
@@ -234,6 +235,8 @@ class World {
   void each_coupling(Do what);
   template <class Do>
   void each_pair(Do what);
+  template <class Do>
+  void each_lost_contact(Do what);
   void continue_histories();
   void find_couplings();
   // Gives what acts on each other the same step weight, so that impulses are equal and opposite. true: a step
