@@ -37,9 +37,12 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   // The velocities of a tendon in contact can be discontinuous, and are not extrapolated.
   const bool history = c.dt_before > 0 && c.smooth && !c.touched;
   const Integrator method = context.options.integrator;
-  // Within a divided step, a tendon in contact or on a body that moves takes implicit Euler.
+  // Within a divided step, a tendon in contact or on a body that moves takes implicit Euler. So do all
+  // tendons where the step was cut because something is near: only that method removes the energy that a step
+  // creates (solver/energy_projection.cpp).
   const bool second_order =
-      is_second_order(method) && (context.substeps->is_whole() || !(c.touched || moves_body(c)));
+      is_second_order(method) &&
+      (context.substeps->is_whole() || !(c.touched || moves_body(c) || context.substeps->was_cut()));
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
   const bool two =
       second_order && growth > 0 && growth <= kMostGrowth && c.smooth && (!c.with_body || growth == 1);

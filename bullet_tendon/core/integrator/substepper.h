@@ -84,6 +84,8 @@ class Substepper {
     if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
   }
 
+  // Whether the step was cut because of something that is near.
+  bool was_cut() const { return reasons_[static_cast<int>(Reason::motion)] > 0; }
   int taken() const { return taken_; }
   const ReasonCounts& reasons() const { return reasons_; }
 
