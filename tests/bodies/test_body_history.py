@@ -252,3 +252,19 @@ def test_beside_an_articulated_body_impulses_are_opposite_all_the_same(make_worl
         gained = 240 * (now - before) - mass * np.array([0, 0, -G])
         np.testing.assert_allclose(gained, -above.force, atol=1e-7 * max(1.0, t.tension.max()))
     assert place(client, ball)[2] < -LENGTH - 0.05
+
+
+def test_a_known_force_that_begins_at_once_is_not_overshot(make_world, client):
+    """A stiff tendon holds a body against a load that it is told, from the first step on with that load."""
+    world = make_world(1 / 60, (0, 0, -G), integrator="bdf2")
+    body = box(client, 1.0, [0, 0, -0.3])
+    tendon = world.add_tendon([(0, 0, 0), (0, 0, -0.3)], 1e-3, bt.Material(stiffness=1e7, density=100.0), 4)
+    tendon.grip(0)
+    tendon.attach(-1, body)
+    world.step(60)
+    assert tendon.tension[-1] == pytest.approx(G, rel=1e-3)
+    for _ in range(3):
+        at = p.getBasePositionAndOrientation(body)[0]
+        world.apply_external_force(body, -1, [0, 0, -100.0], at, p.WORLD_FRAME)
+        world.step()
+        assert tendon.tension[-1] == pytest.approx(G + 100, rel=0.02)

@@ -131,7 +131,8 @@ def tension_of_what_swings(scene):
         beside = t.positions[1] - t.positions[0]
         right = t.tension[0] * beside / np.linalg.norm(beside) + t._target.masses[0] * scene.gravity
         largest = max(np.linalg.norm(hand.force), mass * G)
-        scene.near("force on the hand [N]", hand.force, right, absolute=0.02 * largest)
+        scene.follow(hand, right)
+        scene.near_end("force on the hand [N]", hand, 0.02 * largest)
 
     scene.run(scene.steps, watch=compare)
 
@@ -424,8 +425,9 @@ def cut_steps(scene):
             inertia = t0.masses[particle] * (scene.gravity - (v[particle] - before[0][particle]) / scene.dt)
             largest = max(np.abs(t.tension).max(), np.linalg.norm(held.force))
             steady = abs(largest - forces[0]) < 0.002 * largest and np.abs(v).max() * scene.dt < 0.01 * radius
+            scene.follow(held, pull + inertia)
             if steady and not scene.world.report.reasons.get("released"):
-                scene.near("force on a hold [N]", held.force, pull + inertia, absolute=0.01 * largest)
+                scene.near_end("force on a hold [N]", held, 0.01 * largest)
         before[0], forces[0] = v, np.abs(t.tension).max()
 
     scene.run(scene.steps, watch=compare)

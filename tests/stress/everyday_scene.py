@@ -34,6 +34,7 @@ G = 9.81
 # Steps are solved to 1e-9 of the largest force, or to the rounding of stiff springs; sums over hundreds of
 # particles and substeps add up to less than this [-].
 BALANCE = 1e-5
+AVERAGED = 10  # steps: what is older has less than 1e-4 of the weight in a mean by BDF2
 ENERGY = 0.02  # of what was moved to and fro: pybullet's explicit steps make and lose that [-]
 EVERY = 4  # steps from one to the next whose laws are judged; the first ones all are
 PARTS = 6  # points of a segment at which its distance is taken: a chord's middle is one of them
@@ -141,6 +142,7 @@ class Scene:
 
     def __init__(self, seed: int, steps: int = 240, **options):
         self.rng, self.steps, self.options = np.random.default_rng(seed), steps, options
+        self._ends_of = {}  # by hold: what near_mean compared with in the last steps
         self.lines, self.names = [], itertools.count()
         self.seconds, self.unconverged, self.told, self.begun = [], 0, [], False
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
@@ -386,6 +388,22 @@ class Scene:
         allowed = absolute + rel * np.linalg.norm(right)
         shown = f"{np.round(value, 6).tolist()} instead of {np.round(right, 6).tolist()}"
         self.check(off <= allowed, f"{what}: {shown} (allowed {allowed:.3g})")
+
+    def follow(self, hold, end):
+        """Note what the force of a hold is at the end of this step."""
+        self._ends_of.setdefault(hold, []).append(end)
+        del self._ends_of[hold][:-AVERAGED]
+
+    def near_end(self, what, hold, absolute):
+        """The force of a hold is that of the step's end by implicit Euler, once it is followed.
+
+        By BDF2 it is the mean of the step: an average, with positive weights, of the ends of this step and of
+        the last ones. The weights of older ones are nothing (core/bodies/body_history.h).
+        """
+        ends = self._ends_of[hold]
+        if self.options.get("integrator") != "bdf2":
+            ends = ends[-1:]
+        self.near(what, hold.force, np.clip(hold.force, np.min(ends, 0), np.max(ends, 0)), absolute=absolute)
 
     def _start(self):
         """What is stored when time begins is moved once."""

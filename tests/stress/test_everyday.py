@@ -15,8 +15,8 @@ CHUNK = 20
 LONGEST = 60  # processor time of a scene [s]
 
 
-def judge(family, seeds, steps):
-    outcomes = [run(family, seed, steps, LONGEST) for seed in seeds]
+def judge(family, seeds, steps, **options):
+    outcomes = [run(family, seed, steps, LONGEST, **options) for seed in seeds]
     failed = [o for o in outcomes if o.verdict not in ("right", "refused")]
     listed = "\n".join(f"{o.family} {o.seed}: {o.message}" for o in failed)
     assert not failed, f"{listed}\n{failed[0].program}"
@@ -25,6 +25,7 @@ def judge(family, seeds, steps):
 # Seed and steps of one short scene, where they are not 0 and 60: such that the scene is right, and quick. The
 # long sweep has all seeds.
 SHORT = {
+    "told_force_on_light_body": (1, 60),
     "over_coarse_bone": (1, 60),
     "pulley_smooth": (2, 60),
     "smooth_pulleys_in_series": (5, 60),
@@ -34,10 +35,19 @@ SHORT = {
 }
 
 
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 @pytest.mark.parametrize("family", sorted(FAMILIES))
-def test_a_scene_of_each_family(family):
+def test_a_scene_of_each_family(family, integrator):
     seed, steps = SHORT.get(family, (0, 60))
-    judge(family, [seed], steps)
+    judge(family, [seed], steps, integrator=integrator)
+
+
+@pytest.mark.parametrize(
+    ("family", "seed"),
+    [("folded_over_bone", 9), ("over_coarse_bone", 14), ("suture", 14), ("thin_sheet", 8)],
+)
+def test_scenes_in_which_contacts_begin_and_end_suddenly(family, seed):
+    judge(family, [seed], 150, integrator="bdf2")
 
 
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).

@@ -1,13 +1,24 @@
 #include "bodies/body_history.h"
 
+#include <algorithm>
 #include <cstddef>
 
 #include "bodies/body_response.h"
 
 namespace bt {
 
+namespace {
+
+// Change of the known forces from one step to the next from which BDF2 begins anew, as a share of the larger
+// ones [-]. Larger: a tendon that holds a body against a force that begins at once overshoots it, by up to
+// half of the change. Smaller: forces that vary smoothly interrupt the second order.
+constexpr double kSuddenly = 0.3;
+
+}  // namespace
+
 void BodyHistory::forget() {
   mean.clear();
+  known.clear();
   applied.clear();
   given.clear();
   dt = 0;
@@ -36,6 +47,7 @@ void GeneralizedBody::continue_history(double dt, Vec3 gravity, bool whole) {
   if (!history.possible || may_stop() || observer.held() || observer.is_surprised(unforced()))
     return history.forget();
   predict(dt, gravity);
+  history.smooth &= !is_jerked();
   history.begin(dt, whole);
   if (!history.continues) return;
   dense::respond(root, history.given, work_.half, work_.known);
@@ -43,17 +55,35 @@ void GeneralizedBody::continue_history(double dt, Vec3 gravity, bool whole) {
   for (double& e : root) e *= history.share();
 }
 
-std::pair<double, double> GeneralizedBody::energies_of_change(double dt, Vec3 gravity) {
-  const double mass = 1 / free[0];
-  Numbers wrench{mass * gravity.x, mass * gravity.y, mass * gravity.z, 0, 0, 0};
-  for (size_t i = 0; i < external.size(); ++i) wrench[i] += external[i];
-  auto energy = [&] {
-    dense::respond(root, wrench, work_.half, work_.known);
-    return dt * dt * dense::dot(wrench, work_.known);
-  };
-  const double known = energy();
-  for (int i = 0; i < n(); ++i) wrench[i] += forces[i];
-  return {known, energy()};
+double GeneralizedBody::energy_of(Numbers acceleration) {
+  dense::root(n(), free, work_.along);
+  dense::forward(work_.along, acceleration);
+  return dense::dot(acceleration, acceleration);
+}
+
+GeneralizedBody::Numbers GeneralizedBody::known_acceleration() {
+  Numbers acceleration = known_in_step_;
+  if (!external.empty()) {
+    dense::multiply(free, external, work_.known);
+    for (int i = 0; i < n(); ++i) acceleration[i] += work_.known[i];
+  }
+  return acceleration;
+}
+
+bool GeneralizedBody::is_jerked() {
+  if (history.known.empty()) return false;
+  const Numbers now = known_acceleration();
+  Numbers change = now;
+  for (int i = 0; i < n(); ++i) change[i] -= history.known[i];
+  return energy_of(change) > kSuddenly * kSuddenly * std::max(energy_of(now), energy_of(history.known));
+}
+
+std::pair<double, double> GeneralizedBody::energies_of_change(double dt) {
+  Numbers all = known_acceleration();
+  const double before = energy_of(history.known.empty() ? all : history.known);
+  dense::multiply(free, forces, work_.known);
+  for (int i = 0; i < n(); ++i) all[i] += work_.known[i];
+  return {dt * dt * before, dt * dt * energy_of(all)};
 }
 
 }  // namespace bt

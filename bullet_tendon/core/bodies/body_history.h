@@ -26,6 +26,7 @@ struct BodyHistory {
   bool smooth = false;    // as TendonState::smooth
   // Wrenches of the last step about the centre of mass, world axes [N], [N m] (6); empty: zero.
   Numbers mean, applied;    // G, F
+  Numbers known;            // acceleration by the known forces of the last step (n); empty: not known
   double steady_share = 1;  // of F (World::begin_histories)
   double dt = 0;            // length of the last step [s]; 0: the next one is by implicit Euler
   // Of the present step:

@@ -111,8 +111,11 @@ struct GeneralizedBody {
   // Determines whether it continues by BDF2 in a step that may be `whole`, not divided, and what its history
   // gives to the prediction. E is then scaled by b/dt, because the end forces act by b^2.
   void continue_history(double dt, Vec3 gravity, bool whole);
-  // Energies of the changes of velocity by the known forces and by all forces of the last step [J].
-  std::pair<double, double> energies_of_change(double dt, Vec3 gravity);
+  // Energies of the changes of velocity by the known forces of the step before and by all forces of the last
+  // step [J].
+  std::pair<double, double> energies_of_change(double dt);
+  // Acceleration by the known forces of this step: of gravity, motion and the user (n).
+  Numbers known_acceleration();
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).
   bool sample(const Numbers& after);
   // Records the forces of the tendons and of the stops in a step of dt [s].
@@ -132,6 +135,10 @@ struct GeneralizedBody {
     double rate = 0, share = 0;
   };
   const Numbers& known(Vec3 gravity);
+  // Twice the kinetic energy of a change of velocity by this acceleration in a second [J].
+  double energy_of(Numbers acceleration);
+  // Whether the known forces differ suddenly from those of the last step.
+  bool is_jerked();
   const Numbers& unforced();
   void doubt_stops();
   void find_stops(double dt);

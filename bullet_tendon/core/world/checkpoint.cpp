@@ -167,6 +167,7 @@ void require_body(const GeneralizedBody& body) {
   const BodyHistory& history = body.history;
   for (const auto* wrench : {&history.mean, &history.applied})
     sizes.fit &= history.dt == 0 || wrench->size() == body.rates.size();
+  sizes.fit &= history.known.empty() || history.known.size() == body.rates.size();
   require(sizes.fit, kSizes);
 }
 

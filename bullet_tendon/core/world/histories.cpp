@@ -109,7 +109,7 @@ void World::begin_histories() {
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
     if (!scene.bodies[m].history.begins()) continue;
     const int root = island_root(islands_.touches[m]);
-    const auto [of_known, of_all] = scene.bodies[m].energies_of_change(dt, step_.context.gravity);
+    const auto [of_known, of_all] = scene.bodies[m].energies_of_change(dt);
     known[root] += of_known;
     all[root] += of_all;
   }
@@ -130,6 +130,8 @@ void World::begin_histories() {
   for (size_t m = 0; m < scene.bodies.size(); ++m)
     if (scene.bodies[m].history.begins())
       scene.bodies[m].history.steady_share = steady_share(islands_.touches[m]);
+  for (GeneralizedBody& m : scene.bodies)
+    if (m.history.dt > 0) m.history.known = m.known_acceleration();
 }
 
 Vec3 World::known_acceleration(const Tendon& c, int i) const {

@@ -43,7 +43,7 @@ struct StateFields {
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
-  BT_FIELDS(BodyHistory, possible, smooth, mean, applied, steady_share, dt)
+  BT_FIELDS(BodyHistory, possible, smooth, mean, applied, known, steady_share, dt)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, external,
             contacts, contacts_known, observer, history, root, change, touches, turning.far, stopped_by_,
             stops_, directions_, pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
