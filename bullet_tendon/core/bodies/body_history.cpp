@@ -55,10 +55,10 @@ void GeneralizedBody::continue_history(double dt, Vec3 gravity, bool whole) {
   for (double& e : root) e *= history.share();
 }
 
-double GeneralizedBody::energy_of(Numbers acceleration) {
-  dense::root(n(), free, work_.along);
-  dense::forward(work_.along, acceleration);
-  return dense::dot(acceleration, acceleration);
+double GeneralizedBody::energy_of(const Numbers& acceleration) {
+  work_.along = acceleration;
+  dense::forward(observer.free_root(), work_.along);
+  return dense::dot(work_.along, work_.along);
 }
 
 GeneralizedBody::Numbers GeneralizedBody::known_acceleration() {
@@ -73,9 +73,9 @@ GeneralizedBody::Numbers GeneralizedBody::known_acceleration() {
 bool GeneralizedBody::is_jerked() {
   if (history.known.empty()) return false;
   const Numbers now = known_acceleration();
-  Numbers change = now;
-  for (int i = 0; i < n(); ++i) change[i] -= history.known[i];
-  return energy_of(change) > kSuddenly * kSuddenly * std::max(energy_of(now), energy_of(history.known));
+  work_.half = now;
+  for (int i = 0; i < n(); ++i) work_.half[i] -= history.known[i];
+  return energy_of(work_.half) > kSuddenly * kSuddenly * std::max(energy_of(now), energy_of(history.known));
 }
 
 std::pair<double, double> GeneralizedBody::energies_of_change(double dt) {

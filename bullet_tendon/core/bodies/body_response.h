@@ -136,7 +136,7 @@ struct GeneralizedBody {
   };
   const Numbers& known(Vec3 gravity);
   // Twice the kinetic energy of a change of velocity by this acceleration in a second [J].
-  double energy_of(Numbers acceleration);
+  double energy_of(const Numbers& acceleration);
   // Whether the known forces differ suddenly from those of the last step.
   bool is_jerked();
   const Numbers& unforced();

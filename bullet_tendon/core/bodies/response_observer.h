@@ -63,6 +63,7 @@ class Observer {
   bool held() const { return held_; }                      // R_eff is less than the free response
   bool released() const { return released_; }              // it was held until the last step
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
+  const Numbers& free_root() const { return root_; }       // L, R = L L^T
   const Numbers& push() const { return push_; }            // acceleration
   const Numbers& forces() const { return forces_; }        // of the tendons in the last step
   const Numbers& missed() const { return missed_; }  // acceleration that was not predicted; empty: not known

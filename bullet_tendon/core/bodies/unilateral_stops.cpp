@@ -290,7 +290,7 @@ void GeneralizedBody::share_stops(double dt) {
   find_pushes(forces, dt);
   const auto add = [&](bool ahead, Numbers& sum) {
     for (size_t a = 0; a < stops_.size(); ++a)
-      if (stops_[a].ahead > kTouching == ahead)
+      if ((stops_[a].ahead > kTouching) == ahead)
         for (int i = 0; i < n(); ++i) sum[i] += pushes_[a] / dt * directions_[a * n() + i];
   };
   add(true, limit_forces);

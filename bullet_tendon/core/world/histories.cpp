@@ -142,34 +142,35 @@ bool World::share_weights() {
   if (!is_second_order(options.integrator)) return false;
   find_couplings();
   const double dt = step_.context.dt;
-  bool changed = false;
-  for (bool any = true; any;) {
+  bool changed = false, any = false;
+  auto interrupt = [&](auto& of, bool two) {
+    any |= of.smooth;
+    changed |= of.smooth && two;
+    of.smooth = false;
+  };
+  auto continues = [&](const Tendon* c) { return c && c->h_eff < dt; };
+  auto restart = [&](Tendon& c) { interrupt(c, continues(&c)); };
+  auto restart_body = [&](GeneralizedBody& m) { interrupt(m.history, m.history.continues); };
+  for (Tendon* c : step_.slots)
+    if (c && (c->barred || (continues(c) && c->coupled != c->with_body))) restart(*c);
+  for (GeneralizedBody& m : scene.bodies)
+    if (m.history.continues && !(m.history.admitted && m.history.coupled)) restart_body(m);
+  each_lost_contact([&](const ContactKey& key) {
+    if (continues(step_.slots[key.tendon])) restart(*step_.slots[key.tendon]);
+    if (key.kind == ContactKind::tendon && continues(step_.slots[key.other]))
+      restart(*step_.slots[key.other]);
+  });
+  // What acts on each other continues together.
+  for (any = true; any;) {
     any = false;
-    auto interrupt = [&](auto& of, bool two) {
-      any |= of.smooth;
-      changed |= of.smooth && two;
-      of.smooth = false;
-    };
-    auto restart = [&](Tendon& c) { interrupt(c, c.h_eff < dt); };
-    auto continues = [&](const Tendon* c) { return c && c->h_eff < dt; };
-    auto restart_body = [&](GeneralizedBody& m) { interrupt(m.history, m.history.continues); };
-    for (Tendon* c : step_.slots)
-      if (c && (c->barred || (continues(c) && c->coupled != c->with_body))) restart(*c);
-    each_lost_contact([&](const ContactKey& key) {
-      if (continues(step_.slots[key.tendon])) restart(*step_.slots[key.tendon]);
-      if (key.kind == ContactKind::tendon && continues(step_.slots[key.other]))
-        restart(*step_.slots[key.other]);
-    });
-    for (GeneralizedBody& m : scene.bodies)
-      if (m.history.continues && !(m.history.admitted && m.history.coupled)) restart_body(m);
     each_pair([&](Tendon& a, Tendon& b) {
       if (a.smooth == b.smooth && (!a.smooth || a.h_eff == b.h_eff)) return;
       restart(a);
       restart(b);
     });
     each_coupling([&](Tendon& c, GeneralizedBody& m) {
-      const bool two = c.h_eff < dt;
-      if (!c.coupled || (c.smooth == m.history.smooth && (!c.smooth || two == m.history.continues))) return;
+      const bool together = !c.smooth || continues(&c) == m.history.continues;
+      if (!c.coupled || (c.smooth == m.history.smooth && together)) return;
       restart(c);
       restart_body(m);
     });
