@@ -19,7 +19,7 @@ from bullet_tendon.scenarios.scene import Scene
 
 import bullet_tendon as bt
 
-from .multibody_problems import PROBLEMS, STIFFNESS, WORLD, motion
+from .multibody_problems import PROBLEMS, STIFFNESS, WORLD, link_frame
 from .rigid_ode import GRAVITY, pull
 
 LENGTH = 0.3  # m: what errors are relative to
@@ -100,7 +100,7 @@ def _measure(build, method, rate, duration) -> tuple[float, np.ndarray]:
             start = perf_counter()
             step()
             seconds += perf_counter() - start
-            row[:] = [motion(*which, scene.client)[0] for which in system.tracked]
+            row[:] = [link_frame(*which, scene.client)[0] for which in system.tracked]
     return seconds, found
 
 
@@ -140,14 +140,14 @@ def _local(end, point, client) -> np.ndarray:
     """(3,) a point of the world in the link's frame [m]."""
     if end == WORLD:
         return point
-    at, axes = motion(*end, client)
+    at, axes = link_frame(*end, client)
     return axes.T @ (point - at)
 
 
 def _world(end, local, client) -> np.ndarray:
     if end == WORLD:
         return local
-    at, axes = motion(*end, client)
+    at, axes = link_frame(*end, client)
     return at + axes @ local
 
 

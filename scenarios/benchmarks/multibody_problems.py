@@ -42,13 +42,20 @@ class System:
 
 def pendulum(client) -> System:
     """A sphere of 1 kg on 0.3 m, from 60 degrees."""
-    return _chain(client, 1, 60, lambda: p.createCollisionShape(p.GEOM_SPHERE, radius=0.02), 1.0, 0.0, 0.3)
+
+    def shape():
+        return p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=client)
+
+    return _chain(client, 1, 60, shape, 1.0, 0.0, 0.3)
 
 
 def double_pendulum(client) -> System:
     """Two boxes of 0.5 kg, knotted at their faces, from 40 degrees."""
     half = 0.03
-    shape = lambda: p.createCollisionShape(p.GEOM_BOX, halfExtents=[half] * 3)  # noqa: E731
+
+    def shape():
+        return p.createCollisionShape(p.GEOM_BOX, halfExtents=[half] * 3, physicsClientId=client)
+
     return _chain(client, 2, 40, shape, 0.5, half, 0.15)
 
 
@@ -92,7 +99,7 @@ def arm(client) -> System:
 PROBLEMS = {"pendulum": pendulum, "double pendulum": double_pendulum, "plate": plate, "arm": arm}
 
 
-def motion(body, link, client) -> tuple[np.ndarray, np.ndarray]:
+def link_frame(body, link, client) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) [m] and axes (3, 3) of a link's centre of mass, world frame."""
     if link < 0:
         at, turn = p.getBasePositionAndOrientation(body, client)
@@ -118,7 +125,7 @@ def _chain(client, count, degrees, shape, mass, half, length) -> System:
 
 def _free_paths(client, bodies, ties) -> Callable:
     info = [p.getDynamicsInfo(body, -1, client) for body in bodies]
-    frames = [motion(body, -1, client) for body in bodies]
+    frames = [link_frame(body, -1, client) for body in bodies]
 
     def place(end, point):
         if end == WORLD:

@@ -93,7 +93,10 @@ def test_the_exact_equations_of_free_bodies_conserve_energy():
         own = turn.inv().apply(spin)
         kinetic = 0.5 * np.sum(masses * np.sum(v**2, 1)) + 0.5 * np.sum(inertias * own**2)
         height = rigid_ode.GRAVITY * np.sum(masses * x[:, 2])
-        at = lambda body, point: point if body < 0 else x[body] + turn[body].apply(point)  # noqa: E731
+
+        def at(body, point):
+            return point if body < 0 else x[body] + turn[body].apply(point)
+
         stretches = [np.linalg.norm(at(a, p) - at(b, q)) - rest for a, p, b, q, _, rest in springs]
         return kinetic + height + sum(0.5 * 300.0 / 0.1 * s**2 for s in stretches)
 

@@ -142,7 +142,7 @@ class Scene:
 
     def __init__(self, seed: int, steps: int = 240, **options):
         self.rng, self.steps, self.options = np.random.default_rng(seed), steps, options
-        self._ends_of = {}  # by hold: what near_mean compared with in the last steps
+        self._ends_of = {}  # by hold: what near_end compared with in the last steps
         self.lines, self.names = [], itertools.count()
         self.seconds, self.unconverged, self.told, self.begun = [], 0, [], False
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
