@@ -101,7 +101,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     if wanted.name not in every:
         parser.error(f"unknown scenario {wanted.name!r}; known: {', '.join(every)}")
-    options = Options(wanted.gui, bool(wanted.picture), wanted.steps)
+    options = Options(wanted.gui, bool(wanted.picture), wanted.steps, wanted.integrator)
     try:
         outcome = run(every[wanted.name], options, view.progress, wanted.picture)
     except errors.MissingExtra as problem:
@@ -122,6 +122,12 @@ def _parser() -> argparse.ArgumentParser:
         "--json", metavar="FILE", nargs="?", const="-", help="write the measurements to FILE, or print them"
     )
     parser.add_argument("--steps", type=_count, help="stop after so many steps, without the checks")
+    parser.add_argument(
+        "--integrator",
+        choices=("implicit_euler", "bdf2"),
+        default=Options.integrator,
+        help="of the scene's world (default: %(default)s)",
+    )
     return parser
 
 

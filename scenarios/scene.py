@@ -21,12 +21,14 @@ class Options:
     """What is asked of a run.
 
     gui: in pybullet's window, in real time. picture: whether marked moments are photographed.
-    steps: the most steps to take, None for all that the scenario wants.
+    steps: the most steps to take, None for all that the scenario wants. integrator: of the scene's world, as
+    in SolverOptions; a scenario that compares methods gives its worlds options of their own.
     """
 
     gui: bool = False
     picture: bool = False
     steps: int | None = None
+    integrator: str = "implicit_euler"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Scene:
     """A client with a TendonWorld, and what a run of it measures.
 
     options: of the run. time_step [s] and gravity [m/s^2] (along z) are given to pybullet; solver:
-    SolverOptions of the world. Scenarios fill in the rest:
+    SolverOptions of the world, by default with the run's integrator. Scenarios fill in the rest:
 
     bones: ids of bodies that pictures show as if one could look into them. camera: arguments of
     view.camera_image for pictures and the window. labels: xlabel, ylabel, title of the picture's plot;
@@ -84,6 +86,8 @@ class Scene:
         p.setGravity(0, 0, gravity, self.client)
         p.setTimeStep(time_step, self.client)
         self.time_step = time_step
+        if solver is None:
+            solver = SolverOptions(integrator=self.options.integrator)
         self.world = TendonWorld(self.client, solver)
         self.bones: list[int] = []
         self.camera = {"target": (0, 0, 0), "distance": 0.3, "yaw": 30, "pitch": -30}

@@ -233,6 +233,28 @@ def test_scenario_holds_its_own_check(module, changes, monkeypatch):
     holds(module, monkeypatch, **changes)
 
 
+COMPARE_METHODS = {"table1", "step_limit", "super_elasticity"}
+
+
+@pytest.mark.parametrize("name", sorted(runner.known().keys() - COMPARE_METHODS))
+def test_scenario_holds_its_own_check_by_bdf2(name):
+    outcome = runner.run(runner.known()[name], Options(integrator="bdf2"))
+    assert outcome.scene.world.options.integrator == "bdf2"
+    assert outcome.checks and not outcome.failed and not outcome.failure and not outcome.cut
+
+
+@pytest.mark.parametrize("arguments", [[], ["--integrator", "bdf2"]])
+def test_the_integrator_is_that_of_the_command(fake, monkeypatch, arguments):
+    fake(0.0)
+    asked = []
+    run = runner.run
+    monkeypatch.setattr(
+        runner, "run", lambda module, options, *rest: asked.append(options) or run(module, options, *rest)
+    )
+    assert runner.main(["fake_scene", *arguments]) == 0
+    assert asked[0].integrator == (arguments[-1] if arguments else "implicit_euler")
+
+
 def test_tendons_that_pass_through_each_other_are_noticed(monkeypatch):
     """The check of the crossing fails where the tendons' contact is far too soft."""
     monkeypatch.setattr(two_tendons, "STEPS", 150)
