@@ -45,7 +45,7 @@ setup(
     python_requires=">=3.10",
     install_requires=["pybullet>=3.2.5", "numpy>=1.24", "scipy>=1.10", "python-fcl>=0.7"],
     extras_require={
-        "test": ["pytest>=7", "hypothesis>=6"],
+        "test": ["pytest>=7", "hypothesis>=6", "loky>=3", "distributed>=2023.4"],
         "view": ["matplotlib>=3.6", "tqdm>=4"],
         "gym": ["gymnasium>=0.29"],
         "dev": ["ruff==0.17.*"],

@@ -15,6 +15,7 @@ __path__ = extend_path(__path__, __name__)
 from .anchors import Attachment, Grip  # noqa: E402
 from .errors import (  # noqa: E402
     CannotCopy,
+    CaseFailed,
     InsideWarning,
     InvalidType,
     InvalidValue,
@@ -32,6 +33,7 @@ from .loading import data_path  # noqa: E402
 from .material import Material  # noqa: E402
 from .options import SolverOptions  # noqa: E402
 from .skin import Skin  # noqa: E402
+from .sweeps import sweep  # noqa: E402
 from .tendon import Tendon  # noqa: E402
 from .tunnels import Tunnel  # noqa: E402
 from .world import TendonWorld  # noqa: E402
@@ -41,6 +43,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Attachment",
     "CannotCopy",
+    "CaseFailed",
     "Grip",
     "InsideWarning",
     "InvalidType",
@@ -61,4 +64,5 @@ __all__ = [
     "UnknownId",
     "UrdfError",
     "data_path",
+    "sweep",
 ]

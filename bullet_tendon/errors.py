@@ -103,6 +103,14 @@ class StepFailed(TendonError, RuntimeError):
         )
 
 
+class CaseFailed(TendonError, RuntimeError):
+    """A case of a sweep whose function, or whose executor, raised; failure: the traceback as text."""
+
+    def __init__(self, index: int, case: object, failure: str):
+        self.index, self.case, self.failure = index, case, failure
+        super().__init__(f"case {index} ({_short(case)}) failed:\n{failure}")
+
+
 def warn(warning: Warning) -> None:
     """Give a warning at the place outside of this package that has called it."""
     level, frame = 2, sys._getframe(1)
