@@ -10,9 +10,7 @@ did not converge and the time of each step are counted. --program prints each wr
 import argparse
 import contextlib
 import dataclasses
-import json
 import signal
-import time
 import traceback
 import zlib
 from pathlib import Path
@@ -110,15 +108,6 @@ def table(outcomes: list[Outcome]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def progress(seeds, family):
-    """The seeds, with a bar where tqdm is installed."""
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return seeds
-    return tqdm(seeds, desc=family, leave=False)
-
-
 def main(arguments=None):
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -131,22 +120,24 @@ def main(arguments=None):
     parser.add_argument("--integrator", default=None, help="SolverOptions")
     parser.add_argument("--program", action="store_true", help="print each wrong scene as a script")
     parser.add_argument("--folder", type=Path, help="keep these scripts here, as FAMILY_SEED.py")
-    parser.add_argument("--json", type=Path, help="write all outcomes but the scripts to this file")
+    parser.add_argument("--processes", type=int, help="run scenes in so many processes")
+    parser.add_argument("--file", type=Path, help="keep all outcomes here, and go on from there (bt.sweep)")
     chosen = parser.parse_args(arguments)
     options = {"time_budget": chosen.time_budget, "integrator": chosen.integrator}
     options = {name: value for name, value in options.items() if value is not None}
-    outcomes = []
-    for family in chosen.family:
-        start, mine = time.perf_counter(), []
-        for seed in progress(range(*chosen.seeds), family):
-            mine.append(run(family, seed, chosen.steps, chosen.limit, **options))
-            report(mine[-1], chosen)
-        outcomes += mine
-        print(f"{' '.join(row(family, mine)[:6])}: {time.perf_counter() - start:.1f} s", flush=True)
+    options = {"steps": chosen.steps, "limit": chosen.limit, **options}
+    seeds = range(*chosen.seeds)
+    cases = [{"family": family, "seed": seed, **options} for family in chosen.family for seed in seeds]
+    outcomes = bt.sweep(run_case, cases, executor=chosen.processes, file=chosen.file)
+    outcomes = [Outcome(**outcome) for outcome in outcomes]
+    for outcome in outcomes:
+        report(outcome, chosen)
     print(table(outcomes))
-    if chosen.json is not None:
-        rows = [{k: v for k, v in vars(o).items() if k != "program"} for o in outcomes]
-        chosen.json.write_text(json.dumps(rows))
+
+
+def run_case(case: dict, rng) -> dict:
+    """A scene's outcome, for a sweep; its random numbers are those of its own seed."""
+    return vars(run(**case))
 
 
 def report(outcome: Outcome, chosen):
