@@ -150,13 +150,22 @@ def test_pictures_do_not_disturb_the_simulation():
 def test_tendon_visual_follows_and_goes(client):
     t = tendon()
     visual = view.TendonVisual(t, BulletClientStub(client))
-    assert p.getNumBodies(physicsClientId=client) == 10
-    for end in ([0.05, 0.03, -0.02], [-0.15, 0.0, 0.0]):  # the second: against x
+    assert p.getNumBodies(physicsClientId=client) == len(visual.bodies) == 11
+    ends = (
+        [0.05, 0.03, -0.02],
+        [-0.15, 0.0, 0.0],
+        [-0.05, 0.0, 0.03],
+    )  # against x; short
+    for end in ends * 2:
         t.positions = np.linspace([-0.05, 0.0, 0.0], end, 11)
         visual.update()
-        for i, body in enumerate(visual.bodies):
+        assert len(set(visual.bodies)) == 11
+        assert p.getNumBodies(physicsClientId=client) <= 31  # a piece for each length that a segment had
+        start = p.getBasePositionAndOrientation(visual.bodies[-1], physicsClientId=client)[0]
+        np.testing.assert_allclose(start, t.positions[0], atol=1e-12)
+        for i, body in enumerate(visual.bodies[:-1]):
             place, turn = p.getBasePositionAndOrientation(body, physicsClientId=client)
-            np.testing.assert_allclose(place, t.positions[i : i + 2].mean(axis=0), atol=1e-12)
+            np.testing.assert_allclose(place, t.positions[i], atol=1e-12)
             axis = np.reshape(p.getMatrixFromQuaternion(turn), (3, 3))[:, 0]
             chord = t.positions[i + 1] - t.positions[i]
             np.testing.assert_allclose(axis, chord / np.linalg.norm(chord), atol=1e-6)
@@ -175,14 +184,25 @@ class BulletClientStub:
 def test_tension_colours_the_segments(client):
     t = tendon()
     visual = view.TendonVisual(t, client, full_tension=100.0)
-    colors = [p.getVisualShapeData(body, physicsClientId=client)[0][7] for body in visual.bodies]
+    colors = [p.getVisualShapeData(body, physicsClientId=client)[0][7] for body in visual.bodies[:-1]]
     np.testing.assert_allclose(colors[0], view.TENDON_COLOR, atol=1e-6)
     np.testing.assert_allclose(colors[-1], view.TAUT_COLOR, atol=1e-6)
     greens = [color[1] for color in colors]
     assert greens == sorted(greens, reverse=True)
     t.tension = np.zeros(10)
     visual.update()
-    assert p.getVisualShapeData(visual.bodies[-1], physicsClientId=client)[0][7][1] == pytest.approx(0.75)
+    assert p.getVisualShapeData(visual.bodies[-2], physicsClientId=client)[0][7][1] == pytest.approx(0.75)
+
+
+def test_a_piece_covers_the_segments_that_its_length_allows(client):
+    t = tendon()  # ten segments of 10 mm
+    visual = view.TendonVisual(t, client, full_tension=100.0, length=0.031)
+    assert len(visual.bodies) == 5
+    places = [p.getBasePositionAndOrientation(body, physicsClientId=client)[0] for body in visual.bodies[:-1]]
+    np.testing.assert_allclose(places, t.positions[[0, 3, 6, 9]], atol=1e-12)
+    greens = [p.getVisualShapeData(body, physicsClientId=client)[0][7][1] for body in visual.bodies[:-1]]
+    shares = [t.tension[0:3].mean() / 100, t.tension[3:6].mean() / 100, t.tension[6:9].mean() / 100, 1.0]
+    np.testing.assert_allclose(greens, [0.75 + share * (0.10 - 0.75) for share in shares], atol=4e-3)
 
 
 def test_tunnels_are_drawn_and_removed(client):

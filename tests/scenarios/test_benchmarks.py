@@ -24,7 +24,18 @@ from scipy.spatial.transform import Rotation
 import bullet_tendon as bt
 from bullet_tendon import _core
 
-NAMES = ["apart", "call", "coupling", "haptic", "heap", "multibody", "peers", "speed", "work_precision"]
+NAMES = [
+    "apart",
+    "call",
+    "camera",
+    "coupling",
+    "haptic",
+    "heap",
+    "multibody",
+    "peers",
+    "speed",
+    "work_precision",
+]
 
 
 def numbers(item):
