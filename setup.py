@@ -47,7 +47,7 @@ setup(
     extras_require={
         "test": ["pytest>=7", "hypothesis>=6", "loky>=3", "distributed>=2023.4"],
         "view": ["matplotlib>=3.6", "tqdm>=4"],
-        "gym": ["gymnasium>=0.29"],
+        "gym": ["gymnasium>=1.1"],
         "dev": ["ruff==0.17.*"],
     },
     packages=[
@@ -55,6 +55,7 @@ setup(
         "bullet_tendon.urdf",
         "bullet_tendon.scenarios",
         "bullet_tendon.scenarios.benchmarks",
+        "bullet_tendon.scenarios.tasks",
     ],
     package_dir={"bullet_tendon.urdf": "urdf", "bullet_tendon.scenarios": "scenarios"},
     package_data={"bullet_tendon": ["py.typed", "*.pyi"], "bullet_tendon.urdf": ["*.urdf", "meshes/*.obj"]},

@@ -13,6 +13,7 @@ import pybullet as p
 
 import bullet_tendon as bt
 
+from . import measure
 from .scene import Check, Scene
 
 FLEXION = np.radians(30)
@@ -43,15 +44,30 @@ def prepare(scene, tunnels) -> None:
     h.tunnels = tunnels
     placed = {tunnel.name: ends for tunnel, ends in zip(scene.world.tunnels, scene.tunnels, strict=True)}
     h.bores = [placed[tunnel.name][:2] for tunnel in tunnels]
-    (a, b), (c, d) = h.bores
-    h.down = (a - b) / np.linalg.norm(a - b)
-    lead = a + LEAD_IN * h.down
-    h.way = np.array([lead, a, b, c, d, d + LEAD_OUT * (d - c) / np.linalg.norm(d - c)])
-    h.arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(h.way, axis=0), axis=1))])
+    h.way = way_of_hand(h.bores)
+    h.arc = arc_lengths(h.way)
+    lead = h.way[0]
+    h.down = measure.unit(lead - h.way[1])
     material = bt.Material.preset("hamstring_graft")
     h.graft = scene.world.add_tendon([lead, lead + LENGTH * h.down], RADIUS, material, PARTICLES, "graft")
     h.hand = h.graft.grip(0)
     scene.labels.update(ylabel="force [N]", title="A graft through two bone tunnels")
+
+
+def way_of_hand(bores) -> np.ndarray:
+    """(6, 3) the leading end's way [m]: from before the first bore (start, end) to beyond the second."""
+    (a, b), (c, d) = bores
+    return np.array([a + LEAD_IN * measure.unit(a - b), a, b, c, d, d + LEAD_OUT * measure.unit(d - c)])
+
+
+def arc_lengths(way) -> np.ndarray:
+    """(m,) arc length [m] of each point of a polyline (m, 3), from its first."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+
+
+def points_at(way, arc, lengths) -> np.ndarray:
+    """Points (..., 3) [m] of a polyline (m, 3) at arc lengths (...) [m]; arc: those of its points."""
+    return np.stack([np.interp(lengths, arc, way[:, c]) for c in range(3)], axis=-1)
 
 
 def drive(scene, progress) -> None:
@@ -97,7 +113,7 @@ def _load(scene, name, turn) -> int:
 def _lead(h, time) -> None:
     """Move the hand to where it has to be at `time` [s], and raise the force that holds back."""
     along = min(SPEED * time, h.arc[-1])
-    h.hand.target = [np.interp(along, h.arc, h.way[:, c]) for c in range(3)]
+    h.hand.target = points_at(h.way, h.arc, along)
     h.graft.set_force(-1, held_back(h, time))
 
 
