@@ -1,0 +1,149 @@
+"""The quasi-static knee of numpy and scipy: brute force, gradients, closed forms, its own convergence."""
+
+from pathlib import Path
+
+import knee_oracle
+import numpy as np
+import pytest
+from knee_oracle import Knee, Pose, Strands, Surface, law, law_energy, read_stl
+
+KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
+real_knee = pytest.mark.skipif(
+    not (KNEE / "ligaments.csv").exists(), reason="no real knee beside the checkout"
+)
+
+
+def ball(radius: float, rings: int, centre=(0.0, 0.0, 0.0)):
+    """Corners of a sphere of triangles."""
+    polar = np.linspace(0, np.pi, rings + 1)
+    around = np.linspace(0, 2 * np.pi, 2 * rings + 1)
+    point = np.stack(
+        [
+            np.outer(np.sin(polar), np.cos(around)),
+            np.outer(np.sin(polar), np.sin(around)),
+            np.outer(np.cos(polar), np.ones_like(around)),
+        ],
+        axis=-1,
+    )
+    point[-1], point[:, -1] = point[-1, 0], point[:, 0]
+    a, b, c, d = point[:-1, :-1], point[1:, :-1], point[1:, 1:], point[:-1, 1:]
+    corners = np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))])
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return radius * corners[area > 1e-12] + centre
+
+
+def plate(half: float, cells: int):
+    """Corners of a square in the plane y = 0 that looks up."""
+    grid = np.linspace(-half, half, cells + 1)
+    point = np.stack(np.meshgrid(grid, [0.0], grid, indexing="ij"), axis=-1)[:, 0]
+    a, b, c, d = point[:-1, :-1], point[:-1, 1:], point[1:, 1:], point[1:, :-1]
+    return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))])
+
+
+def random_strands(rng, count=9):
+    femoral = rng.normal(0, 0.01, (count, 3)) + (0, 0.01, 0)
+    tibial = rng.normal(0, 0.01, (count, 3)) - (0, 0.03, 0)
+    slack = np.linalg.norm(femoral - tibial, axis=1) * rng.uniform(0.88, 1.03, count)
+    return Strands([f"S{i}" for i in range(count)], femoral, tibial, rng.uniform(1e2, 3e3, count), slack)
+
+
+def ball_on_plate(strands, cells=50, rings=140) -> Knee:
+    """The lowest part of a ball of radius 20 mm."""
+    femur = ball(0.02, rings, (0.0, 0.02, 0.0))
+    return Knee(strands, femur[(femur[..., 1] < 0.006).all(axis=1)], plate(0.012, cells))
+
+
+def refined(corners):
+    """Each triangle in four."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return np.concatenate(
+        [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )
+
+
+def test_the_signed_distance_is_that_of_the_sphere_it_approaches():
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(300, 3))
+    points *= (rng.uniform(0.2, 1.8, 300) / np.linalg.norm(points, axis=1))[:, None]
+    distance, gradient = Surface(ball(1.0, 90))(points)
+    assert distance == pytest.approx(np.linalg.norm(points, axis=1) - 1, abs=2e-3)
+    assert np.abs(np.linalg.norm(gradient, axis=1) - 1).max() < 1e-12
+
+
+def test_the_distance_is_the_least_over_all_triangles_sampled_densely():
+    rng = np.random.default_rng(2)
+    surface = Surface(ball(1.0, 7))
+    weights = rng.dirichlet((0.6, 0.6, 0.6), 4000)
+    samples = np.einsum("wk,fkj->wfj", weights, surface.corners).reshape(-1, 3)
+    for point in rng.uniform(-1.5, 1.5, (40, 3)):
+        least = np.linalg.norm(samples - point, axis=1).min()
+        found = abs(surface(point[None])[0][0])
+        assert found <= least + 1e-12
+        assert found == pytest.approx(least, abs=3e-3)
+
+
+def test_nothing_is_behind_the_edge_of_an_open_surface():
+    beside = np.array([[0.02, -0.001, 0.0], [0.0, -0.001, 0.013], [0.0, -0.001, 0.0]])
+    assert (np.sign(Surface(plate(0.012, 8))(beside)[0]) == (1, 1, -1)).all()
+
+
+def test_tension_is_the_slope_of_the_strands_energy():
+    strain, slack, stiffness = np.linspace(-0.02, 0.2, 221), 0.03, 820.0
+    step = 1e-7
+    slope = law_energy(strain + step, stiffness, slack) - law_energy(strain - step, stiffness, slack)
+    assert slope / (2 * step * slack) == pytest.approx(law(strain, stiffness), abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_generalized_forces_are_the_slope_of_the_energy(seed):
+    rng = np.random.default_rng(seed)
+    knee = ball_on_plate(random_strands(rng))
+    pose = Pose(0.3, *rng.normal(0, 0.03, 2), (*rng.normal(0, 5e-4, 1), 6e-4, 1e-4))
+    assert len(knee.pressed(pose)[0]) > 20
+    step, forces = 1e-7, knee.residual(pose)
+    for unit, force in zip(np.eye(5), forces, strict=True):
+        slope = (knee.energy(pose.moved(step * unit)) - knee.energy(pose.moved(-step * unit))) / (2 * step)
+        assert -slope == pytest.approx(force, abs=1e-3 * np.abs(forces).max())
+
+
+@pytest.mark.parametrize("depth", [1e-4, 3e-4])
+def test_a_ball_on_a_plate_carries_the_closed_form(depth):
+    """Of a ball of radius R at the depth d, the foundation carries pi K (R d^2 - d^3/3).
+
+    The facets leave the sphere by 0.3 um.
+    """
+    knee = ball_on_plate(random_strands(np.random.default_rng(0)).without("S"), 160, 280)
+    force = knee.wrench(Pose(0.0, origin=(0.0, depth, 0.0)))[1]
+    exact = np.pi * knee.foundation * (0.02 * depth**2 - depth**3 / 3)
+    assert -force == pytest.approx(exact, rel=0.02)
+
+
+def test_equilibrium_is_where_loads_balance():
+    rng = np.random.default_rng(5)
+    knee = ball_on_plate(random_strands(rng, 14), 24, 80)
+    load = {"force": (20.0, -10.0, 3.0), "moment": (0.0, 0.3, 0.0)}
+    pose = knee.solve(Pose(0.2), tolerance=0.2, **load)  # the facets' edges are felt
+    assert np.abs(knee.residual(pose, **load)).max() < 0.2
+    assert np.abs(knee.residual(pose)).max() > 1.0
+
+
+@real_knee
+def test_the_real_knee_hardly_depends_on_the_size_of_its_triangles():
+    """A quarter of the triangles' area changes places by 10 um and forces by half a newton or 1 %."""
+    coarse = Knee.of_files(KNEE)
+    fine = Knee(coarse.strands, coarse.femur.corners, refined(read_stl(KNEE / "tibia_cartilage.stl")))
+    pose = coarse.solve(Pose(np.radians(25), origin=(0.0, 5e-4, 0.0)), force=(100.0, 0.0, 0.0))
+    again = fine.solve(pose, force=(100.0, 0.0, 0.0))
+    assert again.translations == pytest.approx(pose.translations, abs=1e-5)
+    found = fine.groups(again)
+    for group, tension in coarse.groups(pose).items():
+        assert found[group] == pytest.approx(tension, abs=0.5, rel=0.01)
+
+
+@real_knee
+def test_what_is_far_from_the_femur_is_left_out_of_nothing(monkeypatch):
+    pose = Pose(np.radians(25), 0.05, -0.1, (0.007, 0.001, 0.0))
+    wrench = Knee.of_files(KNEE).wrench(pose)
+    monkeypatch.setattr(knee_oracle, "NEAR", 4e-3)
+    assert Knee.of_files(KNEE).wrench(pose) == pytest.approx(wrench, rel=1e-12)
