@@ -45,9 +45,17 @@ setup(
     python_requires=">=3.10",
     install_requires=["pybullet>=3.2.5", "numpy>=1.24", "scipy>=1.10", "python-fcl>=0.7"],
     extras_require={
-        "test": ["pytest>=7", "hypothesis>=6", "loky>=3", "distributed>=2023.4"],
+        "test": [
+            "pytest>=7",
+            "hypothesis>=6",
+            "loky>=3",
+            "distributed>=2023.4",
+            "gymnasium>=1.1",
+            "cma>=3.3",
+        ],
         "view": ["matplotlib>=3.6", "tqdm>=4"],
         "gym": ["gymnasium>=1.1"],
+        "learn": ["gymnasium>=1.1", "cma>=3.3"],
         "dev": ["ruff==0.17.*"],
     },
     packages=[

@@ -17,6 +17,7 @@ except ImportError:
 # Name: module, and the number of steps after which an episode is truncated.
 TASKS = {
     "GraftPassage": ("graft_passage", 120),
+    "PulleyLift": ("pulley_lift", 120),
 }
 
 

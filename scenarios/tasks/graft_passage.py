@@ -29,6 +29,8 @@ FLEXION = math.radians(90)  # the largest
 ASIDE = 0.006  # m, by which the start may be off the tunnel's axis
 CORRIDOR = 0.006  # m, within which the hand follows the way outside of bores
 WINDOW = 0.015  # m of the way that are looked at ahead
+SHARPNESS = 10.0  # by which outputs of the learned policy are multiplied to be logarithms of weights
+LOOK_AHEAD = 0.006  # m of the way, of the expert
 POINTS = 12  # of the graft that are observed
 REACH = 0.1  # m, the unit of observed lengths
 FELT, TOLERATED = 20.0, 20.0  # N: the unit of observed forces, and what costs nothing
@@ -160,6 +162,43 @@ class GraftPassage(Task):
         distance = np.linalg.norm(on_way - self.graft.positions[0], axis=1)
         nearest = int(np.argmin(distance))
         return float(ahead[nearest]) if distance[nearest] < CORRIDOR else episode.reached
+
+
+def expert(observation) -> np.ndarray:
+    """(3,) action: along the way through the tunnels, as it is observed, and slower under force."""
+    ends = observation[3 * POINTS : 3 * POINTS + 12].reshape(2, 2, 3) * REACH
+    force, share = observation[3 * POINTS + 12 : 3 * POINTS + 15], observation[3 * POINTS + 18]
+    way = scenario.way_of_hand(ends)
+    arc = scenario.arc_lengths(way)
+    goal = scenario.points_at(way, arc, min(share * arc[-1] + LOOK_AHEAD, arc[-1]))
+    speed = np.clip(1.6 - np.linalg.norm(force), 0.2, 1.0)
+    return speed * goal / np.abs(goal).max()
+
+
+# The learned policy goes towards a mean of five points of the way, with weights that it has to learn.
+FEATURES, OUTPUTS = 8, 6
+
+
+def features(observation) -> np.ndarray:
+    """(8,): distances to the tunnels' four ends and beyond the last, share of the way, force, clearance."""
+    force = np.linalg.norm(observation[3 * POINTS + 12 : 3 * POINTS + 15])
+    distances = np.linalg.norm(_points(observation), axis=1)
+    return np.concatenate([distances, [observation[3 * POINTS + 18], force, observation[3 * POINTS + 19]]])
+
+
+def action_of(outputs, observation) -> np.ndarray:
+    """(3,) of outputs (6,): the logarithms of the points' weights, and one that limits the speed."""
+    weights = np.exp(SHARPNESS * (outputs[:5] - outputs[:5].max()))
+    aim = weights @ _points(observation)
+    speed = 1 / (1 + np.exp(-np.clip(outputs[5], -30, 30)))
+    return speed * aim / max(np.abs(aim).max(), 1e-9)
+
+
+def _points(observation) -> np.ndarray:
+    """(5, 3) the tunnels' four ends and the way's last point, relative to the hand, over REACH."""
+    ends = observation[3 * POINTS : 3 * POINTS + 12].reshape(4, 3)
+    beyond = ends[3] + scenario.LEAD_OUT / REACH * measure.unit(ends[3] - ends[2])
+    return np.vstack([ends, beyond])
 
 
 class GraftPassageVector(TaskVector):

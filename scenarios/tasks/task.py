@@ -5,6 +5,8 @@ episode's random numbers change. Therefore an episode depends on nothing but its
 """
 
 import dataclasses
+import os
+import sys
 from typing import Any
 
 import gymnasium
@@ -35,9 +37,9 @@ class Task(gymnasium.Env):
     """A task in a pybullet client of its own.
 
     render_mode: None, "rgb_array" (render returns (128, 128, 3) uint8, without a window) or "human"
-    (pybullet's window). Actions are float32 in [-1, 1]; what is outside is clipped, what is not finite raises
-    InvalidValue. Observations are float32, scaled to about [-1, 1] and clipped at +-10. `info` has
-    "is_success" and each term of the reward as "reward_NAME".
+    (pybullet's window; without a display nothing is shown). Actions are float32 in [-1, 1]; what is outside
+    is clipped, what is not finite raises InvalidValue. Observations are float32, scaled to about [-1, 1] and
+    clipped at +-10. `info` has "is_success" and each term of the reward as "reward_NAME".
 
     reset(seed=, options=): the options that a task takes fix what is random otherwise; an unknown one
     raises InvalidValue. If a step raises, reset leads back to a usable environment.
@@ -56,14 +58,15 @@ class Task(gymnasium.Env):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, tuple(self.metadata["render_modes"]))
         self.render_mode = render_mode
-        self.client: int = p.connect(p.GUI if render_mode == "human" else p.DIRECT)
+        self._has_window = render_mode == "human" and _has_display()
+        self.client: int = p.connect(p.GUI if self._has_window else p.DIRECT)
         p.setTimeStep(self.time_step, self.client)
         self.world = TendonWorld(self.client, self.solver())
         self._visuals: list[view.TendonVisual] = []
         self._camera: view.Camera | None = None
         self._is_broken = False  # whether a step raised
         self.build()
-        if render_mode == "human":
+        if self._has_window:
             self._visuals = [view.TendonVisual(tendon, self.client) for tendon in self.world.tendons]
         self._start = p.saveState(self.client), self.world.save_state()
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
@@ -116,8 +119,7 @@ class Task(gymnasium.Env):
         super().reset(seed=seed)
         self._restore()
         self.begin(self.np_random, options)
-        if self.render_mode == "human":
-            self._show()
+        self._show()
         return self.observe(), {"is_success": False}
 
     def step(self, action):
@@ -130,8 +132,7 @@ class Task(gymnasium.Env):
             self.drive()
             self.world.step()
         self._is_broken = False
-        if self.render_mode == "human":
-            self._show()
+        self._show()
         verdict = self.judge()
         info = {f"reward_{name}": float(value) for name, value in verdict.terms.items()}
         info["is_success"] = bool(verdict.success)
@@ -173,6 +174,11 @@ class Task(gymnasium.Env):
     def _require_client(self) -> None:
         if self.client < 0:
             raise UnknownId("environment", type(self).__name__, "one that was not closed")
+
+
+def _has_display() -> bool:
+    """Whether a window can be opened. pybullet ends the process where there is no display."""
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY"))
 
 
 def scaled(*parts) -> np.ndarray:

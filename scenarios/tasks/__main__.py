@@ -1,0 +1,140 @@
+"""Runs episodes of a task by a policy, or searches a policy: see README.md.
+
+python -m bullet_tendon.scenarios.tasks                                   lists the tasks
+python -m bullet_tendon.scenarios.tasks GraftPassage --policy expert --episodes 100 --picture passage.png
+python -m bullet_tendon.scenarios.tasks GraftPassage --train graft_passage.npz --minutes 10
+"""
+
+import argparse
+import json
+import sys
+from time import perf_counter
+
+import gymnasium
+import numpy as np
+
+from bullet_tendon import errors, view
+
+from . import TASKS
+from .episodes import Episode, evaluate
+from .policies import POLICIES, make_policy, module_of
+from .search import search
+
+MOMENTS = 5  # of an episode, in a picture
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line. Returns the exit status: 0, or 2 for bad usage."""
+    parser = _parser()
+    wanted = parser.parse_args(arguments)
+    if wanted.name is None:
+        _list()
+        return 0
+    if wanted.name not in TASKS:
+        parser.error(f"unknown task {wanted.name!r}; known: {', '.join(TASKS)}")
+    try:
+        if wanted.train:
+            _train(wanted)
+        else:
+            _evaluate(wanted)
+    except (errors.MissingExtra, errors.InvalidValue) as problem:
+        parser.error(str(problem))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("python -m bullet_tendon.scenarios.tasks", description="Runs a task.")
+    parser.add_argument("name", nargs="?", help="of the task; without one, all are listed")
+    parser.add_argument("--policy", choices=POLICIES, default="expert", help="default: %(default)s")
+    parser.add_argument("--episodes", type=int, default=10, help="how many (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first episode, or of the search")
+    parser.add_argument("--processes", type=int, help="that run episodes (default: this one; 2 to train)")
+    parser.add_argument("--picture", metavar="FILE", default="", help="draw the first episode into FILE")
+    parser.add_argument(
+        "--json", metavar="FILE", nargs="?", const="-", help="write the outcomes to FILE, or print them"
+    )
+    parser.add_argument("--train", metavar="FILE", default="", help="search a policy, and write it to FILE")
+    parser.add_argument("--minutes", type=float, default=10, help="for the search (default: %(default)s)")
+    return parser
+
+
+def _list() -> None:
+    width = max(map(len, TASKS))
+    for name in TASKS:
+        print(f"{name:{width}}  {(module_of(name).__doc__ or '').partition(chr(10))[0]}")
+
+
+def _train(wanted) -> None:
+    found = search(wanted.name, wanted.minutes, wanted.processes or 2, wanted.seed)
+    np.savez(wanted.train, **found)
+    seconds, episodes, reward, success = found["curve"][-1]
+    print(f"{wanted.name}: {episodes:.0f} episodes in {seconds:.0f} s; last generation: ", end="")
+    print(f"mean reward {reward:.3g}, {100 * success:.0f} % successes; written to {wanted.train}")
+
+
+def _evaluate(wanted) -> None:
+    seeds = range(wanted.seed, wanted.seed + wanted.episodes)
+    start = perf_counter()
+    episodes = evaluate(wanted.name, wanted.policy, seeds, wanted.processes)
+    record = _record(wanted, episodes, perf_counter() - start)
+    print(_sentence(record), file=sys.stderr if wanted.json == "-" else sys.stdout)
+    if wanted.json:
+        text = json.dumps(record, indent=2)
+        if wanted.json == "-":
+            print(text)
+        else:
+            with open(wanted.json, "w", encoding="utf-8") as file:
+                file.write(text + "\n")
+    if wanted.picture:
+        draw_episode(wanted.picture, wanted.name, wanted.policy, wanted.seed)
+
+
+def _record(wanted, episodes: list[Episode], seconds: float) -> dict:
+    return {
+        "task": wanted.name,
+        "policy": wanted.policy,
+        "first_seed": wanted.seed,
+        "success": float(np.mean([episode.success for episode in episodes])),
+        "reward": float(np.mean([episode.reward for episode in episodes])),
+        "seconds": seconds,
+        "episodes": [episode._asdict() for episode in episodes],
+    }
+
+
+def _sentence(record: dict) -> str:
+    count, share = len(record["episodes"]), 100 * record["success"]
+    return (
+        f"{record['task']}, {record['policy']}: {count} episodes, {share:.0f} % successes, "
+        f"mean reward {record['reward']:.3g}, {record['seconds']:.1f} s"
+    )
+
+
+def draw_episode(path: str, task: str, policy: str, seed: int) -> None:
+    """A picture of an episode: images of moments, above the reward so far (needs the extra `view`)."""
+    env = gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0", render_mode="rgb_array")
+    times, rewards, images = [], [], []
+
+    def watch(env) -> None:
+        times.append((len(times) + 1) / env.unwrapped.metadata["render_fps"])
+        images.append(env.render())
+
+    chosen = make_policy(policy, task, np.random.default_rng(seed))
+    with env:
+        total = 0.0
+        observation, _ = env.reset(seed=seed)
+        images.append(env.render())
+        ended = False
+        while not ended:
+            observation, reward, terminated, truncated, _ = env.step(chosen(observation))
+            total += reward
+            rewards.append(total)
+            watch(env)
+            ended = terminated or truncated
+    moments = np.linspace(0, len(images) - 1, MOMENTS).astype(int)
+    shown = [(f"{m / env.unwrapped.metadata['render_fps']:.1f} s", images[m]) for m in moments]
+    curve = {"x": np.array(times), "y": np.array(rewards), "label": "reward so far"}
+    view.figure(path, shown, [curve], xlabel="time [s]", ylabel="reward so far", title=f"{task}, {policy}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
