@@ -83,6 +83,14 @@ class Attachment(_Anchor):
 
     particle: its index. bodyUniqueId, linkIndex: the link. force: what the tendon does to the body; its exact
     opposite acts on the tendon.
+
+    Example:
+        >>> knot = tendon.attach(-1, ball)
+        >>> knot.particle, knot.bodyUniqueId, knot.position.round(3).tolist()
+        (10, 0, [0.0, 0.0, 0.01])
+        >>> knot.release()
+        >>> knot.released, tendon.holds
+        (True, ())
     """
 
     def __init__(self, tendon, particle, number, bodyUniqueId, linkIndex, position, link_slot):
@@ -105,13 +113,20 @@ class Attachment(_Anchor):
 class Grip(_Anchor):
     """A particle led by a hand, a suture or a haptic device; made by Tendon.grip.
 
-    Without a stiffness the particle is at `target` at the end of every step, exactly. With one
-    it is drawn there by a spring [N/m] and a damper [N s/m] (the virtual coupling of haptics).
-    force is what the hand feels.
+    Without a stiffness the particle is at the target at the end of every step, exactly. With one it is drawn
+    there by a spring [N/m] and a damper [N s/m] (the virtual coupling of haptics). force is what the hand
+    feels.
 
-    With a max_force [N] the grip slips where more would be needed: it then draws the particle towards
-    `target` with that force. Until then a rigid grip yields by at most a thousandth of the tendon's radius.
+    With a max_force [N] the grip slips where more would be needed: it then draws the particle towards the
+    target with that force. Until then a rigid grip yields by at most a thousandth of the tendon's radius.
     With SolverOptions(iteration="single") the limit acts one step late.
+
+    Example:
+        >>> hand, other = tendon.grip(0), tendon.grip(-1, max_force=2)
+        >>> other.target = other.target - (0, 0, 0.001)
+        >>> world.step(120)
+        >>> print(f"{other.slipping}, {other.force[2]:.2f} N")
+        True, 2.00 N
     """
 
     def __init__(self, tendon, particle, number, target, stiffness, damping, direction=None, max_force=None):

@@ -11,7 +11,15 @@ _PACKAGE = __name__.split(".")[0]
 
 
 class TendonError(Exception):
-    """Base of everything this package raises on purpose."""
+    """Base of everything this package raises on purpose.
+
+    Example:
+        >>> try:
+        ...     world.add_tendon([(0, 0, 0)], 0.002, material)
+        ... except bt.TendonError as problem:
+        ...     print(problem)
+        points = [(0, 0, 0)]: must be at least 2 points
+    """
 
 
 class _BadArgument(TendonError):
@@ -23,21 +31,47 @@ class _BadArgument(TendonError):
 
 
 class InvalidValue(_BadArgument, ValueError):
-    """An argument of the right type whose value is out of range, non-finite or of a wrong shape."""
+    """An argument of the right type whose value is out of range, non-finite or of a wrong shape.
+
+    Example:
+        >>> tendon.set_point_mass(0, float("nan"))
+        Traceback (most recent call last):
+        bullet_tendon.errors.InvalidValue: mass = nan: must be a finite number >= 0
+    """
 
 
 class InvalidType(_BadArgument, TypeError):
-    """An argument of a wrong type."""
+    """An argument of a wrong type.
+
+    Example:
+        >>> world.step("once")
+        Traceback (most recent call last):
+        bullet_tendon.errors.InvalidType: n = 'once': must be an integer
+    """
 
 
 class UnknownId(_BadArgument, KeyError):
-    """A body, link, tendon or handle that does not exist (any more)."""
+    """A body, link, tendon or handle that does not exist (any more).
+
+    Example:
+        >>> tendon.attach(0, 99)
+        Traceback (most recent call last):
+        bullet_tendon.errors.UnknownId: bodyUniqueId = 99: must be the id of a body of this client: [0]
+    """
 
     __str__ = Exception.__str__  # KeyError would print the repr of the message
 
 
 class UrdfError(TendonError, ValueError):
-    """A <tunnel> or <tendon> element of a URDF that cannot be used."""
+    """A <tunnel> or <tendon> element of a URDF that cannot be used.
+
+    Example:
+        >>> with open("rope.urdf", "w") as file:
+        ...     _ = file.write("<robot name='r'><link name='a'/><tendon name='t' radius='0.01'/></robot>")
+        >>> world.load_urdf("rope.urdf")
+        Traceback (most recent call last):
+        bullet_tendon.errors.UrdfError: rope.urdf: <tendon name='t'>: <point> = '0 times': must be ...
+    """
 
     def __init__(self, path: str, element: str, attribute: str, value: object, allowed: str):
         self.path, self.element, self.attribute = path, element, attribute
@@ -46,15 +80,36 @@ class UrdfError(TendonError, ValueError):
 
 
 class StateMismatch(_BadArgument, ValueError):
-    """A saved state, or a snapshot, that does not fit the world as it is now: made of other parts."""
+    """A saved state, or a snapshot, that does not fit the world as it is now: made of other parts.
+
+    Example:
+        >>> state = world.save_state()
+        >>> world.remove_tendon(tendon)
+        >>> world.restore_state(state)
+        Traceback (most recent call last):
+        bullet_tendon.errors.StateMismatch: state = 2: must be of a world with the tendons (), not ...
+    """
 
 
 class SnapshotError(_BadArgument, ValueError):
-    """A snapshot that cannot be read: not one, damaged, or of another version."""
+    """A snapshot that cannot be read: not one, damaged, or of another version.
+
+    Example:
+        >>> world.load_snapshot(world.snapshot()[:100])
+        Traceback (most recent call last):
+        bullet_tendon.errors.SnapshotError: source = 'bytes': must be a snapshot, a numpy npz file
+    """
 
 
 class CannotCopy(TendonError, TypeError):
-    """A world, or a handle of one, that was going to be copied or pickled."""
+    """A world, or a handle of one, that was going to be copied or pickled.
+
+    Example:
+        >>> import copy
+        >>> copy.copy(tendon)
+        Traceback (most recent call last):
+        bullet_tendon.errors.CannotCopy: a Tendon cannot be copied or pickled: ...
+    """
 
     def __init__(self, kind: str):
         super().__init__(
@@ -71,19 +126,51 @@ class NotCopied:
 
 
 class StepWarning(RuntimeWarning):
-    """A step that could not be solved was left out (SolverOptions.on_failure = "warn")."""
+    """A step that could not be solved was left out (SolverOptions.on_failure = "warn").
+
+    Example:
+        >>> import warnings
+        >>> world.options = bt.SolverOptions(on_failure="warn")
+        >>> tendon.set_force(0, (0, 0, 1e300))
+        >>> with warnings.catch_warnings(record=True) as given:
+        ...     world.step()
+        >>> [warning.category.__name__ for warning in given], world.report.converged
+        (['StepWarning'], False)
+    """
 
 
 class InsideWarning(RuntimeWarning):
-    """A tendon that begins inside an obstacle, and is not attached there."""
+    """A tendon that begins inside an obstacle, and is not attached there.
+
+    Example:
+        >>> import warnings
+        >>> world.add_obstacle(ball)
+        >>> needle = world.add_tendon([(0, 0.05, -0.11), (0, -0.05, -0.11)], 0.001, material, particles=5)
+        >>> with warnings.catch_warnings(record=True) as given:
+        ...     world.step()
+        >>> [warning.category.__name__ for warning in given]
+        ['InsideWarning']
+    """
 
 
 class ResolutionWarning(RuntimeWarning):
-    """A taut tendon that turns so far at one particle on a mesh that its tension is not exact."""
+    """A taut tendon that turns so far at one particle on a mesh that its tension is not exact.
+
+    It is given once for each tendon. More particles, or a finer mesh, are the cure.
+
+    Example:
+        >>> import warnings
+        >>> warnings.simplefilter("error", bt.ResolutionWarning)  # a run that must not be inexact
+    """
 
 
 class MissingExtra(TendonError, ImportError):
-    """An optional package is needed for what was asked, and is not installed."""
+    """An optional package is needed for what was asked, and is not installed.
+
+    Example:
+        >>> print(bt.MissingExtra("matplotlib", "view", "composing a figure"))
+        composing a figure needs matplotlib, which is not installed: pip install 'bullet_tendon[view]' or ...
+    """
 
     def __init__(self, package: str, extra: str, purpose: str):
         super().__init__(
@@ -93,7 +180,16 @@ class MissingExtra(TendonError, ImportError):
 
 
 class StepFailed(TendonError, RuntimeError):
-    """A step that could not be solved; the tendons are as they were before it."""
+    """A step that could not be solved; the tendons are as they were before it.
+
+    Example:
+        >>> tendon.set_force(0, (0, 0, 1e300))
+        >>> try:
+        ...     world.step()
+        ... except bt.StepFailed as problem:
+        ...     print(problem.tendon, problem.particle, tendon.positions[0].tolist())
+        tendon1 0 [0.0, 0.0, 0.0]
+    """
 
     def __init__(self, tendon: str, particle: int, residual: float, tolerance: float):
         self.tendon, self.particle, self.residual = tendon, particle, residual
@@ -104,7 +200,15 @@ class StepFailed(TendonError, RuntimeError):
 
 
 class CaseFailed(TendonError, RuntimeError):
-    """A case of a sweep whose function, or whose executor, raised; failure: the traceback as text."""
+    """A case of a sweep whose function, or whose executor, raised; failure: the traceback as text.
+
+    Example:
+        >>> try:
+        ...     bt.sweep(lambda case, rng: 1 / case, [1, 0], progress=False)
+        ... except bt.CaseFailed as problem:
+        ...     print(problem.index, problem.case, problem.failure.splitlines()[-1])
+        1 0 ZeroDivisionError: division by zero
+    """
 
     def __init__(self, index: int, case: object, failure: str):
         self.index, self.case, self.failure = index, case, failure

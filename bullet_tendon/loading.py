@@ -113,9 +113,19 @@ def _check_names(world, path, elements: UrdfElements) -> None:
 
 
 def data_path(name: str) -> str:
-    """Absolute path of a file in the package's `urdf` folder, for instance "knee.urdf".
+    """Absolute path of a file in the package's urdf folder.
 
-    Raises InvalidType for anything but a string, InvalidValue where there is no such file.
+    Args:
+        name: of the file, relative to the folder: "knee.urdf", "meshes/femur.obj".
+
+    Raises:
+        InvalidType: for anything but a string.
+        InvalidValue: where there is no such file.
+
+    Example:
+        >>> import os
+        >>> os.path.basename(bt.data_path("knee.urdf"))
+        'knee.urdf'
     """
     folder = files("bullet_tendon.urdf")
     path = os.path.join(str(folder), checks.text("name", name))

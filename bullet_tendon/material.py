@@ -16,27 +16,38 @@ _DENSITY = 1120.0  # kg/m^3 (Bennett et al. 1986; Ker 1981)
 class Material:
     """What a tendon is made of, per strain, so that results do not change with the number of particles.
 
-    With strain s and strain rate r = ds/dt, a cross-section carries (paper, equation 4, per strain)
+    With strain s and strain rate r = ds/dt, a cross-section carries (paper, equation 4, per strain)::
 
-        T = stiffness sgn(s) |s|^exponent + damping sgn(r) |r|^damping_exponent.
+        T = stiffness sgn(s) |s|^exponent + damping sgn(r) |r|^damping_exponent
 
-    stiffness: K [N], > 0: the tension at strain 1.
-    exponent: p [-], >= 1.
-    toe_strain: strain beyond which the law goes on along its tangent [-], or None. Exponent 2 with
-        a toe strain e_t is the ligament law of Blankevoort 1991 with slope k = 2 e_t stiffness.
-    tension_only: no force (nor damping) under compression: a rope, which folds under the least push. It has
-        no effect where bending_stiffness > 0: such a tendon carries compression until it buckles.
-    damping: C [N s^q], >= 0; damping_exponent: q [-], >= 1.
-    damping_form: "axial" brakes changes of length only; "whole" the whole relative velocity of a
-        spring's ends, as printed in the paper, which brakes rigid rotations too.
-    shear_stiffness: the share of `stiffness` that each shear spring (i, i+2) carries [N], between 0
-        and stiffness/2. A cross-section carries `stiffness` in all, whatever the share.
-    bending_stiffness: EI [N m^2], >= 0, of a discrete curvature energy (straight without load). 0 costs
-        nothing.
-    density: [kg/m^3], > 0.
-    friction: coefficient of the tendon [-], >= 0; a pair's is the product of both, as in Bullet.
+    Args:
+        stiffness: K [N], > 0: the tension at strain 1.
+        exponent: p [-], >= 1.
+        toe_strain: strain beyond which the law goes on along its tangent [-], or None. Exponent 2 with a toe
+            strain e_t is the ligament law of Blankevoort 1991 with slope k = 2 e_t stiffness.
+        tension_only: no force (nor damping) under compression: a rope, which folds under the least push. It
+            has no effect where bending_stiffness > 0: such a tendon carries compression until it buckles.
+        damping: C [N s^q], >= 0.
+        damping_exponent: q [-], >= 1.
+        damping_form: "axial" brakes changes of length only; "whole" the whole relative velocity of a spring's
+            ends, as printed in the paper, which brakes rigid rotations too.
+        shear_stiffness: the share of the stiffness that each shear spring (i, i+2) carries [N], between 0 and
+            stiffness/2. A cross-section carries the stiffness in all, whatever the share.
+        bending_stiffness: EI [N m^2], >= 0, of a discrete curvature energy (straight without load). 0 costs
+            nothing.
+        density: [kg/m^3], > 0.
+        friction: coefficient of the tendon [-], >= 0; a pair's is the product of both, as in Bullet.
 
-    Raises InvalidType or InvalidValue naming the argument.
+    Raises:
+        InvalidType, InvalidValue: naming the argument.
+
+    Example:
+        >>> rope = bt.Material(stiffness=2e4, tension_only=True, friction=0.3)
+        >>> rope.density
+        1120.0
+        >>> bt.Material(stiffness=-1)
+        Traceback (most recent call last):
+        bullet_tendon.errors.InvalidValue: stiffness = -1: must be a finite number > 0
     """
 
     stiffness: float
@@ -69,10 +80,23 @@ class Material:
     def from_springs(cls, *, ks, kd=0.0, p=1.0, q=1.0, spring_length, shear_ks=0.0, **others) -> "Material":
         """The material whose springs have the paper's constants (equation 4), for one spacing.
 
-        ks [N/m^p] and kd [N (s/m)^q] of a structure spring of rest length spring_length [m], p and q
-        its exponents, shear_ks [N/m^p] of a shear spring, whose rest length is twice that. A spring of
-        rest length l carries ks (l s)^p = (ks l^p) s^p; a cross-section is crossed by one structure
-        spring and two shear springs. `others` are further arguments of Material.
+        A spring of rest length l carries ks (l s)^p = (ks l^p) s^p. A cross-section is crossed by one
+        structure spring and two shear springs.
+
+        Args:
+            ks: of a structure spring [N/m^p], > 0.
+            kd: its damping [N (s/m)^q], >= 0.
+            p, q: its exponents, >= 1.
+            spring_length: its rest length [m], > 0.
+            shear_ks: of a shear spring [N/m^p], whose rest length is twice that.
+            others: further arguments of Material.
+
+        Raises:
+            InvalidType, InvalidValue: naming the argument.
+
+        Example:
+            >>> print(f"{bt.Material.from_springs(ks=1e6, spring_length=0.002).stiffness:.0f} N")
+            2000 N
         """
         length = checks.number("spring_length", spring_length, above=0)
         p = checks.number("p", p, at_least=1)
@@ -91,10 +115,21 @@ class Material:
     def from_modulus(cls, youngs_modulus: float, radius: float, **others) -> "Material":
         """The material of a solid round section: stiffness E pi r^2 [N], the tension at strain 1.
 
-        youngs_modulus: E [Pa], > 0, of the law's tangent at strain 1 if its exponent is 1; about 1.5e9 in
-        tendon (Bennett et al. 1986). radius: r [m], > 0, of the tendon that gets it. `others` are further
-        arguments of Material. bending_stiffness stays 0: a bundle of fibres bends far more easily than a
-        solid rod, whose EI is E pi r^4/4. Raises InvalidType or InvalidValue.
+        bending_stiffness stays 0: a bundle of fibres bends far more easily than a solid rod, whose EI is
+        E pi r^4/4.
+
+        Args:
+            youngs_modulus: E [Pa], > 0, of the law's tangent at strain 1 if its exponent is 1; about 1.5e9 in
+                tendon (Bennett et al. 1986).
+            radius: r [m], > 0, of the tendon that gets it.
+            others: further arguments of Material.
+
+        Raises:
+            InvalidType, InvalidValue: naming the argument.
+
+        Example:
+            >>> print(f"{bt.Material.from_modulus(1.5e9, radius=0.003).stiffness:.0f} N")
+            42412 N
         """
         modulus = checks.number("youngs_modulus", youngs_modulus, above=0)
         radius = checks.number("radius", radius, above=0)
@@ -105,10 +140,23 @@ class Material:
 
     @classmethod
     def ligament(cls, slope: float, toe_strain: float = 0.06, **others) -> "Material":
-        """The ligament law of Blankevoort 1991: T = slope s^2/(2 e_t), then slope (s - e_t/2).
+        """The ligament law of Blankevoort 1991: T = slope s^2/(2 e_t), beyond e_t slope (s - e_t/2).
 
-        slope [N per unit strain] beyond the toe strain e_t. Damping 0.003 slope [N s], as in the knee
-        model of Lenhart et al. 2015. Tension only.
+        Tension only.
+
+        Args:
+            slope: [N per unit strain] beyond the toe strain, > 0.
+            toe_strain: e_t [-], > 0.
+            others: further arguments of Material. The damping is 0.003 slope [N s] otherwise, as in the knee
+                model of Lenhart et al. 2015.
+
+        Raises:
+            InvalidType, InvalidValue: naming the argument.
+
+        Example:
+            >>> ligament = bt.Material.ligament(slope=2000, toe_strain=0.06)
+            >>> print(f"{ligament.stiffness:.0f} N, {ligament.exponent}, {ligament.damping:.0f} N s")
+            16667 N, 2.0, 6 N s
         """
         slope = checks.number("slope", slope, above=0)
         e_t = checks.number("toe_strain", toe_strain, above=0)
@@ -123,7 +171,19 @@ class Material:
 
     @classmethod
     def preset(cls, name: str, **changes) -> "Material":
-        """A published material by name: "native_acl", "patellar_tendon" or "hamstring_graft"."""
+        """A published material by name.
+
+        Args:
+            name: "native_acl", "patellar_tendon" or "hamstring_graft".
+            changes: arguments of ligament that differ.
+
+        Raises:
+            InvalidType, InvalidValue: for another name.
+
+        Example:
+            >>> print(f"{bt.Material.preset('native_acl', friction=0.05).toe_strain:.2f}")
+            0.06
+        """
         return cls.ligament(**{**_PRESETS[checks.choice("name", name, tuple(_PRESETS))], **changes})
 
     def core_arguments(self, area: float) -> tuple:

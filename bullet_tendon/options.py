@@ -20,46 +20,56 @@ _ON_FAILURE = ("raise", "warn")
 class SolverOptions:
     """How a world steps its tendons. Immutable; give a world another one to change it.
 
-    integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted at first
-        order where the time step grows by more than 4.8, a hold is made or lost, or a body is let go),
-        or "explicit_euler" (equation 6; stable for tiny steps only). "bdf2" is of second order for tendons on
-        free rigid bodies too; those on articulated and on held bodies take implicit Euler. It takes a step in
-        three parts where a segment is about to turn in it by more than an angle of sine 0.6, in two where
-        some tendon was touched in the last one, or where it is 2.4 to 4.8 times as long as that.
-    iteration: "newton" solves the implicit step to `tolerance`; "single" is the paper's one
-        linearisation a step (equations 8 and 9).
-    linear_solver: "banded", a direct block-banded Cholesky factorisation, or "pcg", the paper's
-        preconditioned conjugate gradients (here: block Jacobi).
-    tolerance: largest residual force of a converged step over the largest force at hand [-].
-    max_iterations: Newton iterations after which a step counts as not converged, counted anew
-        whenever friction limits or contacts have changed with its solution.
-    linear_tolerance: of conjugate gradients, relative residual in the preconditioned norm [-].
-    bone_contact: "spring", temporary constraint springs (section 4.1), or "constraint": particles
-        that would enter a body which does not yield are constrained directly (Baraff and Witkin 1998).
-    contact_stiffness: of the temporary springs [N/m], as in the paper. None: chosen for each contact
-        from its particles, with the force carried over from step to step, so that a resting contact
-        has no depth whatever its load.
-    contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m]; less
-        than the clearance of tendons in their bores.
-    reuse_tolerance: error allowed to a contact plane of a closed form (sphere, box, capsule, cylinder) at
-        rest that is reused instead of measured again [m]. Triangles of meshes that were near are kept and
-        measured by the core between queries, to rounding, for as long as no other one can be nearest. 0
-        queries always.
-    sleep: whether steps leave out tendons at rest (slower than 1e-5 of their radius a second, for half a
-        second) that something static holds or carries, until they or what is within reach of them moves or
-        is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
-    max_linear_solves: linear solutions that one step may take, of all its islands and substeps together. The
-        default is some eighty times what the most violent step of the scenarios takes.
-    time_budget: wall time that one step may take [s]; None: any. Once either is used up, the present
-        substep ends after a few more iterations of each island. The tendons stay where they are for the
-        rest of the step, with their velocities, and the last forces that were solved act on bodies then.
-        If that leaves anything unsolved, report.converged is False and report.over_budget True.
-    on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning, and
-        the report says converged False; the tendons stay as they were, without a force on bodies, for
-        that step. A step that ends finite above the tolerance is taken in both cases: its report
-        says converged False, with the residual.
+    Args:
+        integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted at first
+            order where the time step grows by more than 4.8, a hold is made or lost, or a body is let go),
+            or "explicit_euler" (equation 6; stable for tiny steps only). "bdf2" is of second order for
+            tendons on free rigid bodies too; those on articulated and on held bodies take implicit Euler. It
+            takes a step in three parts where a segment is about to turn in it by more than an angle of sine
+            0.6, in two where some tendon was touched in the last one, or where it is 2.4 to 4.8 times as long
+            as that.
+        iteration: "newton" solves the implicit step to the tolerance; "single" is the paper's one
+            linearisation a step (equations 8 and 9).
+        linear_solver: "banded", a direct block-banded Cholesky factorisation, or "pcg", the paper's
+            preconditioned conjugate gradients (here: block Jacobi).
+        bone_contact: "spring", temporary constraint springs (section 4.1), or "constraint": particles
+            that would enter a body which does not yield are constrained directly (Baraff and Witkin 1998).
+        tolerance: largest residual force of a converged step over the largest force at hand [-].
+        max_iterations: Newton iterations after which a step counts as not converged, counted anew
+            whenever friction limits or contacts have changed with its solution.
+        linear_tolerance: of conjugate gradients, relative residual in the preconditioned norm [-].
+        contact_stiffness: of the temporary springs [N/m], as in the paper. None: chosen for each contact
+            from its particles, with the force carried over from step to step, so that a resting contact
+            has no depth whatever its load.
+        contact_threshold: the paper's d_collision, by which the springs' rest lengths exceed touching [m];
+            less than the clearance of tendons in their bores.
+        reuse_tolerance: error allowed to a contact plane of a closed form (sphere, box, capsule, cylinder) at
+            rest that is reused instead of measured again [m]. Triangles of meshes that were near are kept and
+            measured by the core between queries, to rounding, for as long as no other one can be nearest. 0
+            queries always.
+        sleep: whether steps leave out tendons at rest (slower than 1e-5 of their radius a second, for half a
+            second) that something static holds or carries, until they or what is within reach of them moves
+            or is changed. What touches a body that yields does not sleep, nor do methods that do not iterate.
+        max_linear_solves: linear solutions that one step may take, of all its islands and substeps together.
+            The default is some eighty times what the most violent step of the scenarios takes.
+        time_budget: wall time that one step may take [s]; None: any. Once either is used up, the present
+            substep ends after a few more iterations of each island. The tendons stay where they are for the
+            rest of the step, with their velocities, and the last forces that were solved act on bodies then.
+            If that leaves anything unsolved, report.converged is False and report.over_budget True.
+        on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning,
+            and the report says converged False; the tendons stay as they were, without a force on bodies, for
+            that step. A step that ends finite above the tolerance is taken in both cases: its report says
+            converged False, with the residual.
 
-    Raises InvalidType or InvalidValue for whatever does not fit.
+    Raises:
+        InvalidType, InvalidValue: for whatever does not fit.
+
+    Example:
+        >>> import dataclasses
+        >>> world.options = bt.SolverOptions(integrator="bdf2", tolerance=1e-8)
+        >>> world.options = dataclasses.replace(world.options, time_budget=1e-3)
+        >>> world.options.integrator, world.options.time_budget
+        ('bdf2', 0.001)
     """
 
     integrator: str = "implicit_euler"
@@ -95,7 +105,16 @@ class SolverOptions:
 
     @classmethod
     def published(cls, **changes) -> "SolverOptions":
-        """The paper's own method: one linearisation, preconditioned conjugate gradients."""
+        """The paper's own method: one linearisation a step, preconditioned conjugate gradients.
+
+        Args:
+            changes: further options.
+
+        Example:
+            >>> paper = bt.SolverOptions.published(integrator="explicit_euler")
+            >>> paper.iteration, paper.linear_solver
+            ('single', 'pcg')
+        """
         return cls(**{"iteration": "single", "linear_solver": "pcg", **changes})
 
     @property

@@ -24,14 +24,21 @@ __all__ = ["Skin", "twist_free_frames"]
 
 
 class Skin:
-    """A triangle mesh that follows `tendon`: any object with `positions` (n, 3) [m] and `radius` [m].
+    """A triangle mesh that follows a tendon, for eyes and pictures; made by Skin.tube or Skin.bind.
 
-    Make one with `Skin.tube` or `Skin.bind`. All results are in the frame of the positions (world).
+    The tendon is any object with positions (n, 3) [m] and radius [m]. All results are in the frame of the
+    positions (world).
+
     The roll about the centreline: from the last evaluated pose to this one the first normal is
-    parallel-transported onto the new first tangent; then, if the centreline is bent and its bends
-    kept their form, the frames roll by the angle (< 90 degrees) that keeps the bends' direction in
-    the material. So a rigid motion of a bent centreline carries the mesh rigidly. A rotation about
-    a straight centreline is invisible, and a bend that goes over to the other side is no roll.
+    parallel-transported onto the new first tangent; then, if the centreline is bent and its bends kept their
+    form, the frames roll by the angle (< 90 degrees) that keeps the bends' direction in the material. So a
+    rigid motion of a bent centreline carries the mesh rigidly. A rotation about a straight centreline is
+    invisible, and a bend that goes over to the other side is no roll.
+
+    Example:
+        >>> skin = bt.Skin.tube(tendon, ring=12)
+        >>> skin.vertices.shape, skin.normals.shape, skin.triangles.shape
+        ((134, 3), (134, 3), (264, 3))
     """
 
     def __init__(self, tendon, segment, fraction, station, offsets, triangles):
@@ -54,9 +61,21 @@ class Skin:
     def tube(cls, tendon, ring: int = 12, layers: int | None = None, radius=None) -> "Skin":
         """A closed tube: ring * layers + 2 vertices, 2 * ring * layers triangles, facing outwards.
 
-        Layers lie evenly along the centreline's present arc length, the end layers exactly at its
-        ends; None: one at each particle. `radius` [m]: a number or one per layer, None: the
-        tendon's. Vertices: layer by layer, then the centre of the first and of the last layer.
+        Layers lie evenly along the centreline's present arc length, the end layers exactly at its ends.
+        Vertices: layer by layer, then the centre of the first and of the last layer.
+
+        Args:
+            tendon: with positions and radius.
+            ring: vertices around it, >= 3.
+            layers: along it, >= 2; None: one at each particle.
+            radius: [m], a number or one per layer; None: the tendon's.
+
+        Raises:
+            InvalidType, InvalidValue: naming the argument.
+
+        Example:
+            >>> len(bt.Skin.tube(tendon, ring=6, layers=4).vertices)
+            26
         """
         ring = checks.integer("ring", ring, at_least=3)
         points = _positions(tendon)
@@ -75,10 +94,24 @@ class Skin:
 
     @classmethod
     def bind(cls, tendon, vertices, triangles) -> "Skin":
-        """A mesh of the user's: vertices (V, 3) [m] around the tendon as it lies now, triangles (T, 3).
+        """A mesh of the user's around the tendon as it lies now.
 
-        Each vertex follows its nearest point on the centreline. Triangles keep their order: the
-        normals point outwards if the triangles are counter-clockwise seen from outside.
+        Each vertex follows its nearest point on the centreline. Triangles keep their order: the normals point
+        outwards if the triangles are counter-clockwise seen from outside.
+
+        Args:
+            tendon: with positions and radius.
+            vertices: (V, 3) [m], world frame.
+            triangles: (T, 3) vertex indices.
+
+        Raises:
+            InvalidType, InvalidValue: naming the argument.
+
+        Example:
+            >>> flap = bt.Skin.bind(tendon, [(0.01, 0, 0), (0.01, 0, -0.1), (0, 0, -0.05)], [(0, 1, 2)])
+            >>> tendon.set_positions(tendon.positions + (0, 0.02, 0))
+            >>> flap.vertices.round(3).tolist()
+            [[0.01, 0.02, 0.0], [0.01, 0.02, -0.1], [0.0, 0.02, -0.05]]
         """
         vertices = checks.array("vertices", vertices, (None, 3))
         triangles = _checked_triangles(triangles, len(vertices))

@@ -11,6 +11,7 @@ with or without a digest that fits; its core's bytes are checked by the core.
 import dataclasses
 import hashlib
 import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -336,6 +337,10 @@ def _read(source) -> dict[str, np.ndarray]:
             raw = Path(shown).read_bytes()
         except (OSError, ValueError) as problem:
             raise SnapshotError("source", shown, f"a file that can be read ({problem})") from None
+    if not zipfile.is_zipfile(
+        io.BytesIO(raw)
+    ):  # numpy would take it for a pickle, and recommend to load that
+        raise SnapshotError("source", shown, "a snapshot, a numpy npz file")
     try:
         with np.load(io.BytesIO(raw), allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}

@@ -45,23 +45,34 @@ def sweep(
 ) -> list:
     """[function(case, rng) for case in cases], in the order of the cases, on any executor.
 
-    function: gets the case and a numpy Generator of its own. Its seed is that of
-        SeedSequence(seed).spawn(number of cases)[index], so that results depend neither on the executor nor
-        on the number of workers. Where processes are used, function, cases and results have to be picklable.
-    cases: any iterable; it is read once, before the first case runs.
-    executor: None: this thread. A number: that many processes, started anew (spawn) and ended afterwards. Any
-        concurrent.futures.Executor: it stays open. A callable that is used as map(function, iterable), in any
-        order: multiprocessing's or Ray's pool.imap_unordered, for example.
-    seed: of all cases, an integer >= 0.
-    progress: whether a bar is shown on stderr, where tqdm is installed.
-    file: a path. Every finished case is written to it at once, as a line of JSON with its index, case and
-        result. If the file is there, the cases that it has are taken from it and not run again. Cases may be
-        added at the end. Cases and results have to be what JSON can hold, or numpy arrays and numbers; the
-        results returned are as JSON gives them back: lists in place of tuples and arrays.
+    Args:
+        function: gets the case and a numpy Generator of its own. Its seed is that of
+            SeedSequence(seed).spawn(number of cases)[index], so that results depend neither on the executor
+            nor on the number of workers. Where processes are used, function, cases and results have to be
+            picklable.
+        cases: any iterable; it is read once, before the first case runs.
+        executor: None: this thread. A number: that many processes, started anew (spawn) and ended afterwards.
+            Any concurrent.futures.Executor: it stays open. A callable that is used as map(function,
+            iterable), in any order: multiprocessing's or Ray's pool.imap_unordered, for example.
+        seed: of all cases, an integer >= 0.
+        progress: whether a bar is shown on stderr, where tqdm is installed.
+        file: a path. Every finished case is written to it at once, as a line of JSON with its index, case and
+            result. If the file is there, the cases that it has are taken from it and not run again. Cases may
+            be added at the end. Cases and results have to be what JSON can hold, or numpy arrays and numbers;
+            the results returned are as JSON gives them back: lists in place of tuples and arrays.
 
-    Raises CaseFailed where function, or the executor, raised for a case: no further case is begun, those that
-    run are finished and written. InvalidType or InvalidValue for bad arguments, for a file of another sweep,
-    and, with a file, for cases and results that JSON cannot hold.
+    Returns:
+        The results.
+
+    Raises:
+        CaseFailed: where function, or the executor, raised for a case. No further case is begun, those that
+            run are finished and written.
+        InvalidType, InvalidValue: for bad arguments, for a file of another sweep, and, with a file, for cases
+            and results that JSON cannot hold.
+
+    Example:
+        >>> bt.sweep(lambda case, rng: case**2, [1, 2, 3], progress=False)
+        [1, 4, 9]
     """
     if not callable(function):
         raise InvalidType("function", function, "a callable")

@@ -22,8 +22,14 @@ _SHORTEST, _LONGEST = 0.1, 4.0
 class Tendon(NotCopied):
     """A tendon in a world; made by TendonWorld.add_tendon.
 
-    Its particles are numbered 0 ... n-1, its segments 0 ... n-2. Read-outs are new arrays, computed
-    when asked for.
+    Its particles are numbered 0 ... n-1, its segments 0 ... n-2. Read-outs are new arrays, computed when
+    asked for.
+
+    Example:
+        >>> tendon.particles, tendon.name
+        (11, 'tendon1')
+        >>> print(f"{1e3 * tendon.masses.sum():.2f} g")
+        1.41 g
     """
 
     def __init__(
@@ -54,6 +60,7 @@ class Tendon(NotCopied):
 
     @property
     def name(self) -> str:
+        """Its name, different from those of the world's other tendons."""
         return self._name
 
     @property
@@ -63,10 +70,12 @@ class Tendon(NotCopied):
 
     @property
     def material(self) -> Material:
+        """What it is made of."""
         return self._material
 
     @property
     def particles(self) -> int:
+        """Number n of its particles."""
         return len(self._first_rest) + 1
 
     @property
@@ -76,10 +85,9 @@ class Tendon(NotCopied):
 
     @property
     def velocities(self) -> np.ndarray:
-        """(n, 3) particles [m/s], world frame.
+        """(n, 3) particles [m/s], world frame, at the end of the last step.
 
-        Those at the end of the last step. With "bdf2", of tendons on free bodies: means over the last step,
-        as pybullet's are.
+        With "bdf2", of tendons on free bodies: means over the last step, as pybullet's are.
         """
         return self._core.velocities(self._alive())
 
@@ -134,7 +142,15 @@ class Tendon(NotCopied):
         self._core.set_collides(self._slot, collides)
 
     def collides_with(self, bodyUniqueId: int, linkIndex: int = -1) -> bool:
-        """Whether it can make contacts with a link (see TendonWorld.set_collision). Raises UnknownId."""
+        """Whether it can make contacts with a link (see TendonWorld.set_collision).
+
+        Raises:
+            UnknownId: for what is no link.
+
+        Example:
+            >>> tendon.collides_with(ball)
+            True
+        """
         self._in_use()
         slot = self._bodies.find_slot(bodyUniqueId, linkIndex)
         return self.collides if slot is None else self._core.link_collides(self._alive(), slot)
@@ -147,10 +163,23 @@ class Tendon(NotCopied):
     def attach(
         self, particle: int, bodyUniqueId: int, linkIndex: int = -1, position: ArrayLike | None = None
     ) -> Attachment:
-        """Tie a particle (negative: from the end) to a point of a link.
+        """Tie a particle to a point of a link.
 
-        position: (3,) in the link's URDF frame [m]; None: where the particle is now. A particle
-        can be held once. Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        Args:
+            particle: its index, negative from the end. A particle can be held once.
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base.
+            position: (3,) in the link's URDF frame [m]; None: where the particle is now.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> knot = tendon.attach(-1, ball, position=(0, 0, 0.01))
+            >>> hand = tendon.grip(0)
+            >>> world.step(480)
+            >>> print(f"{knot.force[2]:.3f} N")
+            0.981 N
         """
         index = self._free_particle(particle)
         bodies = self._bodies
@@ -176,13 +205,27 @@ class Tendon(NotCopied):
         direction: ArrayLike | None = None,
         max_force: float | None = None,
     ) -> Grip:
-        """Hold a particle (negative: from the end) at `target`, which can then be moved step by step.
+        """Hold a particle at a target, which can then be moved step by step.
 
-        target: (3,) world [m]; None: where the particle is. stiffness [N/m], damping [N s/m]: of a
-        soft grip; None: rigid. direction: (3,) tangent in which an end with bending stiffness is clamped,
-        in the order of the particles; None: it is free to turn. max_force [N]: the grip slips beyond it (see
-        Grip); None: no limit. A particle can be held once. Raises InvalidType or InvalidValue; then nothing
-        has changed.
+        Args:
+            particle: its index, negative from the end. A particle can be held once.
+            target: (3,) [m], world frame; None: where the particle is.
+            stiffness: of a soft grip [N/m]; None: rigid.
+            damping: of a soft grip [N s/m].
+            direction: (3,) tangent in which an end with bending stiffness is clamped, in the order of the
+                particles; None: it is free to turn.
+            max_force: the grip slips beyond it [N] (see Grip); None: no limit.
+
+        Raises:
+            InvalidType, InvalidValue: then nothing has changed.
+
+        Example:
+            >>> hand = tendon.grip(0)
+            >>> world.step()
+            >>> hand.target = (0, 0, 0.01)
+            >>> world.step()
+            >>> tendon.positions[0].round(3).tolist()
+            [0.0, 0.0, 0.01]
         """
         index = self._free_particle(particle)
         where = self.positions[index] if target is None else checks.vector("target", target)
@@ -200,34 +243,74 @@ class Tendon(NotCopied):
         return anchor
 
     def is_attached_to(self, bodyUniqueId: int) -> bool:
-        """Whether a particle is attached to any link of the body."""
+        """Whether a particle is attached to any link of the body.
+
+        Example:
+            >>> knot = tendon.attach(-1, ball)
+            >>> tendon.is_attached_to(ball)
+            True
+        """
         attachments = [a for a in self._anchors.values() if isinstance(a, Attachment)]
         return any(a.bodyUniqueId == bodyUniqueId for a in attachments)
 
     def set_force(self, particle: int, force: ArrayLike) -> None:
-        """A constant external force (3,) [N] on a particle, world frame, until it is set again.
+        """A constant external force on a particle, until it is set again.
 
-        Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        Args:
+            particle: its index, negative from the end.
+            force: (3,) [N], world frame.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> hand = tendon.grip(0)
+            >>> tendon.set_force(-1, (0, 0, -5))
+            >>> world.relax()
+            >>> print(f"{tendon.tension[-1]:.2f} N")
+            5.00 N
         """
         index = self._particle(particle)
         self._core.set_force(self._in_use(), index, checks.vector("force", force))
 
     def set_point_mass(self, particle: int, mass: float) -> None:
-        """A weight [kg] on a particle (negative: from the end) beside the tendon's own mass: a bob, a needle.
+        """A weight on a particle beside the tendon's own mass: a bob, a needle.
 
-        It has no size and does not collide; it stays, whatever is reeled in, until it is set again (0: none).
-        Raises InvalidType or InvalidValue; then nothing has changed.
+        It has no size and does not collide. It stays, whatever is reeled in, until it is set again.
+
+        Args:
+            particle: its index, negative from the end.
+            mass: [kg], >= 0.
+
+        Raises:
+            InvalidType, InvalidValue: then nothing has changed.
+
+        Example:
+            >>> tendon.set_point_mass(-1, 0.5)
+            >>> print(f"{tendon.masses[-1]:.3f} kg")
+            0.500 kg
         """
         index = self._particle(particle)
         self._core.set_point_mass(self._in_use(), index, checks.number("mass", mass, at_least=0))
 
     def set_positions(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> None:
-        """Put the particles elsewhere: (n, 3) [m] and (n, 3) [m/s] (None: at rest), world frame.
+        """Put the particles elsewhere.
 
         Rest lengths stay; its contacts and the history of its steps are forgotten. Neighbours at one place
-        are spread by a millionth of their rest length, because springs need a direction. Raises
-        InvalidType, InvalidValue (also for places in a bore that is not wider than it is) or UnknownId; then
-        nothing has changed.
+        are spread by a millionth of their rest length, because springs need a direction.
+
+        Args:
+            positions: (n, 3) [m], world frame.
+            velocities: (n, 3) [m/s], world frame; None: at rest.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: also for places in a bore that is not wider than it is. Then
+                nothing has changed.
+
+        Example:
+            >>> tendon.set_positions(tendon.positions + (0.05, 0, 0))
+            >>> tendon.positions[0].tolist()
+            [0.05, 0.0, 0.0]
         """
         shape = (self.particles, 3)
         x = checks.array("positions", positions, shape)
@@ -239,12 +322,23 @@ class Tendon(NotCopied):
         self._placement.new.add(self._slot)
 
     def shorten(self, length: float, end: int = 1) -> None:
-        """Reel in `length` [m] of rest length at one end (0: the first particle's, 1: the last's).
+        """Reel in rest length at one end; a negative length pays out.
 
-        Negative pays out. The end segment shrinks to a tenth of its first rest length, then the one
-        beside it, and so on; paying out goes the same way back, and then lengthens the end segment up
-        to four times its first rest length. Mass and spring constants follow. Raises InvalidValue,
-        and changes nothing, where no more can be reeled in or paid out.
+        The end segment shrinks to a tenth of its first rest length, then the one beside it, and so on. Paying
+        out goes the same way back, and then lengthens the end segment up to four times its first rest length.
+        Mass and spring constants follow.
+
+        Args:
+            length: [m].
+            end: 0, the first particle's, or 1, the last's.
+
+        Raises:
+            InvalidValue: where no more can be reeled in or paid out. Then nothing has changed.
+
+        Example:
+            >>> tendon.shorten(0.02)
+            >>> print(f"{tendon.rest_length:.3f} m")
+            0.080 m
         """
         amount = checks.number("length", length)
         checks.choice("end", end, (0, 1))

@@ -18,8 +18,13 @@ from .shapes import Shape
 class Tunnel(NotCopied):
     """A cylindrical bore in a link, made by TendonWorld.add_tunnel.
 
-    start, end: (3,) ends of its axis, as given, in the link's frame [m]; radius [m]; friction: coefficient
-    of its wall [-]; chamfer: radius by which its mouths' edges are rounded [m], 0 for sharp edges.
+    start, end: (3,) ends of its axis, as given, in the link's frame [m]; radius [m]; friction: coefficient of
+    its wall [-]; chamfer: radius by which its mouths' edges are rounded [m], 0 for sharp edges.
+
+    Example:
+        >>> eyelet = world.add_tunnel(ball, -1, (0, 0, -0.01), (0, 0, 0.01), radius=0.003)
+        >>> eyelet.bodyUniqueId, eyelet.radius, eyelet.start.tolist(), eyelet.chamfer
+        (0, 0.003, [0.0, 0.0, -0.01], 0.0)
     """
 
     bodyUniqueId: int

@@ -34,16 +34,28 @@ from .tunnels import Tunnel
 class TendonWorld(NotCopied):
     """The tendons of one pybullet client.
 
-    physicsClientId: a connected client's number, or a BulletClient. options: SolverOptions.
-    Gravity and the time step are pybullet's own, read at every step. Raises UnknownId or InvalidType.
-    Once the client is disconnected, what steps or changes the world and its tendons, or has to ask pybullet,
-    raises UnknownId. What is known can still be read, saved and removed. Worlds and their handles cannot
-    be copied or pickled (CannotCopy): see snapshot.
+    Gravity and the time step are pybullet's own, read at every step. Once the client is disconnected, what
+    steps or changes the world and its tendons, or has to ask pybullet, raises UnknownId. What is known can
+    still be read, saved and removed. Worlds and their handles cannot be copied or pickled (CannotCopy): see
+    snapshot.
 
     Threads: worlds share nothing that changes, so different threads can use different worlds at the same
     time, each with a pybullet client of its own. One world is used by one thread at a time: a script that
     reads or changes a world while another thread steps it has to take turns, by a lock of its own. The core
     lets other Python threads run while it solves.
+
+    Args:
+        physicsClientId: a connected client's number, or a BulletClient.
+        options: of the solver; None: the defaults.
+
+    Raises:
+        UnknownId: where no such client is connected.
+        InvalidType: for what is neither a number nor a client, or no SolverOptions.
+
+    Example:
+        >>> fast = bt.TendonWorld(options=bt.SolverOptions(integrator="bdf2"))
+        >>> fast.physicsClientId, fast.tendons
+        (0, ())
     """
 
     def __init__(self, physicsClientId: int = 0, options: SolverOptions | None = None):
@@ -98,20 +110,39 @@ class TendonWorld(NotCopied):
         rest_length: float | None = None,
         collides: bool = True,
     ) -> Tendon:
-        """A tendon along the polyline points (m, 3) [m], world frame, at rest.
+        """A tendon along a polyline, at rest.
 
-        radius [m]; particles: resampled to that many, evenly by arc length (None: the points
-        themselves). rest_length [m]: length of its centreline without load, spread over the segments in
-        proportion to their lengths; the tendon starts where it is, under the tension that follows. None: it
-        starts without load. collides: whether it makes contacts (see Tendon.collides).
+        Args:
+            points: (m, 3) the polyline [m], world frame.
+            radius: of its cross-section [m], > 0.
+            material: its law, density and friction.
+            particles: resampled to that many, evenly by arc length; None: the points themselves.
+            name: different from those of the world's other tendons; None: one is made up.
+            inside: what to do about a centreline that begins inside an obstacle, bores excepted. "allow" it,
+                as for an insertion in a bone; "push_out" what is inside, the near way, until it clears the
+                surface by about the radius; or "error". The last two raise InvalidValue where anything is
+                (left) inside: see penetrations. The next step gives an InsideWarning for each link that it is
+                inside of then, and not attached to there.
+            rest_length: length of its centreline without load [m], spread over the segments in proportion to
+                their lengths. The tendon starts where it is, under the tension that follows. None: it starts
+                without load.
+            collides: whether it makes contacts (see Tendon.collides). Clearance in bores, and what is inside,
+                is looked at only where it does.
 
-        inside: what to do about a centreline that begins inside an obstacle, bores excepted: "allow" it, as
-        for an insertion in a bone; "push_out" what is inside, the near way, until it clears the surface by
-        about the radius; or "error". The last two raise InvalidValue where anything is (left) inside; see
-        penetrations. The next step gives an InsideWarning for each link that it is inside of then, and not
-        attached to there. All this, and clearance in bores, is looked at only for a tendon that collides.
-        Raises InvalidType or InvalidValue, also where it lies in a bore that is not wider than it is; then
-        nothing has changed.
+        Returns:
+            The tendon's handle.
+
+        Raises:
+            InvalidType, InvalidValue: for what is out of range, also where it lies in a bore that is not
+                wider than it is. Then nothing has changed.
+
+        Example:
+            >>> rope = world.add_tendon([(0, 0, 0), (0.1, 0, 0)], 0.002, material, particles=11, name="rope")
+            >>> rope.positions.shape, rope.tension.shape
+            ((11, 3), (10,))
+            >>> world.add_tendon([(0, 0, 0), (0.1, 0, 0)], -0.002, material)
+            Traceback (most recent call last):
+            bullet_tendon.errors.InvalidValue: radius = -0.002: must be a finite number > 0
         """
         self._bodies.require_client()
         line = particle_positions(points, particles)
@@ -145,7 +176,16 @@ class TendonWorld(NotCopied):
         return tendon
 
     def remove_tendon(self, tendon: Tendon) -> None:
-        """Take a tendon out; its handles can no longer be used. Raises InvalidType or UnknownId."""
+        """Take a tendon out; its handles can no longer be used.
+
+        Raises:
+            InvalidType, UnknownId: where it is not one of this world's tendons.
+
+        Example:
+            >>> world.remove_tendon(tendon)
+            >>> tendon.removed, world.tendons
+            (True, ())
+        """
         slot = self._slot_of("tendon", tendon, Tendon, self._tendons)
         _ = self._stepper.report  # which may name it
         del self._tendons[slot]
@@ -161,24 +201,46 @@ class TendonWorld(NotCopied):
         convex: bool | None = None,
         meshes: Sequence = (),
     ) -> None:
-        """Let tendons collide with a link (None: every link with a collision shape; -1: the base).
+        """Let tendons collide with a link. Adding a link again replaces what was added.
 
-        friction: coefficient, multiplied with the tendon's; None: the body's lateralFriction.
-        convex: whether meshes are convex hulls (True) or the triangles as they are (False); None:
-        as pybullet holds them. meshes: for triangles that pybullet does not give back (those of
-        createCollisionShape), in order: paths, or (vertices (v, 3) [m], triangles (t, 3)) in the
-        shape's frame. They must be as large as pybullet's, and where pybullet has them: a meshScale of
-        createCollisionShape is not told by pybullet, so vertices have to be given that are scaled by it.
-        Adding a link again replaces what was added. Raises InvalidType, InvalidValue or UnknownId; then
-        nothing has changed.
+        Args:
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base; None: every link with a collision shape.
+            friction: coefficient, multiplied with the tendon's; None: the body's lateralFriction.
+            convex: whether meshes are convex hulls (True) or the triangles as they are (False); None: as
+                pybullet holds them.
+            meshes: for triangles that pybullet does not give back (those of createCollisionShape), in order:
+                paths, or (vertices (v, 3) [m], triangles (t, 3)) in the shape's frame. They must be as large
+                as pybullet's, and where pybullet has them: a meshScale of createCollisionShape is not told by
+                pybullet, so vertices have to be given that are scaled by it.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> world.add_obstacle(ball, friction=1.0)
+            >>> tendon.collides_with(ball)
+            True
         """
         self._obstacles.add(bodyUniqueId, linkIndex, friction, convex, meshes)
         self._placement.changed_obstacles(int(bodyUniqueId))
 
     def remove_obstacle(self, bodyUniqueId: int, linkIndex: int | None = None) -> None:
-        """Let tendons no longer collide with a link (None: all links of the body).
+        """Let tendons no longer collide with a link.
 
-        Raises InvalidType, InvalidValue or UnknownId; then nothing has changed.
+        Args:
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base; None: all links of the body.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> world.add_obstacle(ball)
+            >>> world.remove_obstacle(ball)
+            >>> world.remove_obstacle(ball)
+            Traceback (most recent call last):
+            bullet_tendon.errors.UnknownId: bodyUniqueId = 0: must be a body that was added as an obstacle
         """
         self._obstacles.remove(bodyUniqueId, linkIndex)
         self._placement.find_mouths(int(bodyUniqueId))
@@ -186,11 +248,24 @@ class TendonWorld(NotCopied):
     def set_collision(self, a: Tendon, b: Tendon | int | tuple[int, int], enabled: bool) -> None:
         """Whether a tendon makes contacts with another one, with itself (b is a), or with a body.
 
-        b: a Tendon; a bodyUniqueId: all its links that are obstacles or have tunnels now; or
-        (bodyUniqueId, linkIndex). Of a link, its shapes and its tunnels are meant. A tendon that does not
-        collide at all (Tendon.collides) makes none either way. The choice is part of the saved state. Raises
-        InvalidType, or UnknownId where a tendon was removed, a body or link does not exist, or is no obstacle
-        and has no tunnel; then nothing has changed.
+        Of a link, its shapes and its tunnels are meant. A tendon that does not collide at all
+        (Tendon.collides) makes none either way. The choice is part of the saved state.
+
+        Args:
+            a: the tendon.
+            b: a Tendon; a bodyUniqueId: all its links that are obstacles or have tunnels now; or
+                (bodyUniqueId, linkIndex).
+            enabled: whether they collide.
+
+        Raises:
+            InvalidType, UnknownId: where a tendon was removed, a body or link does not exist, or is no
+                obstacle and has no tunnel. Then nothing has changed.
+
+        Example:
+            >>> world.add_obstacle(ball)
+            >>> world.set_collision(tendon, ball, False)
+            >>> tendon.collides_with(ball)
+            False
         """
         one = self._slot_of("a", a, Tendon, self._tendons)
         enabled = checks.flag("enabled", enabled)
@@ -212,14 +287,28 @@ class TendonWorld(NotCopied):
         chamfer: float = 0.0,
         name: str | None = None,
     ) -> Tunnel:
-        """A bore in a link, from start to end ((3,) each, in the link's URDF frame [m]).
+        """A bore in a link, from start to end.
 
-        radius [m]; friction: coefficient of its wall, multiplied with the tendon's (None: the body's
-        lateralFriction); chamfer: radius by which the mouths' edges are rounded [m]. The bone around it, if
-        it is an obstacle, is not there within the bore. A mouth is where the bore meets the bone's surface,
-        at whatever slope, if that is within two radii of the end given; otherwise it is a circle across the
-        axis at that end. A bore has to be wider than the tendons that lie in it. Raises InvalidType,
-        InvalidValue or UnknownId; then nothing has changed.
+        The bone around it, if it is an obstacle, is not there within the bore. A mouth is where the bore
+        meets the bone's surface, at whatever slope, if that is within two radii of the end given. Otherwise
+        it is a circle across the axis at that end.
+
+        Args:
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base.
+            start, end: (3,) ends of its axis [m], in the link's URDF frame.
+            radius: [m], > 0. A bore has to be wider than the tendons that lie in it.
+            friction: coefficient of its wall, multiplied with the tendon's; None: the body's lateralFriction.
+            chamfer: radius by which the mouths' edges are rounded [m]; 0: sharp.
+            name: of the bore; None: one is made up.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> eyelet = world.add_tunnel(ball, -1, (0, 0, -0.01), (0, 0, 0.01), radius=0.003, name="eyelet")
+            >>> eyelet.ends.round(3).tolist()
+            [[0.0, 0.0, -0.12], [0.0, 0.0, -0.1]]
         """
         self._bodies.require(bodyUniqueId, linkIndex)
         start, end = checks.vector("start", start), checks.vector("end", end)
@@ -240,16 +329,39 @@ class TendonWorld(NotCopied):
         return tunnel
 
     def remove_tunnel(self, tunnel: Tunnel) -> None:
-        """Fill a bore up again. Raises InvalidType or UnknownId."""
+        """Fill a bore up again.
+
+        Raises:
+            InvalidType, UnknownId: where it is not one of this world's tunnels.
+
+        Example:
+            >>> eyelet = world.add_tunnel(ball, -1, (0, 0, -0.01), (0, 0, 0.01), radius=0.003)
+            >>> world.remove_tunnel(eyelet)
+            >>> world.tunnels
+            ()
+        """
         slot = self._slot_of("tunnel", tunnel, Tunnel, self._tunnels)
         del self._tunnels[slot]
         self._core.remove_tunnel(slot)
 
     def load_urdf(self, path: str | PathLike, *args, obstacles: bool = True, **kwargs) -> int:
-        """p.loadURDF(path, *args, **kwargs), and the file's <tunnel> and <tendon> elements.
+        """``p.loadURDF(path, *args, **kwargs)``, and the file's <tunnel> and <tendon> elements.
 
-        obstacles: whether every link with a collision shape becomes an obstacle. Returns the body's
-        id. Raises UrdfError, naming file, element and attribute, before anything is loaded.
+        Args:
+            path: of the file.
+            obstacles: whether every link with a collision shape becomes an obstacle.
+
+        Returns:
+            The body's id.
+
+        Raises:
+            UrdfError: naming file, element and attribute, before anything is loaded.
+
+        Example:
+            >>> path, flags = bt.data_path("tendon_finger.urdf"), p.URDF_USE_INERTIA_FROM_FILE
+            >>> finger = world.load_urdf(path, useFixedBase=True, flags=flags)
+            >>> [tendon.name for tendon in world.tendons[1:]], len(world.tunnels)
+            (['flexor', 'extensor'], 8)
         """
         self._bodies.require_client()
         return load_urdf(self, path, args, kwargs, checks.flag("obstacles", obstacles))
@@ -257,18 +369,37 @@ class TendonWorld(NotCopied):
     def step(self, n: int = 1) -> None:
         """n times: tendons, their reactions on the bodies, p.stepSimulation().
 
-        Five rooms: sense (poses and inertia of touched links), near (distances that could matter),
-        solve (the implicit step), react (wrenches), bullet (pybullet's own step). Raises what apply raises.
+        Five rooms: sense (poses and inertia of touched links), near (distances that could matter), solve (the
+        implicit step), react (wrenches), bullet (pybullet's own step).
+
+        Args:
+            n: how many steps, >= 1.
+
+        Raises:
+            StepFailed, UnknownId, InvalidValue: as apply does.
+
+        Example:
+            >>> hand = tendon.grip(0)
+            >>> world.step(240)
+            >>> world.report.converged
+            True
         """
         for _ in range(checks.integer("n", n, at_least=1)):
             self._stepper.step()
 
     def apply(self) -> None:
-        """step without p.stepSimulation, for a script that owns its loop: call it just before.
+        """A step without p.stepSimulation, for a script that owns its loop: call it just before.
 
-        Raises StepFailed, with the tendons as they were, where the step has no finite solution (see
-        SolverOptions.on_failure); UnknownId where the client was disconnected, or a body removed that
-        something here refers to; InvalidValue where pybullet's time step, gravity or a body is not finite.
+        Raises:
+            StepFailed: where the step has no finite solution (see SolverOptions.on_failure), with the tendons
+                as they were.
+            UnknownId: where the client was disconnected, or a body removed that something here refers to.
+            InvalidValue: where pybullet's time step, gravity or a body is not finite.
+
+        Example:
+            >>> for _ in range(10):
+            ...     world.apply()
+            ...     _ = p.stepSimulation()
         """
         self._stepper.apply()
 
@@ -277,11 +408,28 @@ class TendonWorld(NotCopied):
     ) -> None:
         """p.applyExternalForce, of which the tendons know before they are stepped.
 
-        Acts on a link (-1: the base) during the next step. forceObj (3,) [N] at posObj (3,) [m]; flags:
-        p.WORLD_FRAME, or p.LINK_FRAME for both in the link's inertial frame, as pybullet takes it. A force
-        that is given to pybullet alone is seen only by what it has done: where it pulls at a tendon, the
-        step is then solved again, and a light body can be far away by then. Raises InvalidType, InvalidValue
-        or UnknownId; then nothing has changed.
+        A force that is given to pybullet alone is seen only by what it has done. Where it pulls at a tendon,
+        the step is then solved again, and a light body can be far away by then.
+
+        Args:
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base.
+            forceObj: (3,) force during the next step [N].
+            posObj: (3,) the point that it acts at [m].
+            flags: p.WORLD_FRAME; or p.LINK_FRAME, for both in the link's inertial frame, as pybullet takes
+                it.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> hand, knot = tendon.grip(0), tendon.attach(-1, ball)
+            >>> for _ in range(480):
+            ...     centre, _ = p.getBasePositionAndOrientation(ball)
+            ...     world.apply_external_force(ball, -1, (0, 0, -20), centre, p.WORLD_FRAME)
+            ...     world.step()
+            >>> print(f"{knot.force[2]:.2f} N")  # 20 N and the weight of 0.1 kg
+            20.98 N
         """
         force, point = checks.vector("forceObj", forceObj), checks.vector("posObj", posObj)
         self._bodies.require(bodyUniqueId, linkIndex)
@@ -293,12 +441,26 @@ class TendonWorld(NotCopied):
     def relax(self, tolerance: float = 1e-6, max_steps: int = 1000) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
 
-        tolerance: largest residual force over the largest force at hand [-]. Velocities are zero
-        afterwards, pybullet is not stepped, nothing acts on bodies. The report tells iterations, residual
-        and whether it converged within max_steps solutions. A tendon that can touch nothing is solved
-        for at once, from however far away; with obstacles, tunnels or other tendons the way there is
-        followed, so that nothing is passed through. Where nothing holds a tendon, all are put back and
-        the report says that it did not converge. Raises InvalidType, InvalidValue or StepFailed.
+        Velocities are zero afterwards, pybullet is not stepped, nothing acts on bodies. The report tells
+        iterations, residual and whether it converged. A tendon that can touch nothing is solved for at once,
+        from however far away. With obstacles, tunnels or other tendons the way there is followed, so that
+        nothing is passed through. Where nothing holds a tendon, all are put back and the report says that it
+        did not converge.
+
+        Args:
+            tolerance: largest residual force over the largest force at hand [-].
+            max_steps: the most solutions.
+
+        Raises:
+            InvalidType, InvalidValue: for arguments out of range.
+            StepFailed: where there is no finite solution.
+
+        Example:
+            >>> hand = tendon.grip(0)
+            >>> tendon.set_point_mass(-1, 1.0)
+            >>> world.relax()
+            >>> print(f"{tendon.tension[-1]:.3f} N, {1e3 * (tendon.length - tendon.rest_length):.3f} mm")
+            9.811 N, 0.098 mm
         """
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
@@ -315,79 +477,164 @@ class TendonWorld(NotCopied):
     def contacts(self) -> np.ndarray:
         """Structured array of the last step's contacts (fields: reports.CONTACT), sorted by tendon.
 
-        position: (3,) on the centreline [m]; normal: (3,) from the body to the tendon; distance
-        between the surfaces [m], negative where they overlap; forces [N]. kind: "bone", "bore",
-        "mouth" or "tendon" (another tendon, or the tendon itself; bodyUniqueId is then -1).
+        position: (3,) on the centreline [m]; normal: (3,) from the body to the tendon; distance between the
+        surfaces [m], negative where they overlap; forces [N]. kind: "bone", "bore", "mouth" or "tendon"
+        (another tendon, or the tendon itself; bodyUniqueId is then -1).
         """
         return self._readouts.contacts()
 
     def wrench(self, bodyUniqueId: int, linkIndex: int = -1) -> np.ndarray:
-        """(6,) force [N] and torque about the centre of mass [N m] of all tendons on a link.
+        """Force and torque of all tendons on a link, in the last step.
 
-        World frame, of the last step; zero for links that no tendon can touch. Static links too.
-        On a free body that turns by a tenth of a radian or more within the step, or would be swung by half
-        of one, arms are those that it turns to.
+        On a free body that turns by a tenth of a radian or more within the step, or would be swung by half of
+        one, arms are those that it turns to.
+
+        Args:
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base. Static links have one too.
+
+        Returns:
+            (6,) force [N] and torque about the centre of mass [N m], world frame. Zero for links that no
+            tendon can touch.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: for what is no link.
+
+        Example:
+            >>> hand, knot = tendon.grip(0), tendon.attach(-1, ball)
+            >>> world.step(480)
+            >>> print(f"{world.wrench(ball)[2]:.3f} N")
+            0.981 N
         """
         return self._readouts.wrench(bodyUniqueId, linkIndex)
 
     def penetrations(self) -> np.ndarray:
-        """Structured array of the tendons' segments that are inside an obstacle or cross its surface, now.
+        """The tendons' segments that are inside an obstacle or cross its surface, now.
 
-        Fields: reports.PENETRATION. position (3,): the deepest point of the segment's centreline [m];
-        normal (3,): the near way out; depth [m] of that point beneath the surface. Open surfaces
-        have no inside: where they are crossed, depth and normal are nan. Stretches in a bore
-        of the link are left out. Obstacles added after a tendon are seen too. No step asks for this.
-        Raises UnknownId where an obstacle's body was removed from pybullet, or the client disconnected.
+        Stretches in a bore of the link are left out. Obstacles added after a tendon are seen too. No step
+        asks for this.
+
+        Returns:
+            A structured array with the fields reports.PENETRATION. position (3,): the deepest point of the
+            segment's centreline [m]; normal (3,): the near way out; depth [m] of that point beneath the
+            surface. Open surfaces have no inside: where they are crossed, depth and normal are nan.
+
+        Raises:
+            UnknownId: where an obstacle's body was removed from pybullet, or the client disconnected.
+
+        Example:
+            >>> world.add_obstacle(ball)
+            >>> needle = world.add_tendon([(0, 0.05, -0.11), (0, -0.05, -0.11)], 0.001, material, particles=5)
+            >>> print(f"{1e3 * world.penetrations()['depth'].max():.1f} mm")
+            10.0 mm
         """
         return self._readouts.penetrations()
 
     def save_state(self) -> int:
-        """Keep all state of the tendons in memory; returns an id for restore_state and remove_state.
+        """Keep all state of the tendons in memory.
 
         Positions, velocities, the integrator's history, multipliers, friction anchors, contact planes,
         memberships of tunnels, rest lengths, forces, holds, the last step's contacts, length and gravity.
-        Not: the options, and pybullet's bodies, for which p.saveState stands beside it; that in turn does not
-        keep forces that were applied and not stepped yet, the time step, gravity, motor commands and
-        bodies added or removed since.
+        Not: the options, and pybullet's bodies, for which p.saveState stands beside it. That in turn does not
+        keep forces that were applied and not stepped yet, the time step, gravity, motor commands and bodies
+        added or removed since.
+
+        Returns:
+            An id for restore_state and remove_state.
+
+        Example:
+            >>> state, before = world.save_state(), world.state_hash()
+            >>> world.step(10)
+            >>> world.restore_state(state)
+            >>> world.state_hash() == before
+            True
         """
         return self._states.save()
 
     def restore_state(self, state: int) -> None:
         """Put the state of save_state back; it can be put back any number of times.
 
-        Together with p.restoreState the run then goes on with the same bits. Grips and attachments
-        made since are released; those released since hold again, and their handles with them.
-        Raises UnknownId, or StateMismatch where tendons, tunnels or obstacles were added, removed
-        or replaced, or bodies that they refer to removed, since; then nothing has changed.
+        Together with p.restoreState the run then goes on with the same bits. Grips and attachments made since
+        are released; those released since hold again, and their handles with them.
+
+        Raises:
+            UnknownId: for what is no saved state.
+            StateMismatch: where tendons, tunnels or obstacles were added, removed or replaced since, or
+                bodies that they refer to removed. Then nothing has changed.
+
+        Example:
+            >>> state = world.save_state()
+            >>> hand = tendon.grip(0)
+            >>> world.restore_state(state)
+            >>> hand.released
+            True
         """
         self._bodies.require_client()
         self._states.restore(state)
 
     def remove_state(self, state: int) -> None:
-        """Forget a saved state. Raises UnknownId or InvalidType."""
+        """Forget a saved state.
+
+        Raises:
+            UnknownId, InvalidType: for what is no saved state.
+
+        Example:
+            >>> world.remove_state(world.save_state())
+        """
         self._states.remove(state)
 
     def state_hash(self) -> str:
-        """A hash of the whole state, options included: equal for equal bits."""
+        """A hash of the whole state, options included: equal for equal bits.
+
+        Example:
+            >>> before = world.state_hash()
+            >>> world.step()
+            >>> world.state_hash() == before
+            False
+        """
         return self._states.hash(self._links_in_use())
 
     def snapshot(self, path: str | PathLike | None = None) -> bytes:
-        """The state (see save_state) as bytes of a numpy npz file, written to `path` unless None.
+        """The state (see save_state) as a numpy npz file.
 
-        Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it
-        for the bodies.
+        Versioned, without pickle: another version of its layout is refused. p.saveBullet stands beside it for
+        the bodies.
+
+        Args:
+            path: where it is written; None: nowhere.
+
+        Returns:
+            The file's bytes.
+
+        Example:
+            >>> state = world.snapshot()
+            >>> world.step(10)
+            >>> world.load_snapshot(state)
+            >>> float(tendon.positions[-1, 2])
+            -0.1
         """
         return self._states.snapshot(path)
 
     def load_snapshot(self, source: bytes | str | PathLike) -> None:
-        """Put back a snapshot: the bytes, or the path of its file.
+        """Put back a snapshot.
 
-        The world must have been made of the same parts in the same order, as a script does that is
-        run again: tendons (names, particles, materials, radii), tunnels and obstacles, on bodies of
-        the same ids. Holds become those of the snapshot: handles of the same tendon, particle, kind
-        and body go on, others are released, and what is missing is made (Tendon.holds). Raises
-        InvalidType, SnapshotError for what cannot be read, is of another version or contradicts itself,
-        or StateMismatch for what is of another world; then nothing has changed.
+        The world must have been made of the same parts in the same order, as a script does that is run again:
+        tendons (names, particles, materials, radii), tunnels and obstacles, on bodies of the same ids. Holds
+        become those of the snapshot: handles of the same tendon, particle, kind and body go on, others are
+        released, and what is missing is made (Tendon.holds).
+
+        Args:
+            source: the bytes, or the path of the file.
+
+        Raises:
+            InvalidType: for another source.
+            SnapshotError: for what cannot be read, is of another version or contradicts itself.
+            StateMismatch: for a snapshot of another world. Then nothing has changed.
+
+        Example:
+            >>> world.load_snapshot(b"no snapshot")
+            Traceback (most recent call last):
+            bullet_tendon.errors.SnapshotError: source = 'bytes': must be a snapshot, a numpy npz file
         """
         self._bodies.require_client()
         self._states.load_snapshot(source)
