@@ -66,7 +66,10 @@ setup(
         "bullet_tendon.scenarios.tasks",
     ],
     package_dir={"bullet_tendon.urdf": "urdf", "bullet_tendon.scenarios": "scenarios"},
-    package_data={"bullet_tendon": ["py.typed", "*.pyi"], "bullet_tendon.urdf": ["*.urdf", "meshes/*.obj"]},
+    package_data={
+        "bullet_tendon": ["py.typed", "*.pyi"],
+        "bullet_tendon.urdf": ["*.urdf", "*.csv", "meshes/*.obj"],
+    },
     ext_modules=[core],
     zip_safe=False,
 )

@@ -104,10 +104,10 @@ def to_surface(points, field, limit: float):
     return points - (step / size)[:, None] * slope
 
 
-def write_obj(path: Path, vertices, triangles, normals=None):
-    """A Wavefront file in metres, to a hundredth of a millimetre."""
-    lines = ["# made by make_bones.py: metres; x anterior, y superior, z lateral (right knee)"]
-    lines += ["v {:.5f} {:.5f} {:.5f}".format(*(v / 1e3 + 0.0)) for v in vertices]
+def write_obj(path: Path, vertices, triangles, normals=None, digits: int = 5, made_by: str = "make_bones.py"):
+    """A Wavefront file in metres, to so many digits (5: a hundredth of a millimetre)."""
+    lines = [f"# made by {made_by}: metres; x anterior, y superior, z lateral (right knee)"]
+    lines += ["v " + " ".join(f"{c / 1e3 + 0.0:.{digits}f}" for c in v) for v in vertices]
     if normals is not None:
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         lines += ["vn {:.2f} {:.2f} {:.2f}".format(*(n + 0.0)) for n in normals]

@@ -154,28 +154,40 @@ def _barycentric(p, a, b, c):
 
 @dataclasses.dataclass
 class Strands:
-    """Straight strands: insertions in both bones' frames (n, 3) [m], stiffness [N], slack lengths [m]."""
+    """Strands that are straight from a point of the femur to one of the tibia, in their frames (n, 3) [m].
+
+    stiffness [N] and slack length [m] of the whole; extra [m]: what lies along either bone, of constant
+    length.
+    """
 
     names: list[str]
     femoral: np.ndarray
     tibial: np.ndarray
     stiffness: np.ndarray
     slack: np.ndarray
+    extra: np.ndarray
 
     @classmethod
     def read(cls, path, first="femur_distal", last="tibia_proximal"):
-        """Those of the table at `path` that join these two bodies directly."""
+        """Those of the table at `path` that run from one of these bodies to the other."""
         strands: dict = {}
         with open(path, newline="") as file:
             for row in csv.DictReader(file):
                 strands.setdefault(row["strand"], []).append(row)
-        joined = {n: rows for n, rows in strands.items() if [r["body"] for r in rows] == [first, last]}
-        place = np.array([[[float(r[f"{c}_m"]) for c in "xyz"] for r in rows] for rows in joined.values()])
-        numbers = [
-            [float(rows[0][key]) for rows in joined.values()]
-            for key in ("linear_stiffness_N_per_strain", "slack_length_m")
-        ]
-        return cls(list(joined), place[:, 0], place[:, 1], *map(np.array, numbers))
+        found: list = []
+        for name, rows in strands.items():
+            bodies = [row["body"] for row in rows]
+            if set(bodies) != {first, last} or bodies != sorted(bodies, key=[first, last].index):
+                continue
+            points = np.array([[float(row[f"{c}_m"]) for c in "xyz"] for row in rows])
+            parts = np.linalg.norm(np.diff(points, axis=0), axis=1)
+            across = bodies.index(last)
+            numbers = [float(rows[0][c]) for c in ("linear_stiffness_N_per_strain", "slack_length_m")]
+            found.append(
+                (name, points[across - 1], points[across], *numbers, np.delete(parts, across - 1).sum())
+            )
+        names, *columns = zip(*found, strict=True)
+        return cls(list(names), *map(np.array, columns))
 
     @property
     def groups(self) -> list[str]:
@@ -186,7 +198,8 @@ class Strands:
         """Those whose names begin with none of the prefixes."""
         kept = np.array([not name.startswith(prefixes) for name in self.names])
         names = [name for name, keep in zip(self.names, kept, strict=True) if keep]
-        return Strands(names, *(a[kept] for a in (self.femoral, self.tibial, self.stiffness, self.slack)))
+        columns = self.femoral, self.tibial, self.stiffness, self.slack, self.extra
+        return Strands(names, *(column[kept] for column in columns))
 
 
 def law(strain, stiffness):
@@ -267,7 +280,7 @@ class Knee:
 
     def tensions(self, pose) -> np.ndarray:
         """(n,) [N] of the strands."""
-        lengths = np.linalg.norm(self._strand_vectors(pose), axis=1)
+        lengths = np.linalg.norm(self._strand_vectors(pose), axis=1) + self.strands.extra
         return law(lengths / self.strands.slack - 1, self.strands.stiffness)
 
     def pressed(self, pose):
@@ -297,7 +310,7 @@ class Knee:
     def energy(self, pose) -> float:
         """[J] of strands and contact."""
         s = self.strands
-        lengths = np.linalg.norm(self._strand_vectors(pose), axis=1)
+        lengths = np.linalg.norm(self._strand_vectors(pose), axis=1) + s.extra
         which, _, depth, _ = self.pressed(pose)
         contact = self.foundation / 2 * (self.areas[which] * depth**2).sum()
         return law_energy(lengths / s.slack - 1, s.stiffness, s.slack).sum() + contact
@@ -363,5 +376,5 @@ class Knee:
         return {**sums, "cartilage": float(np.linalg.norm(push.sum(axis=0)))}
 
     def _strand_vectors(self, pose):
-        """From the femoral to the tibial insertion, in the femur's frame (n, 3)."""
+        """From the femur to the tibia, in the femur's frame (n, 3)."""
         return pose.origin + self.strands.tibial @ pose.axes.T - self.strands.femoral

@@ -44,7 +44,9 @@ def random_strands(rng, count=9):
     femoral = rng.normal(0, 0.01, (count, 3)) + (0, 0.01, 0)
     tibial = rng.normal(0, 0.01, (count, 3)) - (0, 0.03, 0)
     slack = np.linalg.norm(femoral - tibial, axis=1) * rng.uniform(0.88, 1.03, count)
-    return Strands([f"S{i}" for i in range(count)], femoral, tibial, rng.uniform(1e2, 3e3, count), slack)
+    extra = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(0, 0.02, count))
+    stiffness = rng.uniform(1e2, 3e3, count)
+    return Strands([f"S{i}" for i in range(count)], femoral, tibial, stiffness, slack + extra, extra)
 
 
 def ball_on_plate(strands, cells=50, rings=140) -> Knee:

@@ -1,0 +1,140 @@
+"""The project's own knee: its files are what the generators make, and it is as lax as published."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bullet_tendon.urdf.make_bones import BONES
+from bullet_tendon.urdf.make_ligaments import BUNDLES
+from knee_oracle import Knee, Pose, Strands, read_obj
+
+import bullet_tendon as bt
+
+URDF = Path(bt.data_path("knee.urdf")).parent
+# Anterior drawer under 90 N [mm]: mean and standard deviation of 12 knees, intact and without ACL
+# (PMC7148266).
+PUBLISHED = {
+    0: ((4.0, 1.4), (10.0, 2.9)),
+    30: ((6.0, 2.5), (12.9, 2.5)),
+    60: ((4.7, 2.4), (9.4, 2.7)),
+    90: ((3.7, 2.3), (7.7, 2.5)),
+}
+
+
+@pytest.fixture(scope="module")
+def rows():
+    with open(URDF / "knee_ligaments.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def surfaces():
+    return {bone: read_obj(URDF / "meshes" / f"{bone}_cartilage.obj") for bone in ("femur", "tibia")}
+
+
+def knee(surfaces, *cut) -> Knee:
+    strands = Strands.read(URDF / "knee_ligaments.csv", "femur", "tibia")
+    return Knee(strands.without(*cut) if cut else strands, surfaces["femur"], surfaces["tibia"])
+
+
+def edge_counts(corners):
+    """How many triangles have each edge, and how many separate patches there are."""
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    triangles = index.reshape(-1, 3)
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    patch = np.arange(len(vertices))
+    for _ in range(len(vertices)):
+        joined = np.minimum(patch[edges[:, 0]], patch[edges[:, 1]])
+        after = patch.copy()
+        np.minimum.at(after, edges.ravel(), np.repeat(joined, 2))
+        if (after == patch).all():
+            break
+        patch = after
+    return np.unique(edges, axis=0, return_counts=True)[1], len(np.unique(patch))
+
+
+@pytest.mark.parametrize("module", ["make_ligaments", "make_cartilage"])
+def test_generators_reproduce_their_files(module, tmp_path):
+    run = [sys.executable, str(URDF / f"{module}.py"), "--out", str(tmp_path)]
+    subprocess.run(run, check=True, capture_output=True, timeout=300)
+    made = sorted(tmp_path.iterdir())
+    assert len(made) == {"make_ligaments": 1, "make_cartilage": 2}[module]
+    for path in made:
+        kept = URDF / path.name if path.suffix == ".csv" else URDF / "meshes" / path.name
+        numbers = [
+            np.array([word for word in text.replace(",", " ").split() if _is_number(word)], float)
+            for text in (path.read_text(), kept.read_text())
+        ]
+        np.testing.assert_allclose(numbers[0], numbers[1], rtol=0, atol=2e-6)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def test_insertions_lie_on_the_bones(rows):
+    for row in rows:
+        point = 1e3 * np.array([[float(row[f"{c}_m"]) for c in "xyz"]])
+        bundle = BUNDLES[row["strand"].rstrip("0123456789")]
+        passes_over = bundle.over and row["point"] == "1"
+        field = BONES[row["body"]][0](point)[0]
+        assert field == pytest.approx(bundle.clear if passes_over else 0.0, abs=0.02)
+
+
+def test_strands_have_the_bundles_stiffness_and_reference_strain(rows):
+    for name, bundle in BUNDLES.items():
+        strands = {}
+        for row in rows:
+            if row["strand"].rstrip("0123456789") == name:
+                strands.setdefault(row["strand"], []).append(row)
+        assert len(strands) == bundle.strands
+        total = sum(float(points[0]["linear_stiffness_N_per_strain"]) for points in strands.values())
+        assert total == pytest.approx(bundle.stiffness, rel=1e-4)
+        for points in strands.values():
+            path = np.array([[float(row[f"{c}_m"]) for c in "xyz"] for row in points])
+            length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+            slack = float(points[0]["slack_length_m"])
+            assert length / slack - 1 == pytest.approx(bundle.strain, abs=2e-4)
+
+
+@pytest.mark.parametrize(("bone", "patches"), [("femur", 1), ("tibia", 2)])
+def test_cartilage_is_an_even_sheet_outside_its_bone(bone, patches, surfaces):
+    corners = surfaces[bone]
+    counts, found = edge_counts(corners)
+    assert counts.max() == 2
+    assert found == patches
+    depth = BONES[bone][0](1e3 * corners.mean(axis=1))
+    assert depth.min() > -0.05
+    assert depth.max() < 2.5  # the field is roughly a distance
+    assert 1.5 < depth.mean() < 2.1
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward = BONES[bone][0](
+        1e3 * (corners.mean(axis=1) + 1e-4 * across / np.linalg.norm(across, axis=1)[:, None])
+    )
+    assert (outward > depth).mean() > 0.995
+    area = np.linalg.norm(across, axis=1) / 2
+    assert area.max() < 4e-6
+
+
+@pytest.mark.parametrize(
+    "flexion", [pytest.param(a, marks=[] if a == 30 else pytest.mark.slow) for a in PUBLISHED]
+)
+def test_drawer_is_within_a_standard_deviation_of_cadavers(flexion, surfaces):
+    intact, cut = knee(surfaces), knee(surfaces, "ACL")
+    unloaded = Pose(0.0, origin=(0.0, -1.5e-3, 0.0))
+    for angle in np.radians(np.arange(0, flexion + 1, 15)):
+        start = Pose(angle, unloaded.adduction, unloaded.internal, unloaded.origin)
+        unloaded = intact.solve(start)
+    for model, (mean, deviation) in zip((intact, cut), PUBLISHED[flexion], strict=True):
+        pose = unloaded
+        for force in (10.0, 50.0, 90.0):
+            pose = model.solve(pose, force=(force, 0.0, 0.0))
+        drawer = 1e3 * (pose.translations - unloaded.translations)[1]
+        assert abs(drawer - mean) < deviation
