@@ -218,3 +218,55 @@ def test_light_links_come_to_rest_at_all_their_limits(make_world, client, tmp_pa
         places.append([s[0] for s in p.getJointStates(arm, range(len(masses)), client)])
     assert np.min(places) > -0.1 - 1e-4
     assert places[-1] == pytest.approx([-0.1] * len(masses), abs=1e-4)
+
+
+def trolley_with_wheel(client, radius, wheel_mass):
+    """A trolley on a rail along x up to +-0.1 m, and a wheel on a hinge of it about y."""
+    disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.04, physicsClientId=client)
+    body = p.createMultiBody(
+        0,
+        linkMasses=[1.0, wheel_mass],
+        linkCollisionShapeIndices=[-1, disc],
+        linkVisualShapeIndices=[-1, -1],
+        linkPositions=[(0, 0, 0)] * 2,
+        linkOrientations=[(0, 0, 0, 1), p.getQuaternionFromEuler([np.pi / 2, 0, 0])],
+        linkInertialFramePositions=[(0, 0, 0)] * 2,
+        linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2,
+        linkParentIndices=[0, 1],
+        linkJointTypes=[p.JOINT_PRISMATIC, p.JOINT_REVOLUTE],
+        linkJointAxis=[(1, 0, 0), (0, 0, 1)],
+        physicsClientId=client,
+    )
+    p.changeDynamics(body, 0, jointLowerLimit=-0.1, jointUpperLimit=0.1, physicsClientId=client)
+    p.setJointMotorControl2(body, 1, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    return body
+
+
+@pytest.mark.parametrize("mass", [0.3, 3.0])
+@pytest.mark.parametrize("wheel_mass", [0.01, 0.1])
+@pytest.mark.parametrize("dt", [1 / 480, 1 / 240])
+def test_a_motor_that_drives_a_joint_onto_its_limit_leaves_the_others_alone(
+    make_world, client, mass, wheel_mass, dt
+):
+    """A rope runs over the wheel of a trolley that drives into its end stop: the wheel follows the rope."""
+    radius, rope, speed = 0.04, 0.002, 0.3
+    world = make_world(dt, (0, 0, -9.81))
+    body = trolley_with_wheel(client, radius, wheel_mass)
+    world.add_obstacle(body, 1, friction=1.0)
+    weight = p.createMultiBody(mass, basePosition=(radius + rope, 0, -0.2), physicsClientId=client)
+    angle = np.linspace(np.pi / 2, 0, 30)[:, None]
+    arc = (radius + rope) * np.hstack([np.cos(angle), 0 * angle, np.sin(angle)])
+    line = np.vstack([[-0.4, 0, radius + rope], arc, [radius + rope, 0, -0.2]])
+    cord = bt.Material(stiffness=2e4, damping=20.0, friction=0.5)
+    tendon = world.add_tendon(line, rope, cord, 50)
+    hand = tendon.grip(0)
+    tendon.attach(-1, weight)
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, 0, speed, 200.0, physicsClientId=client)
+    for _ in range(round(0.6 / dt)):
+        hand.target = hand.target + (0.5 * speed * dt, 0, 0)
+        world.step()
+        assert world.report.converged
+        assert world.report.iterations < 500  # 8,000 where the wheel is predicted to be thrown
+        assert abs(p.getJointState(body, 1, client)[1]) < 20  # rad/s; the rope passes at 0.3 m/s, 7 rad/s
+    place, rate = p.getJointState(body, 0, client)[:2]
+    assert place == pytest.approx(0.1, abs=1e-4) and abs(rate) < 1e-6

@@ -52,6 +52,9 @@ constexpr int kPybulletSweeps = 50;
 // A stop exists if it corrected at least this share of the missing rate [-].
 constexpr double kLeastStopped = 0.5;
 
+// Response along a stop, as a share of the free one, that the observer can tell from none [-].
+constexpr double kLeastYield = 1e-3;
+
 // Rate at which joints are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off, which
 // would have no reactions.
 constexpr double kFastest = 0.99 * kMostRate;
@@ -115,12 +118,12 @@ double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
   return sum;
 }
 
-// Adds a stop along work_.direction, unless its response is rounding: joints yield in some directions only.
+// Adds a stop along work_.direction, unless a motor holds the body there. A response that is the noise of
+// learning would divide by nearly nothing, and throw the body's other joints.
 void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
   dense::multiply_transposed(root, work_.direction, work_.half);
   dense::multiply(free, work_.direction, work_.known);
-  if (!(dense::dot(work_.half, work_.half) > kRoundingShare * dense::dot(work_.direction, work_.known)))
-    return;
+  if (!(dense::dot(work_.half, work_.half) > kLeastYield * dense::dot(work_.direction, work_.known))) return;
   const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
   stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false, true, ahead});
   directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
