@@ -21,6 +21,7 @@ from .errors import (  # noqa: E402
     InvalidValue,
     MissingExtra,
     ResolutionWarning,
+    SlackWarning,
     SnapshotError,
     StateMismatch,
     StepFailed,
@@ -29,6 +30,7 @@ from .errors import (  # noqa: E402
     UnknownId,
     UrdfError,
 )
+from .ligament import Ligament  # noqa: E402
 from .loading import data_path  # noqa: E402
 from .material import Material  # noqa: E402
 from .options import SolverOptions  # noqa: E402
@@ -48,10 +50,12 @@ __all__ = [
     "InsideWarning",
     "InvalidType",
     "InvalidValue",
+    "Ligament",
     "Material",
     "MissingExtra",
     "ResolutionWarning",
     "Skin",
+    "SlackWarning",
     "SnapshotError",
     "SolverOptions",
     "StateMismatch",

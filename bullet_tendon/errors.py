@@ -164,6 +164,22 @@ class ResolutionWarning(RuntimeWarning):
     """
 
 
+class SlackWarning(RuntimeWarning):
+    """A ligament whose rest length is far beyond its path, so that it carries nothing.
+
+    It is given by add_ligament.
+
+    Example:
+        >>> import warnings
+        >>> stand = p.createMultiBody(0)
+        >>> path = [(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))]
+        >>> with warnings.catch_warnings(record=True) as given:
+        ...     line = world.add_ligament(path, material, rest_length=0.22, name="line")
+        >>> print(given[0].message)
+        ligament 'line' is slack: its rest length of 0.22 m is 100% beyond its path of 0.11 m
+    """
+
+
 class MissingExtra(TendonError, ImportError):
     """An optional package is needed for what was asked, and is not installed.
 

@@ -29,8 +29,9 @@ class Material:
             has no effect where bending_stiffness > 0: such a tendon carries compression until it buckles.
         damping: C [N s^q], >= 0.
         damping_exponent: q [-], >= 1.
-        damping_form: "axial" brakes changes of length only; "whole" the whole relative velocity of a spring's
-            ends, as printed in the paper, which brakes rigid rotations too.
+        damping_form: "axial" brakes changes of length only; "lengthening" only those that lengthen, as in the
+            knee model of Lenhart et al. 2015; "whole" the whole relative velocity of a spring's ends, as
+            printed in the paper, which brakes rigid rotations too (tendons only).
         shear_stiffness: the share of the stiffness that each shear spring (i, i+2) carries [N], between 0 and
             stiffness/2. A cross-section carries the stiffness in all, whatever the share.
         bending_stiffness: EI [N m^2], >= 0, of a discrete curvature energy (straight without load). 0 costs
@@ -70,7 +71,7 @@ class Material:
         checks.flag("tension_only", self.tension_only)
         checks.number("damping", self.damping, at_least=0)
         checks.number("damping_exponent", self.damping_exponent, at_least=1)
-        checks.choice("damping_form", self.damping_form, ("axial", "whole"))
+        checks.choice("damping_form", self.damping_form, ("axial", "whole", "lengthening"))
         checks.number("shear_stiffness", self.shear_stiffness, at_least=0, at_most=self.stiffness / 2)
         checks.number("bending_stiffness", self.bending_stiffness, at_least=0)
         checks.number("density", self.density, above=0)
@@ -190,9 +191,9 @@ class Material:
         """The material as the compiled core takes it, for a cross-section of `area` [m^2]."""
         rope = self.tension_only and self.bending_stiffness == 0
         law = (self.stiffness, self.exponent, self.toe, rope, self.damping)
-        whole = self.damping_form == "whole"
+        form = self.damping_form == "whole", self.damping_form == "lengthening"
         stiffnesses = (self.shear_stiffness, self.bending_stiffness)
-        return (self.friction, *law, self.damping_exponent, whole, *stiffnesses, self.density * area)
+        return (self.friction, *law, self.damping_exponent, *form, *stiffnesses, self.density * area)
 
     @property
     def toe(self) -> float:

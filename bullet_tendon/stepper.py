@@ -14,7 +14,7 @@ import pybullet as p
 
 from . import _core, checks
 from .bodies import Bodies
-from .errors import InvalidType, StepFailed, StepWarning
+from .errors import InvalidType, InvalidValue, StepFailed, StepWarning
 from .obstacles import Obstacles
 from .options import SolverOptions
 from .placement import Placement
@@ -22,6 +22,7 @@ from .reports import StepReport
 from .tendon import Tendon
 
 _GRAVITY = ["gravityAcceleration" + axis for axis in "XYZ"]
+_ITERATING = 'SolverOptions with iteration="newton" and an implicit integrator, for ligaments and cartilage'
 _FAILED, _SOLVED, _COARSELY, _BAD_PARAMETERS = range(4)  # what the core's apply returns
 
 
@@ -59,9 +60,17 @@ class Stepper:
     def options(self, value: SolverOptions) -> None:
         if not isinstance(value, SolverOptions):
             raise InvalidType("options", value, "SolverOptions")
+        if self._core.has_elements() and value.goal is None:
+            raise InvalidValue("options", value, _ITERATING)
         _ = self.report  # which is of the options that the step was taken with
         self._core.set_options(*value.core_arguments())
         self._options = value
+
+    def require_iterating(self, call: str) -> None:
+        """Raise InvalidValue unless the options can step ligaments and cartilage. Also where disconnected."""
+        self._bodies.require_client()
+        if self._options.goal is None:
+            raise InvalidValue("options", self._options, f"{_ITERATING}, for {call}")
 
     @property
     def report(self) -> StepReport:

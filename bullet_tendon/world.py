@@ -17,6 +17,7 @@ from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
+from .ligament import Ligament, checked_path, checked_rest, law_arguments, path_length, points_of
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
@@ -65,6 +66,7 @@ class TendonWorld(NotCopied):
         self._numbers = Numbers()
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
+        self._ligaments: dict[int, Ligament] = {}
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
         self._obstacles = Obstacles(self._core, self._bodies)
@@ -98,6 +100,11 @@ class TendonWorld(NotCopied):
     def tunnels(self) -> tuple[Tunnel, ...]:
         """Its tunnels that were not removed, in the order in which they were added."""
         return tuple(self._tunnels.values())
+
+    @property
+    def ligaments(self) -> tuple[Ligament, ...]:
+        """Its ligaments that were not removed, in the order in which they were added."""
+        return tuple(self._ligaments.values())
 
     def add_tendon(
         self,
@@ -343,6 +350,76 @@ class TendonWorld(NotCopied):
         slot = self._slot_of("tunnel", tunnel, Tunnel, self._tunnels)
         del self._tunnels[slot]
         self._core.remove_tunnel(slot)
+
+    def add_ligament(
+        self,
+        path: Sequence,
+        material: Material,
+        rest_length: float | None = None,
+        name: str | None = None,
+    ) -> Ligament:
+        """A massless ligament along a path of points of links, sliding freely through the inner ones.
+
+        It acts on all its bodies implicitly, together with tendons. Links that cannot move cost nothing. It
+        touches nothing by itself, and its bodies take implicit Euler. It needs SolverOptions with
+        iteration="newton" and an implicit integrator. It gives a SlackWarning where the rest length is more
+        than a quarter beyond the path.
+
+        Args:
+            path: two points or more, each (bodyUniqueId, linkIndex, (x, y, z)) in the link's URDF frame [m].
+                The ligament is straight between them.
+            material: its axial law is taken, as that of a cross-section: stiffness, exponent, toe_strain,
+                tension_only, damping.
+            rest_length: [m], > 0; None: the length of the path now.
+            name: of the ligament; None: one is made up.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: a path on one link alone, for one; then nothing has changed.
+
+        Example:
+            >>> stand = p.createMultiBody(0)
+            >>> path = [(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))]
+            >>> line = world.add_ligament(path, bt.Material(stiffness=100, damping=5), name="line")
+            >>> world.step(240)
+            >>> round(line.force, 3), round(line.strain, 4)
+            (0.981, 0.0098)
+        """
+        self._stepper.require_iterating("add_ligament")
+        path = checked_path(self._bodies, path)
+        if not isinstance(material, Material):
+            raise InvalidType("material", material, "a Material")
+        if material.damping > 0 and material.damping_form == "whole":
+            raise InvalidValue("material", material, 'one whose damping_form is "axial" or "lengthening"')
+        name = f"ligament{self._numbers.next()}" if name is None else checks.text("name", name)
+        if any(ligament.name == name for ligament in self.ligaments):
+            raise InvalidValue("name", name, "different from the names of the world's other ligaments")
+        rest = checked_rest(name, rest_length, path_length(points_of(self._bodies, path)))
+        slots = [self._bodies.slot(body, link) for body, link, _ in path]
+        slot = self._core.add_ligament(slots, [at for *_, at in path], rest, *law_arguments(material))
+        ligament = Ligament(self._core, self._bodies, slot, name, material, path)
+        self._ligaments[slot] = ligament
+        return ligament
+
+    def remove_ligament(self, ligament: Ligament) -> None:
+        """Cut a ligament; its handle can no longer be used.
+
+        Args:
+            ligament: of this world.
+
+        Raises:
+            InvalidType, UnknownId: not one of this world's ligaments.
+
+        Example:
+            >>> stand = p.createMultiBody(0)
+            >>> line = world.add_ligament([(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))], material)
+            >>> world.remove_ligament(line)
+            >>> line.removed, world.ligaments
+            (True, ())
+        """
+        slot = self._slot_of("ligament", ligament, Ligament, self._ligaments)
+        del self._ligaments[slot]
+        ligament.removed = True
+        self._core.remove_ligament(slot)
 
     def load_urdf(self, path: str | PathLike, *args, obstacles: bool = True, **kwargs) -> int:
         """``p.loadURDF(path, *args, **kwargs)``, and the file's <tunnel> and <tendon> elements.
@@ -640,8 +717,9 @@ class TendonWorld(NotCopied):
         self._states.load_snapshot(source)
 
     def _links_in_use(self) -> set[int]:
-        """Slots of the links that tunnels, obstacles and attachments refer to."""
+        """Slots of the links that tunnels, obstacles, attachments and ligaments refer to."""
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        attached.update(*(ligament.link_slots for ligament in self.ligaments))
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
 
     def _solid_slots(self, argument, body) -> set[int]:

@@ -29,6 +29,9 @@ class Scene:
         self.thick = world.add_tendon(np.array(LINE) + [0, 0.1, 0], 0.005, ROPE, 11)
         self.grip = self.t.grip(0)
         self.attachment = self.t.attach(-1, self.body, position=[0.02, 0.02, 0])
+        self.stand = p.createMultiBody(0, box, physicsClientId=client)
+        self.path_between = [(self.body, -1, (0, 0, 0)), (self.stand, -1, (0, 0.1, 0))]
+        self.ligament = world.add_ligament(self.path_between, ROPE)
         world.step()
         self.state, self.snapshot = world.save_state(), world.snapshot()
         p.disconnect(client)
@@ -39,6 +42,10 @@ REFUSED = {
     "add_tendon inside": lambda s: s.world.add_tendon(LINE, 0.002, ROPE, 11, inside="push_out"),
     "add_obstacle": lambda s: s.world.add_obstacle(s.body),
     "add_tunnel": lambda s: s.world.add_tunnel(s.body, -1, [0, 0, 0], [0, 0, 1], 0.01),
+    "add_ligament": lambda s: s.world.add_ligament(s.path_between, ROPE),
+    "set_tension": lambda s: s.ligament.set_tension(3.0),
+    "rest_length": lambda s: setattr(s.ligament, "rest_length", 0.1),
+    "ligament.length": lambda s: s.ligament.length,
     "load_urdf": lambda s: s.world.load_urdf(s.path),
     "step": lambda s: s.world.step(),
     "apply": lambda s: s.world.apply(),
@@ -68,6 +75,7 @@ REFUSED = {
     "grip.max_force": lambda s: setattr(s.grip, "max_force", 10.0),
     "grip.direction": lambda s: setattr(s.grip, "direction", [1, 0, 0]),
 }
+THERE = {"ends", "points", "length", "strain"}  # where links are now is pybullet's
 READ = {
     "save_state": lambda s: s.world.save_state(),
     "snapshot": lambda s: s.world.snapshot(),
@@ -80,6 +88,7 @@ TAKEN_OUT = {
     "release": lambda s: (s.attachment.release(), s.grip.release()),
     "remove_obstacle": lambda s: s.world.remove_obstacle(s.body),
     "remove_tunnel": lambda s: s.world.remove_tunnel(s.tunnel),
+    "remove_ligament": lambda s: s.world.remove_ligament(s.ligament),
     "remove_tendon": lambda s: s.world.remove_tendon(s.t),
 }
 
@@ -105,9 +114,9 @@ def test_what_is_known_can_be_read(scene, call):
 
 def test_every_attribute_can_be_read(scene):
     world = scene.world
-    for part in (world, scene.t, scene.grip, scene.attachment, scene.tunnel):
+    for part in (world, scene.t, scene.grip, scene.attachment, scene.tunnel, scene.ligament):
         names = [n for n, _ in inspect.getmembers(type(part), lambda m: isinstance(m, property))]
-        for name in set(names) - {"ends"}:  # where the link is now is pybullet's
+        for name in set(names) - THERE:
             getattr(part, name)
     assert np.isfinite(scene.t.positions).all() and world.report.converged
 
@@ -115,11 +124,11 @@ def test_every_attribute_can_be_read(scene):
 def test_everything_can_be_taken_out(scene):
     for call in TAKEN_OUT.values():
         call(scene)
-    assert scene.world.tunnels == () and scene.world.tendons == (scene.thick,)
+    assert scene.world.tunnels == scene.world.ligaments == () and scene.world.tendons == (scene.thick,)
 
 
 def test_every_public_method_is_asked_here():
     called = {name.split()[0].removeprefix("grip.") for name in (*REFUSED, *READ, *TAKEN_OUT)}
-    for kind in (bt.TendonWorld, bt.Tendon, bt.Grip, bt.Attachment):
+    for kind in (bt.TendonWorld, bt.Tendon, bt.Grip, bt.Attachment, bt.Ligament):
         methods = [n for n, _ in inspect.getmembers(kind, inspect.isfunction) if not n.startswith("_")]
         assert set(methods) <= called, set(methods) - called

@@ -179,6 +179,7 @@ void bind_report(py::module_& m);
 void bind_world_tendon(GuardedWorld& world);
 void bind_world_bodies(GuardedWorld& world);
 void bind_world_collision(GuardedWorld& world);
+void bind_world_elements(GuardedWorld& world);
 void bind_world_world(GuardedWorld& world);
 
 }  // namespace bt

@@ -68,5 +68,6 @@ PYBIND11_MODULE(_core, m) {
   bind_world_tendon(world);
   bind_world_bodies(world);
   bind_world_collision(world);
+  bind_world_elements(world);
   bind_world_world(world);
 }

@@ -14,9 +14,10 @@ namespace {
 
 int add_tendon(World& w, const Array& points, double radius, double friction, double stiffness,
                double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
-               bool whole_velocity, double shear_stiffness, double bending_stiffness, double linear_density) {
+               bool whole_velocity, bool lengthening_only, double shear_stiffness, double bending_stiffness,
+               double linear_density) {
   Material m;
-  m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity};
+  m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity, lengthening_only};
   m.stiffness = stiffness;
   m.damping = damping;
   m.shear_stiffness = shear_stiffness;

@@ -60,6 +60,58 @@ py::tuple bending_term(const World& w, int slot, const Array& at) {
   return py::make_tuple(bending_energy(c, x), rows_of(c.residual), dense_of(c.matrix));
 }
 
+// An element where each of the links that it touches is displaced by a shift [m] and turned by a rotation
+// vector [rad] about its centre, at the end of a substep of h [s]: its potential [J], the gradient by the
+// twists of the links (6 k), and the Hessian (6 k, 6 k) by further rotation vectors. Twists: of the centre,
+// then the rotation. moves (k, 6): shift and rotation of each link.
+py::tuple element_term(World& w, Element& element, const Array& moves, double h) {
+  std::vector<LinkEnd> ends(w.scene.links.size());
+  PairList pairs;
+  const int count = static_cast<int>(element.touched().size());
+  for (int i = 0; i < count; ++i) {
+    const int slot = element.touched()[i].link;
+    const double* of = moves.data() + 6 * i;
+    const Vec3 turn = vec(of + 3);
+    ends[slot] = {w.scene.links[slot].centre + vec(of), rotation_about(unit_or(turn, {0, 0, 1}), norm(turn))};
+  }
+  pairs.include(element);
+  element.begin(w.scene.links, h);
+  element.evaluate(ends);
+  element.add_stiffness(pairs.all, false);
+  w.pair_elements();
+  Array gradient(6 * count), hessian({6 * count, 6 * count});
+  std::fill(hessian.mutable_data(), hessian.mutable_data() + hessian.size(), 0.0);
+  for (int i = 0; i < count; ++i) {
+    const TouchedLink& touched = element.touched()[i];
+    const Vec3 parts[2] = {-touched.force, -touched.torque};
+    for (int k = 0; k < 6; ++k) {
+      const Vec3 v = parts[k / 3];
+      gradient.mutable_at(6 * i + k) = k % 3 == 0 ? v.x : k % 3 == 1 ? v.y : v.z;
+    }
+  }
+  for (const LinkPair& pair : pairs.all) {
+    auto place = [&](int link) {
+      int i = 0;
+      while (element.touched()[i].link != link) ++i;
+      return 6 * i;
+    };
+    for (int r = 0; r < 6; ++r)
+      for (int c = 0; c < 6; ++c) {
+        const int i = place(pair.one) + r, j = place(pair.other) + c;
+        hessian.mutable_at(i, j) = pair.stiffness[6 * r + c];
+        hessian.mutable_at(j, i) = pair.stiffness[6 * r + c];
+      }
+  }
+  for (int i = 0; i < count; ++i) {
+    FiniteRotation turned;
+    turned.pulls = element.touched()[i].pulls;
+    const Sym3 arms = turned.stiffness();  // the gradient is minus the force
+    const double full[9] = {arms.xx, arms.xy, arms.xz, arms.xy, arms.yy, arms.yz, arms.xz, arms.yz, arms.zz};
+    for (int e = 0; e < 9; ++e) hessian.mutable_at(6 * i + 3 + e / 3, 6 * i + 3 + e % 3) -= full[e];
+  }
+  return py::make_tuple(element.potential(), gradient, hessian);
+}
+
 // A grip with a force limit, for the force R without the limit: the force, that of its linearisation, and the
 // block for the stiffness k of R [N/m].
 py::tuple grip_term(const Array& raw, double most_force, bool slips, double k) {
@@ -226,6 +278,9 @@ void bind_terms(py::module_& testing) {
   testing.def("listed_nearest", &listed_nearest);
   testing.def("searched_nearest", &searched_nearest);
   testing.def("spring_term", &spring_term);
+  testing.def("ligament_term", [](World& w, int slot, const Array& moves, double h) {
+    return element_term(w, *w.scene.ligaments.all().at(slot), moves, h);
+  });
   testing.def("finite_rotation_term", &finite_rotation_term);
   testing.def("bending_term", &bending_term);
 }

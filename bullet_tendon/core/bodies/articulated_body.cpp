@@ -166,6 +166,16 @@ void Articulated::velocity_force(const double* rates, double* out) const {
   }
 }
 
+void Articulated::curvings(const double* rates, std::vector<Vec3>& out) const {
+  const std::vector<Motion> motions = motions_at(rates);
+  out.clear();
+  for (size_t l = 0; l < links_.size(); ++l) {
+    const Motion& m = motions[l];
+    const Vec3 velocity = m.velocity + cross(m.spin, links_[l].centre);
+    out.push_back(m.acceleration + cross(m.turning, links_[l].centre) + cross(m.spin, velocity));
+  }
+}
+
 void Articulated::limits(const double* places, std::vector<double>& out) const {
   out.clear();
   for (int k = base_; k < dofs(); ++k) {

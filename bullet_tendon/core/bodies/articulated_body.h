@@ -53,6 +53,8 @@ class Articulated {
   // terms sum J^T (m a, I dw/dt + w x I w) at constant rates (Featherstone 2008, section 5.3: centrifugal,
   // Coriolis and gyroscopic), minus the damping of the joints, explicit as pybullet applies it.
   void velocity_force(const double* rates, double* out) const;
+  // out, by link: acceleration of its centre of mass at constant rates [m/s^2].
+  void curvings(const double* rates, std::vector<Vec3>& out) const;
   // out: coordinate, side and depth (bodies/body_response.h) of both limits of all joints. places: as in
   // `place`.
   void limits(const double* places, std::vector<double>& out) const;

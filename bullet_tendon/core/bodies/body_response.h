@@ -57,9 +57,10 @@ struct BodyWorkspace {
 // Whether a free body rotates so far in this step that its arms change.
 struct BodyTurning {
   bool far = false;
-  Vec3 torque;       // of the tendons in the last solution [N m]
-  double pull = 0;   // sum of |force| |arm| of the tendons [N m]
-  double lever = 0;  // largest |arm| [m]
+  bool elements = false;  // elements act on it in this step
+  Vec3 torque;            // of the tendons in the last solution [N m]
+  double pull = 0;        // sum of |force| |arm| of the tendons [N m]
+  double lever = 0;       // largest |arm| [m]
 };
 
 struct GeneralizedBody {

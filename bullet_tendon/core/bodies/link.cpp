@@ -60,6 +60,13 @@ void Link::turn(const GeneralizedBody& m, double share) {
   }
 }
 
+LinkEnd Link::end(double dt, double time) const {
+  LinkEnd end{centre + dt * velocity, turned.rotation};
+  if (!yields()) end.rotation = rotation_about(unit_or(spin, {0, 0, 1}), dt * norm(spin));
+  if (yields()) end.centre += given.linear + (0.5 * dt * (2 * time - dt)) * curving;
+  return end;
+}
+
 Vec3 Link::displaced(Vec3 arm) const {
   if (!turned.far) return given.at(arm);
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);

@@ -19,6 +19,13 @@ struct Wrench {
 inline Wrench operator+(const Wrench& a, const Wrench& b) { return {a.force + b.force, a.torque + b.torque}; }
 inline Wrench operator*(double s, const Wrench& a) { return {s * a.force, s * a.torque}; }
 
+// Where a link is at the end of a substep, at the present iterate.
+struct LinkEnd {
+  Vec3 centre;    // centre of mass [m]
+  Rot3 rotation;  // since the start of the substep
+  Vec3 at(Vec3 arm) const { return centre + rotation * arm; }
+};
+
 struct Link {
   Pose pose;        // of the URDF link frame, at the start of the substep
   Vec3 centre;      // centre of mass, world axes, at the start of the substep [m]
@@ -26,6 +33,7 @@ struct Link {
   Vec3 start_centre;
   Vec3 now_velocity, now_spin;  // at the start of the step [m/s], [rad/s]
   Vec3 velocity, spin;          // predicted for the end of the step, without the tendons [m/s], [rad/s]
+  Vec3 curving;                 // acceleration of its centre of mass by its joints' present rates [m/s^2]
   int body = -1;                // -1: tendons do not move it
   bool yielded = false;         // tendons could move it in the last step
   bool moved = false;           // its pose has changed, or it has a velocity, since the last step began
@@ -63,6 +71,9 @@ struct Link {
     const Rot3 turn = rotation_about(unit_or(spin, {0, 0, 1}), dt * norm(spin));
     return {turn * frame.rotation, centre + dt * velocity + turn * (frame.origin - centre)};
   }
+  // Where it is at the end of a substep of dt, which ends `time` after the start of the step [s], by the
+  // unknowns of its body. Links of bodies that turn far are where they turn to.
+  LinkEnd end(double dt, double time) const;
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].

@@ -82,6 +82,7 @@ Assembly residual_of(Island& island, bool definite, bool at_position) {
   }
   for (Tendon* c : island.tendons) read_anchor_forces(*c);
   load_carried(island, &Tendon::residual);
+  a.scale = std::max(a.scale, load_elements(island));
   start_body_residual(island, 1);
   return a;
 }
@@ -195,6 +196,10 @@ double in_roundings(Island& island, const Assembly& a, bool at_guess) {
     const double one = force_of_rounding(*c, contact_stiffness, at_guess);
     most = worse(most, c->residual_norm / one);
     finest = std::min(finest, one);
+  }
+  if (!island.elements.all.empty()) {
+    const double of_elements = element_rounding(island);
+    finest = island.tendons.empty() ? of_elements : std::max(finest, of_elements);
   }
   return worse(most, worse(a.of_bodies, a.of_limits) / finest);
 }

@@ -114,6 +114,11 @@ void start_bodies(Island& island) {
   each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
     if (contact->moves) reach_to((*island.bodies.links)[contact->link], contact->arm);
+  for (const Element* element : island.elements.all)
+    for (const TouchedLink& touched : element->touched()) {
+      Link& link = (*island.bodies.links)[touched.link];
+      if (link.yields()) reach_to(link, touched.lever);
+    }
   double shortest = std::numeric_limits<double>::infinity();
   for (const Tendon* c : island.tendons) shortest = std::min(shortest, c->shortest_rest());
   each_body(island, [&](GeneralizedBody& m) {
@@ -537,6 +542,7 @@ void make_border(Island& island, bool definite) {
   island.bodies.corner.assign(static_cast<size_t>(n) * n, 0.0);
   for (int k = 0; k < n; ++k) island.bodies.corner[k * n + k] = 1;
   stiffen_turned(island, definite);
+  stiffen_by_elements(island, definite);
   find_spans(island);
   for (size_t p = 0; p * kLanes < static_cast<size_t>(n); ++p) {
     const int column = static_cast<int>(p) * kLanes;

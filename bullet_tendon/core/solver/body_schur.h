@@ -1,4 +1,4 @@
-// The unknowns of bodies in an island's solution (solver/body_schur.cpp).
+// The unknowns of bodies in an island's solution (solver/body_schur.cpp), and the elements between them.
 #pragma once
 #include <cstddef>
 
@@ -47,5 +47,18 @@ void take_steps(Island& island, size_t p, Which x);
 void answer_bodies(Island& island, Which b);
 // Displacement [m] of the body at a contact, by its unknowns y or (by_step) by their step dy.
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
+
+// Elements between bodies (solver/element_coupling.cpp).
+
+// Computes where the links of the elements end, and evaluates the elements there.
+void evaluate_elements(IslandElements& elements, const std::vector<Link>& links);
+// Adds the gradient of the elements' potential to the loads of the links. Returns their largest force [N].
+double load_elements(Island& island);
+// Adds the second derivatives of the potential to the corner of the matrix. definite: it stays definite.
+void stiffen_by_elements(Island& island, bool definite);
+// Sum of the potentials at the last evaluation [J].
+double element_potential(const Island& island);
+// Force of one rounding of the links' places, largest of the elements [N].
+double element_rounding(const Island& island);
 
 }  // namespace bt

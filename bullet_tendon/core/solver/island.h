@@ -4,6 +4,7 @@
 
 #include "bodies/link.h"
 #include "contact/contact.h"
+#include "element/element.h"
 #include "linear/block_columns.h"
 #include "linear/sparse_block_ldlt.h"
 #include "tendon/tendon.h"
@@ -54,6 +55,17 @@ struct IslandBodies {
   dense::Numbers corner, corner_root, corner_side;
 };
 
+// Elements between the links of the bodies (solver/element_coupling.h).
+struct IslandElements {
+  std::vector<Element*> all;
+  std::vector<int> links;                  // slots that they touch
+  std::vector<LinkPair>* pairs = nullptr;  // of the world
+  std::vector<LinkEnd>* ends = nullptr;    // of the world, by link slot
+  std::vector<int> own_pairs;              // indices of the pairs that they touch
+  dense::Scratch half, block;
+  double dt = 0, time = 0;  // length of the substep, and its end from the start of the step [s]
+};
+
 // The matrix of tendons that touch each other (solver/linear_solve.cpp).
 struct IslandMatrix {
   SparseFactor factor;
@@ -86,6 +98,7 @@ struct Island {
   bool coupled = false;          // some contact joins two tendons, or two segments of one
   bool follows = true;           // contact points move to the nearest points
   IslandBodies bodies;
+  IslandElements elements;
   IslandMatrix matrix;
   IslandResult result;
 

@@ -171,7 +171,9 @@ Assembly judge(Solution& s) {
 }
 
 // Whether the guess may be torn by bodies: see choose_guess.
-bool may_be_torn(const Solution& s) { return !s.context.warm && !s.island.bodies.indices.empty(); }
+bool may_be_torn(const Solution& s) {
+  return !s.context.warm && !s.island.bodies.indices.empty() && !s.island.tendons.empty();
+}
 
 // Largest inertial force if no particle moves in this substep [N].
 double inertia_at_rest(const Island& island) {
@@ -336,7 +338,7 @@ void take_step(Solution& s) {
 
 // The incremental potential of springs, particles and bodies at the evaluated iterate [J].
 double potential(const Island& island) {
-  double sum = body_potential(island);
+  double sum = body_potential(island) + element_potential(island);
   for (const Tendon* c : island.tendons) {
     for (int i = 0; i < c->n(); ++i) {
       const Vec3 off = (1 / c->h_eff) * (c->displacement.at(i) - c->inertial_displacement.at(i));
@@ -384,6 +386,7 @@ double shortest_rest(const Island& island) {
 // Whether the residual would move no particle, by itself, by more than the tolerance times a segment in this
 // substep. Where almost no forces act, it cannot always become a small share of them.
 bool is_negligible(const Solution& s) {
+  if (s.island.tendons.empty()) return false;
   double least = HUGE_VAL;
   for (const Tendon* c : s.island.tendons)
     least = std::min(least, *std::min_element(c->mass.begin(), c->mass.end()) * c->shortest_rest() /

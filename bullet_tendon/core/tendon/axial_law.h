@@ -5,6 +5,7 @@
 //   f(s) = K sgn(s) (e_t^p + p e_t^(p-1) (|s| - e_t))   beyond the toe strain e_t, along the tangent
 //   f(s) = 0 for s < 0                      where tension_only
 //   d(r) = C sgn(r) |r|^q                   damping force [N], r = ds/dt [1/s]
+//   d(r) = 0 for r < 0                      where lengthening_only
 //
 // Exponent 2 with toe strain e_t is the ligament law of Blankevoort 1991 with k = 2 e_t K.
 #pragma once
@@ -17,9 +18,15 @@ struct Law {
   double exponent = 1;                                          // p >= 1
   double toe_strain = std::numeric_limits<double>::infinity();  // e_t > 0
   bool tension_only = false;
-  double damping_exponent = 1;  // q >= 1
-  bool whole_velocity = false;  // damping by the whole relative velocity, as printed in equation 4
+  double damping_exponent = 1;    // q >= 1
+  bool whole_velocity = false;    // damping by the whole relative velocity, as printed in equation 4
+  bool lengthening_only = false;  // damping only while the spring lengthens
 };
+
+// Strain at which the damping of a tension-only spring without a shorter toe is complete, and at which the
+// contact stiffness of a slack tendon takes the tangent of the material [-]. A power law has no stiffness at
+// rest, but a contact must be stiff before the load comes.
+constexpr double kReferenceStrain = 0.01;
 
 // s^p and its derivative p s^(p-1), for s >= 0. P is twice the exponent for the common exponents, which need
 // no pow. P = 0 is for any other exponent.
@@ -107,6 +114,10 @@ inline double elastic_energy(const Law& law, double s) {
 
 // Damping force per unit C, and its derivative by the strain rate.
 inline void damping(const Law& law, double rate, double& force, double& slope) {
+  if (law.lengthening_only && rate < 0) {
+    force = slope = 0;
+    return;
+  }
   if (law.damping_exponent == 1) {
     force = rate;
     slope = 1;
@@ -115,6 +126,22 @@ inline void damping(const Law& law, double rate, double& force, double& slope) {
   double value;
   power<0>(std::fabs(rate), law.damping_exponent, value, slope);
   force = rate < 0 ? -value : value;
+}
+
+// Share of the damping that acts on a spring of this strain at the start of the step [-]: 1, except for
+// tension-only springs. Their damping rises linearly up to the toe strain or the reference strain, because
+// damping that starts at strain 0 would make the force jump.
+inline double damping_share(const Law& law, double strain) {
+  if (!law.tension_only) return 1;
+  const double full = law.toe_strain < kReferenceStrain ? law.toe_strain : kReferenceStrain;
+  return strain <= 0 ? 0 : strain < full ? strain / full : 1;
+}
+
+// Integral of the damping force per unit C over the strain rate.
+inline double dissipation(const Law& law, double rate) {
+  double force, slope;
+  damping(law, rate, force, slope);
+  return force * rate / (law.damping_exponent + 1);
 }
 
 }  // namespace bt

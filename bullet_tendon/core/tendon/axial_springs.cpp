@@ -120,22 +120,13 @@ BT_WITHIN inline void by_exponent(const Law& law, Call call) {
   }
 }
 
-// Share of the damping that acts on spring k [-]: 1, except for tension-only springs. Their damping rises
-// linearly with the strain at the start of the step, up to the toe strain or the reference strain, because
-// damping that starts at strain 0 would make the force jump.
-double damping_share_of(const SpringSet& s, const Law& law, int k, double length_before) {
-  if (!law.tension_only) return 1;
-  double full = std::min(law.toe_strain, kReferenceStrain), strain = length_before / s.rest[k] - 1;
-  return strain <= 0 ? 0 : std::min(1.0, strain / full);
-}
-
 // Adds axial damping at the strain rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). The
 // total force of a tension-only spring is never negative.
 template <class Rate>
 void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share,
                        Rate rate_of) {
   for (int k = 0; k < s.count; ++k) {
-    const double c = s.damping[k] * damping_share_of(s, law, k, before[k]);
+    const double c = s.damping[k] * damping_share(law, before[k] / s.rest[k] - 1);
     double f, df;
     damping(law, rate_of(k), f, df);
     s.braking[k] = share * c * f;
@@ -193,7 +184,7 @@ BT_VECTOR void blocks(SpringSet& s, double inertia) {
 template <class Velocity>
 void add_whole_damping(SpringSet& s, const Law& law, double b, double share, bool block, Velocity velocity) {
   for (int k = 0; k < s.count; ++k) {
-    const double c = s.damping[k] * damping_share_of(s, law, k, s.length[k]);
+    const double c = s.damping[k] * damping_share(law, s.length[k] / s.rest[k] - 1);
     Vec3 w = (1 / s.rest[k]) * (velocity(k + s.reach) - velocity(k));
     double speed = norm(w), f, df;
     damping(law, speed, f, df);

@@ -32,10 +32,6 @@
 
 namespace bt {
 
-// Strain at which the contact stiffness of a slack tendon uses the tangent of the material [-]. A power law
-// has no stiffness at rest, but a contact must be stiff before the load comes.
-constexpr double kReferenceStrain = 0.01;
-
 // The part of springs that one step passes to the next.
 struct SpringState {
   std::vector<double> lambda;   // T [N]

@@ -8,7 +8,8 @@
 
 namespace bt {
 
-// Calls what(body, tendon) for every attachment and every contact on a body that yields.
+// Calls what(body, node) for every attachment, contact and element on a body that yields. The node joins what
+// is in one island (World::make_islands): a tendon, or the first body of an element.
 template <class Do>
 void World::each_touch(Do what) const {
   for (size_t c = 0; c < step_.slots.size(); ++c)
@@ -19,11 +20,27 @@ void World::each_touch(Do what) const {
   for (const Contact& contact : contacts_.all)
     if (contact.link >= 0 && scene.links[contact.link].yields())
       what(scene.links[contact.link].body, contact.a.tendon);
+  if (step_.whole) return;
+  scene.each_element([&](const Element& element) {
+    int node = -1;
+    for (const TouchedLink& touched : element.touched()) {
+      if (!scene.links[touched.link].yields()) continue;
+      const int body = scene.links[touched.link].body;
+      if (node < 0) node = static_cast<int>(step_.slots.size()) + body;
+      what(body, node);
+    }
+  });
 }
 
 void World::count_touches() {
   for (GeneralizedBody& m : scene.bodies) m.touches = 0;
-  each_touch([&](int body, int) { ++scene.bodies[body].touches; });
+  each_touch([&](int body, int node) {
+    ++scene.bodies[body].touches;
+    // Elements act where links are at the end of the step.
+    BodyTurning& turning = scene.bodies[body].turning;
+    turning.elements |= node >= static_cast<int>(step_.slots.size());
+    turning.far |= turning.elements;
+  });
 }
 
 // Marks point masses: free rigid bodies with one attachment, at the centre of mass, and without contacts,
@@ -61,13 +78,13 @@ void World::find_unknowns() {
                     scene.bodies[scene.links[contact.link].body].unknowns.any;
 }
 
-// Joins the islands of tendons that touch the same body with unknowns.
+// Joins the islands of tendons and elements that touch the same body with unknowns.
 void World::find_bodies() {
   islands_.touches.assign(scene.bodies.size(), -1);
-  each_touch([&](int body, int tendon) {
+  each_touch([&](int body, int node) {
     if (!scene.bodies[body].unknowns.any) return;
-    if (islands_.touches[body] < 0) islands_.touches[body] = tendon;
-    join_islands(islands_.touches[body], tendon);
+    if (islands_.touches[body] < 0) islands_.touches[body] = node;
+    join_islands(islands_.touches[body], node);
   });
 }
 

@@ -26,6 +26,9 @@ void World::each_part(W& world, C& checkpoint, Copy copy) {
     copy(static_cast<SpringState&>(tendon.structure), saved.structure);
     copy(static_cast<SpringState&>(tendon.shear), saved.shear);
   }
+  for (size_t e = 0; e < world.scene.ligaments.all().size(); ++e)
+    if (world.scene.ligaments.all()[e])
+      copy(static_cast<LigamentState&>(*world.scene.ligaments.all()[e]), checkpoint.elements.ligaments[e]);
   copy(world.scene.links, checkpoint.links);
   copy(world.scene.bodies, checkpoint.bodies);
   copy(world.contacts_.memory, checkpoint.memory);
@@ -40,6 +43,7 @@ void World::capture(Checkpoint& to) const {
   to.valid = true;
   to.tendons.resize(scene.tendons.size());
   for (size_t c = 0; c < scene.tendons.size(); ++c) to.tendons[c].alive = scene.tendons[c] != nullptr;
+  to.elements.ligaments.resize(scene.ligaments.all().size());
   each_part(*this, to, [](const auto& present, auto& saved) { saved = present; });
 }
 
@@ -224,6 +228,7 @@ uint64_t World::structure_mark() const {
     write("radius", c->radius);
     write("friction", c->friction);
     write("material", c->material);
+    if (c->material.law.lengthening_only) write("lengthening_only", c->material.law.lengthening_only);
   }
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
     Shape shape = scene.shapes[s];
@@ -238,6 +243,16 @@ uint64_t World::structure_mark() const {
     bool alive = scene.tunnel_alive[t] != 0;
     write("alive", alive);
     write("tunnel", tunnel);
+  }
+  for (const auto& ligament : scene.ligaments.all()) {
+    bool alive = ligament != nullptr;
+    write("alive", alive);
+    if (!alive) continue;
+    std::vector<PathPoint> path = ligament->path();
+    Material material = ligament->material();
+    write("path", path);
+    write("material", material);
+    write("lengthening_only", material.law.lengthening_only);
   }
   uint64_t hash = 14695981039346656037ull;
   for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211ull;
@@ -260,6 +275,11 @@ std::vector<char> World::save() {
   write("start", history_.may_resolve ? *history_.start : none);
   for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) write("planes", cache.entries);
+  if (!scene.has_elements()) return out;
+  for (const auto& ligament : scene.ligaments.all())
+    if (ligament) write("ligament", static_cast<LigamentModel&>(*ligament));
+  write("elements", now.elements);
+  write("elements", history_.may_resolve ? history_.start->elements : none.elements);
   return out;
 }
 
@@ -291,6 +311,18 @@ void World::restore(const char* from, size_t size) {
           planes.back().empty() || (used && planes.back().size() == 2 * size_t(scene.tendons[c]->n()) - 1),
           kSizes);
     }
+  std::vector<LigamentModel> ligaments(scene.ligaments.all().size());
+  if (scene.has_elements()) {
+    for (size_t e = 0; e < ligaments.size(); ++e) {
+      if (!scene.ligaments.all()[e]) continue;
+      read("ligament", ligaments[e]);
+      require(ligaments[e].rest > 0, "with rest lengths above 0");
+    }
+    read("elements", now.elements);
+    read("elements", start.elements);
+    require(now.elements.ligaments.size() == ligaments.size(), kSizes);
+    require(!start.valid || start.elements.ligaments.size() == ligaments.size(), kSizes);
+  }
   read.finish();
   require(filter.is_valid(scene.tendons.size(), now.links.size()), kIndices);
   require_state(now);
@@ -301,6 +333,8 @@ void World::restore(const char* from, size_t size) {
     scene.tendons[c]->point_mass = models[c].point_mass;
     scene.tendons[c]->set_rest(models[c].rest);
   }
+  for (size_t e = 0; e < ligaments.size(); ++e)
+    if (scene.ligaments.all()[e]) static_cast<LigamentModel&>(*scene.ligaments.all()[e]) = ligaments[e];
   scene.filter = std::move(filter);
   apply(now);
   *history_.start = std::move(start);

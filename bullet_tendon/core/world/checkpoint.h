@@ -9,6 +9,7 @@
 
 #include "bodies/link.h"
 #include "contact/contact_cache.h"
+#include "ligament/ligament.h"
 #include "tendon/tendon.h"
 
 namespace bt {
@@ -17,6 +18,11 @@ struct TendonCheckpoint {
   bool alive = false;
   TendonState state;
   SpringState structure, shear;
+};
+
+// State of the elements, by slot.
+struct ElementCheckpoint {
+  std::vector<LigamentState> ligaments;
 };
 
 // Length and gravity of a completed step.
@@ -38,6 +44,7 @@ struct Checkpoint {
   // Links and bodies as read from pybullet for the step that begins at this checkpoint.
   std::vector<Link> sensed_links;
   std::vector<GeneralizedBody> sensed_bodies;
+  ElementCheckpoint elements;
 };
 
 // The bytes are not a state of this world.

@@ -54,6 +54,11 @@ void World::continue_histories() {
     BodyHistory& history = scene.bodies[m].history;
     if (!two_step) history.forget();
     if (!two_step || scene.bodies[m].n() == 0) continue;
+    // What elements act on takes implicit Euler.
+    if (scene.bodies[m].turning.elements) {
+      history.forget();
+      continue;
+    }
     scene.bodies[m].continue_history(step_.substeps.step(), step_.context.gravity, step_.substeps.is_whole());
     lead_links(static_cast<int>(m));
   }

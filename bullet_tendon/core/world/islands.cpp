@@ -3,6 +3,7 @@
 #include <limits>
 #include <numeric>
 
+#include "solver/body_schur.h"
 #include "solver/solver.h"
 #include "world/world.h"
 
@@ -18,9 +19,11 @@ void World::join_islands(int a, int b) {
   islands_.parent[island_root(std::max(a, b))] = island_root(std::min(a, b));
 }
 
-// Contacts and bodies join tendons to islands (union-find).
+// Contacts and bodies join tendons to islands (union-find). Where there are elements, bodies are nodes too,
+// after those of the tendons.
 void World::make_islands() {
-  const int count = static_cast<int>(step_.slots.size());
+  const int tendons = static_cast<int>(step_.slots.size());
+  const int count = tendons + (scene.has_elements() ? static_cast<int>(scene.bodies.size()) : 0);
   islands_.parent.resize(count);
   std::iota(islands_.parent.begin(), islands_.parent.end(), 0);
   for (const Contact& contact : contacts_.all)
@@ -35,6 +38,7 @@ void World::make_islands() {
     g.contacts.clear();
     g.bodies.indices.clear();
     g.bodies.carried.clear();
+    g.elements.all.clear();
     g.slots = &step_.slots;
     g.bodies.all = &scene.bodies;
     g.bodies.links = &scene.links;
@@ -49,7 +53,7 @@ void World::make_islands() {
     g.result.residual = 0;
     g.matrix.tolerance = 0;
   }
-  for (int c = 0; c < count; ++c) {
+  for (int c = 0; c < tendons; ++c) {
     if (!step_.slots[c]) continue;
     Island& g = islands_.all[island_root(c)];
     g.tendons.push_back(step_.slots[c]);
@@ -71,6 +75,57 @@ void World::make_islands() {
     if (scene.links[l].yields() && scene.bodies[scene.links[l].body].unknowns.any)
       islands_.all[island_root(islands_.touches[scene.links[l].body])].bodies.carried.push_back(
           static_cast<int>(l));
+  place_elements();
+}
+
+void World::begin_elements() {
+  if (step_.whole) return;
+  scene.each_element([&](Element& element) { element.begin(scene.links, step_.context.dt); });
+}
+
+// Gives each element to the island of the bodies that it touches.
+void World::place_elements() {
+  islands_.loose.all.clear();
+  if (!scene.has_elements() || step_.whole) return;
+  islands_.ends.resize(scene.links.size());
+  scene.each_element([&](Element& element) {
+    IslandElements* in = &islands_.loose;
+    for (const TouchedLink& touched : element.touched()) {
+      const Link& link = scene.links[touched.link];
+      if (link.yields() && scene.bodies[link.body].unknowns.any)
+        in = &islands_.all[island_root(islands_.touches[link.body])].elements;
+    }
+    in->all.push_back(&element);
+  });
+  list_elements(islands_.loose);
+  for (Island& g : islands_.all)
+    if (!g.elements.all.empty()) list_elements(g.elements);
+}
+
+// Lists the links and the pairs of the elements of an island.
+void World::list_elements(IslandElements& elements) {
+  elements.pairs = &scene.element_pairs.all;
+  elements.ends = &islands_.ends;
+  elements.dt = step_.context.dt;
+  elements.time = step_.substeps.end();
+  elements.links.clear();
+  elements.own_pairs.clear();
+  for (const Element* element : elements.all) {
+    const int n = static_cast<int>(element->touched().size());
+    for (int i = 0; i < n; ++i) {
+      elements.links.push_back(element->touched()[i].link);
+      for (int j = i; j < n; ++j) elements.own_pairs.push_back(element->pair(i, j));
+    }
+  }
+  for (std::vector<int>* list : {&elements.links, &elements.own_pairs}) {
+    std::sort(list->begin(), list->end());
+    list->erase(std::unique(list->begin(), list->end()), list->end());
+  }
+}
+
+void World::accept_elements() {
+  if (step_.whole) return;
+  scene.each_element([&](Element& element) { element.accept(step_.context.dt); });
 }
 
 // false: a solution is not finite.
@@ -79,7 +134,7 @@ bool World::solve_each_island() {
   step_.attempt = Report{};
   step_.unconverged = false;
   for (Island& g : islands_.all) {
-    if (g.tendons.empty()) continue;
+    if (g.tendons.empty() && g.elements.all.empty()) continue;
     bt::solve(g, step_.context);
     if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
     finite &= g.result.finite;
@@ -89,6 +144,7 @@ bool World::solve_each_island() {
     step_.attempt.converged &= g.result.converged;
     if (!(g.result.residual <= step_.attempt.residual) || step_.attempt.worst_tendon < 0) read_worst(g);
   }
+  evaluate_elements(islands_.loose, scene.links);
   step_.attempt.contacts = static_cast<long>(contacts_.all.size());
   step_.report.iterations += step_.attempt.iterations;
   return finite;

@@ -56,6 +56,7 @@ void World::find_coarse_turns() {
 
 void World::read_worst(const Island& g) {
   step_.attempt.residual = g.result.residual;
+  if (g.tendons.empty()) return;
   const Tendon* worst = g.tendons[0];
   for (const Tendon* c : g.tendons)
     if (!(c->residual_norm <= worst->residual_norm)) worst = c;

@@ -66,6 +66,11 @@ struct StateFields {
   BT_FIELDS(Shape, link, local, lo, hi, half_space, plane_normal, plane_offset, friction, primitive)
   BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction, start_slope, end_slope)
   BT_FIELDS(StepRecord, dt, gravity)
+  BT_FIELDS(PathPoint, link, local)
+  BT_FIELDS(LigamentModel, rest, tension)
+  BT_FIELDS(LigamentState, length, force)
+  BT_FIELDS(ElementCheckpoint, ligaments)
+  // The elements are stored beside the other fields, where there are any.
   BT_FIELDS(Checkpoint, valid, tendons, links, bodies, memory, contacts, sleeping_contacts, rest_gravity,
             last_step, may_resolve, sensed_links, sensed_bodies)
 };

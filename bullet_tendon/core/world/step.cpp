@@ -92,13 +92,14 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.slots.clear();
   for (Link& l : scene.links) l.wrench = {};
   history_.may_resolve = !whole && any_moved();
-  for (GeneralizedBody& m : scene.bodies) m.turning.far = false;
+  for (GeneralizedBody& m : scene.bodies) m.turning.far = m.turning.elements = false;
   if (history_.may_resolve) {
     history_.start->sensed_links = scene.links;
     history_.start->sensed_bodies = scene.bodies;
   }
   wake_disturbed(dt);
   join_step();
+  if (scene.has_elements()) count_touches();
   const int iterations = step_.resolved ? step_.report.iterations : 0;
   if (step_.resolved) step_.substeps.repeat(Reason::released);
   step_.report = Report{};
@@ -127,6 +128,7 @@ void World::predict() {
     begin_step(*c, step_.context);
     c->predict();
   }
+  begin_elements();
   find_bores();
 }
 
@@ -268,6 +270,14 @@ void World::measure_wrenches() {
       Link& link = scene.links[h.link];
       push(link, given(*c, h.mean_force, h.step_force), h.force, link.arm_of(h.local));
     }
+  if (step_.whole) return;
+  scene.each_element([&](const Element& element) {
+    for (const TouchedLink& touched : element.touched()) {
+      Link& link = scene.links[touched.link];
+      link.part.force += share * touched.force;
+      link.part.torque += share * transposed_times(link.turned.rate, touched.torque);
+    }
+  });
 }
 
 // Makes the solution the new state, and applies its wrenches to the links.
@@ -293,6 +303,7 @@ void World::take_substep() {
       c->let_overlaid_part();
     }
   share_weights();
+  accept_elements();
   if (after_substep) after_substep();
   if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();

@@ -113,6 +113,25 @@ void World::remove_tunnel(int slot) {
   });
 }
 
+int World::add_ligament(std::unique_ptr<Ligament> ligament) {
+  for (const TouchedLink& touched : ligament->touched()) ensure_link(touched.link);
+  history_.may_resolve = false;
+  const int slot = scene.ligaments.add(std::move(ligament));
+  pair_elements();
+  return slot;
+}
+
+void World::remove_ligament(int slot) {
+  history_.may_resolve = false;
+  scene.ligaments.remove(slot);
+  pair_elements();
+}
+
+void World::pair_elements() {
+  scene.element_pairs.all.clear();
+  scene.each_element([&](Element& element) { scene.element_pairs.include(element); });
+}
+
 template <class Which>
 void World::forget_memory(Which which) {
   auto gone = [&](const ContactMemory& m) { return which(m.key); };

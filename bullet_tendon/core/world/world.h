@@ -16,7 +16,9 @@
 #include <vector>
 
 #include "collision/broad_phase.h"
+#include "element/element_set.h"
 #include "integrator/scheme.h"
+#include "ligament/ligament.h"
 #include "solver/island.h"
 #include "world/checkpoint.h"
 #include "world/report.h"
@@ -46,6 +48,15 @@ struct Scene {
   std::vector<char> shape_alive;
   std::vector<char> tunnel_alive;
   CollisionFilter filter;
+  ElementSlots<Ligament> ligaments;
+  PairList element_pairs;
+  // Calls what(element) for every element.
+  template <class Do>
+  void each_element(Do what) const {
+    for (const auto& ligament : ligaments.all())
+      if (ligament) what(static_cast<Element&>(*ligament));
+  }
+  bool has_elements() const { return !ligaments.all().empty(); }
 };
 
 // One step, and the substep that is being solved.
@@ -103,9 +114,11 @@ struct SleepState {
 // Tendons that are solved together (union-find).
 struct IslandSet {
   std::vector<Island> all;
-  std::vector<int> parent;   // union-find, by tendon
-  std::vector<int> touches;  // by body: one tendon that touches it, or -1
-  std::vector<char> solid;   // by link: the link has a shape or a tunnel
+  std::vector<int> parent;    // union-find, by tendon
+  std::vector<int> touches;   // by body: one tendon that touches it, or -1
+  std::vector<char> solid;    // by link: the link has a shape or a tunnel
+  std::vector<LinkEnd> ends;  // by link: of links that elements touch
+  IslandElements loose;       // elements that touch no body with unknowns
 };
 
 // Checkpoints that restore the state before the last step or before a failed one. Pointers, because the two
@@ -137,6 +150,10 @@ class World {
   // The bore of a tunnel, in its link's frame.
   Bore bore_in_link(int slot) const;
   void remove_tunnel(int slot);
+  int add_ligament(std::unique_ptr<Ligament> ligament);
+  void remove_ligament(int slot);
+  // Lists the pairs of links that elements touch together.
+  void pair_elements();
   // Whether a tendon makes contacts: at all; with another tendon or (a == b) with itself; with a link.
   void set_collides(int tendon, bool collides);
   void set_tendons_collide(int a, int b, bool collide);
@@ -310,6 +327,10 @@ class World {
   // The bores of a link that are wider than the tendon. The others are solid bone for it.
   const std::vector<Bore>& bores_for(const Tendon& c, int link);
   void make_islands();
+  void begin_elements();
+  void place_elements();
+  void list_elements(IslandElements& elements);
+  void accept_elements();
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,

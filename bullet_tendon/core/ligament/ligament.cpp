@@ -1,0 +1,156 @@
+#include "ligament/ligament.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "math/rounding.h"
+
+namespace bt {
+
+namespace {
+
+std::vector<int> links_of(const std::vector<PathPoint>& path) {
+  std::vector<int> links;
+  for (const PathPoint& p : path) links.push_back(p.link);
+  return links;
+}
+
+// The twist of a link that moves the point at the arm along u: its six coefficients.
+std::array<double, 6> twist_along(Vec3 arm, Vec3 u) {
+  const Vec3 turn = cross(arm, u);
+  return {u.x, u.y, u.z, turn.x, turn.y, turn.z};
+}
+
+}  // namespace
+
+Ligament::Ligament(const std::vector<PathPoint>& path, const Material& material, double rest_length)
+    : Element(links_of(path)), path_(path), material_(material) {
+  rest = rest_length;
+  for (const PathPoint& p : path)
+    for (size_t t = 0; t < touched_.size(); ++t)
+      if (touched_[t].link == p.link) of_point_.push_back(static_cast<int>(t));
+  arms_.resize(path.size());
+  arms_now_.resize(path.size());
+  points_.resize(path.size());
+  gradient_.resize(touched_.size());
+}
+
+double Ligament::length_at(const std::vector<Link>& links) const {
+  double sum = 0;
+  for (size_t i = 0; i + 1 < path_.size(); ++i)
+    sum += norm(to_world(links[path_[i + 1].link].pose, path_[i + 1].local) -
+                to_world(links[path_[i].link].pose, path_[i].local));
+  return sum;
+}
+
+void Ligament::begin(const std::vector<Link>& links, double h) {
+  h_ = h;
+  for (size_t i = 0; i < path_.size(); ++i) {
+    arms_[i] = links[path_[i].link].arm_of(path_[i].local);
+    touched_[of_point_[i]].lever = arms_[i];
+  }
+  start_length_ = length_at(links);
+}
+
+// Sets the tension and its derivative by the length.
+void Ligament::find_tension() {
+  if (tension >= 0) {
+    tension_now_ = tension;
+    slope_ = 0;
+    potential_ = tension * length_now_;
+    stiffest_ = 0;
+    return;
+  }
+  const Law& law = material_.law;
+  const double strain = length_now_ / rest - 1;
+  double force, slope;
+  elastic_any(law, strain, force, slope);
+  tension_now_ = material_.stiffness * force;
+  slope_ = material_.stiffness * slope / rest;
+  potential_ = material_.stiffness * rest * elastic_energy(law, strain);
+  stiffest_ = slope_;
+  if (material_.damping == 0) return;
+  const double rate = (length_now_ - start_length_) / (h_ * rest);
+  const double c = material_.damping * damping_share(law, start_length_ / rest - 1);
+  damping(law, rate, force, slope);
+  tension_now_ += c * force;
+  slope_ += c * slope / (h_ * rest);
+  potential_ += c * h_ * rest * dissipation(law, rate);
+  stiffest_ = slope_;
+  if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
+}
+
+// A segment that turns about one of its ends moves the other end across it.
+void Ligament::add_across(int i, Vec3 along, double inverse) {
+  const int one = of_point_[i], other = of_point_[i + 1];
+  const Vec3 first = any_perpendicular(along), second = cross(along, first);
+  for (const Vec3 e : {first, second}) {
+    Across term{one, other, twist_along(arms_now_[i], -e), twist_along(arms_now_[i + 1], e), inverse};
+    if (one > other) {
+      std::swap(term.one, term.other);
+      std::swap(term.by_one, term.by_other);
+    }
+    across_.push_back(term);
+  }
+}
+
+void Ligament::find_length(const std::vector<LinkEnd>& ends) {
+  for (size_t i = 0; i < path_.size(); ++i) {
+    const LinkEnd& end = ends[path_[i].link];
+    arms_now_[i] = end.rotation * arms_[i];
+    points_[i] = end.centre + arms_now_[i];
+  }
+  across_.clear();
+  for (Twists& g : gradient_) g.fill(0);
+  length_now_ = 0;
+  for (size_t i = 0; i + 1 < path_.size(); ++i) {
+    const Vec3 d = points_[i + 1] - points_[i];
+    const double length = norm(d);
+    length_now_ += length;
+    if (of_point_[i] == of_point_[i + 1]) continue;  // a segment within a link does not change
+    if (length < kRoundingShare * rest) continue;    // no direction but noise
+    const Vec3 u = (1 / length) * d;
+    for (const auto& [point, side] : {std::pair{i, -1.0}, std::pair{i + 1, 1.0}}) {
+      const Twists t = twist_along(arms_now_[point], side * u);
+      for (int k = 0; k < 6; ++k) gradient_[of_point_[point]][k] += t[k];
+    }
+    add_across(static_cast<int>(i), u, 1 / length);
+  }
+}
+
+void Ligament::evaluate(const std::vector<LinkEnd>& ends) {
+  find_length(ends);
+  find_tension();
+  largest_ = std::fabs(tension_now_);
+  for (TouchedLink& t : touched_) t.clear();
+  for (size_t i = 0; i + 1 < path_.size(); ++i) {
+    if (of_point_[i] == of_point_[i + 1]) continue;
+    const Vec3 f = tension_now_ * unit_or(points_[i + 1] - points_[i], {});
+    touched_[of_point_[i]].add(arms_now_[i], f);
+    touched_[of_point_[i + 1]].add(arms_now_[i + 1], -f);
+  }
+}
+
+void Ligament::add_stiffness(std::vector<LinkPair>& pairs, bool definite) const {
+  const int n = static_cast<int>(touched_.size());
+  for (int i = 0; i < n && slope_ != 0; ++i)
+    for (int j = i; j < n; ++j)
+      add_outer(pairs[pair(i, j)], slope_, gradient_[i].data(), gradient_[j].data());
+  const double pull = definite ? std::max(0.0, tension_now_) : tension_now_;
+  for (const Across& a : across_) {
+    const double weight = pull * a.inverse;
+    if (weight == 0) continue;
+    add_outer(pairs[pair(a.one, a.one)], weight, a.by_one.data(), a.by_one.data());
+    add_outer(pairs[pair(a.one, a.other)], weight, a.by_one.data(), a.by_other.data());
+    add_outer(pairs[pair(a.other, a.other)], weight, a.by_other.data(), a.by_other.data());
+  }
+}
+
+void Ligament::accept(double) {
+  length = length_now_;
+  force = tension_now_;
+}
+
+}  // namespace bt

@@ -1,0 +1,83 @@
+// A ligament: a massless line that pulls on links along a path of points, through which it slides freely.
+//
+// With the points p_i of links and the length L of the path, its tension is a function of L alone,
+//
+//   T(L) = K f(L/l - 1) + C d((L - L_0)/(h l)),      (tendon/axial_law.h)
+//
+// with l the rest length, L_0 the length at the start of the substep and h its length. A tension that is set
+// replaces T(L). The tension is the same along the whole path, because the points have no friction. It has
+// the potential U(L), U' = T, with
+//
+//   dU/dp_i = T g_i,   g_i = dL/dp_i,      d2U/dp_i dp_j = T' g_i g_j^T + T d2L/dp_i dp_j,
+//
+// and d2L is that of its straight segments, (I - u u^T)/|segment| with u along the segment, which is positive
+// semidefinite. A compressed ligament, which only a material that can push allows, makes the second term
+// negative.
+#pragma once
+#include <array>
+#include <vector>
+
+#include "element/element.h"
+#include "tendon/material.h"
+
+namespace bt {
+
+// A point of the path.
+struct PathPoint {
+  int link = -1;  // slot
+  Vec3 local;     // in the link's frame [m]
+};
+
+// What only the user changes.
+struct LigamentModel {
+  double rest = 0;      // rest length [m]
+  double tension = -1;  // that is set [N]; negative: the material's law
+};
+
+// What a step changes.
+struct LigamentState {
+  double length = 0;  // at the end of the last step [m]
+  double force = 0;   // tension at the end of the last step [N]
+};
+
+class Ligament : public Element, public LigamentModel, public LigamentState {
+ public:
+  Ligament(const std::vector<PathPoint>& path, const Material& material, double rest_length);
+  const std::vector<PathPoint>& path() const { return path_; }
+  double stiffness() const { return material_.stiffness; }
+  const Material& material() const { return material_; }
+
+  void begin(const std::vector<Link>& links, double h) override;
+  void evaluate(const std::vector<LinkEnd>& ends) override;
+  void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
+  void accept(double h) override;
+  // Length of the path where the links are now [m].
+  double length_at(const std::vector<Link>& links) const;
+
+ private:
+  // Derivatives of the length by the twists of the touched links.
+  using Twists = std::array<double, 6>;
+  // A direction across a segment: its twists, and 1/|segment|.
+  struct Across {
+    int one, other;  // touched links
+    Twists by_one, by_other;
+    double inverse;
+  };
+  void find_tension();
+  void find_length(const std::vector<LinkEnd>& ends);
+  void add_across(int i, Vec3 along, double inverse);
+
+  std::vector<PathPoint> path_;
+  Material material_;
+  std::vector<int> of_point_;  // touched link of each point
+  // Of the substep: arms at its start, length at its start, its length.
+  std::vector<Vec3> arms_;
+  double start_length_ = 0, h_ = 0;
+  // Of the last evaluation.
+  std::vector<Vec3> arms_now_, points_;
+  std::vector<Twists> gradient_;  // of the length, by touched link
+  std::vector<Across> across_;
+  double length_now_ = 0, tension_now_ = 0, slope_ = 0;
+};
+
+}  // namespace bt

@@ -1,0 +1,152 @@
+"""Ligament: a massless line that pulls on bodies along a path of points, through which it slides freely.
+
+Owns: the handle; forces are the core's. Goes with the core's rooms `element` and `ligament`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from . import checks
+from ._core import World as Core
+from .bodies import Bodies
+from .errors import InvalidType, InvalidValue, NotCopied, SlackWarning, UnknownId, warn
+from .material import Material
+
+_SLACK = 1.25  # rest length over the path from which a warning is given [-]
+
+
+class Ligament(NotCopied):
+    """A ligament between bodies, made by TendonWorld.add_ligament.
+
+    It has no mass. It is straight between its points, slides through the inner ones without friction, and has
+    one tension along its whole length. name, material: as given; removed: whether it was taken out.
+    path: ((bodyUniqueId, linkIndex, (x, y, z)), ...), the points in the links' URDF frames [m].
+
+    Example:
+        >>> stand = p.createMultiBody(0)
+        >>> line = world.add_ligament([(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))], material)
+        >>> round(line.length, 3), round(line.rest_length, 3), line.force
+        (0.11, 0.11, 0.0)
+    """
+
+    def __init__(self, core: Core, bodies: Bodies, slot: int, name: str, material: Material, path: tuple):
+        self._core, self._bodies = core, bodies
+        self.slot, self.name, self.material, self.path = slot, name, material, path
+        self.link_slots = frozenset(bodies.slot(body, link) for body, link, _ in path)
+        self.removed = False
+
+    @property
+    def force(self) -> float:
+        """Its tension at the end of the last step [N]; 0 before the first one. Negative: it pushes."""
+        return self._core.ligament_force(self._there())
+
+    @property
+    def length(self) -> float:
+        """Length of its path where the bodies are now [m]. Raises UnknownId where a body was removed."""
+        return path_length(self.points)
+
+    @property
+    def strain(self) -> float:
+        """(length - rest_length) / rest_length, now [-]."""
+        return self.length / self.rest_length - 1
+
+    @property
+    def points(self) -> np.ndarray:
+        """(k, 3) the points of its path in the world frame, now [m]."""
+        self._there()
+        return points_of(self._bodies, self.path)
+
+    @property
+    def rest_length(self) -> float:
+        """Length at which its law has no force [m]; it can be set, to re-tension it. Raises InvalidValue."""
+        return self._core.ligament_rest(self._there())
+
+    @rest_length.setter
+    def rest_length(self, value: float) -> None:
+        rest = checks.number("rest_length", value, above=0)
+        self._bodies.require_client()
+        self._core.set_ligament_rest(self._there(), rest)
+
+    @property
+    def tension(self) -> float | None:
+        """The tension that was set by set_tension [N]; None: its material decides."""
+        found = self._core.ligament_tension(self._there())
+        return None if found < 0 else found
+
+    def set_tension(self, tension: float | None) -> None:
+        """Pull with a constant tension [N], >= 0, whatever the length: a muscle, or a line with a weight.
+
+        Args:
+            tension: [N]; None: the material's law again.
+
+        Raises:
+            InvalidType, InvalidValue: not a number >= 0.
+            UnknownId: the ligament was removed.
+
+        Example:
+            >>> stand = p.createMultiBody(0)
+            >>> line = world.add_ligament([(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))], material)
+            >>> line.set_tension(0.1 * 9.81)
+            >>> world.step(240)
+            >>> round(line.force, 3), round(line.length, 3)
+            (0.981, 0.11)
+        """
+        chosen = -1.0 if tension is None else checks.number("tension", tension, at_least=0)
+        self._bodies.require_client()
+        self._core.set_ligament_tension(self._there(), chosen)
+
+    def _there(self) -> int:
+        if self.removed:
+            raise UnknownId("ligament", self.name, "one that was not removed")
+        return self.slot
+
+
+def checked_path(bodies: Bodies, path: Sequence) -> tuple:
+    """The path with checked ids and points. Raises InvalidType, InvalidValue or UnknownId."""
+    try:
+        rows = [tuple(row) for row in path]
+    except TypeError:
+        raise InvalidType("path", path, "points (bodyUniqueId, linkIndex, (x, y, z))") from None
+    if len(rows) < 2 or any(len(row) != 3 for row in rows):
+        raise InvalidValue("path", path, "two points (bodyUniqueId, linkIndex, (x, y, z)) or more")
+    for body, link, _ in rows:
+        bodies.require(body, link)
+    found = tuple(
+        (int(body), int(link), tuple(checks.vector("path", at).tolist())) for body, link, at in rows
+    )
+    if len({row[:2] for row in found}) < 2:
+        raise InvalidValue("path", path, "through two links at least: on one alone it has no effect")
+    return found
+
+
+def points_of(bodies: Bodies, path: tuple) -> np.ndarray:
+    """(k, 3) points of a path in the world frame [m]."""
+    frames = {key: bodies.checked_frame(*key) for key in {row[:2] for row in path}}
+    places = [(*frames[body, link], np.array(at)) for body, link, at in path]
+    return np.array([origin + axes @ at for origin, axes, at in places])
+
+
+def path_length(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def checked_rest(name: str, rest_length: float | None, length: float) -> float:
+    """The rest length [m] of a ligament whose path has this length now; warns where it is far longer."""
+    if rest_length is None:
+        return checks.number("path", length, above=0)
+    rest = checks.number("rest_length", rest_length, above=0)
+    if rest > _SLACK * length:
+        warn(
+            SlackWarning(
+                f"ligament {name!r} is slack: its rest length of {rest:.4g} m is "
+                f"{rest / length - 1 if length > 0 else np.inf:.0%} beyond its path of {length:.4g} m"
+            )
+        )
+    return rest
+
+
+def law_arguments(material: Material) -> tuple:
+    """The axial law of a material as the compiled core takes it. A ligament bends freely and has no mass."""
+    rates = material.damping, material.damping_exponent, material.damping_form == "lengthening"
+    return (material.stiffness, material.exponent, material.toe, material.tension_only, *rates)
