@@ -1,6 +1,7 @@
 """Builds the compiled core and maps the top-level folders `urdf` and `scenarios` into the package."""
 
 import os
+import re
 import sysconfig
 from glob import glob
 from pathlib import Path
@@ -35,13 +36,45 @@ core = Pybind11Extension(
     extra_link_args=sanitizers,
 )
 
+
+def long_description() -> str:
+    """The README without what only a checkout shows: pictures, and links to its other files."""
+    text = Path("README.md").read_text(encoding="utf-8")
+    text = re.sub(r"!\[[^]]*\]\([^)]*\)\n*", "", text)
+    return re.sub(r"\[([^]]*)\]\((?!https?:)[^)]*\)", r"\1", text)
+
+
 setup(
     name="bullet_tendon",
     version="0.1.0",
     description="Implicit, nonlinear tendons for pybullet: tunnels, bones, contact, two-way coupling",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description=long_description(),
     long_description_content_type="text/markdown",
-    license="MIT",
+    license_expression="MIT",
+    license_files=["LICENSE"],
+    author="the bullet_tendon developers",
+    keywords=["tendon", "ligament", "suture", "cable", "pybullet", "simulation", "biomechanics", "surgery"],
+    project_urls={
+        "pybullet": "https://pybullet.org",
+        "Flexible Collision Library": "https://github.com/flexible-collision-library/fcl",
+    },
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "Intended Audience :: Healthcare Industry",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: C++",
+        "Programming Language :: Python :: 3",
+        "Programming Language :: Python :: 3 :: Only",
+        "Programming Language :: Python :: 3.10",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Programming Language :: Python :: 3.13",
+        "Programming Language :: Python :: Implementation :: CPython",
+        "Topic :: Scientific/Engineering :: Medical Science Apps.",
+        "Topic :: Scientific/Engineering :: Physics",
+        "Typing :: Typed",
+    ],
     python_requires=">=3.10",
     install_requires=["pybullet>=3.2.5", "numpy>=1.24", "scipy>=1.10", "python-fcl>=0.7"],
     extras_require={
@@ -56,6 +89,13 @@ setup(
         "view": ["matplotlib>=3.6", "tqdm>=4"],
         "gym": ["gymnasium>=1.1"],
         "learn": ["gymnasium>=1.1", "cma>=3.3"],
+        "docs": [
+            "sphinx>=8",
+            "pydata-sphinx-theme>=0.16",
+            "myst-parser>=4",
+            "sphinx-gallery>=0.18",
+            "matplotlib>=3.6",
+        ],
         "dev": ["ruff==0.17.*"],
     },
     packages=[
@@ -63,6 +103,7 @@ setup(
         "bullet_tendon.urdf",
         "bullet_tendon.scenarios",
         "bullet_tendon.scenarios.benchmarks",
+        "bullet_tendon.scenarios.manual",
         "bullet_tendon.scenarios.tasks",
     ],
     package_dir={"bullet_tendon.urdf": "urdf", "bullet_tendon.scenarios": "scenarios"},

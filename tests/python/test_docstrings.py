@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pybullet as p
 import pytest
+from bullet_tendon.scenarios.manual.completeness import NOT_FOR_USERS
 
 import bullet_tendon as bt
 
 REFERENCE = Path(__file__).parents[2] / "scenarios" / "manual" / "reference.md"
-OF_THE_PACKAGE = "core_arguments"  # what no user calls
 
 
 def documented():
@@ -23,7 +23,7 @@ def documented():
         if inspect.isclass(thing):
             for key, member in vars(thing).items():
                 function = getattr(member, "__func__", member)
-                if key[0] != "_" and key != OF_THE_PACKAGE and inspect.isfunction(function):
+                if key[0] != "_" and key not in NOT_FOR_USERS and inspect.isfunction(function):
                     yield f"{name}.{key}", function
 
 

@@ -25,7 +25,10 @@ READMES = [
     "bullet_tendon/core/README.md",
     "scenarios/README.md",
     "scenarios/benchmarks/README.md",
+    "scenarios/manual/README.md",
     "tests/README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
     "urdf/README.md",
 ]
 
@@ -168,3 +171,26 @@ def test_readmes_refer_to_files_and_headings_that_are_there(page):
         if ":" not in link and not (target.exists() and (not heading or heading in headings(target))):
             missing.append(link)
     assert missing == []
+
+
+def description() -> str:
+    """The long description that setup.py makes, without running the rest of it."""
+    tree = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
+    (function,) = (node for node in tree.body if getattr(node, "name", "") == "long_description")
+    names = {"re": re, "Path": lambda name: ROOT / name}
+    exec(compile(ast.Module([function], []), "setup.py", "exec"), names)
+    return names["long_description"]()
+
+
+def test_the_long_description_has_no_links_to_files():
+    """An index shows it without the checkout."""
+    text = description()
+    assert "](http" in text and "```python" in text
+    assert not re.findall(r"\]\((?!https?:)[^)]*\)", text)
+    assert "![" not in text
+
+
+def test_the_citation_is_of_this_version():
+    text = (ROOT / ".github" / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", text, re.MULTILINE).group(1) == bt.__version__
+    assert f"## {bt.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The manual: its pages, its recipes, and what builds it (README.md)."""

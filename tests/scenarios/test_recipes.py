@@ -1,0 +1,150 @@
+"""The manual's recipes run as they stand, and what they find agrees with laws that are not this code's."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pybullet as p
+import pytest
+from bullet_tendon.scenarios import measure, topology
+
+RECIPES = Path(__file__).parents[2] / "scenarios" / "manual" / "recipes"
+CLIENTS = 16  # the most that a recipe connects
+G = 9.81  # m/s^2
+
+pytest.importorskip("matplotlib", reason="recipes draw figures")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """run(name) -> what a recipe has defined at its end. Its clients stay open until the test ends."""
+    monkeypatch.chdir(tmp_path)
+    yield lambda name: runpy.run_path(str(RECIPES / f"{name}.py"))
+    for client in range(CLIENTS):
+        if p.isConnected(client):
+            p.disconnect(client)
+
+
+def size(vector) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def test_graft_in_my_knee(run):
+    """The bones carry the pull and the graft's weight, and friction takes about a capstan's share."""
+    got = run("graft_in_my_knee")
+    graft, way = got["graft"], np.diff(got["way"], axis=0)
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    turns = np.arccos((way[1:] * way[:-1]).sum(1)).sum()
+    mu = graft.material.friction * 0.5
+    assert graft.tension[0] == pytest.approx(80, rel=1e-3)
+    assert 80 * np.exp(-2 * mu * turns) < graft.tension[-1] < 80  # one particle turns round each edge
+    bones = got["world"].wrench(got["femur"])[:3] + got["world"].wrench(got["tibia"])[:3]
+    assert bones == pytest.approx(80 * got["down"] + [0, -G * graft.masses.sum(), 0], abs=0.05)
+    assert len(got["world"].penetrations()) == 0
+
+
+def test_ligament_with_slack(run):
+    def blankevoort(strain, slope=2000, toe=0.06):
+        toe_force = slope * max(strain, 0) ** 2 / (2 * toe)
+        return toe_force if strain < toe else slope * (strain - toe / 2)
+
+    forces = run("ligament_with_slack")["forces"]
+    assert len(forces) == 7
+    for length, force in forces.items():
+        assert force == pytest.approx(blankevoort(length / 0.032 - 1), abs=0.02)
+
+
+def test_pretension_and_fixation(run):
+    """Two springs in parallel: the graft keeps k_joint / (k_joint + k_graft) of its tension."""
+    got = run("pretension_and_fixation")
+    assert np.array(got["history"])[200:240, 0] == pytest.approx(80, rel=1e-3)
+    assert got["graft"].tension.mean() == pytest.approx(80 * 150 / 350, rel=1e-3)
+    assert -got["strut"].tension[0] == pytest.approx(80 * 150 / 350, rel=1e-3)
+
+
+def test_multi_strand_graft(run):
+    """Torques about the bone's centre are in balance, and each strand follows its law."""
+    got = run("multi_strand_graft")
+    forces = np.array(got["forces"])
+    assert forces.sum() == pytest.approx(400, rel=1e-3)
+    assert forces[:2] == pytest.approx(forces[2:], rel=1e-3)
+    slope, strains = 1.5e9 * 57e-6 / 4, np.array([strand.strain.mean() for strand in got["strands"]])
+    assert forces == pytest.approx(slope * strains**2 / 0.06, rel=2e-3)  # within the toe of 3 %
+
+
+def test_tendon_over_pulley(run):
+    got = run("tendon_over_pulley")
+    assert got["loaded"] == pytest.approx(G, rel=1e-2)
+    assert got["pulled"] / got["loaded"] == pytest.approx(np.exp(0.2 * np.pi), rel=1e-2)
+
+
+def test_suture_and_knot(run):
+    """Under the pull of the hands the knot stays a trefoil (determinant 3), and passes through nothing."""
+    got = run("suture_and_knot")
+    suture, radius = got["suture"], got["radius"]
+    assert topology.determinant(topology.closed_far(suture.positions)) == 3
+    assert suture.tension[[0, -1]] == pytest.approx(5, rel=1e-3)
+    rest = measure.rest_lengths(suture)
+    assert measure.with_itself(suture.positions, np.pi * radius, rest) > 0.97 * 2 * radius
+
+
+def test_finger_from_my_urdf(run):
+    """About the hinge: tension times arm carries the phalanx's weight (upwards here) and the damping."""
+    got = run("finger_from_my_urdf")
+    angle, rate = p.getJointState(got["finger"], 0)[:2]
+    x = got["flexor"].positions
+    nearest = np.argmin(np.linalg.norm(0.5 * (x[1:] + x[:-1]), axis=1))
+    along = (x[nearest + 1] - x[nearest]) / size(x[nearest + 1] - x[nearest])
+    arm = size(np.cross(x[nearest], along))
+    weight = 0.03 * G * 0.02 * np.cos(angle)
+    assert 1.2 < angle < 1.5
+    assert got["flexor"].tension[nearest] * arm == pytest.approx(weight + 0.0005 * rate, rel=0.05)
+
+
+def test_forces_contact_tension(run):
+    """All forces of the tendon add up to its weight, and its tension grows at most as over a capstan."""
+    got = run("forces_contact_tension")
+    tendon = got["tendon"]
+    assert got["total"] == pytest.approx([0, 0, -G * tendon.masses.sum()], abs=1e-3)
+    assert got["knot"].force[2] == pytest.approx(-0.5 * -G, rel=1e-2)
+    assert 1 <= tendon.tension.max() / tendon.tension.min() < 1.02 * np.exp(0.2 * np.pi)
+
+
+def test_saved_states(run, capsys):
+    run("saved_states")
+    said = capsys.readouterr().out
+    assert "the same bits: True" in said
+    assert "the same positions: True" in said
+    assert "source = 'rope.npz'" in said
+
+
+def test_haptic_device(run):
+    """What the hand feels is the coupling's spring, and the graft is drawn back with 5 N."""
+    got = run("haptic_device")
+    graft, hand = got["graft"], got["hand"]
+    spring = 2000 * (graft.positions[0] - hand.target)
+    assert size(hand.force - spring) < 0.2 * size(spring)
+    pull = got["forces"][-100:].mean(axis=0) @ -got["axis"]
+    weight = G * graft.masses.sum()
+    assert 5 - weight < pull < (5 + weight) * np.exp(0.5 * graft.material.friction * np.pi)
+
+
+def test_many_worlds(run):
+    """Hooke's law of each case, and equal results on threads."""
+    got = run("many_worlds")
+    assert got["again"] == got["results"]
+    for case, result in zip(got["cases"], got["results"], strict=True):
+        assert result["stretch"] == pytest.approx(0.2 * result["load"] / case["stiffness"], rel=2e-3)
+        assert result["load"] == pytest.approx(G, rel=0.05)
+
+
+def test_choosing_a_resolution(run):
+    assert run("choosing_a_resolution")["orders"] == pytest.approx([1, 2], abs=0.1)
+
+
+def test_when_a_step_does_not_converge(run, capsys):
+    got = run("when_a_step_does_not_converge")
+    said = capsys.readouterr().out
+    assert "converged False, ended by budget" in said
+    assert got["unconverged"] == 0
+    assert "['StepWarning']" in said
