@@ -30,6 +30,7 @@ from .errors import (  # noqa: E402
     UnknownId,
     UrdfError,
 )
+from .fixation import Bundle, Fixation, Tensioner  # noqa: E402
 from .ligament import Ligament  # noqa: E402
 from .loading import data_path  # noqa: E402
 from .material import Material  # noqa: E402
@@ -44,8 +45,10 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Attachment",
+    "Bundle",
     "CannotCopy",
     "CaseFailed",
+    "Fixation",
     "Grip",
     "InsideWarning",
     "InvalidType",
@@ -64,6 +67,7 @@ __all__ = [
     "Tendon",
     "TendonError",
     "TendonWorld",
+    "Tensioner",
     "Tunnel",
     "UnknownId",
     "UrdfError",

@@ -11,8 +11,10 @@ from . import _core, checks
 from .anchors import Attachment, Grip, Numbers, clamp_direction
 from .bodies import Bodies
 from .errors import InvalidValue, NotCopied, UnknownId
+from .fixation import Fixation, Tensioner, fix_at, fix_in
 from .material import Material
 from .placement import Placement
+from .tunnels import Tunnel
 
 # A segment may be reeled in to, or paid out to, these shares of its first rest length [-]: shorter
 # ones would make the springs needlessly stiff, longer ones lose contacts between their ends.
@@ -241,6 +243,85 @@ class Tendon(NotCopied):
         anchor = Grip(self, index, number, where, stiffness, damping, direction, max_force)
         self._anchors[index] = anchor
         return anchor
+
+    def pull(
+        self, particle: int, force: float, bodyUniqueId: int, linkIndex: int, position: ArrayLike
+    ) -> "Tensioner":
+        """Pull a particle towards a point of a bone with a constant tension, by a device that rests on the
+        bone.
+
+        The bone gets the exact opposite of what the tendon gets. (A hand, or set_force, pulls against the
+        world instead: once the graft is fixed and the hand lets go, the bone moves, and most of the tension
+        is lost.)
+
+        Args:
+            particle: its index, negative from the end. A particle can be held once.
+            force: the tension [N], >= 0.
+            bodyUniqueId: the bone.
+            linkIndex: its link, -1 for the base.
+            position: (3,) of the device in the link's URDF frame [m], apart from the particle, on the way
+            that
+                it is pulled.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> device = tendon.pull(-1, 20, ball, -1, (0, 0, -0.05))
+            >>> hand = tendon.grip(0)
+            >>> device.force
+            20.0
+            >>> device.release()
+        """
+        index = self._free_particle(particle)
+        force = checks.number("force", force, at_least=0)
+        self._bodies.require(bodyUniqueId, linkIndex)
+        return Tensioner(self, index, force, bodyUniqueId, linkIndex, checks.vector("position", position))
+
+    def fix(
+        self,
+        where: "Tunnel | int",
+        *place,
+        length: float | None = None,
+        stiffness: float | None = None,
+        slip_load: float | None = None,
+    ) -> "Fixation":
+        """Fix the tendon to a bone by hardware that slips at its load.
+
+        fix(tunnel, "screw", length=) holds all free particles within `length` of the tunnel's outer mouth,
+        which is the one nearer to an end of the tendon. Each has an equal share of stiffness and load, so
+        that the load moves along the screw as the particles nearest to it slip. fix(particle, bodyUniqueId,
+        linkIndex, position, "button") holds one particle by a line to `position`.
+
+        Args:
+            where: a tunnel that the tendon lies in, or a particle's index.
+            place: the hardware's name in fixation.HARDWARE ("screw", "tandem_washers", "washerloc",
+            "button");
+                for a particle bodyUniqueId, linkIndex and position (3,) in the link's URDF frame [m] before
+                it.
+            length: of a screw [m]; None: of the tunnel.
+            stiffness: of all of it together [N/m]; None: the published one of the hardware, if there is one.
+            slip_load: of all of it together [N]; None: the published one.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> button = tendon.fix(-1, ball, -1, (0, 0, -0.01), "button", stiffness=2e5)
+            >>> button.slip_load, button.slip
+            (958.0, 0.0)
+            >>> button.release()
+        """
+        strength = stiffness, slip_load
+        if isinstance(where, Tunnel):
+            if len(place) != 1:
+                raise InvalidValue("place", place, "the name of the hardware, after a tunnel")
+            return fix_in(self, where, place[0], length, *strength)
+        if len(place) != 4:
+            raise InvalidValue("place", place, "bodyUniqueId, linkIndex, position, name, after a particle")
+        if length is not None:
+            raise InvalidValue("length", length, "None: it is that of a screw in a tunnel")
+        return fix_at(self, where, *place, *strength)
 
     def is_attached_to(self, bodyUniqueId: int) -> bool:
         """Whether a particle is attached to any link of the body.

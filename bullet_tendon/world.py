@@ -6,6 +6,7 @@ core's room `world`.
 """
 
 import math
+import weakref
 from collections.abc import Sequence
 from os import PathLike
 
@@ -17,6 +18,7 @@ from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
+from .fixation import Fixation
 from .ligament import Ligament, checked_path, checked_rest, law_arguments, path_length, points_of
 from .loading import load_urdf
 from .material import Material
@@ -67,6 +69,7 @@ class TendonWorld(NotCopied):
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
         self._ligaments: dict[int, Ligament] = {}
+        self._fixations: list[Fixation] = []
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
         self._obstacles = Obstacles(self._core, self._bodies)
@@ -178,6 +181,7 @@ class TendonWorld(NotCopied):
             self._core.set_collides(slot, False)
         parts = self._core, self._bodies, self._placement, self._numbers
         tendon = Tendon(*parts, slot, name, radius, material)
+        tendon._world = weakref.proxy(self)
         self._tendons[slot] = tendon
         self._placement.new.add(slot)
         return tendon
@@ -462,6 +466,7 @@ class TendonWorld(NotCopied):
             True
         """
         for _ in range(checks.integer("n", n, at_least=1)):
+            self._decide_slips()
             self._stepper.step()
 
     def apply(self) -> None:
@@ -478,6 +483,7 @@ class TendonWorld(NotCopied):
             ...     world.apply()
             ...     _ = p.stepSimulation()
         """
+        self._decide_slips()
         self._stepper.apply()
 
     def apply_external_force(
@@ -715,6 +721,10 @@ class TendonWorld(NotCopied):
         """
         self._bodies.require_client()
         self._states.load_snapshot(source)
+
+    def _decide_slips(self) -> None:
+        for fixation in self._fixations:
+            fixation._before_step()
 
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles, attachments and ligaments refer to."""

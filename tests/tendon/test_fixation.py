@@ -1,0 +1,259 @@
+"""Tensioners, screws and buttons: loads at which they slip, reactions on bones, energy, and saved states."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+from bullet_tendon.fixation import HARDWARE
+
+GRAFT = bt.Material.preset("hamstring_graft")
+STEP = 1 / 240
+
+
+@pytest.fixture
+def client():
+    number = p.connect(p.DIRECT)
+    p.setTimeStep(STEP, number)
+    yield number
+    p.disconnect(number)
+
+
+def block(client, mass: float, centre, radius=0.02) -> int:
+    """A ball that touches nothing of pybullet's."""
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
+    body = p.createMultiBody(mass, shape, -1, centre, physicsClientId=client)
+    p.setCollisionFilterGroupMask(body, -1, 0, 0, client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    return body
+
+
+def hung(client, load=100.0, stiffness=2e5):
+    """A world, a graft whose upper end a button holds, the button, and a hand at the other end."""
+    world = bt.TendonWorld(client)
+    bone = block(client, 0, (0, 0, 0))
+    tendon = world.add_tendon([(0, 0, -0.1), (0, 0, -0.02)], 0.003, GRAFT, 12)
+    button = tendon.fix(-1, bone, -1, (0, 0, 0), "button", stiffness=stiffness, slip_load=load)
+    return world, tendon, button, tendon.grip(0)
+
+
+def in_bore(client, particles=25):
+    """A world, a graft in a bore of 30 mm, with 20 mm of it out at each side, and the bore."""
+    world = bt.TendonWorld(client)
+    bone = block(client, 0, (0, 0, 0))
+    tunnel = world.add_tunnel(bone, -1, (0, 0, -0.015), (0, 0, 0.015), 0.004, friction=0.0)
+    tendon = world.add_tendon([(0, 0, -0.05), (0, 0, 0.017)], 0.003, GRAFT, particles)
+    return world, tendon, tunnel
+
+
+def draw(world, hand, speed: float, seconds: float):
+    """The hand moves downwards [m/s]; what it feels, step by step."""
+    felt = []
+    for _ in range(round(seconds / STEP)):
+        hand.target = hand.target - (0, 0, speed * STEP)
+        world.step()
+        felt.append(hand.force[2])
+    return np.array(felt)
+
+
+@pytest.mark.parametrize(("load", "stiffness"), [(40.0, 2e4), (350.0, 1e5), (958.0, 1e6)])
+def test_a_button_slips_at_its_load(client, load, stiffness):
+    world, tendon, button, hand = hung(client, load, stiffness)
+    felt = draw(world, hand, 0.005, 4.0)
+    assert felt.max() <= 1.01 * load
+    assert felt[-50:] == pytest.approx(load, rel=1e-3)
+    assert button.force == pytest.approx(load, rel=1e-6)
+    # What the hand has drawn is slip, and stretch of the graft and of the line.
+    stretch = tendon.length - tendon.rest_length
+    line = load / stiffness
+    assert button.slip + stretch + line == pytest.approx(0.02, abs=2e-4)
+
+
+def test_below_its_load_a_button_is_a_spring(client):
+    world, _, button, hand = hung(client, 500.0, 1e5)
+    for away in (2e-3, 3e-3, 1e-3):
+        draw(world, hand, (away + 0.1 + hand.target[2]) / 0.5, 0.5)
+        node = p.getBasePositionAndOrientation(button._nodes[0].body, client)[0]
+        assert button.force == pytest.approx(1e5 * (-0.02 - node[2]), rel=0.01, abs=0.1)
+        assert button.slip == 0.0
+
+
+def test_unloaded_and_loaded_again_it_slips_farther_at_the_same_load(client):
+    world, _, button, hand = hung(client, 100.0)
+    draw(world, hand, 0.01, 0.6)
+    slipped = button.slip
+    assert slipped > 1e-3
+    draw(world, hand, -0.01, 0.1)
+    assert button.force < 80
+    assert button.slip == pytest.approx(slipped, abs=5e-5)
+    felt = draw(world, hand, 0.01, 0.5)
+    assert felt[-1] == pytest.approx(100.0, rel=1e-3)
+    assert button.slip > slipped + 3e-3
+
+
+def test_slipping_gives_no_energy(client):
+    """What the hand gets back is less than it gave, and the rest at the slip's load is in the slip."""
+    world, tendon, button, hand = hung(client, 100.0)
+    given = sum(draw(world, hand, 0.005, 1.0)) * 0.005 * STEP
+    returned = sum(draw(world, hand, -0.005, 1.0)) * 0.005 * STEP
+    assert 0 < returned < given
+    assert given - returned == pytest.approx(100.0 * button.slip, rel=0.03)
+
+
+def test_a_free_weight_on_a_button_only_loses_energy(client):
+    world = bt.TendonWorld(client)
+    bone, weight = block(client, 0, (0, 0, 0)), block(client, 4.0, (0, 0, -0.1))
+    tendon = world.add_tendon([(0, 0, -0.1), (0, 0, -0.02)], 0.003, GRAFT, 12)
+    tendon.attach(0, weight, -1, (0, 0, 0))
+    button = tendon.fix(-1, bone, -1, (0, 0, 0), "button", stiffness=2e5, slip_load=60.0)
+    p.resetBaseVelocity(weight, (0, 0, -0.5), physicsClientId=client)
+    most = 0.5 * 4.0 * 0.5**2
+    for _ in range(200):
+        world.step()
+        speed = np.linalg.norm(p.getBaseVelocity(weight, client)[0])
+        line = button.force**2 / (2 * 2e5)
+        energy = 0.5 * 4.0 * speed**2 + tendon.energy + line
+        assert energy <= most + 1e-3
+        most = min(most, energy + 1e-3)
+    assert button.slip > 1e-3
+
+
+def test_a_screw_slips_at_its_load_and_shares_it(client):
+    world, tendon, tunnel = in_bore(client)
+    screw = tendon.fix(tunnel, "screw", length=0.025, stiffness=1e5, slip_load=350.0)
+    assert len(screw.particles) >= 8
+    hand = tendon.grip(0)
+    draw(world, hand, 0.002, 0.5)
+    nearest_to_the_load = np.argsort(screw.particles)
+    assert 20 < screw.force < 300
+    assert (np.diff(screw.forces[nearest_to_the_load]) < 0).all()
+    felt = draw(world, hand, 0.01, 1.0)
+    assert felt.max() <= 1.01 * 350.0
+    assert felt[-1] == pytest.approx(350.0, rel=0.01)
+    assert screw.slip > 3e-3
+
+
+def test_a_longer_screw_with_the_same_load_per_length_holds_more(client):
+    held = []
+    for length in (0.010, 0.020):
+        world, tendon, tunnel = in_bore(client)
+        tendon.fix(tunnel, "screw", length=length, stiffness=1e5, slip_load=1e4 * length)
+        held.append(draw(world, tendon.grip(0), 0.01, 1.5)[-1])
+    assert held == pytest.approx([100.0, 200.0], rel=0.01)
+
+
+def test_a_tensioner_pulls_at_the_bone_that_it_rests_on(client):
+    world = bt.TendonWorld(client)
+    bone, other = block(client, 2.0, (0, 0, 0)), block(client, 1.0, (0, 0, -0.3))
+    tendon = world.add_tendon([(0, 0, -0.3), (0, 0, -0.02)], 0.003, GRAFT, 12)
+    tendon.attach(0, other, -1, (0, 0, 0))
+    device = tendon.pull(-1, 80.0, bone, -1, (0, 0, 0.03))
+    masses = {bone: 2.0, other: 1.0, device._node.body: 1e-3}
+    for _ in range(5):
+        world.step()
+        momentum = tendon.masses @ tendon.velocities
+        for body, mass in masses.items():
+            momentum = momentum + mass * np.array(p.getBaseVelocity(body, client)[0])
+        assert np.abs(momentum).max() < 1e-8
+    assert device.force == 80.0
+    assert p.getBaseVelocity(bone, client)[0][2] == pytest.approx(-80.0 / 2.0 * 5 * STEP, rel=1e-3)
+    device.force = 30.0
+    assert device.force == 30.0
+
+
+def test_tension_stays_when_the_tensioner_hands_over_to_a_button(client):
+    """Two bones held apart by a strut: the graft is drawn by a device on the bone, fixed, and let go."""
+    world = bt.TendonWorld(client)
+    bone, other = block(client, 2.0, (0, 0, 0)), block(client, 0.0, (0, 0, -0.1))
+    tendon = world.add_tendon([(0, 0, -0.1), (0, 0, -0.02)], 0.003, GRAFT, 12)
+    tendon.attach(0, other, -1, (0, 0, 0))
+    strut = bt.Material(stiffness=1e4, exponent=1, tension_only=False, damping=10.0)
+    world.add_ligament([(bone, -1, (0, 0, 0)), (other, -1, (0, 0, 0))], strut)
+    device = tendon.pull(-1, 80.0, bone, -1, (0, 0, 0.05))
+    world.step(2000)
+    assert tendon.tension.mean() == pytest.approx(80.0, rel=1e-2)
+    tendon.fix(-2, bone, -1, (0, 0, 0.05), "button", stiffness=1e7)
+    device.release()
+    world.step(1000)
+    assert tendon.tension[:-1].mean() == pytest.approx(80.0, rel=0.02)
+
+
+def test_a_slipping_fixation_goes_on_from_a_saved_state(client):
+    world, _, button, hand = hung(client, 100.0)
+    draw(world, hand, 0.01, 0.5)
+    state, bodies = world.save_state(), p.saveState(client)
+    slip = button.slip
+    first = draw(world, hand, 0.01, 0.2)
+    after = button.slip
+    world.restore_state(state)
+    p.restoreState(bodies, physicsClientId=client)
+    assert button.slip == slip
+    assert (draw(world, hand, 0.01, 0.2) == first).all()
+    assert button.slip == after
+
+
+def test_a_released_fixation_holds_nothing(client):
+    world, tendon, button, hand = hung(client)
+    draw(world, hand, 0.01, 0.3)
+    count = p.getNumBodies(client)
+    button.release()
+    button.release()
+    assert button.released
+    assert p.getNumBodies(client) == count - 1
+    assert tendon.holds == (hand,)
+    assert not world.ligaments
+    world.step(240)
+    assert (button.force, button.slip) == (0.0, 0.0)
+    assert np.abs(tendon.tension).max() < 1e-3
+
+
+def test_a_bundle_adds_its_strands(client):
+    world = bt.TendonWorld(client)
+    strands = [
+        world.add_tendon([(x, 0, 0), (x, 0, 0.1)], 0.002, GRAFT, 8, collides=False)
+        for x in (0.0, 0.005, 0.01)
+    ]
+    for strand, stretch in zip(strands, (1e-3, 2e-3, 3e-3), strict=True):
+        strand.grip(0)
+        strand.grip(-1, strand.positions[-1] + (0, 0, stretch))
+    world.step(20)
+    bundle = bt.Bundle(strands)
+    forces = [strand.tension.mean() for strand in strands]
+    assert bundle.force == pytest.approx(sum(forces))
+    assert bundle.shares == pytest.approx(np.array(forces) / sum(forces))
+    assert (np.diff(bundle.shares) > 0).all()
+    assert bundle.elongation == pytest.approx(2e-3, rel=1e-3)
+
+
+def test_hardware_has_loads_and_sources():
+    assert HARDWARE["screw"].slip_load == 350.0
+    assert (HARDWARE["washerloc"].slip_load, HARDWARE["tandem_washers"].slip_load) == (905.0, 1159.0)
+    assert all(item.source for item in HARDWARE.values())
+
+
+def test_what_is_refused_changes_nothing(client):
+    world, tendon, tunnel = in_bore(client)
+    bone = tunnel.bodyUniqueId
+    count = p.getNumBodies(client)
+    other = bt.TendonWorld(client).add_tunnel(bone, -1, (0, 0, -0.015), (0, 0, 0.015), 0.004)
+    for call, error in (
+        (lambda: tendon.fix(tunnel, "nail"), bt.InvalidValue),
+        (lambda: tendon.fix(tunnel, "screw", length=0.05), bt.InvalidValue),
+        (lambda: tendon.fix(tunnel, "screw", length=-1.0), bt.InvalidValue),
+        (lambda: tendon.fix(tunnel, "screw", stiffness=0.0), bt.InvalidValue),
+        (lambda: tendon.fix(other, "screw"), bt.UnknownId),
+        (lambda: tendon.fix(tunnel, "button"), bt.InvalidValue),
+        (lambda: tendon.fix(0, bone, -1, (0, 0, 0.02), "screw", slip_load=float("nan")), bt.InvalidValue),
+        (lambda: tendon.fix(0, 77, -1, (0, 0, 0.02), "screw"), bt.UnknownId),
+        (lambda: tendon.fix(0, bone, -1, tendon.positions[0], "screw"), bt.InvalidValue),
+        (lambda: tendon.fix(0, "screw"), bt.InvalidValue),
+        (lambda: tendon.pull(0, -1.0, bone, -1, (0, 0, 1)), bt.InvalidValue),
+        (lambda: tendon.pull(99, 1.0, bone, -1, (0, 0, 1)), bt.InvalidValue),
+        (lambda: bt.Bundle([]), bt.InvalidValue),
+        (lambda: bt.Bundle([bone]), bt.InvalidType),
+    ):
+        with pytest.raises(error):
+            call()
+    assert p.getNumBodies(client) == count
+    assert not tendon.holds
+    assert not world.ligaments
