@@ -1,5 +1,6 @@
 """The manual: its code runs, its recipes are all listed, and every public name is in its reference."""
 
+import ast
 import os
 import re
 import subprocess
@@ -93,6 +94,22 @@ def test_commands_of_pages_are_there():
         words = rest.split()
         if module == "bullet_tendon.scenarios" and words and re.fullmatch("[a-z_0-9]+", words[0]):
             assert words[0] in known
+
+
+PASTED = [
+    *((path.stem, path.read_text(encoding="utf-8")) for path in sorted((MANUAL / "recipes").glob("*.py"))),
+    *((f"{path.stem}{k}", code) for path in PAGES for k, (code, _) in enumerate(blocks(path))),
+]
+
+
+@pytest.mark.parametrize("code", [code for _, code in PASTED], ids=[name for name, _ in PASTED])
+def test_lines_can_be_pasted_into_a_console(code):
+    """A console ends a loop or a function at its first blank line, and nothing else may follow before."""
+    lines = [*code.split("\n"), ""]
+    for node in ast.parse(code).body:
+        if hasattr(node, "body"):
+            assert "" not in lines[node.lineno - 1 : node.end_lineno]
+            assert lines[node.end_lineno] == ""
 
 
 def test_recipes_are_listed_and_tested():

@@ -38,7 +38,6 @@ with open("finger.urdf", "w") as file:
     <parent link="palm"/><child link="phalanx"/><axis xyz="0 1 0"/>
     <limit lower="0" upper="1.5" effort="10" velocity="10"/><dynamics damping="0.0005"/>
   </joint>
-
   <tunnel name="palm eyelet" link="palm" radius="0.0015" friction="0" chamfer="0.002">
     <start xyz="-0.025 0 -0.006"/><end xyz="-0.006 0 -0.006"/>
   </tunnel>

@@ -86,6 +86,7 @@ print(f"tension at the free end {tension[0]:.1f} N, at the button {tension[-1]:.
 print(f"force on the button {np.linalg.norm(button.force):.1f} N")
 for name, bone in (("tibia", tibia), ("femur", femur)):
     print(f"force on the {name}: {np.linalg.norm(world.wrench(bone)[:3]):.1f} N")
+
 print(f"converged: {world.report.converged}")
 
 # %%

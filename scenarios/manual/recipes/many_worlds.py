@@ -50,4 +50,5 @@ view.figure("stretch.png", curves=[curve], xlabel="stiffness [N]", ylabel="stret
 
 with ThreadPoolExecutor(2) as threads:
     again = bt.sweep(hang, cases, seed=1, progress=False, executor=threads)
+
 print(f"the same results on threads: {again == results}")

@@ -47,6 +47,7 @@ for _ in range(480):
 forces = [strand.tension.mean() for strand in strands]
 for strand, force in zip(strands, forces, strict=True):
     print(f"{strand.name}: {force:6.1f} N, {force / sum(forces):5.1%}, strain {strand.strain.mean():.2%}")
+
 print(f"all: {sum(forces):.1f} N")
 
 # %%

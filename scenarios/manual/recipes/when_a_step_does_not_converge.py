@@ -62,6 +62,7 @@ for _ in range(240):
     world.step()
     unconverged += not world.report.converged
     iterations.append(world.report.iterations)
+
 print(f"{unconverged} of 240 steps did not converge")
 
 # %%
@@ -81,5 +82,6 @@ tendon.set_force(-1, (0, 0, -1e300))
 with warnings.catch_warnings(record=True) as given:
     warnings.simplefilter("always")
     world.step()
+
 print([warning.category.__name__ for warning in given])
 print(f"positions are finite: {np.isfinite(tendon.positions).all()}")
