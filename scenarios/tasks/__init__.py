@@ -18,6 +18,7 @@ except ImportError:
 TASKS = {
     "GraftPassage": ("graft_passage", 120),
     "PulleyLift": ("pulley_lift", 120),
+    "TendonFinger": ("tendon_finger", 288),
 }
 
 
