@@ -33,12 +33,7 @@ NEIGHBOURS = np.pi * RADIUS  # m
 def build(options) -> Scene:
     scene = Scene(options, gravity=0)
     h = scene.handles
-    material = bt.Material(
-        stiffness=2e4, damping=0.05, bending_stiffness=1e-4, friction=0.4, damping_form="whole"
-    )
-    h.tendon = scene.world.add_tendon(
-        [START, START + (LENGTH, 0, 0)], RADIUS, material, PARTICLES, "overhand"
-    )
+    h.tendon = cord(scene.world, PARTICLES)
     h.rest = measure.rest_lengths(h.tendon)
     h.standing, h.end = h.tendon.grip(0), h.tendon.grip(-1)
     h.fingers = [h.tendon.grip(round(at / LENGTH * (PARTICLES - 1))) for at in FINGERS]
@@ -47,6 +42,14 @@ def build(options) -> Scene:
     scene.labels["ylabel"] = "distance of centrelines / (2 radius)"
     scene.plotted = ["nearest"]
     return scene
+
+
+def cord(world, particles) -> bt.Tendon:
+    """The tendon that is tied, straight along x."""
+    material = bt.Material(
+        stiffness=2e4, damping=0.05, bending_stiffness=1e-4, friction=0.4, damping_form="whole"
+    )
+    return world.add_tendon([START, START + (LENGTH, 0, 0)], RADIUS, material, particles, "overhand")
 
 
 def drive(scene, progress) -> None:
@@ -91,22 +94,26 @@ def check(scene) -> list[Check]:
 
 def _path():
     """share -> (3,) [m]: the way of the end that is led, at an even speed."""
-    points = _way_points()
+    points = way_points(APEX, CROSSING, THROUGH, REACH * (LENGTH - FINGERS[1]), 30)
     arc = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return lambda share: np.array([np.interp(share * arc[-1], arc, column) for column in points.T])
 
 
-def _way_points() -> np.ndarray:
-    """(m, 3): in front of the standing part, behind it, under the loop and up through it [m]."""
-    strand = REACH * (LENGTH - FINGERS[1])
-    beyond = strand - np.linalg.norm(APEX - CROSSING)
-    up, last = np.array([0, 0, 1]), measure.unit(CROSSING - APEX)
-    angle = np.linspace(0, np.arctan2(last[1], last[0]) % (2 * np.pi), 30)[:, None]
+def way_points(apex, crossing, through, strand, arc) -> np.ndarray:
+    """(arc + 5, 3): in front of the standing part, behind it, under the loop and up through it [m].
+
+    apex (3,): where the second finger is; crossing (3,): where the end is led around the standing part;
+    through (3,): where it passes through the loop. strand: how far from apex the end is led [m]. arc: number
+    of points in front. The loop is on the +y side of the standing part, which is along +x.
+    """
+    beyond = strand - np.linalg.norm(apex - crossing)
+    up, last = np.array([0, 0, 1]), measure.unit(crossing - apex)
+    angle = np.linspace(0, np.arctan2(last[1], last[0]) % (2 * np.pi), arc)[:, None]
     circle = np.hstack([np.cos(angle), np.sin(angle), 0 * angle])
-    across = APEX + 5 * RADIUS * up + strand * circle
-    behind = CROSSING + 0.9 * beyond * np.array([measure.unit(share * last - z * up) for share, z in BEHIND])
-    through = THROUGH + beyond * np.array([-0.85, 0.5])[:, None] * up
-    return np.vstack([across, behind, through])
+    across = apex + 5 * RADIUS * up + strand * circle
+    behind = crossing + 0.9 * beyond * np.array([measure.unit(share * last - z * up) for share, z in BEHIND])
+    over = through + beyond * np.array([-0.85, 0.5])[:, None] * up
+    return np.vstack([across, behind, over])
 
 
 def _pull(scene) -> None:

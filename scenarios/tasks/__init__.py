@@ -19,6 +19,7 @@ TASKS = {
     "GraftPassage": ("graft_passage", 120),
     "PulleyLift": ("pulley_lift", 120),
     "TendonFinger": ("tendon_finger", 288),
+    "KnotTie": ("knot_tie", 20),
 }
 
 
