@@ -260,8 +260,7 @@ class Tendon(NotCopied):
             bodyUniqueId: the bone.
             linkIndex: its link, -1 for the base.
             position: (3,) of the device in the link's URDF frame [m], apart from the particle, on the way
-            that
-                it is pulled.
+                that it is pulled.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: then nothing has changed.
@@ -296,9 +295,8 @@ class Tendon(NotCopied):
         Args:
             where: a tunnel that the tendon lies in, or a particle's index.
             place: the hardware's name in fixation.HARDWARE ("screw", "tandem_washers", "washerloc",
-            "button");
-                for a particle bodyUniqueId, linkIndex and position (3,) in the link's URDF frame [m] before
-                it.
+                "button"); for a particle bodyUniqueId, linkIndex and position (3,) in the link's URDF frame
+                [m] before it.
             length: of a screw [m]; None: of the tunnel.
             stiffness: of all of it together [N/m]; None: the published one of the hardware, if there is one.
             slip_load: of all of it together [N]; None: the published one.

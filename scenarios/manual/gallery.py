@@ -94,15 +94,15 @@ def _write_scenario_pages(app) -> None:
 
 
 def _records(folder: Path, names: list[str]) -> dict[str, dict]:
-    """What was measured by name, of runs of the present sources. Raises RuntimeError where a check fails."""
+    """What was measured by name, of runs of the present sources. Raises RuntimeError where a step fails."""
     key = _key()
     stale = [name for name in names if not _kept(folder, name, key)]
     for name, record in zip(stale, _run_all(folder, stale), strict=True):
         (folder / f"{name}.json").write_text(json.dumps({"key": key, "record": record}), encoding="utf-8")
     records = {name: _kept(folder, name, key) for name in names}
-    failed = [name for name, record in records.items() if not record["ok"]]
+    failed = [name for name, record in records.items() if record["failure"]]
     if failed:
-        raise RuntimeError(f"scenarios whose checks failed: {', '.join(failed)}")
+        raise RuntimeError(f"scenarios with a step that failed: {', '.join(failed)}")
     return records
 
 
@@ -143,7 +143,10 @@ def _row(name: str, module) -> str:
 def _page(name: str, module, record: dict) -> str:
     title, _, text = inspect.getdoc(module).partition("\n")
     measured = [f"| {what} | {_number(m['value'])} | {m['unit']} |" for what, m in record["measured"].items()]
-    checks = [f"| {c['name']} | {_number(c['value'])} | {c['bound']} |" for c in record["checks"]]
+    checks = [
+        f"| {c['name']} | {_number(c['value'])} | {c['bound']} | {'yes' if c['ok'] else '**no**'} |"
+        for c in record["checks"]
+    ]
     return "\n".join(
         [
             f"# {name}",
@@ -152,7 +155,11 @@ def _page(name: str, module, record: dict) -> str:
             f"![{title}]({name}.png)",
             f"\n{record['steps']} steps, {record['simulated_seconds']:.4g} s simulated.",
             *(["\n| measured | value | unit |", "| --- | ---: | --- |", *measured] if measured else []),
-            *(["\n| checked | value | must be |", "| --- | ---: | --- |", *checks] if checks else []),
+            *(
+                ["\n| checked | value | must be | holds |", "| --- | ---: | --- | --- |", *checks]
+                if checks
+                else []
+            ),
             *(["\n```text", record["note"], "```"] if record["note"] else []),
             f"\n```sh\npython -m bullet_tendon.scenarios {name} --gui\n```",
             f"\n## Program\n\n```{{literalinclude}} ../../../{name}.py\n:language: python\n```\n",

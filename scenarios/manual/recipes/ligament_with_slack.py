@@ -16,22 +16,30 @@ client = p.connect(p.DIRECT)
 world = bt.TendonWorld(client)
 
 # %%
-# Two bones stand 30 mm apart. Here they are small spheres without mass: something else moves them.
-# ``slope`` is the stiffness beyond the toe, in newtons per unit strain. ``rest_length`` is the slack length.
-# ``collides=False`` leaves the ligament out of all contacts. Two particles are enough for a straight strand.
+# The bones
+# ---------
+# The tibia stands still. The femur hangs on the ligament below, and is pulled away from it. Here both are
+# small spheres.
 
-sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=0.002)
-femur = p.createMultiBody(0, sphere, -1, (0, 0, 0.030))
-tibia = p.createMultiBody(0, sphere, -1, (0, 0, 0))
-
-material = bt.Material.ligament(slope=2000, toe_strain=0.06, damping=0)
-ligament = world.add_tendon(
-    [(0, 0, 0), (0, 0, 0.030)], 0.002, material, rest_length=0.032, collides=False, name="ligament"
-)
-on_tibia, on_femur = ligament.attach(0, tibia), ligament.attach(1, femur)
+sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=0.005)
+tibia = p.createMultiBody(0, sphere)
+femur = p.createMultiBody(1.0, sphere, -1, (0, 0, -0.030))
 
 # %%
-# The femur moves away in steps of 1 mm. The force on it is compared with the law.
+# The ligament
+# ------------
+# A ligament has no mass and no particles. It is a line along points of links, in the links' frames, and acts
+# on the bodies implicitly. ``slope`` is the stiffness beyond the toe, in newtons per unit strain.
+# ``rest_length`` is the slack length: the ligament begins 2 mm slack.
+
+material = bt.Material.ligament(slope=2000, toe_strain=0.06)
+path = [(tibia, -1, (0, 0, 0)), (femur, -1, (0, 0, 0))]
+ligament = world.add_ligament(path, material, rest_length=0.032, name="ligament")
+
+# %%
+# The law
+# -------
+# The femur is pulled with a force that grows slowly, so that it is at rest at each force.
 
 
 def law(length, slack=0.032, slope=2000, toe=0.06):
@@ -39,28 +47,26 @@ def law(length, slack=0.032, slope=2000, toe=0.06):
     return slope * (strain**2 / (2 * toe) if strain < toe else strain - toe / 2)
 
 
-forces = {}
-print("length    force       law")
-for length in np.arange(0.030, 0.0361, 0.001):
-    p.resetBasePositionAndOrientation(femur, (0, 0, length), (0, 0, 0, 1))
-    world.step(5)
-    forces[length] = abs(on_femur.force[2])
-    print(f"{1e3 * length:4.0f} mm {forces[length]:7.2f} N {law(length):7.2f} N")
+measured = []
+print("   force   length    strain     law")
+for load in (1, 10, 30, 60, 90, 120):
+    for _ in range(240):
+        place = p.getBasePositionAndOrientation(femur)[0]
+        world.apply_external_force(femur, -1, (0, 0, -load), place, p.WORLD_FRAME)
+        world.step()
+    length, force = ligament.length, ligament.force
+    measured.append((length, force))
+    print(f"{force:6.1f} N {1e3 * length:5.2f} mm {ligament.strain:8.2%} {law(length):6.1f} N")
 
 # %%
-ways = np.linspace(0.030, 0.036, 200)
+ways = np.linspace(0.030, 0.0353, 200)
+lengths, forces = np.transpose(measured)
 curves = [
     {"x": 1e3 * ways, "y": [law(length) for length in ways], "label": "law"},
-    {
-        "x": [1e3 * length for length in forces],
-        "y": list(forces.values()),
-        "label": "ligament",
-        "ls": "",
-        "marker": "o",
-    },
+    {"x": 1e3 * lengths, "y": forces, "label": "ligament", "ls": "", "marker": "o"},
 ]
 view.figure("law.png", curves=curves, xlabel="length [mm]", ylabel="force [N]")
 
 # %%
-# Damping was set to zero here, because the femur jumps from place to place. ``Material.ligament`` has a
-# damping of 0.003 ``slope`` by default.
+# A ligament can go round a bone by further points in its path, through which it slides freely. It touches
+# nothing. A strand that has to touch bones is a tendon: ``add_tendon(rest_length=...)``.

@@ -2,8 +2,8 @@
 Pretension and fixation
 =======================
 
-A graft is fixed in the femur. A hand pulls it with 80 N. Then it is fixed in the tibia, and the hand lets go.
-The joint yields, and a part of the tension is lost.
+A graft is fixed in the femur, pulled with 80 N, and fixed in the tibia. How much of the tension stays depends
+on what the surgeon pulls against: the world, or the tibia.
 """
 
 import pybullet as p
@@ -11,84 +11,105 @@ import pybullet as p
 import bullet_tendon as bt
 from bullet_tendon import view
 
-client = p.connect(p.DIRECT)
-world = bt.TendonWorld(client)
-
 # %%
 # The joint
 # ---------
 # The femur stands still. The tibia slides along z, 35 mm below it. Switch off pybullet's own motor: by
-# default it holds each joint.
+# default it holds each joint. What holds the bones apart is a strut of 150 N/mm: the cartilage. A ligament
+# whose material is not ``tension_only`` can push.
 
-box = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.02, 0.02, 0.02))
-knee = p.createMultiBody(
-    baseMass=0,
-    baseCollisionShapeIndex=box,
-    basePosition=(0, 0, 0.02),
-    linkMasses=[2.6],
-    linkCollisionShapeIndices=[box],
-    linkVisualShapeIndices=[-1],
-    linkPositions=[(0, 0, -0.075)],
-    linkOrientations=[(0, 0, 0, 1)],
-    linkInertialFramePositions=[(0, 0, 0)],
-    linkInertialFrameOrientations=[(0, 0, 0, 1)],
-    linkParentIndices=[0],
-    linkJointTypes=[p.JOINT_PRISMATIC],
-    linkJointAxis=[(0, 0, 1)],
-)
-p.setJointMotorControl2(knee, 0, p.VELOCITY_CONTROL, force=0)
 FEMUR, TIBIA = -1, 0  # link indices
+LENGTH = 0.035
 
-# %%
-# What holds the bones apart is a strut of 150 N/mm. A material that is not ``tension_only`` can push, and a
-# chain of two particles does not buckle.
 
-length = 0.035
-cartilage = bt.Material(stiffness=150e3 * length, damping=40)
-strut = world.add_tendon([(0, 0, 0), (0, 0, -length)], 0.004, cartilage, collides=False)
-strut.attach(0, knee, FEMUR)
-strut.attach(1, knee, TIBIA)
+def build():
+    client = p.connect(p.DIRECT)
+    world = bt.TendonWorld(client)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.02, 0.02, 0.02), physicsClientId=client)
+    knee = p.createMultiBody(
+        baseMass=0,
+        baseCollisionShapeIndex=box,
+        basePosition=(0, 0, 0.02),
+        linkMasses=[2.6],
+        linkCollisionShapeIndices=[box],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[(0, 0, -0.075)],
+        linkOrientations=[(0, 0, 0, 1)],
+        linkInertialFramePositions=[(0, 0, 0)],
+        linkInertialFrameOrientations=[(0, 0, 0, 1)],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_PRISMATIC],
+        linkJointAxis=[(0, 0, 1)],
+        physicsClientId=client,
+    )
+    p.setJointMotorControl2(knee, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    ends = [(knee, FEMUR, (0, 0, -0.02)), (knee, TIBIA, (0, 0, 0.02))]
+    strut = world.add_ligament(ends, bt.Material(stiffness=150e3 * LENGTH, damping=40))
+    material = bt.Material(stiffness=200e3 * LENGTH, damping=40, tension_only=True)
+    line = [(0, 0, 0), (0, 0, -LENGTH)]
+    graft = world.add_tendon(line, 0.004, material, particles=8, collides=False)
+    graft.attach(0, knee, FEMUR)
+    return world, knee, strut, graft
 
-# %%
-# Pretension
-# ----------
-# The graft has 200 N/mm over 35 mm. Its lower end hangs out of the tibia, and is pulled by a soft grip with a
-# largest force: it slips at 80 N, whatever the way.
-
-material = bt.Material(stiffness=200e3 * length, damping=40, tension_only=True)
-graft = world.add_tendon([(0, 0, 0), (0, 0, -length)], 0.004, material, particles=8, collides=False)
-graft.attach(0, knee, FEMUR)
-hand = graft.grip(-1, target=(0, 0, -0.05), stiffness=1e5, max_force=80)
 
 history = []
 
 
-def run(steps):
+def run(world, strut, graft, steps=240):
     for _ in range(steps):
         world.step()
-        history.append((graft.tension.mean(), -strut.tension[0]))
+        history.append((graft.tension.mean(), -strut.force))
 
-
-run(240)
-print(f"pulled: {graft.tension.mean():.1f} N, the hand slips: {hand.slipping}")
 
 # %%
-# Fixation
-# --------
-# ``attach`` without a position ties the particle to the tibia where it is now.
+# A hand in the world
+# -------------------
+# A grip with a largest force slips at 80 N, whatever the way. It pulls against the world, so that the strut
+# carries nothing. After the fixation the graft pulls the tibia, and keeps k_joint/(k_joint + k_graft) =
+# 150/350 of its tension.
 
+world, knee, strut, graft = build()
+hand = graft.grip(-1, target=(0, 0, -0.05), stiffness=1e5, max_force=80)
+run(world, strut, graft)
+print(f"pulled: graft {graft.tension.mean():.1f} N, joint {-strut.force:.1f} N")
 hand.release()
-screw = graft.attach(-1, knee, TIBIA)
-run(240)
-print(f"fixed: {graft.tension.mean():.1f} N, the joint carries {-strut.tension[0]:.1f} N")
+graft.attach(-1, knee, TIBIA)
+run(world, strut, graft)
+print(f"fixed:  graft {graft.tension.mean():.1f} N, joint {-strut.force:.1f} N")
+by_hand = graft.tension.mean()
 
 # %%
-times = [k / 240 for k in range(len(history))]
-pulled, pressed = zip(*history, strict=True)
-curves = [{"x": times, "y": pulled, "label": "graft"}, {"x": times, "y": pressed, "label": "strut"}]
+# A tensioner on the tibia
+# ------------------------
+# ``pull`` is a device that rests on the bone: the tibia gets the exact opposite of the pull. The strut is
+# loaded before the fixation. ``attach`` is a rigid fixation, and keeps nearly all of the tension.
+
+world, knee, strut, graft = build()
+tensioner = graft.pull(-1, 80, knee, TIBIA, position=(0, 0, -0.02))
+run(world, strut, graft)
+print(f"pulled: graft {graft.tension.mean():.1f} N, joint {-strut.force:.1f} N")
+tensioner.release()
+graft.attach(-1, knee, TIBIA)
+run(world, strut, graft)
+print(f"fixed:  graft {graft.tension.mean():.1f} N, joint {-strut.force:.1f} N")
+by_tensioner = graft.tension.mean()
+
+# %%
+times = [k / 240 for k in range(480)]
+curves = [
+    {"x": times, "y": [graft for graft, _ in history[:480]], "label": "graft, hand in the world"},
+    {"x": times, "y": [graft for graft, _ in history[480:]], "label": "graft, tensioner on the tibia"},
+    {
+        "x": times,
+        "y": [joint for _, joint in history[480:]],
+        "label": "joint, tensioner on the tibia",
+        "ls": "--",
+    },
+]
 view.figure("fixation.png", curves=curves, xlabel="time [s]", ylabel="force [N]")
 
 # %%
-# The hand stood in the world, so that the strut carried nothing while it pulled. After the fixation the graft
-# pulls the tibia. It keeps the share k_joint/(k_joint + k_graft) = 150/350 of its tension, 34.3 N. To keep
-# the 80 N, pull against the tibia: then the strut is loaded before the fixation.
+# Hardware that yields
+# --------------------
+# ``graft.fix(tunnel, "screw")`` and ``graft.fix(particle, body, link, position, "button", stiffness=...)``
+# are springs that slip at their load. Published loads are in ``bullet_tendon.fixation.HARDWARE``.
