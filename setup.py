@@ -85,8 +85,10 @@ setup(
             "distributed>=2023.4",
             "gymnasium>=1.1",
             "cma>=3.3",
+            "k3d>=3.0",
         ],
         "view": ["matplotlib>=3.6", "tqdm>=4"],
+        "replay": ["k3d>=3.0"],
         "gym": ["gymnasium>=1.1"],
         "learn": ["gymnasium>=1.1", "cma>=3.3"],
         "docs": [
@@ -108,7 +110,7 @@ setup(
     ],
     package_dir={"bullet_tendon.urdf": "urdf", "bullet_tendon.scenarios": "scenarios"},
     package_data={
-        "bullet_tendon": ["py.typed", "*.pyi"],
+        "bullet_tendon": ["py.typed", "*.pyi", "*.js"],
         "bullet_tendon.urdf": ["*.urdf", "*.csv", "meshes/*.obj"],
     },
     ext_modules=[core],

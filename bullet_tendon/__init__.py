@@ -35,6 +35,9 @@ from .ligament import Ligament  # noqa: E402
 from .loading import data_path  # noqa: E402
 from .material import Material  # noqa: E402
 from .options import SolverOptions  # noqa: E402
+from .plots import plot  # noqa: E402
+from .recorder import Recorder  # noqa: E402
+from .recording import Recording  # noqa: E402
 from .skin import Skin  # noqa: E402
 from .sweeps import sweep  # noqa: E402
 from .tendon import Tendon  # noqa: E402
@@ -56,6 +59,8 @@ __all__ = [
     "Ligament",
     "Material",
     "MissingExtra",
+    "Recorder",
+    "Recording",
     "ResolutionWarning",
     "Skin",
     "SlackWarning",
@@ -72,5 +77,6 @@ __all__ = [
     "UnknownId",
     "UrdfError",
     "data_path",
+    "plot",
     "sweep",
 ]

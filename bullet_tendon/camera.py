@@ -35,16 +35,30 @@ _LINKS = p.ER_SEGMENTATION_MASK_OBJECT_AND_LINKINDEX
 class Camera(NotCopied):
     """A camera that sees a pybullet client and its tendons, for reinforcement learning and pictures.
 
-    world: a TendonWorld, or a client's number or BulletClient, which has no tendons. width, height: of the
-    image [pixels]. target (3,): point that it looks at, world frame [m]; distance: from there [m]; yaw, pitch
-    and the vertical field of view fov in degrees, as in p.resetDebugVisualizerCamera (pitch -30 looks down by
-    30 degrees); up: "z" or "y", the axis that points up. Things nearer than 0.02 or farther than 20 distances
-    are not seen. colors: RGBA of the tendons, by turns; full_tension: tension [N] at which a segment is red,
-    None: colours do not depend on tension. samples: rays a pixel along each side; the colour is their mean.
-
     Needs no window, no GPU and no further package. Each frame shows the poses at that moment. The user's
     client and world are not changed. Memory does not grow with the frames; each camera takes about 30 MB for
-    its own client, until it is closed or no longer used. Raises InvalidType, InvalidValue or UnknownId.
+    its own client, until it is closed or no longer used.
+
+    Args:
+        world: a TendonWorld, or a client's number or BulletClient, which has no tendons.
+        width, height: of the image [pixels].
+        target: (3,) point that it looks at, world frame [m].
+        distance: from there [m]. Things nearer than 0.02 or farther than 20 distances are not seen.
+        yaw, pitch: [degrees] as in p.resetDebugVisualizerCamera (pitch -30 looks down by 30 degrees).
+        up: "z" or "y", the axis that points up.
+        fov: vertical field of view [degrees].
+        colors: RGBA of the tendons, by turns.
+        full_tension: [N] at which a segment is red; None: colours do not depend on tension.
+        samples: rays a pixel along each side; the colour is their mean.
+
+    Raises:
+        InvalidType, InvalidValue, UnknownId: naming the argument.
+
+    Example:
+        >>> with bt.view.Camera(world, 64, 64, target=(0, 0, -0.05)) as camera:
+        ...     rgb, depth, segmentation = camera.render()
+        >>> rgb.shape, camera.label(tendon) in segmentation
+        ((64, 64, 3), True)
     """
 
     def __init__(

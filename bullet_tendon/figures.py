@@ -12,6 +12,8 @@ import numpy as np
 from .errors import InvalidValue, MissingExtra
 
 WIDTH = 11.0  # of a figure [inch]
+TALLEST = 6.0  # of a row of images [inch]
+MARGIN = 10  # pixels of white that are left around what images show
 MAPS_IN_ROW = 3
 MAP_RANGE = 30.0  # of the faintest map's highest value over the lowest that has a colour of its own
 
@@ -51,12 +53,14 @@ def figure(
     maps: Sequence[dict] = (),
     map_labels: Sequence[str] = ("", "", ""),
 ):
-    """One picture file: a row of (title, image) above maps above a plot of curves dict(x=, y=, label=, ...).
+    """One picture file: a row of images above maps above a plot of curves dict(x=, y=, label=, ...).
 
-    Further keys of a curve go to matplotlib's plot. A map is dict(title=, x=, y=, values=) with values
-    (len(y), len(x)) >= 0, drawn in colours of one logarithmic scale, MAPS_IN_ROW side by side; map_labels: of
-    x, of y and of the values. The file's type follows its name. Raises InvalidValue without images, maps and
-    curves, MissingExtra without matplotlib.
+    An image is (title, image), or (title, image, notes) with notes (text, column, row) to be written on it.
+    White margins that all images have are cut off, if they are of one size. Further keys of a curve go to
+    matplotlib's plot. A map is dict(title=, x=, y=, values=) with values (len(y), len(x)) >= 0, drawn in
+    colours of one logarithmic scale, MAPS_IN_ROW side by side; map_labels: of x, of y and of the values. The
+    file's type follows its name. Raises InvalidValue without images, maps and curves, MissingExtra without
+    matplotlib.
     """
     if not len(images) and not len(curves) and not len(maps):
         raise InvalidValue("images", images, "at least one image, one map, or one curve")
@@ -66,7 +70,9 @@ def figure(
         raise MissingExtra("matplotlib", "view", "composing a figure") from None
     contents = {"images": images, "maps": maps, "curves": curves}
     parts = [part for part, wanted in contents.items() if len(wanted)]
-    row = 0.5 + max((WIDTH / len(images) * image.shape[0] / image.shape[1] for _, image in images), default=0)
+    images = _cropped([(title, image, *notes) for title, image, *notes in images])
+    slopes = [image.shape[0] / image.shape[1] for _, image, _ in images]
+    row = 0.5 + min(WIDTH / max(len(images), 1) * max(slopes, default=0), TALLEST)
     every = {"images": row, "maps": 2.6 * -(-len(maps) // MAPS_IN_ROW), "curves": 4.2}
     heights = [every[part] for part in parts]
     page = Figure(figsize=(WIDTH, sum(heights) + 0.5 * bool(title)), dpi=130, layout="constrained")
@@ -84,10 +90,29 @@ def figure(
 
 
 def _draw_images(area, images):
-    for axes, (name, image) in zip(area.subplots(1, len(images), squeeze=False)[0], images, strict=True):
+    grid = area.subplots(1, len(images), squeeze=False)[0]
+    for axes, (name, image, notes) in zip(grid, images, strict=True):
         axes.imshow(image)
         axes.set_title(name, fontsize=10)
         axes.axis("off")
+        for text, column, line in notes:
+            axes.text(column, line, text, ha="center", va="center", fontsize=9, color="0.25", style="italic")
+
+
+def _cropped(images) -> list[tuple]:
+    """(title, image, notes) each, without the white margins that all images have."""
+    full = [(title, image, notes[0] if notes else ()) for title, image, *notes in images]
+    if not full or len({image.shape for _, image, _ in full}) > 1:
+        return full
+    drawn = np.any([(image < 255).any(axis=2) for _, image, _ in full], axis=0)
+    if not drawn.any():
+        return full
+    spans = [np.flatnonzero(drawn.any(axis=axis))[[0, -1]] for axis in (1, 0)]
+    (top, bottom), (left, right) = ((max(0, low - MARGIN), high + 1 + MARGIN) for low, high in spans)
+    return [
+        (title, image[top:bottom, left:right], [(text, x - left, y - top) for text, x, y in notes])
+        for title, image, notes in full
+    ]
 
 
 def _draw_maps(area, maps, xlabel, ylabel, label):

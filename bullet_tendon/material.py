@@ -195,10 +195,39 @@ class Material:
         stiffnesses = (self.shear_stiffness, self.bending_stiffness)
         return (self.friction, *law, self.damping_exponent, *form, *stiffnesses, self.density * area)
 
+    def __repr__(self) -> str:
+        """All that differs from the defaults, to the last digit: states are compared by it."""
+        parts = []
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if value is True:
+                parts.append(field.name)
+            elif value != field.default or field.name in _TOLD:
+                number = value if isinstance(value, str) else _shortest(value)
+                parts.append(f"{field.name} {number} {_UNITS.get(field.name, '')}".rstrip())
+        return f"<Material: {', '.join(parts)}>"
+
     @property
     def toe(self) -> float:
         """toe_strain, or infinity."""
         return math.inf if self.toe_strain is None else float(self.toe_strain)
+
+
+# Units of the arguments, and those that are told even where they are the defaults.
+_UNITS = {
+    "stiffness": "N",
+    "damping": "N s",
+    "shear_stiffness": "N",
+    "bending_stiffness": "N m^2",
+    "density": "kg/m^3",
+}
+_TOLD = ("stiffness", "exponent", "damping", "density", "friction")
+
+
+def _shortest(value: float) -> str:
+    """A number in few digits where that is exact, else in all of them."""
+    short = f"{value:.6g}"
+    return short if float(short) == value else repr(float(value))
 
 
 def _power(base: float, exponent: float) -> float:

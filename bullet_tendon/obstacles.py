@@ -24,6 +24,7 @@ class Obstacles:
         self.shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
         self._link_slots: dict[tuple[int, int], int] = {}
+        self.friction: dict[tuple[int, int], float] = {}  # coefficients of the links
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -124,10 +125,12 @@ class Obstacles:
             self.shapes[number] = shape
             numbers.append(number)
         self._by_link[body, link] = numbers
+        self.friction[body, link] = friction
         self._link_slots[body, link] = slot
 
     def _drop(self, key: tuple[int, int]) -> None:
         self._link_slots.pop(key, None)
+        self.friction.pop(key, None)
         for number in self._by_link.pop(key, ()):
             self._core.remove_shape(number)
             del self.shapes[number]

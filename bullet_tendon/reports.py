@@ -105,6 +105,15 @@ class StepReport:
     over_budget: bool = False
     tolerance: float | None = None
 
+    def __repr__(self) -> str:
+        rooms = ", ".join(f"{room} {1e6 * self.seconds[room]:.0f}" for room in ROOMS)
+        state = f"{'converged' if self.converged else 'not converged'} by {self.ended_by}"
+        parts = [f"{state} in {self.iterations} iterations (residual {self.residual:.2g})"]
+        parts += [f"{self.counts['contacts']} contacts"] if "contacts" in self.counts else []
+        parts += [f"{self.counts['substeps']} substeps"] if self.counts.get("substeps", 1) > 1 else []
+        parts.append(f"{1e6 * sum(self.seconds.values()):.0f} us ({rooms})")
+        return f"<StepReport: {', '.join(parts)}>"
+
     @property
     def ended_by(self) -> str:
         """Why the step was not solved further.
@@ -187,16 +196,19 @@ class Readouts:
         return Surroundings(self._obstacles.placed(), bores)
 
 
-def contact_table(records: list, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:
-    """Structured array of CONTACT from the core's records."""
+def contact_table(records: np.ndarray, names: dict[int, str], links: list[tuple[int, int]]) -> np.ndarray:
+    """Structured array of CONTACT from the core's records (k, 14)."""
     table = np.zeros(len(records), CONTACT)
-    for row, (tendon, segment, other, link, kind, *rest) in zip(table, records, strict=True):
-        body = links[link] if link >= 0 else (-1, -1)
-        row["tendon"], row["segment"], row["other_tendon"] = names[tendon], segment, names.get(other, "")
-        row["bodyUniqueId"], row["linkIndex"] = body
-        row["kind"] = KINDS[kind]
-        for field, value in zip(CONTACT.names[6:], rest, strict=True):
-            row[field] = value
+    tendon, segment, other, link, kind = records[:, :5].astype(int).T
+    slots = range(1 + max(tendon.max(initial=-1), other.max(initial=-1)))
+    name_of = np.array([*(names.get(slot, "") for slot in slots), ""])  # the last one for -1
+    link_of = np.array([*links, (-1, -1)])
+    table["tendon"], table["segment"], table["other_tendon"] = name_of[tendon], segment, name_of[other]
+    table["bodyUniqueId"], table["linkIndex"] = link_of[link].T
+    table["kind"] = np.array(KINDS)[kind]
+    table["position"], table["normal"] = records[:, 5:8], records[:, 8:11]
+    for column, field in enumerate(CONTACT.names[8:], 11):
+        table[field] = records[:, column]
     return table
 
 

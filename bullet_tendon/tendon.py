@@ -58,7 +58,19 @@ class Tendon(NotCopied):
         self.removed = False
 
     def __repr__(self) -> str:
-        return f"<Tendon {self._name!r}, {self.particles} particles>"
+        if self.removed:
+            return f"<Tendon {self._name!r}, removed>"
+        tension = self.tension
+        parts = [
+            f"{self.particles} particles",
+            f"{1e3 * self.length:.4g} mm long (rest {1e3 * self.rest_length:.4g} mm)",
+            f"radius {1e3 * self._radius:.3g} mm",
+            f"tension {tension.min():.4g} to {tension.max():.4g} N",
+        ]
+        parts += [f"{len(self._anchors)} held"] if self._anchors else []
+        parts += ["asleep"] if self.asleep else []
+        parts += [] if self.collides else ["makes no contacts"]
+        return f"<Tendon {self._name!r}: {', '.join(parts)}>"
 
     @property
     def name(self) -> str:

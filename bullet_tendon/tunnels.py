@@ -40,6 +40,12 @@ class Tunnel(NotCopied):
     _frame: Callable = dataclasses.field(repr=False)
     _core: Core = dataclasses.field(repr=False)
 
+    def __repr__(self) -> str:
+        length = 1e3 * float(np.linalg.norm(self.end - self.start))
+        sizes = f"radius {1e3 * self.radius:.3g} mm, {length:.3g} mm long, friction {self.friction:.3g}"
+        edge = f", chamfer {1e3 * self.chamfer:.3g} mm" if self.chamfer else ""
+        return f"<Tunnel {self.name!r} in body {self.bodyUniqueId}, link {self.linkIndex}: {sizes}{edge}>"
+
     @property
     def ends(self) -> np.ndarray:
         """(2, 3) start and end of its axis, world frame, where pybullet has the link now [m].

@@ -1,6 +1,7 @@
 """Pictures: tendons in pybullet's window, camera images without one, plots. No physics.
 
-Owns: nothing; the parts are in visuals.py, camera.py, lens.py and figures.py. Goes with no room of the core.
+Owns: nothing; the parts are in visuals.py, camera.py, lens.py, window.py and figures.py. Goes with no room of
+the core.
 Images are (height, width, 3) uint8. matplotlib and tqdm (extra `view`) are imported only where they are used.
 """
 
@@ -10,6 +11,7 @@ from .camera import Camera, camera_image, hidden, render_scene
 from .figures import figure, save_png
 from .lens import Rendering
 from .visuals import PALETTE, TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR, TendonVisual, mesh_body, tunnel_mesh
+from .window import Window
 
 
 def progress(iterable: Iterable, description: str = "", total: int | None = None) -> Iterable:
@@ -29,6 +31,7 @@ __all__ = [
     "Camera",
     "Rendering",
     "TendonVisual",
+    "Window",
     "camera_image",
     "figure",
     "hidden",

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
+from .description import describe, summary
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .fixation import Fixation
 from .ligament import Ligament, checked_path, checked_rest, law_arguments, path_length, points_of
@@ -29,6 +30,7 @@ from .placement import Placement
 from .relaxation import Relaxation
 from .reports import CONTACT, PENETRATION, Readouts, StepReport
 from .states import States
+from .step_listeners import StepListeners
 from .stepper import Stepper
 from .tendon import Tendon, particle_positions
 from .tunnels import Tunnel
@@ -79,6 +81,10 @@ class TendonWorld(NotCopied):
         self._stepper = Stepper(client, *places, self._placement, self._tendons, chosen)
         self._states = States(*places, *parts, self._numbers, self._stepper)
         self._readouts = Readouts(*places, *parts)
+        self._listeners = StepListeners()
+
+    def __repr__(self) -> str:
+        return summary(self)
 
     @property
     def physicsClientId(self) -> int:
@@ -465,9 +471,11 @@ class TendonWorld(NotCopied):
             >>> world.report.converged
             True
         """
+        self._listeners.next_begins()
         for _ in range(checks.integer("n", n, at_least=1)):
             self._decide_slips()
             self._stepper.step()
+            self._listeners.complete()
 
     def apply(self) -> None:
         """A step without p.stepSimulation, for a script that owns its loop: call it just before.
@@ -483,8 +491,10 @@ class TendonWorld(NotCopied):
             ...     world.apply()
             ...     _ = p.stepSimulation()
         """
+        self._listeners.next_begins()
         self._decide_slips()
         self._stepper.apply()
+        self._listeners.applied()
 
     def apply_external_force(
         self, bodyUniqueId: int, linkIndex: int, forceObj: ArrayLike, posObj: ArrayLike, flags: int
@@ -555,6 +565,24 @@ class TendonWorld(NotCopied):
     def report(self) -> StepReport:
         """What the last step did and what it skipped; of a step that failed, what was tried."""
         return self._stepper.report
+
+    def describe(self) -> str:
+        """What is in the world, what the last step cost by room, what it skipped, and advice: lines of text.
+
+        Advice is given on tendons that turn far at a particle on a body, that move by more than their radius
+        a step, that are overdamped, or not damped where the integrator does not either; on obstacles without
+        friction; on tendons inside of bodies; and on steps that were not solved.
+
+        Raises:
+            UnknownId: the client was disconnected, or an obstacle's body removed.
+
+        Example:
+            >>> world.step()
+            >>> print(world.describe().splitlines()[0])
+            TendonWorld of client 0: 1 tendon (11 particles)
+        """
+        self._bodies.require_client()
+        return describe(self)
 
     @property
     def contacts(self) -> np.ndarray:

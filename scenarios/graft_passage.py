@@ -32,6 +32,7 @@ def build(options) -> Scene:
     femur = _load(scene, "femur.urdf", (0, 0, 0, 1))
     tibia = _load(scene, "tibia.urdf", tibia_turn)
     scene.bones = [femur, tibia]
+    scene.names = {femur: "femur", tibia: "tibia"}
     bores = {tunnel.bodyUniqueId: tunnel for tunnel in scene.world.tunnels}
     prepare(scene, [bores[tibia], bores[femur]])
     scene.camera = {"target": (0.0, -0.008, 0), "distance": 0.26, "yaw": 35, "pitch": 8, "up": "y", "fov": 40}

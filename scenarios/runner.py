@@ -74,8 +74,13 @@ def modules_with(package: ModuleType, attribute: str) -> dict[str, ModuleType]:
     return found
 
 
-def run(module: ModuleType, options: Options | None = None, progress=None, picture: str = "") -> Outcome:
-    """Build, drive and check one scenario; `picture`: where to draw it. The client is closed after."""
+def run(
+    module: ModuleType, options: Options | None = None, progress=None, picture: str = "", replay: str = ""
+) -> Outcome:
+    """Build, drive and check one scenario. The client is closed after.
+
+    picture, replay: the files to draw and write, for which `options` have to ask.
+    """
     name = module.__name__.rpartition(".")[2]
     with module.build(Options() if options is None else options) as scene:
         outcome = Outcome(name, scene, [])
@@ -88,6 +93,8 @@ def run(module: ModuleType, options: Options | None = None, progress=None, pictu
             outcome.failure = str(problem)
         if picture:
             scene.draw(picture)
+        if replay:
+            scene.replay(replay)
     return outcome
 
 
@@ -101,9 +108,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     if wanted.name not in every:
         parser.error(f"unknown scenario {wanted.name!r}; known: {', '.join(every)}")
-    options = Options(wanted.gui, bool(wanted.picture), wanted.steps, wanted.integrator)
+    options = Options(wanted.gui, bool(wanted.picture), wanted.steps, wanted.integrator, bool(wanted.replay))
     try:
-        outcome = run(every[wanted.name], options, view.progress, wanted.picture)
+        outcome = run(every[wanted.name], options, view.progress, wanted.picture, wanted.replay)
     except errors.MissingExtra as problem:
         parser.error(str(problem))
     # Where JSON is printed, nothing else is.
@@ -118,6 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("name", nargs="?", help="of the scenario; without one, all are listed")
     parser.add_argument("--gui", action="store_true", help="show it in pybullet's window, in real time")
     parser.add_argument("--picture", metavar="FILE", default="", help="draw moments and curves into FILE")
+    parser.add_argument("--replay", metavar="FILE.html", default="", help="write a replay for a browser")
     parser.add_argument(
         "--json", metavar="FILE", nargs="?", const="-", help="write the measurements to FILE, or print them"
     )

@@ -2,14 +2,15 @@
 
 import contextlib
 import dataclasses
-import itertools
 import time
 from types import SimpleNamespace
 
 import numpy as np
 import pybullet as p
 
-from bullet_tendon import SolverOptions, TendonWorld, view
+from bullet_tendon import Recorder, SolverOptions, TendonWorld, view
+
+REPLAY_FRAMES = 1200  # at most; a longer run is thinned out
 
 
 class CutShort(Exception):
@@ -20,15 +21,17 @@ class CutShort(Exception):
 class Options:
     """What is asked of a run.
 
-    gui: in pybullet's window, in real time. picture: whether marked moments are photographed.
-    steps: the most steps to take, None for all that the scenario wants. integrator: of the scene's world, as
-    in SolverOptions; a scenario that compares methods gives its worlds options of their own.
+    gui: in pybullet's window, in real time. picture: whether marked moments are photographed. replay: whether
+    the run is recorded for a replay. steps: the most steps to take, None for all that the scenario wants.
+    integrator: of the scene's world, as in SolverOptions; a scenario that compares methods gives its worlds
+    options of their own.
     """
 
     gui: bool = False
     picture: bool = False
     steps: int | None = None
     integrator: str = "implicit_euler"
+    replay: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +73,8 @@ class Scene:
     bones: ids of bodies that pictures show as if one could look into them. camera: arguments of
     view.camera_image for pictures and the window. labels: xlabel, ylabel, title of the picture's plot;
     plotted: names of the series in it, None for all. map_labels: of abscissa, ordinate and values of maps.
-    note: a line that is printed below the table.
+    note: a line that is printed below the table. recorder: of the run, for a replay. names: of
+    bodies, by id, to be written on the first moment of a picture.
     Any further attribute may be set, as a place for a scenario's own handles.
     """
 
@@ -97,7 +101,8 @@ class Scene:
         self.handles = SimpleNamespace()
         self.measured: dict[str, float] = {}
         self.units: dict[str, str] = {}
-        self.frames: list[tuple[str, np.ndarray]] = []
+        self.names: dict[int, str] = {}
+        self.frames: list[tuple] = []
         self.steps = 0
         self.time = 0.0
         self.unconverged = 0
@@ -105,7 +110,10 @@ class Scene:
         self.maps: list[dict] = []
         self.map_labels = ("", "", "")
         self._series: dict[str, tuple[list[float], list[float]]] = {}
-        self._visuals: dict = {}
+        self.recorder: Recorder | None = None
+        self._recorded: TendonWorld | None = None
+        self._window: view.Window | None = None
+        self._shown: TendonWorld | None = None
         self._clock = 0.0  # when the last step was shown [s]
 
     @property
@@ -131,6 +139,8 @@ class Scene:
         """
         if self.steps == self.options.steps:
             raise CutShort(f"after {self.steps} steps")
+        if self.options.replay:
+            self._follow()
         self.world.step()
         self.steps += 1
         self.time += self.time_step
@@ -175,7 +185,7 @@ class Scene:
         shot = {"width": 640, "height": 480, **self.camera, **(camera or {})}
         shown = self.tendons if tendons is None else tendons
         image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity)
-        self.frames.append((title, image))
+        self.frames.append((title, image, [] if self.frames else self._notes(shot)))
 
     def map(self, title: str, x, y, values) -> None:
         """Keep values (len(y), len(x)) >= 0 at abscissae x and ordinates y, for the picture."""
@@ -186,6 +196,11 @@ class Scene:
         names = list(self.series) if self.plotted is None else [n for n in self.plotted if n in self.series]
         curves = [{"x": self.series[n][0], "y": self.series[n][1], "label": n} for n in names]
         view.figure(path, self.frames, curves, maps=self.maps, map_labels=self.map_labels, **self.labels)
+
+    def replay(self, path: str) -> None:
+        """Write the replay of the run, an HTML file; of several worlds, of the one that was stepped last."""
+        self._follow()
+        self.recorder.save(path)
 
     def close(self) -> None:
         """Disconnect the client; a second call does nothing."""
@@ -198,24 +213,36 @@ class Scene:
     def __exit__(self, *_) -> None:
         self.close()
 
+    def _notes(self, shot: dict) -> list[tuple]:
+        """The bodies' names, each in the middle of what is seen of its body: text, column and row."""
+        with view.Camera(self.client, **shot) as camera:
+            seen = camera.segmentation()
+        places = {name: np.argwhere(seen == body) for body, name in self.names.items()}
+        return [(name, *place.mean(axis=0)[::-1]) for name, place in places.items() if len(place)]
+
+    def _follow(self) -> None:
+        """Record the present world."""
+        if self._recorded is self.world:
+            return
+        told = {"camera": self.camera, "bones": self.bones or None, "title": self.labels["title"]}
+        self.recorder = Recorder(self.world, every=1, most_frames=REPLAY_FRAMES, **told)
+        self._recorded = self.world
+
     def _show(self) -> None:
-        if not p.isConnected(self.client):
-            raise CutShort("with its window")
-        if not self._clock:
+        if self._window is None:
             self._look()
-        if tuple(self._visuals) != self.tendons:
-            self._replace_visuals()
-        for visual in self._visuals.values():
-            visual.update()
+        if self._shown is not self.world:
+            self._replace_window()
+        if not self._window.update():
+            raise CutShort("with its window")
         self._clock = max(self._clock + self.time_step, time.perf_counter() - 0.1)
         time.sleep(max(0.0, self._clock - time.perf_counter()))
 
-    def _replace_visuals(self) -> None:
+    def _replace_window(self) -> None:
         """Show the present world's tendons, and no others."""
-        for visual in self._visuals.values():
-            visual.remove()
-        pairs = zip(self.tendons, itertools.cycle(view.PALETTE), strict=False)
-        self._visuals = {tendon: view.TendonVisual(tendon, self.client, color) for tendon, color in pairs}
+        if self._window is not None:
+            self._window.close()
+        self._window, self._shown = view.Window(self.world), self.world
 
     def _look(self) -> None:
         """Set the window's camera, and make the bones transparent."""

@@ -42,7 +42,7 @@ def build(options) -> Scene:
         p.GEOM_MESH, fileName=str(file), flags=p.GEOM_FORCE_CONCAVE_TRIMESH, physicsClientId=scene.client
     )
     bone = p.createMultiBody(0, shape, physicsClientId=scene.client)
-    scene.bones = []
+    scene.bones, scene.names = [bone], {bone: "femur"}
     scene.world.add_obstacle(bone, friction=1.0, meshes=[str(file)])
     line = _around(np.asarray(mesh.vertices))
     material = bt.Material(stiffness=STIFFNESS, damping=10.0, density=1120.0, friction=FRICTION)
@@ -51,7 +51,7 @@ def build(options) -> Scene:
     h.tendon.grip(0)
     h.hand = h.tendon.grip(-1)
     h.pull = (line[-1] - line[-2]) / np.linalg.norm(line[-1] - line[-2])
-    scene.camera = {"target": (0.01, 0.0, 0.02), "distance": 0.2, "yaw": 35, "pitch": -70}
+    scene.camera = {"target": (0.005, 0.035, 0), "distance": 0.3, "yaw": 30, "pitch": 8, "up": "y", "fov": 40}
     scene.labels.update(xlabel="along the tendon [mm]", ylabel="depth [% of the radius]")
     scene.labels.update(title=f"Around the {'real' if REAL.exists() else 'model'} femur's condyle")
     return scene

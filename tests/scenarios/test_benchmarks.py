@@ -33,6 +33,7 @@ NAMES = [
     "heap",
     "multibody",
     "peers",
+    "recorder",
     "speed",
     "work_precision",
 ]

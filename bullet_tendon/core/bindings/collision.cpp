@@ -1,6 +1,7 @@
 // Python's access to shapes, tunnels and distance queries.
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -92,12 +93,19 @@ py::array_t<bool> is_drilled(const World& w, int slot, const Array& points) {
   return found;
 }
 
-py::list contacts(const World& w) {
-  py::list out;
-  for (const ContactRecord& c : w.contacts())
-    out.append(py::make_tuple(c.tendon, c.segment, c.other_tendon, c.link, static_cast<int>(c.kind),
-                              tuple(c.position), tuple(c.normal), c.distance, c.normal_force,
-                              c.friction_force));
+// Rows of 14: tendon, segment, other tendon, link, kind, position, normal, distance, normal and friction
+// force.
+Array contacts(const World& w) {
+  const std::vector<ContactRecord> found = w.contacts();
+  Array out({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(14)});
+  double* row = out.mutable_data();
+  for (const ContactRecord& c : found) {
+    const double values[14] = {
+        double(c.tendon), double(c.segment), double(c.other_tendon), double(c.link),  double(c.kind),
+        c.position.x,     c.position.y,      c.position.z,           c.normal.x,      c.normal.y,
+        c.normal.z,       c.distance,        c.normal_force,         c.friction_force};
+    row = std::copy(values, values + 14, row);
+  }
   return out;
 }
 

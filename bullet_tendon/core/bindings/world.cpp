@@ -155,9 +155,56 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                time_budget};
 }
 
+using Floats = py::array_t<float>;
+
+Floats floats_of(const std::vector<float>& values, int columns) {
+  const py::ssize_t rows = static_cast<py::ssize_t>(values.size()) / columns;
+  Floats out({rows, static_cast<py::ssize_t>(columns)});
+  std::copy(values.begin(), values.end(), out.mutable_data());
+  return out;
+}
+
+void append(std::vector<float>& out, Vec3 v) {
+  for (double part : {v.x, v.y, v.z}) out.push_back(static_cast<float>(part));
+}
+
+// What a recorder keeps of a moment, for little: of all tendons by slot, positions (n, 3) and tension (n-1),
+// one after the other (1, k); energies (1, tendons); anchors (a, 6): tendon, particle, link (-1: a grip),
+// force; and contacts (c, 14), as contacts() has them.
+py::tuple moment(const World& w) {
+  std::vector<float> shapes, anchors, contacts;
+  std::vector<double> energies, tension;
+  shapes.reserve(1024);
+  contacts.reserve(1024);
+  for (size_t slot = 0; slot < w.scene.tendons.size(); ++slot) {
+    const Tendon* tendon = w.scene.tendons[slot].get();
+    if (!tendon) continue;
+    for (int i = 0; i < tendon->x.size(); ++i) append(shapes, tendon->x.at(i));
+    tendon->tension(tension);
+    shapes.insert(shapes.end(), tension.begin(), tension.end());
+    energies.push_back(tendon->energy());
+    for (const Anchor& anchor : tendon->anchors) {
+      for (int number : {static_cast<int>(slot), anchor.particle, anchor.link})
+        anchors.push_back(static_cast<float>(number));
+      append(anchors, anchor.step_force);
+    }
+  }
+  for (const ContactRecord& c : w.contacts()) {
+    for (int number : {c.tendon, c.segment, c.other_tendon, c.link, static_cast<int>(c.kind)})
+      contacts.push_back(static_cast<float>(number));
+    append(contacts, c.position);
+    append(contacts, c.normal);
+    append(contacts, {c.distance, c.normal_force, c.friction_force});
+  }
+  const int length = static_cast<int>(shapes.size());
+  return py::make_tuple(floats_of(shapes, length ? length : 1), copy_of(energies), floats_of(anchors, 6),
+                        floats_of(contacts, 14));
+}
+
 }  // namespace
 
 void bind_world_world(GuardedWorld& world) {
+  world.def("moment", &moment);
   world.def("set_options", &set_options)
       .def("step", &step)
       .def("apply", &apply)

@@ -186,14 +186,17 @@ void Tendon::guess_multipliers(Vec3 gravity) {
 
 // Evaluates copies of the springs, because the multipliers and slopes of the last step are part of the state.
 // Rates are those of the lengths in the last substep. The velocities at its end include its rotation, which
-// is the chord of an arc.
+// is the chord of an arc. The copies keep their memory from call to call, for those who ask often.
 void Tendon::tension(std::vector<double>& out) const {
+  static thread_local SpringSet s;
+  static thread_local Field moved;
   out.assign(n_ - 1, 0.0);
-  Field moved = x;
+  moved = x;
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < n_; ++i) moved[k][i] -= x_before[k][i];
-  for (SpringSet s : {structure, shear}) {
-    if (s.count == 0) continue;
+  for (const SpringSet* own : {&structure, &shear}) {
+    if (own->count == 0) continue;
+    s = *own;
     if (dt_before > 0) {
       measure(s, x_before);
       s.start = s.history = s.length;
@@ -207,9 +210,11 @@ void Tendon::tension(std::vector<double>& out) const {
 }
 
 double Tendon::energy() const {
+  static thread_local SpringSet s;  // keeps its memory from call to call
   double sum = 0;
-  for (SpringSet s : {structure, shear}) {
-    if (s.count == 0) continue;
+  for (const SpringSet* own : {&structure, &shear}) {
+    if (own->count == 0) continue;
+    s = *own;
     measure(s, x);
     sum += stored_energy(s, material.law);
   }

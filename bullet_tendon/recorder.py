@@ -1,0 +1,389 @@
+"""Recorder: keeps frames of a world while it runs; off, it is not there.
+
+Owns: the frames, until they are a Recording. Goes with no room of the core. A frame is a few copies of
+arrays: what they mean is worked out when somebody asks for the recording.
+"""
+
+from collections.abc import Callable
+from os import PathLike
+from typing import NamedTuple
+
+import numpy as np
+import pybullet as p
+from scipy.spatial.transform import Rotation
+
+from . import checks
+from .errors import InvalidType, NotCopied
+from .recording import CONTACTS, HOLDS, LinkTrack, Recording, TendonTrack, TunnelTrack
+from .reports import KINDS
+from .tendon import Tendon
+from .visual_meshes import visual_meshes
+from .world import TendonWorld
+
+_FRAME_BYTES = 1200  # of a frame beside its arrays
+_LEAST_MEMORY = 1_000_000
+
+
+class _Frame:
+    """One moment, as it was read. layout: what the rows of `core.moment` are about; poses: by body."""
+
+    __slots__ = ("bytes", "layout", "moment", "poses", "scalars", "step", "time")
+
+
+class _Layout(NamedTuple):
+    """What slots of the core mean. tendons: with their slots and numbers of particles, by slot."""
+
+    tendons: tuple[tuple[Tendon, int, int], ...]
+    links: tuple[tuple[int, int], ...]
+
+    def shapes(self, row: np.ndarray):
+        """Of each tendon, positions (n, 3) and tension (n-1,) in the row of a moment."""
+        start = 0
+        for _, _, n in self.tendons:
+            yield row[start : start + 3 * n].reshape(n, 3), row[start + 3 * n : start + 4 * n - 1]
+            start += 4 * n - 1
+
+    def numbers(self, order: dict[Tendon, int]) -> np.ndarray:
+        """By slot, the number of a tendon in `order`."""
+        found = np.full(1 + max((slot for _, slot, _ in self.tendons), default=0), -1)
+        for tendon, slot, _ in self.tendons:
+            found[slot] = order[tendon]
+        return found
+
+    def bodies(self, slots) -> np.ndarray:
+        """(k, 2) bodyUniqueId and linkIndex of links by slot; -1, -1 for slot -1."""
+        return np.array([*self.links, (-1, -1)])[slots]
+
+
+class Recorder(NotCopied):
+    """Keeps centrelines, tensions, contact forces, poses of bodies and named scalars of a world's run.
+
+    It changes nothing in the run. Stop it with stop, or use it in a `with` statement.
+
+    Args:
+        world: the TendonWorld.
+        every: keep the present moment and then each so many steps by itself, whether steps are taken by
+            TendonWorld.step or by apply and p.stepSimulation. None: only where frame is called.
+        scalars: name -> function without arguments, whose number is kept with each frame.
+        memory: [bytes], >= 1e6, and
+        most_frames: >= 2. Where more is needed, every second frame is given up, and from then on every second
+            one is kept, so that the recording always covers the whole run.
+        camera: arguments of view.Camera that show the scene in replays.
+        bones: ids of bodies that replays show translucent. None: triangle meshes, and what has tunnels.
+        title: of replays and plots.
+
+    Raises:
+        InvalidType, InvalidValue: naming the argument.
+
+    Example:
+        >>> with bt.Recorder(world, every=2) as recorder:
+        ...     world.step(20)
+        >>> len(recorder), recorder.recording.tendons[0].positions.shape
+        (11, (11, 11, 3))
+    """
+
+    def __init__(
+        self,
+        world: TendonWorld,
+        every: int | None = None,
+        scalars: dict[str, Callable[[], float]] | None = None,
+        memory: float = 256e6,
+        most_frames: int | None = None,
+        camera: dict | None = None,
+        bones: tuple[int, ...] | None = None,
+        title: str = "",
+    ):
+        if not isinstance(world, TendonWorld):
+            raise InvalidType("world", world, "a TendonWorld")
+        self._world = world
+        self._client = world.physicsClientId
+        self._core = world._core
+        self.every = None if every is None else checks.integer("every", every, at_least=1)
+        self.time = 0.0
+        self.steps = 0
+        self.camera, self.bones, self.title = camera, bones, title
+        self._functions = dict(scalars or {})
+        self._memory = checks.number("memory", memory, at_least=_LEAST_MEMORY)
+        self._most = None if most_frames is None else checks.integer("most_frames", most_frames, at_least=2)
+        self._frames: list[_Frame] = []
+        self._bytes = 0
+        self._share = 1  # one of so many calls of frame is kept
+        self._calls = 0
+        self._seen = _Bodies(self._client)
+        self._look()
+        self._world._listeners.add(self._step_taken)
+        if self.every is not None:
+            self._keep({})
+
+    def __len__(self) -> int:
+        """How many frames are kept."""
+        return len(self._frames)
+
+    def __repr__(self) -> str:
+        how = "on request" if self.every is None else f"every {self.every} steps"
+        return f"<Recorder, {how}: {len(self)} frames over {self.time:.4g} s, {self._bytes / 1e6:.3g} MB>"
+
+    def frame(self, **scalars: float) -> None:
+        """Keep the present moment, with named numbers.
+
+        Raises:
+            InvalidType, InvalidValue: for a scalar that is no finite number.
+
+        Example:
+            >>> recorder = bt.Recorder(world)
+            >>> recorder.frame(pull=3.2)
+            >>> recorder.recording.scalar("pull")
+            (array([0.]), array([3.2]))
+        """
+        values = {name: checks.number(name, value) for name, value in scalars.items()}
+        self._world._listeners.next_begins()
+        self._calls += 1
+        if (self._calls - 1) % self._share == 0:
+            self._keep(values)
+
+    def stop(self) -> None:
+        """Keep no more by itself; what was kept stays. A second call does nothing.
+
+        Example:
+            >>> recorder = bt.Recorder(world, every=1)
+            >>> recorder.stop()
+            >>> world.step(5)
+            >>> len(recorder)
+            1
+        """
+        self._world._listeners.next_begins()
+        self._world._listeners.discard(self._step_taken)
+
+    @property
+    def recording(self) -> Recording:
+        """What was kept so far."""
+        self._world._listeners.next_begins()
+        return _recording(self)
+
+    def save(self, path: str | PathLike, **options) -> None:
+        """Write what was kept so far: see Recording.save.
+
+        Example:
+            >>> recorder = bt.Recorder(world, every=1)
+            >>> world.step(5)
+            >>> recorder.save("run.npz")
+        """
+        self.recording.save(path, **options)
+
+    @staticmethod
+    def load(path: str | PathLike) -> Recording:
+        """Read a ".npz" file: see Recording.load.
+
+        Example:
+            >>> bt.Recorder(world, every=1).save("run.npz")
+            >>> len(bt.Recorder.load("run.npz"))
+            1
+        """
+        return Recording.load(path)
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.stop()
+
+    def _step_taken(self) -> None:
+        self.steps += 1
+        self.time += self._core.last_step()[0]
+        if self.every is not None and self.steps % self.every == 0:
+            self._keep({})
+
+    def _keep(self, values: dict) -> None:
+        for name, function in self._functions.items():
+            values[name] = checks.number(name, function())
+        if self._frames and self._frames[-1].step == self.steps:
+            last = self._frames.pop()
+            self._bytes -= last.bytes
+            values = {**last.scalars, **values}
+        frame = self._read(values)
+        self._frames.append(frame)
+        self._bytes += frame.bytes
+        if self._bytes > self._memory or (self._most is not None and len(self._frames) > self._most):
+            self._thin()
+
+    def _read(self, values: dict) -> _Frame:
+        frame = _Frame()
+        frame.time, frame.step, frame.scalars = self.time, self.steps, values
+        frame.moment = self._core.moment()
+        tendons, links = self._world._tendons, self._world._bodies.links
+        if list(tendons.values()) != self._tendons or links != self._links:
+            self._look()
+        frame.layout = self._layout
+        frame.poses = self._seen.poses()
+        poses = 8 * sum(map(len, frame.poses.values()))
+        frame.bytes = sum(part.nbytes for part in frame.moment) + poses + _FRAME_BYTES
+        return frame
+
+    def _look(self) -> None:
+        """See which tendons and links there are."""
+        self._tendons, self._links = list(self._world.tendons), list(self._world._bodies.links)
+        by_slot = sorted((tendon._slot, tendon) for tendon in self._tendons)
+        self._layout = _Layout(tuple((t, slot, t.particles) for slot, t in by_slot), tuple(self._links))
+
+    def _thin(self) -> None:
+        """Give up every second frame, and keep half as many from now on."""
+        del self._frames[1::2]
+        self._bytes = sum(frame.bytes for frame in self._frames)
+        self._share *= 2
+        if self.every is not None:
+            self.every *= 2
+
+
+class _Bodies:
+    """The bodies of a client as they were first seen, and their poses."""
+
+    def __init__(self, client: int):
+        self._client = client
+        self._ids: list[int] = []
+        self._joints: dict[int, list[int]] = {}
+        self.first: dict[
+            int, tuple
+        ] = {}  # rows of getVisualShapeData, inertial frame of the base, names by link
+
+    def poses(self) -> dict[int, tuple]:
+        """By body, in one tuple: the pose (7,) of the base's centre of mass, then those of its links."""
+        client = self._client
+        ids = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
+        if ids != self._ids:
+            self._look(ids)
+        found = {}
+        for body, joints in self._joints.items():
+            place, turn = p.getBasePositionAndOrientation(body, client)
+            if joints:
+                states = p.getLinkStates(body, joints, 0, 1, client)
+                found[body] = (*place, *turn, *(x for s in states for part in s[4:6] for x in part))
+            else:
+                found[body] = place + turn
+        return found
+
+    def _look(self, ids: list[int]) -> None:
+        client = self._client
+        self._joints = {body: list(range(p.getNumJoints(body, client))) for body in ids}
+        for body in ids:
+            if body not in self.first:
+                inertial = p.getDynamicsInfo(body, -1, client)[3:5]
+                base, name = (part.decode(errors="replace") for part in p.getBodyInfo(body, client))
+                names = [p.getJointInfo(body, j, client)[12].decode() for j in self._joints[body]]
+                own = name or f"body {body}"
+                links = {-1: f"{own} {base}" if names and base else own}
+                links |= {j: f"{own} {link}" for j, link in enumerate(names)}
+                self.first[body] = p.getVisualShapeData(body, physicsClientId=client), inertial, links
+        self._ids = ids
+
+
+def _recording(recorder: Recorder) -> Recording:
+    frames = recorder._frames
+    tendons = _tendon_tracks(frames)
+    order = {tendon: number for number, tendon in enumerate(tendons)}
+    world = recorder._world
+    tunnels = tuple(
+        TunnelTrack(t.name, t.bodyUniqueId, t.linkIndex, t.start.copy(), t.end.copy(), t.radius)
+        for t in world.tunnels
+    )
+    return Recording(
+        times=np.array([frame.time for frame in frames]),
+        steps=np.array([frame.step for frame in frames], int),
+        tendons=tuple(tendons.values()),
+        links=_link_tracks(frames, recorder._seen, world._obstacles.of_link),
+        tunnels=tunnels,
+        contacts=_contact_table(frames, order),
+        holds=_hold_table(frames, order),
+        scalars=_scalars(frames),
+        camera=None if recorder.camera is None else dict(recorder.camera),
+        bones=_bones(world) if recorder.bones is None else tuple(recorder.bones),
+        title=recorder.title,
+    )
+
+
+def _tendon_tracks(frames) -> dict[Tendon, TendonTrack]:
+    rows: dict[Tendon, list] = {}
+    for k, frame in enumerate(frames):
+        shapes = frame.layout.shapes(frame.moment[0].ravel())
+        for (tendon, *_), shape, energy in zip(frame.layout.tendons, shapes, frame.moment[1], strict=True):
+            rows.setdefault(tendon, []).append((k, *shape, energy))
+    return {
+        tendon: TendonTrack(tendon.name, tendon.radius, *map(np.array, zip(*of_it, strict=True)))
+        for tendon, of_it in rows.items()
+    }
+
+
+def _contact_table(frames, order: dict[Tendon, int]) -> np.ndarray:
+    counts = [len(frame.moment[3]) for frame in frames]
+    table = np.zeros(sum(counts), CONTACTS)
+    table["frame"] = np.repeat(np.arange(len(frames)), counts)
+    for frame, part in zip(frames, _parts(table, counts), strict=True):
+        rows = frame.moment[3]
+        tendon, segment, _, link, kind = rows[:, :5].astype(int).T
+        part["tendon"], part["segment"] = frame.layout.numbers(order)[tendon], segment
+        part["bodyUniqueId"], part["linkIndex"] = frame.layout.bodies(link).T
+        part["kind"] = np.array(KINDS)[kind]
+        part["position"], part["normal"] = rows[:, 5:8], rows[:, 8:11]
+        part["distance"], part["normal_force"], part["friction_force"] = rows[:, 11:14].T
+    return table
+
+
+def _parts(table: np.ndarray, counts: list[int]) -> list[np.ndarray]:
+    """The rows of each frame, of which there are so many."""
+    ends = np.cumsum(counts, dtype=int)
+    return [table[end - count : end] for end, count in zip(ends, counts, strict=True)]
+
+
+def _hold_table(frames, order: dict[Tendon, int]) -> np.ndarray:
+    counts = [len(frame.moment[2]) for frame in frames]
+    table = np.zeros(sum(counts), HOLDS)
+    table["frame"] = np.repeat(np.arange(len(frames)), counts)
+    for frame, part in zip(frames, _parts(table, counts), strict=True):
+        tendon, particle, link = frame.moment[2][:, :3].astype(int).T
+        part["tendon"], part["particle"] = frame.layout.numbers(order)[tendon], particle
+        part["bodyUniqueId"], part["linkIndex"] = frame.layout.bodies(link).T
+        part["force"] = frame.moment[2][:, 3:]
+    return table
+
+
+def _link_tracks(frames, seen: _Bodies, shapes_of) -> tuple[LinkTrack, ...]:
+    rows: dict[int, list] = {}
+    for k, frame in enumerate(frames):
+        for body, pose in frame.poses.items():
+            rows.setdefault(body, []).append((k, pose))
+    tracks = []
+    for body, of_it in rows.items():
+        shapes, inertial, names = seen.first[body]
+        looks = visual_meshes(shapes, body, shapes_of)
+        numbers, poses = zip(*of_it, strict=True)
+        table = np.array(poses).reshape(len(poses), -1, 7)
+        table[:, 0] = _base_frames(table[:, 0], *inertial)
+        for link, name in names.items():
+            places, turns = np.split(table[:, link + 1].astype(np.float32), [3], axis=1)
+            tracks.append(LinkTrack(name, body, link, np.array(numbers), places, turns, looks.get(link, ())))
+    return tuple(tracks)
+
+
+def _base_frames(poses, position, orientation) -> np.ndarray:
+    """URDF frames (k, 7) of poses (k, 7) of a centre of mass, whose inertial frame is that in the link's."""
+    own = Rotation.from_quat(orientation)
+    turns = Rotation.from_quat(poses[:, 3:]) * own.inv()
+    return np.hstack([poses[:, :3] - turns.apply(position), turns.as_quat()])
+
+
+def _scalars(frames) -> dict:
+    rows: dict[str, list] = {}
+    for k, frame in enumerate(frames):
+        for name, value in frame.scalars.items():
+            rows.setdefault(name, []).append((k, value))
+    return {name: tuple(map(np.array, zip(*of_it, strict=True))) for name, of_it in rows.items()}
+
+
+def _bones(world: TendonWorld) -> tuple[int, ...]:
+    """Bodies with tunnels, and obstacles that are triangle meshes."""
+    drilled = {tunnel.bodyUniqueId for tunnel in world.tunnels}
+    solid = {body for body, link, *_ in world._obstacles.listing() if _is_mesh(world, body, link)}
+    return tuple(sorted(drilled | solid))
+
+
+def _is_mesh(world, body, link) -> bool:
+    return any(shape.surface is not None for shape in world._obstacles.of_link(body, link))

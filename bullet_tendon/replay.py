@@ -1,0 +1,357 @@
+"""Replay: a recording as one HTML file that a browser plays without network and server (k3d, extra `replay`).
+
+Owns: nothing. Goes with no room of the core. Tendons are tubes coloured by tension, bones are translucent,
+contact forces are arrows that can be switched on. k3d draws; the bar below (a slider, play, speed, the
+colours' legend) is this module's. The file forbids itself all requests by its content security policy.
+
+Time in k3d is the number of a frame. Scenes are drawn in millimetres, with as many digits as can be seen.
+"""
+
+import html
+import json
+import math
+from pathlib import Path
+from string import Template
+
+import numpy as np
+import pybullet as p
+from scipy.spatial.transform import Rotation
+
+from . import checks
+from .errors import InvalidType, InvalidValue, MissingExtra
+from .recording import LinkTrack, Recording, TendonTrack
+from .visual_meshes import round_mesh
+from .visuals import TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
+
+MILLIMETRES = 1000.0
+SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # that can be chosen, times real time
+_SHORT = 1.0  # s that a run has to last when it is played
+_BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.25
+_FEW = 100  # triangles of a link: fewer are seen as flat faces
+_DIGITS = 0.002  # of a tendon's radius, to which its positions are rounded
+_ARROW = 0.15  # length of the greatest contact force's arrow, in distances of the camera from its target
+_HEAD = 0.25  # of an arrow's length
+_FOV = 40.0  # degrees, where the recording has no camera
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; worker-src blob:; connect-src data: blob:"
+)
+
+_BAR = Path(__file__).with_name("replay.js")
+# k3d's style sheet holds its fonts, and names files of them besides, which browsers look for.
+_FONT_FILES = r"/,url\(fonts\/[^)]*\) format\([^)]*\)/g"
+
+
+def write_replay(
+    recording: Recording,
+    path: str,
+    fps: float = 30.0,
+    full_tension: float | None = None,
+    contacts: bool = True,
+    camera: dict | None = None,
+) -> None:
+    """Write a recording as an HTML file.
+
+    The address can end in #t=SECONDS, where the file is to open, and in #t=SECONDS&contacts.
+
+    Args:
+        recording: with at least one frame.
+        path: of the file.
+        fps: at most so many frames are kept for each second that it plays, > 0. A run of less than a
+            second is played slower.
+        full_tension: [N] at which a tendon is red; None: the highest of the recording.
+        contacts: whether contact forces can be shown.
+        camera: arguments of view.Camera; None: the recording's, or one that sees everything.
+
+    Raises:
+        InvalidType, InvalidValue: naming the argument.
+        MissingExtra: without k3d.
+    """
+    if not isinstance(recording, Recording):
+        raise InvalidType("recording", recording, "a Recording")
+    if not len(recording):
+        raise InvalidValue("recording", recording, "one with frames")
+    fps = checks.number("fps", fps, above=0)
+    if full_tension is not None:
+        full_tension = checks.number("full_tension", full_tension, above=0)
+    speed = _speed(recording.times[-1] - recording.times[0])
+    scene = _Scene(recording, _kept(recording.times, fps / speed), full_tension, camera)
+    scene.speed = speed
+    page = _page(scene, checks.flag("contacts", contacts))
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(page)
+
+
+def _import_k3d():
+    try:
+        import k3d
+    except ImportError:
+        raise MissingExtra("k3d", "replay", "writing a replay") from None
+    return k3d
+
+
+def _speed(seconds: float) -> float:
+    """Of SPEEDS, at which a run of so many simulated seconds is played at first."""
+    if seconds >= _SHORT or seconds <= 0:
+        return 1.0
+    slow = [speed for speed in SPEEDS if seconds / speed >= _SHORT]
+    return max(slow, default=SPEEDS[0])
+
+
+def _kept(times, fps: float) -> np.ndarray:
+    """Numbers of the frames to keep: the first, the last, and those at least 1/fps apart."""
+    kept = [0]
+    for k in range(1, len(times)):
+        if times[k] - times[kept[-1]] >= (1 - 1e-6) / fps:
+            kept.append(k)
+    if kept[-1] != len(times) - 1:
+        kept.append(len(times) - 1)
+    return np.array(kept)
+
+
+class _Scene:
+    """What is drawn: the recording at the kept frames, numbered anew from 0."""
+
+    def __init__(self, recording: Recording, kept: np.ndarray, full_tension, camera):
+        self.recording = recording
+        self.kept = kept
+        self.speed = 1.0
+        self.times = recording.times[kept]
+        self.camera = _camera(recording, camera)
+        highest = max((float(t.tension.max()) for t in recording.tendons), default=0.0)
+        self.full_tension = full_tension or _rounded_up(highest)
+
+    def moments(self, track) -> tuple[np.ndarray, np.ndarray]:
+        """Of a track: rows (m,) to draw, and the new numbers (m,) of their frames."""
+        _, rows, numbers = np.intersect1d(track.frames, self.kept, return_indices=True)
+        return rows, numbers
+
+    def presence(self, numbers) -> dict | bool:
+        """Whether something is there, by frame, where it is not always."""
+        there = np.isin(np.arange(len(self.kept)), numbers)
+        if there.all():
+            return True
+        changes = np.flatnonzero(np.diff(there, prepend=not there[0]))
+        return {str(k): bool(there[k]) for k in changes.tolist()}
+
+
+def _camera(recording: Recording, given: dict | None) -> dict:
+    """Position, target, up [mm] and vertical field of view [degrees]."""
+    chosen = given if given is not None else recording.camera
+    if chosen is None:
+        chosen = _overview(recording)
+    target = checks.vector("target", chosen["target"])
+    distance = checks.number("distance", chosen["distance"], above=0)
+    axis = {"y": 1, "z": 2}[checks.choice("up", chosen.get("up", "z"), ("z", "y"))]
+    angles = chosen.get("yaw", 30.0), chosen.get("pitch", -30.0)
+    seen = p.computeViewMatrixFromYawPitchRoll(target.tolist(), distance, *angles, 0.0, axis)
+    axes = np.reshape(seen, (4, 4))[:3, :3]  # columns: right, up, back
+    return {
+        "position": MILLIMETRES * (target + distance * axes[:, 2]),
+        "target": MILLIMETRES * target,
+        "up": axes[:, 1],
+        "fov": float(chosen.get("fov", _FOV)),
+        "distance": MILLIMETRES * distance,
+    }
+
+
+def _overview(recording: Recording) -> dict:
+    """A camera that sees all tendons, always, or else all links."""
+    points = [track.positions.reshape(-1, 3) for track in recording.tendons]
+    points = points or [track.position for track in recording.links] or [np.zeros((1, 3))]
+    low, high = np.vstack(points).min(0), np.vstack(points).max(0)
+    size = max(float(np.linalg.norm(high - low)), 0.05)
+    return {"target": (low + high) / 2, "distance": size / math.tan(math.radians(_FOV / 2)), "fov": _FOV}
+
+
+def _rounded_up(value: float) -> float:
+    """The next number with two digits; 1 for nothing."""
+    if not value > 0:
+        return 1.0
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / digit - 1e-9) * digit
+
+
+def _page(scene: _Scene, contacts: bool) -> str:
+    k3d = _import_k3d()
+    plot = k3d.plot(
+        camera_auto_fit=False,
+        grid_visible=False,
+        menu_visibility=False,
+        axes_helper=0.0,
+        time_interpolation=False,
+        camera_fov=scene.camera["fov"],
+        colorbar_object_id=0,
+        background_color=0xFFFFFF,
+    )
+    plot.camera = [float(x) for key in ("position", "target", "up") for x in scene.camera[key]]
+    for track in scene.recording.links:
+        _draw_link(k3d, plot, scene, track)
+    for track in scene.recording.tendons:
+        _draw_tendon(k3d, plot, scene, track)
+    _draw_tunnels(k3d, plot, scene)
+    arrows = _draw_contacts(k3d, plot, scene) if contacts else None
+    settings = {
+        "times": [round(float(t), 6) for t in scene.times],
+        "title": scene.recording.title,
+        "speeds": SPEEDS,
+        "speed": scene.speed,
+        "camera": plot.camera,
+        "contacts": arrows,
+        "colors": [_css(TENDON_COLOR), _css(TAUT_COLOR)],
+        "full": f"{scene.full_tension:g}",
+    }
+    bar = Template(_BAR.read_text(encoding="utf-8"))
+    page = plot.get_snapshot(
+        9, additional_js_code=bar.substitute(settings=json.dumps(settings).replace("</", "<\\/"))
+    )
+    page = page.replace("eval(k3dSource)", f"eval(k3dSource.replace({_FONT_FILES}, ''))")
+    head = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+    title = html.escape(scene.recording.title or "Replay")
+    start, end = page.index("<title>"), page.index("</title>")
+    return f"{page[:start]}{head}<title>{title}{page[end:]}"
+
+
+def _draw_tendon(k3d, plot, scene: _Scene, track: TendonTrack) -> None:
+    rows, numbers = scene.moments(track)
+    if not len(rows):
+        return
+    step = MILLIMETRES * track.radius * _DIGITS
+    tension = np.pad(track.tension[rows], ((0, 0), (1, 1)), mode="edge")
+    tension = 0.5 * (tension[:, 1:] + tension[:, :-1])  # at particles
+    grain = scene.full_tension / 500
+    vertices = {
+        str(n): _rounded(MILLIMETRES * x, step) for n, x in zip(numbers, track.positions[rows], strict=True)
+    }
+    attribute = {str(n): _rounded(t, grain) for n, t in zip(numbers, tension, strict=True)}
+    plot += k3d.line(
+        vertices if len(numbers) > 1 else next(iter(vertices.values())),
+        shader="mesh",
+        width=MILLIMETRES * track.radius,  # the radius, with this shader
+        radial_segments=12,
+        attribute=attribute if len(numbers) > 1 else next(iter(attribute.values())),
+        color_map=[0.0, *TENDON_COLOR[:3], 1.0, *TAUT_COLOR[:3]],
+        color_range=[0.0, scene.full_tension],
+        name=track.name,
+        visible=scene.presence(numbers),
+    )
+
+
+def _draw_link(k3d, plot, scene: _Scene, track: LinkTrack) -> None:
+    rows, numbers = scene.moments(track)
+    if not len(rows):
+        return
+    matrices = _matrices(track, rows, numbers)
+    opacity = _BONE_OPACITY if track.bodyUniqueId in scene.recording.bones else 1.0
+    for mesh in track.meshes:
+        alpha = opacity * float(mesh.color[3])
+        if alpha > 0:
+            drawn = k3d.mesh(
+                MILLIMETRES * mesh.vertices,
+                mesh.triangles,
+                color=_number(mesh.color),
+                opacity=alpha,
+                flat_shading=len(mesh.triangles) < _FEW,
+                side="double",
+                name=track.name,
+                visible=scene.presence(numbers),
+            )
+            drawn.model_matrix = matrices
+            plot += drawn
+
+
+def _draw_tunnels(k3d, plot, scene: _Scene) -> None:
+    links = {(track.bodyUniqueId, track.linkIndex): track for track in scene.recording.links}
+    for tunnel in scene.recording.tunnels:
+        track = links.get((tunnel.bodyUniqueId, tunnel.linkIndex))
+        if track is None:
+            continue
+        rows, numbers = scene.moments(track)
+        axis = tunnel.end - tunnel.start
+        vertices, triangles = round_mesh(p.GEOM_CYLINDER, (np.linalg.norm(axis), tunnel.radius))
+        ring = len(vertices) // 4
+        walls = triangles[2 * ring : 4 * ring]  # without the ends
+        turn = Rotation.align_vectors([axis], [[0.0, 0.0, np.linalg.norm(axis)]])[0]
+        placed = turn.apply(vertices) + 0.5 * (tunnel.start + tunnel.end)
+        drawn = k3d.mesh(
+            (MILLIMETRES * placed).astype(np.float32),
+            walls.astype(np.uint32),
+            color=_number(TUNNEL_COLOR),
+            opacity=_TUNNEL_OPACITY,
+            side="double",
+            flat_shading=False,
+            name=tunnel.name,
+            visible=scene.presence(numbers),
+        )
+        drawn.model_matrix = _matrices(track, rows, numbers)
+        plot += drawn
+
+
+def _draw_contacts(k3d, plot, scene: _Scene) -> int | None:
+    """Arrows of the normal forces on tendons, hidden at first; the object's number, None without any."""
+    table = scene.recording.contacts
+    table = table[(table["normal_force"] > 0) & np.isin(table["frame"], scene.kept)]
+    if not len(table):
+        return None
+    most = int(np.bincount(table["frame"]).max())
+    longest = _ARROW * scene.camera["distance"]
+    length = longest * table["normal_force"] / table["normal_force"].max()
+    points = _arrows(MILLIMETRES * table["position"], table["normal"], length, scene.camera)
+    vertices = {}
+    for n, frame in enumerate(scene.kept):
+        these = points[table["frame"] == frame].reshape(-1, 3)
+        padding = np.repeat(MILLIMETRES * table["position"][:1], 4 * most - len(these), axis=0)
+        vertices[str(n)] = _rounded(np.vstack([these, padding]), 0.002 * longest)
+    corners = 4 * np.arange(most)[:, None, None] + np.array([[0, 1], [1, 2], [1, 3]])
+    lines = k3d.lines(
+        vertices if len(vertices) > 1 else vertices["0"],
+        corners.reshape(-1, 2).astype(np.uint32),
+        indices_type="segment",
+        shader="simple",
+        color=0x1F4FA0,
+        name="contact forces",
+        visible=False,
+    )
+    plot += lines
+    return lines.id
+
+
+def _arrows(start, direction, length, camera) -> np.ndarray:
+    """(k, 4, 3) start, tip and the ends of the two barbs of arrows, whose barbs are seen from the camera."""
+    back = camera["position"] - camera["target"]
+    aside = np.cross(direction, back)
+    aside /= np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
+    reach = length[:, None]
+    tip = start + reach * direction
+    neck = start + (1 - _HEAD) * reach * direction
+    return np.stack([start, tip, neck + 0.4 * _HEAD * reach * aside, neck - 0.4 * _HEAD * reach * aside], 1)
+
+
+def _matrices(track: LinkTrack, rows, numbers):
+    """The link's frame [mm] by frame, where it has moved; one matrix where it never does."""
+    turns = Rotation.from_quat(track.orientation[rows]).as_matrix()
+    places = MILLIMETRES * track.position[rows]
+    matrices = np.zeros((len(rows), 4, 4), np.float32)
+    matrices[:, :3, :3] = np.round(turns, 5)
+    matrices[:, :3, 3] = np.round(places, 3)
+    matrices[:, 3, 3] = 1
+    moved = np.append(True, (np.abs(np.diff(matrices, axis=0)) > 0).any(axis=(1, 2)))
+    if moved.sum() == 1:
+        return matrices[0]
+    return {str(n): m for n, m in zip(numbers[moved], matrices[moved], strict=True)}
+
+
+def _rounded(values, step: float) -> np.ndarray:
+    """float32 with no more binary digits than steps need, which compress well."""
+    step = 2.0 ** math.floor(math.log2(step))
+    return (np.round(np.asarray(values, float) / step) * step).astype(np.float32)
+
+
+def _number(color) -> int:
+    """RRGGBB of an RGBA colour."""
+    red, green, blue = (round(255 * float(part)) for part in color[:3])
+    return (red << 16) + (green << 8) + blue
+
+
+def _css(color) -> str:
+    return f"#{_number(color):06x}"

@@ -1,0 +1,230 @@
+"""Recorder: frames are what the world was at that moment, cost memory as told, and disturb nothing."""
+
+import dataclasses
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+from bullet_tendon import errors
+from bullet_tendon.recording import CONTACTS
+
+ROPE = bt.Material(stiffness=1e4, damping=1.0, friction=0.3)
+
+
+def laid_over_a_box(make_world):
+    """A world whose tendon falls onto a box and pulls a ball that it is attached to."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    client = world.physicsClientId
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.02, 0.02], physicsClientId=client)
+    box = p.createMultiBody(0, shape, basePosition=(0, 0, -0.03), physicsClientId=client)
+    world.add_obstacle(box)
+    tendon = world.add_tendon([(-0.06, 0, 0), (0.06, 0, 0)], 0.004, ROPE, particles=25, name="rope")
+    ball = p.createMultiBody(
+        0.1,
+        p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client),
+        basePosition=(0.06, 0, -0.01),
+        baseInertialFramePosition=(0.0, 0.0, 0.002),
+        physicsClientId=client,
+    )
+    tendon.grip(0)
+    tendon.attach(-1, ball)
+    return world, tendon, box, ball
+
+
+def test_frames_are_what_the_world_was(make_world):
+    world, tendon, box, ball = laid_over_a_box(make_world)
+    seen = []
+    recorder = bt.Recorder(world, every=5)
+    for k in range(61):
+        if k % 5 == 0:
+            place = world._bodies.frame(ball, -1)[0]
+            forces = [hold.force for hold in tendon.holds]
+            seen.append((tendon.positions, tendon.tension, tendon.energy, place, world.contacts, forces))
+        world.step()
+    found = recorder.recording
+    assert len(found) == len(recorder) == 13
+    np.testing.assert_allclose(found.times, np.arange(13) * 5 / 240, atol=1e-12)
+    np.testing.assert_array_equal(found.steps, np.arange(13) * 5)
+    track = found.tendon("rope")
+    moved = next(t for t in found.links if t.bodyUniqueId == ball)
+    holds = found.holds
+    for k, (x, tension, energy, place, contacts, forces) in enumerate(seen):
+        np.testing.assert_array_equal(track.positions[k], x.astype(np.float32))
+        np.testing.assert_array_equal(track.tension[k], tension.astype(np.float32))
+        assert track.energy[k] == energy
+        np.testing.assert_allclose(moved.position[k], place, atol=1e-7)
+        rows = found.contacts[found.contacts["frame"] == k]
+        assert len(rows) == len(contacts)
+        for field in set(CONTACTS.names) - {"frame", "tendon"}:
+            np.testing.assert_array_equal(rows[field], contacts[field].astype(CONTACTS[field].base))
+        np.testing.assert_allclose(holds["force"][holds["frame"] == k], forces, rtol=1e-6)
+    assert (found.contacts["normal_force"] > 0).any()
+    assert set(holds["bodyUniqueId"].tolist()) == {-1, ball}
+    total = found.body_forces()[box, -1]
+    assert total[-1] == pytest.approx(world_normal_force(seen[-1][4]), rel=1e-5)
+
+
+def world_normal_force(contacts) -> float:
+    return float(contacts["normal_force"].sum())
+
+
+def test_steps_by_apply_are_counted_when_the_script_has_stepped(make_world):
+    world, tendon, *_ = laid_over_a_box(make_world)
+    recorder = bt.Recorder(world, every=3)
+    places = [tendon.positions]
+    for k in range(9):
+        world.apply()
+        p.stepSimulation(world.physicsClientId)
+        if k % 3 == 2:
+            places.append(tendon.positions)
+    found = recorder.recording
+    np.testing.assert_array_equal(found.steps, [0, 3, 6, 9])
+    np.testing.assert_array_equal(found.tendons[0].positions, np.array(places, np.float32))
+
+
+def test_a_recorder_disturbs_nothing():
+    def run(recorded):
+        client = p.connect(p.DIRECT)
+        world = laid_over_a_box(lambda dt, gravity: world_in(client, dt, gravity))[0]
+        recorder = bt.Recorder(world, every=1) if recorded else None
+        world.step(60)
+        assert recorder is None or len(recorder) == 61
+        found = world.state_hash(), p.getNumBodies(client)
+        p.disconnect(client)
+        return found
+
+    assert run(True) == run(False)
+
+
+def world_in(client, dt, gravity):
+    p.setTimeStep(dt, physicsClientId=client)
+    p.setGravity(*gravity, physicsClientId=client)
+    return bt.TendonWorld(client)
+
+
+def test_frames_on_request_with_scalars(make_world):
+    world, tendon, *_ = laid_over_a_box(make_world)
+    recorder = bt.Recorder(world, scalars={"length": lambda: tendon.length})
+    recorder.frame(pull=1.0)
+    world.step(7)
+    recorder.frame()
+    world.step()
+    recorder.frame(pull=3.0)
+    recorder.frame(push=4.0)  # of the same moment: one frame
+    found = recorder.recording
+    np.testing.assert_array_equal(found.steps, [0, 7, 8])
+    times, pulls = found.scalar("pull")
+    np.testing.assert_allclose(times, [0, 8 / 240])
+    np.testing.assert_array_equal(pulls, [1.0, 3.0])
+    np.testing.assert_array_equal(found.scalar("push")[1], [4.0])
+    assert len(found.scalar("length")[1]) == 3
+    with pytest.raises(errors.UnknownId, match="pul"):
+        found.scalar("pul")
+    with pytest.raises(errors.InvalidValue, match="pull"):
+        recorder.frame(pull=np.nan)
+
+
+def test_memory_is_bounded_and_the_whole_run_is_covered(make_world):
+    world, *_ = laid_over_a_box(make_world)
+    recorder = bt.Recorder(world, every=1, memory=1e6, most_frames=40)
+    world.step(300)
+    found = recorder.recording
+    assert 20 <= len(found) <= 40
+    assert found.steps[0] == 0 and found.steps[-1] > 300 - recorder.every
+    assert set(np.diff(found.steps)) == {recorder.every} == {8}
+    large = bt.Recorder(world, every=1, memory=1e6)
+    world.step(700)
+    assert large._bytes <= 1e6
+    assert len(large) < 700
+
+
+def test_tendons_and_bodies_that_come_and_go(make_world):
+    world, tendon, box, ball = laid_over_a_box(make_world)
+    client = world.physicsClientId
+    recorder = bt.Recorder(world, every=1)
+    world.step(2)
+    other = world.add_tendon([(0, 0.1, 0), (0, 0.1, 0.05)], 0.002, ROPE, particles=4, name="other")
+    shape = p.createVisualShape(p.GEOM_BOX, halfExtents=[0.01, 0.02, 0.03], physicsClientId=client)
+    block = p.createMultiBody(0, -1, shape, (0.3, 0, 0), physicsClientId=client)
+    world.step(2)
+    world.remove_tendon(other)
+    p.removeBody(block, client)
+    world.step(2)
+    recorder.stop()
+    recorder.stop()
+    world.step(2)
+    found = recorder.recording
+    assert len(found) == 7
+    np.testing.assert_array_equal(found.tendon("other").frames, [3, 4])
+    np.testing.assert_array_equal(found.tendon("rope").frames, range(7))
+    track = next(t for t in found.links if t.bodyUniqueId == block)
+    np.testing.assert_array_equal(track.frames, [3, 4])
+    np.testing.assert_allclose(np.ptp(track.meshes[0].vertices, axis=0), [0.02, 0.04, 0.06], rtol=1e-6)
+    assert found.bones == ()
+    with pytest.raises(errors.UnknownId, match="nobody"):
+        found.tendon("nobody")
+
+
+def test_a_file_gives_the_same_recording(make_world, tmp_path):
+    world = make_world(1 / 240, (0, -9.81, 0))
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    knee = world.load_urdf(bt.data_path("knee.urdf"), useFixedBase=True, flags=flags)
+    tendon = world.add_tendon([(0, -0.1, 0.2), (0, 0.1, 0.2)], 0.003, ROPE, 12)
+    tendon.grip(0)
+    camera = {"target": (0, 0, 0), "distance": 0.3, "yaw": 30, "pitch": 0, "up": "y"}
+    with bt.Recorder(world, every=2, scalars={"one": lambda: 1.0}, camera=camera, title="knee") as recorder:
+        world.step(6)
+    before = recorder.recording
+    assert before.bones == (knee,)
+    recorder.save(tmp_path / "run.npz")
+    after = bt.Recorder.load(tmp_path / "run.npz")
+    assert_equal(before, after)
+    assert len(after.tunnels) == 2 and len(after.links) == 1 + p.getNumJoints(knee, world.physicsClientId)
+    assert sum(len(mesh.triangles) for track in after.links for mesh in track.meshes) > 10_000
+
+
+def assert_equal(a, b):
+    if dataclasses.is_dataclass(a):
+        for field in dataclasses.fields(a):
+            assert_equal(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, dict):
+        assert list(a) == list(b)
+        for key in a:
+            assert_equal(a[key], b[key])
+    elif isinstance(a, (tuple, list)) and not np.isscalar(a):
+        assert len(a) == len(b)
+        for one, other in zip(a, b, strict=True):
+            assert_equal(one, other)
+    else:
+        np.testing.assert_array_equal(a, b)
+        assert np.asarray(a).dtype == np.asarray(b).dtype
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no recording"])
+def test_other_files_are_refused(tmp_path, content):
+    path = tmp_path / "run.npz"
+    path.write_bytes(content)
+    with pytest.raises(errors.InvalidValue, match="path"):
+        bt.Recording.load(path)
+
+
+def test_a_file_of_other_arrays_is_refused(tmp_path):
+    np.savez(tmp_path / "run.npz", x=np.zeros(3))
+    with pytest.raises(errors.InvalidValue, match="path"):
+        bt.Recording.load(tmp_path / "run.npz")
+
+
+def test_refusals(make_world, tmp_path):
+    world = make_world()
+    with pytest.raises(errors.InvalidType, match="world"):
+        bt.Recorder(world.physicsClientId)
+    for name, value in {"every": 0, "memory": 10.0, "most_frames": 1}.items():
+        with pytest.raises(errors.InvalidValue, match=name):
+            bt.Recorder(world, **{name: value})
+    recorder = bt.Recorder(world, every=1)
+    with pytest.raises(errors.InvalidValue, match="path"):
+        recorder.save(tmp_path / "run.txt")
+    with pytest.raises(errors.CannotCopy):
+        recorder.__reduce_ex__(2)

@@ -1,0 +1,154 @@
+"""Replays: one file, without a request, in which a browser shows tendons where the simulation had them."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from bullet_tendon.scenarios import runner
+from bullet_tendon.scenarios.scene import Options
+from chromium import EXECUTABLE, Browser
+
+import bullet_tendon as bt
+from bullet_tendon import errors, replay
+from bullet_tendon.visuals import TAUT_COLOR, TENDON_COLOR
+
+WIDTH, HEIGHT, BAR = 900, 700, 45  # pixels of the window, and of the bar at its lower edge
+READY = "document.body && document.body.dataset.ready"
+MOST_BYTES = 3e6
+
+needs_browser = pytest.mark.skipif(EXECUTABLE is None, reason="no Chromium on this machine")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Browser(WIDTH, HEIGHT) as one:
+        yield one
+
+
+def pixels(points, camera) -> np.ndarray:
+    """(k, 2) row and column at which points (k, 3) [m] are seen, by the matrices of pybullet."""
+    axis = {"y": 1, "z": 2}[camera.get("up", "z")]
+    target, angles = list(camera["target"]), (camera["yaw"], camera["pitch"])
+    seen = p.computeViewMatrixFromYawPitchRoll(target, camera["distance"], *angles, 0.0, axis)
+    lens = p.computeProjectionMatrixFOV(camera.get("fov", 40.0), WIDTH / HEIGHT, 0.01, 10.0)
+    both = np.reshape(lens, (4, 4)).T @ np.reshape(seen, (4, 4)).T
+    clip = np.c_[points, np.ones(len(points))] @ both.T
+    across, up = (clip[:, :2] / clip[:, 3:]).T
+    return np.c_[(1 - up) / 2 * HEIGHT, (1 + across) / 2 * WIDTH]
+
+
+def places(recording, k) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (m, 2) of the particles in the window in frame k, and colours (m, 3) of their tensions."""
+    full = replay._rounded_up(max(track.tension.max() for track in recording.tendons))
+    found, colors = [], []
+    for track in recording.tendons:
+        row = np.flatnonzero(track.frames == k)
+        if not len(row):
+            continue
+        tension = track.tension[row[0]]
+        share = np.clip((tension[1:] + tension[:-1]) / 2 / full, 0, 1)[:, None]
+        found.append(pixels(track.positions[row[0]][1:-1], recording.camera))
+        colors.append((1 - share) * TENDON_COLOR[:3] + share * np.array(TAUT_COLOR[:3]))
+    found, colors = np.vstack(found), np.vstack(colors)
+    inside = (found > 4).all(axis=1) & (found[:, 0] < HEIGHT - BAR) & (found[:, 1] < WIDTH - 4)
+    return found[inside].astype(int), colors[inside]
+
+
+def has_color(image, place, color) -> bool:
+    """Whether one of 3 x 3 pixels has the hue of a colour, lit, or seen through something translucent."""
+    row, column = place
+    patch = image[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3) / 255
+    hue, seen = color - color.mean(), patch - patch.mean(axis=1, keepdims=True)
+    strength = np.linalg.norm(seen, axis=1)
+    similar = seen @ hue / np.maximum(strength * np.linalg.norm(hue), 1e-9)
+    return bool(((similar > 0.95) & (strength > 0.25 * np.linalg.norm(hue))).any())
+
+
+def shown(browser, module, path, options) -> float:
+    """Open a scenario's replay, and hold it to the recording at three moments; the file's size [bytes]."""
+    scene = runner.run(module, options, replay=str(path)).scene
+    recording = scene.recorder.recording
+    browser.requests.clear()
+    browser.open(path.as_uri(), READY)
+    times = browser.value("replay.times")
+    for moment in (times[0], times[len(times) // 2], times[-1]):
+        browser.value(f"replay.show({moment}).then(() => true)")
+        image = browser.screenshot()
+        k = int(np.argmin(np.abs(recording.times - moment)))
+        found, colors = places(recording, k)
+        assert len(found) >= 5
+        few = np.linspace(0, len(found) - 1, 5).astype(int)
+        assert sum(has_color(image, found[i], colors[i]) for i in few) >= 4  # one may be behind a body
+    outside = [url for url in browser.requests if not url.startswith(("data:", "blob:"))]
+    assert outside == [path.as_uri()]
+    assert browser.errors == []
+    return path.stat().st_size
+
+
+@needs_browser
+@pytest.mark.parametrize("name", ["graft_passage", "two_tendons", "wrap_condyle"])
+def test_the_beginning_of_a_scenario_is_shown_where_it_was(browser, tmp_path, name):
+    pytest.importorskip("k3d")
+    options = Options(steps=240, replay=True)
+    assert shown(browser, runner.known()[name], tmp_path / "run.html", options) < MOST_BYTES
+
+
+@needs_browser
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(runner.known()))
+def test_a_whole_scenario_is_shown_where_it_was(browser, tmp_path, name):
+    pytest.importorskip("k3d")
+    size = shown(browser, runner.known()[name], tmp_path / "run.html", Options(replay=True))
+    print(f"{name}: {size / 1e6:.2f} MB")
+    assert size < MOST_BYTES
+
+
+def one_tendon(make_world):
+    world = make_world(1 / 240, (0, 0, -9.81))
+    world.add_tendon([(0, 0, 0), (0.1, 0, 0)], 0.004, bt.Material(stiffness=1e4), 8, "a").grip(0)
+    return world
+
+
+def test_the_file_forbids_requests_and_names_no_address(make_world, tmp_path):
+    pytest.importorskip("k3d")
+    world = one_tendon(make_world)
+    with bt.Recorder(world, every=1, title="<b> & c") as recorder:
+        world.step(10)
+    recorder.save(tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text()
+    assert "default-src 'none'" in page.partition("<title>")[0]
+    assert "<title>&lt;b&gt; &amp; c</title>" in page
+    assert not any(f'{tag}="http' in page or f"{tag}='http" in page for tag in ("src", "href"))
+
+
+def test_a_run_of_one_frame_can_be_written(make_world, tmp_path):
+    pytest.importorskip("k3d")
+    bt.Recorder(one_tendon(make_world), every=1).save(tmp_path / "run.html")
+    assert (tmp_path / "run.html").stat().st_size > 1e6
+
+
+def test_frames_are_kept_by_the_time_that_they_are_played():
+    times = np.arange(0, 1001) / 1000
+    kept = replay._kept(times, 25.0)
+    assert kept[0] == 0 and kept[-1] == 1000
+    assert set(np.diff(kept)) == {40}
+    assert [replay._speed(span) for span in (5.0, 1.0, 0.2, 0.01, 1e-9, 0.0)] == [1, 1, 0.1, 0.01, 0.001, 1]
+
+
+def test_the_highest_tension_is_rounded_up_to_two_digits():
+    assert [replay._rounded_up(x) for x in (0.0, 1.0, 1.01, 99.0, 1234.0)] == pytest.approx(
+        [1, 1, 1.1, 99, 1300]
+    )
+
+
+def test_refusals(make_world, tmp_path, monkeypatch):
+    recorder = bt.Recorder(one_tendon(make_world))
+    with pytest.raises(errors.InvalidValue, match="recording"):
+        recorder.save(tmp_path / "run.html")
+    recorder.frame()
+    for name, value in {"fps": 0.0, "full_tension": -1.0}.items():
+        with pytest.raises(errors.InvalidValue, match=name):
+            recorder.save(tmp_path / "run.html", **{name: value})
+    monkeypatch.setitem(__import__("sys").modules, "k3d", None)
+    with pytest.raises(errors.MissingExtra, match="replay"):
+        recorder.save(tmp_path / "run.html")
+    assert not (tmp_path / "run.html").exists()
