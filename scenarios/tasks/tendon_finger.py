@@ -47,7 +47,7 @@ PALM_SIDE = (0.0166, -0.0415)  # m, x and z of the middle of where the sphere st
 SPREAD = (0.0004, 0.003)  # m, along x and z
 MASS = (0.02, 0.04)  # kg, of the sphere
 AWAY = np.array([0.0, 0.0, 0.5])  # m, to where the sphere and its table are moved when they are not needed
-ON_TABLE, HELD = 1.0, 1.0  # s: when the table is taken away, and for how long the sphere has to stay then
+ON_TABLE, HELD = 1.25, 1.0  # s: when the table is taken away, and for how long the sphere has to stay then
 REACHED, STAYED = 0.003, 0.2  # m, s: how near the goal, and for how long the tip has to be there
 CURL = (0.2, 0.9)  # rad, of the second and third hinge at a goal
 FIRST = (0.1, 1.0)  # rad, of the first
@@ -56,8 +56,8 @@ SPARE = 0.1  # rad, of the first hinge beyond what the long flexor turns by itse
 LEAST_X = 0.01  # m, of a goal from the palm
 STRAIGHT = np.array([sum(LINKS), 0.0, 0.0])  # m, the tip of the straight finger
 OUTSIDE = 0.5  # reward of a step farther than REACHED
-SQUEEZE = np.array([3.0, 3.0])  # N, of the flexors that hold
-APPROACH = np.array([0.8, 0.4])  # speed of the motors until then, over SPEED
+SQUEEZE = np.array([3.5, 3.5])  # N, of the flexors that hold
+APPROACH = np.array([1.0, 0.3])  # speed of the motors until then, over SPEED
 GAIN, TENSION_GAIN = 6.0, 2.0  # of the expert: 1/s, and speed over SPEED for a tension of TENSION
 UNIT = 0.1  # m, of points in observations
 RATE, TENSION, FAST = 10.0, 5.0, 0.1  # rad/s, N, m/s: units of what is observed
@@ -92,7 +92,7 @@ class TendonFinger(Task):
     Reward: "distance" (minus the distance to the goal over 0.1 m, at least -1), "outside" (-0.5 farther than
     3 mm). It is compute_reward of the goals alone.
     Success ends the episode. "reach": the tip has been within 3 mm for 0.2 s. "hold": the table, which is
-    taken away after 1 s, has been away for 1 s, and the sphere is within 3 mm of where it stood.
+    taken away after 1.25 s, has been away for 1 s, and the sphere is within 3 mm of where it stood.
     Options of reset: mode, "reach" or "hold". For "reach": goal (2,): x and z of the tip [m], where the
     flexors can lead it (InvalidValue otherwise). For "hold": place (2,) in [-1, 1]: the sphere's offset along
     x and z over 0.4 and 3 mm; mass of the sphere [kg] in [0.02, 0.04].
