@@ -12,7 +12,7 @@ import numpy as np
 from .errors import InvalidValue, MissingExtra
 
 WIDTH = 11.0  # of a figure [inch]
-TALLEST = 6.0  # of a row of images [inch]
+TALLEST, LOW = 6.0, 2.0  # of a row of images, and height under which they are put into two rows [inch]
 MARGIN = 10  # pixels of white that are left around what images show
 MAPS_IN_ROW = 3
 MAP_RANGE = 30.0  # of the faintest map's highest value over the lowest that has a colour of its own
@@ -72,7 +72,9 @@ def figure(
     parts = [part for part, wanted in contents.items() if len(wanted)]
     images = _cropped([(title, image, *notes) for title, image, *notes in images])
     slopes = [image.shape[0] / image.shape[1] for _, image, _ in images]
-    row = 0.5 + min(WIDTH / max(len(images), 1) * max(slopes, default=0), TALLEST)
+    columns = _columns(len(images), max(slopes, default=0))
+    lines = -(-len(images) // columns)
+    row = lines * (0.5 + min(WIDTH / columns * max(slopes, default=0), TALLEST))
     every = {"images": row, "maps": 2.6 * -(-len(maps) // MAPS_IN_ROW), "curves": 4.2}
     heights = [every[part] for part in parts]
     page = Figure(figsize=(WIDTH, sum(heights) + 0.5 * bool(title)), dpi=130, layout="constrained")
@@ -81,7 +83,7 @@ def figure(
     if title:
         page.suptitle(title, fontsize=14)
     if "images" in areas:
-        _draw_images(areas["images"], images)
+        _draw_images(areas["images"].subplots(lines, columns, squeeze=False), images)
     if "maps" in areas:
         _draw_maps(areas["maps"], maps, *map_labels)
     if "curves" in areas:
@@ -89,9 +91,15 @@ def figure(
     page.savefig(path, facecolor="white")
 
 
-def _draw_images(area, images):
-    grid = area.subplots(1, len(images), squeeze=False)[0]
-    for axes, (name, image, notes) in zip(grid, images, strict=True):
+def _columns(count: int, slope: float) -> int:
+    """Images side by side: all, or half of them where they would be low; slope: height over width."""
+    return max(1, count if WIDTH / max(count, 1) * slope >= LOW else -(-count // 2))
+
+
+def _draw_images(grid, images):
+    for axes in grid.flat[len(images) :]:
+        axes.axis("off")
+    for axes, (name, image, notes) in zip(grid.flat, images, strict=False):
         axes.imshow(image)
         axes.set_title(name, fontsize=10)
         axes.axis("off")

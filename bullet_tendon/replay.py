@@ -26,7 +26,7 @@ from .visuals import TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
 MILLIMETRES = 1000.0
 SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # that can be chosen, times real time
 _SHORT = 1.0  # s that a run has to last when it is played
-_BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.25
+_BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.15
 _FEW = 100  # triangles of a link: fewer are seen as flat faces
 _DIGITS = 0.002  # of a tendon's radius, to which its positions are rounded
 _ARROW = 0.15  # length of the greatest contact force's arrow, in distances of the camera from its target

@@ -182,7 +182,7 @@ class Scene:
         """
         if not self.options.picture:
             return
-        shot = {"width": 640, "height": 480, **self.camera, **(camera or {})}
+        shot = {"width": 960, "height": 720, **self.camera, **(camera or {})}
         shown = self.tendons if tendons is None else tendons
         image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity)
         self.frames.append((title, image, [] if self.frames else self._notes(shot)))

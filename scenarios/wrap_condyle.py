@@ -29,6 +29,7 @@ RAMP, REST = 480, 120  # steps, in which a load grows, and stays
 # Where the ends are: anterior and posterior of the femur, and so high [m].
 FRONT, BACK = (0.066, 0.045), (-0.048, 0.045)
 TOP = 0.015  # m: what is higher up of the bone is not in the way
+BONE_COLOR = (0.93, 0.89, 0.78, 1.0)
 SLACK = 0.0005  # m, that is left between tendon and bone
 
 
@@ -42,6 +43,7 @@ def build(options) -> Scene:
         p.GEOM_MESH, fileName=str(file), flags=p.GEOM_FORCE_CONCAVE_TRIMESH, physicsClientId=scene.client
     )
     bone = p.createMultiBody(0, shape, physicsClientId=scene.client)
+    p.changeVisualShape(bone, -1, rgbaColor=BONE_COLOR, physicsClientId=scene.client)
     scene.bones, scene.names = [bone], {bone: "femur"}
     scene.world.add_obstacle(bone, friction=1.0, meshes=[str(file)])
     line = _around(np.asarray(mesh.vertices))

@@ -12,11 +12,12 @@ from time import perf_counter
 
 import gymnasium
 import numpy as np
+from bullet_tendon.scenarios.scene import REPLAY_FRAMES
 
-from bullet_tendon import errors, view
+from bullet_tendon import Recorder, Recording, errors, view
 
 from . import TASKS
-from .episodes import Episode, evaluate
+from .episodes import Episode, evaluate, run_episode
 from .policies import POLICIES, make_policy, module_of
 from .search import search
 
@@ -50,6 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, help="of the first episode, or of the search")
     parser.add_argument("--processes", type=int, help="that run episodes (default: this one; 2 to train)")
     parser.add_argument("--picture", metavar="FILE", default="", help="draw the first episode into FILE")
+    parser.add_argument(
+        "--replay", metavar="FILE.html", default="", help="write a replay of the first episode"
+    )
     parser.add_argument(
         "--json", metavar="FILE", nargs="?", const="-", help="write the outcomes to FILE, or print them"
     )
@@ -87,6 +91,8 @@ def _evaluate(wanted) -> None:
                 file.write(text + "\n")
     if wanted.picture:
         draw_episode(wanted.picture, wanted.name, wanted.policy, wanted.seed)
+    if wanted.replay:
+        record_episode(wanted.name, wanted.policy, wanted.seed).save(wanted.replay)
 
 
 def _record(wanted, episodes: list[Episode], seconds: float) -> dict:
@@ -134,6 +140,17 @@ def draw_episode(path: str, task: str, policy: str, seed: int) -> None:
     shown = [(f"{m / env.unwrapped.metadata['render_fps']:.1f} s", images[m]) for m in moments]
     curve = {"x": np.array(times), "y": np.array(rewards), "label": "reward so far"}
     view.figure(path, shown, [curve], xlabel="time [s]", ylabel="reward so far", title=f"{task}, {policy}")
+
+
+def record_episode(task: str, policy: str, seed: int) -> Recording:
+    """A recording of an episode, for a replay (needs the extra `replay`)."""
+    with gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0") as env:
+        env.reset(seed=seed)  # so that the recording begins where the episode does
+        scene = env.unwrapped
+        told = {"camera": scene.camera, "title": f"{task}, {policy}", "most_frames": REPLAY_FRAMES}
+        with Recorder(scene.world, every=1, **told) as recorder:
+            run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed)
+        return recorder.recording
 
 
 if __name__ == "__main__":

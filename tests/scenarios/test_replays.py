@@ -9,6 +9,12 @@ from chromium import EXECUTABLE, Browser
 
 import bullet_tendon as bt
 from bullet_tendon import errors, replay
+
+try:
+    from bullet_tendon.scenarios.tasks import TASKS
+    from bullet_tendon.scenarios.tasks import __main__ as command_line
+except ImportError:  # without gymnasium
+    TASKS = []
 from bullet_tendon.visuals import TAUT_COLOR, TENDON_COLOR
 
 WIDTH, HEIGHT, BAR = 900, 700, 45  # pixels of the window, and of the bar at its lower edge
@@ -37,16 +43,16 @@ def pixels(points, camera) -> np.ndarray:
 
 
 def places(recording, k) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (m, 2) of the particles in the window in frame k, and colours (m, 3) of their tensions."""
+    """Pixels (m, 2) of segments' middles in the window in frame k, and colours (m, 3) of their tensions."""
     full = replay._rounded_up(max(track.tension.max() for track in recording.tendons))
     found, colors = [], []
     for track in recording.tendons:
         row = np.flatnonzero(track.frames == k)
         if not len(row):
             continue
-        tension = track.tension[row[0]]
-        share = np.clip((tension[1:] + tension[:-1]) / 2 / full, 0, 1)[:, None]
-        found.append(pixels(track.positions[row[0]][1:-1], recording.camera))
+        share = np.clip(track.tension[row[0]] / full, 0, 1)[:, None]
+        line = track.positions[row[0]]
+        found.append(pixels((line[1:] + line[:-1]) / 2, recording.camera))
         colors.append((1 - share) * TENDON_COLOR[:3] + share * np.array(TAUT_COLOR[:3]))
     found, colors = np.vstack(found), np.vstack(colors)
     inside = (found > 4).all(axis=1) & (found[:, 0] < HEIGHT - BAR) & (found[:, 1] < WIDTH - 4)
@@ -64,9 +70,14 @@ def has_color(image, place, color) -> bool:
 
 
 def shown(browser, module, path, options) -> float:
-    """Open a scenario's replay, and hold it to the recording at three moments; the file's size [bytes]."""
+    """Write a scenario's replay, and hold it to the recording; the file's size [bytes]."""
     scene = runner.run(module, options, replay=str(path)).scene
-    recording = scene.recorder.recording
+    held_to(browser, scene.recorder.recording, path)
+    return path.stat().st_size
+
+
+def held_to(browser, recording, path) -> None:
+    """Open a replay: at three moments tendons are where the recording has them; nothing else is opened."""
     browser.requests.clear()
     browser.open(path.as_uri(), READY)
     times = browser.value("replay.times")
@@ -75,13 +86,11 @@ def shown(browser, module, path, options) -> float:
         image = browser.screenshot()
         k = int(np.argmin(np.abs(recording.times - moment)))
         found, colors = places(recording, k)
-        assert len(found) >= 5
-        few = np.linspace(0, len(found) - 1, 5).astype(int)
-        assert sum(has_color(image, found[i], colors[i]) for i in few) >= 4  # one may be behind a body
+        shown = sum(has_color(image, *one) for one in zip(found, colors, strict=True))
+        assert shown >= 5, f"{shown} of {len(found)}"  # others may be behind a body, or another tendon
     outside = [url for url in browser.requests if not url.startswith(("data:", "blob:"))]
     assert outside == [path.as_uri()]
     assert browser.errors == []
-    return path.stat().st_size
 
 
 @needs_browser
@@ -90,6 +99,19 @@ def test_the_beginning_of_a_scenario_is_shown_where_it_was(browser, tmp_path, na
     pytest.importorskip("k3d")
     options = Options(steps=240, replay=True)
     assert shown(browser, runner.known()[name], tmp_path / "run.html", options) < MOST_BYTES
+
+
+@needs_browser
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TASKS)
+def test_an_episode_of_a_task_is_shown_where_it_was(browser, tmp_path, name):
+    pytest.importorskip("k3d")
+    recording = command_line.record_episode(name, "expert", 0)
+    recording.save(tmp_path / "run.html")
+    held_to(browser, recording, tmp_path / "run.html")
+    size = (tmp_path / "run.html").stat().st_size
+    print(f"{name}: {size / 1e6:.2f} MB")
+    assert size < MOST_BYTES
 
 
 @needs_browser

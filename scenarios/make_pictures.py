@@ -1,0 +1,122 @@
+"""Makes the pictures of the READMEs anew, and tells which are older than the code that draws them.
+
+python -m bullet_tendon.scenarios.make_pictures                  those of scenarios, a minute
+python -m bullet_tendon.scenarios.make_pictures --benchmarks     those of benchmarks, hours
+python -m bullet_tendon.scenarios.make_pictures wrap_condyle     single ones
+
+A picture carries a stamp: a hash of the code (without comments and docstrings) of its scenario or benchmark,
+and of what draws. Scenarios run in an empty folder, so that they show the project's own bones.
+"""
+
+import argparse
+import ast
+import contextlib
+import hashlib
+import os
+import struct
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+
+from bullet_tendon.scenarios import runner
+from bullet_tendon.scenarios.benchmarks import harness
+
+from bullet_tendon import view
+
+FOLDER = Path(__file__).resolve().parent / "pictures"
+SCENARIOS = ("graft_passage", "super_elasticity", "tendon_finger", "wrap_condyle")
+BENCHMARKS = ("coupling", "haptic", "multibody", "work_precision")
+KEYWORD = b"bullet_tendon"
+_DRAWING = ("camera", "figures", "lens", "visuals")  # modules of the package
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line. Returns the exit status: 0, or 2 for bad usage."""
+    parser = argparse.ArgumentParser(f"python -m {__package__}.make_pictures", description="Makes pictures.")
+    parser.add_argument("names", nargs="*", help="of scenarios and benchmarks; without one: all scenarios")
+    parser.add_argument("--benchmarks", action="store_true", help="those of benchmarks, which takes hours")
+    wanted = parser.parse_args(arguments)
+    names = wanted.names or (BENCHMARKS if wanted.benchmarks else SCENARIOS)
+    unknown = sorted(set(names) - {*SCENARIOS, *BENCHMARKS})
+    if unknown:
+        parser.error(f"unknown {', '.join(unknown)}; known: {', '.join((*SCENARIOS, *BENCHMARKS))}")
+    for name in names:
+        make(name, FOLDER / f"{name}.png")
+        print(FOLDER / f"{name}.png")
+    return 0
+
+
+def make(name: str, path: Path) -> None:
+    """Draw one picture into a file, with its stamp."""
+    with tempfile.TemporaryDirectory() as folder, _inside(folder):
+        if name in BENCHMARKS:
+            module = harness.known()[name]
+            harness.draw("it.png", module.panels(module.run(False, view.progress)))
+        else:
+            runner.run(runner.known()[name], runner.Options(picture=True), view.progress, "it.png")
+        drawn = Path("it.png").read_bytes()
+    path.write_bytes(_stamped(drawn, digest(name)))
+
+
+def digest(name: str) -> str:
+    """A hash of the code that a picture comes from."""
+    here = Path(__file__).resolve().parent
+    folder = here / "benchmarks" if name in BENCHMARKS else here
+    files = [folder / f"{name}.py"]
+    if name not in BENCHMARKS:
+        package = Path(view.__file__).parent
+        files += [here / "scene.py", *(package / f"{module}.py" for module in _DRAWING)]
+    total = hashlib.sha256()
+    for file in files:
+        total.update(_code(file.read_text(encoding="utf-8")).encode())
+    return total.hexdigest()[:16]
+
+
+def stamp(path: Path) -> str:
+    """The stamp of a picture; "" of one without."""
+    for kind, body in _chunks(path.read_bytes()):
+        if kind == b"tEXt" and body.startswith(KEYWORD + b"\0"):
+            return body.partition(b"\0")[2].decode()
+    return ""
+
+
+def _code(text: str) -> str:
+    """Python code without comments, docstrings and layout."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node):
+            node.body = body[1:]
+    return ast.dump(tree)
+
+
+def _chunks(data: bytes):
+    """Kind and body of the parts of a PNG file."""
+    at = 8
+    while at < len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        yield data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        at += 12 + length
+
+
+def _stamped(data: bytes, text: str) -> bytes:
+    """A PNG file with a text before its end."""
+    body = b"tEXt" + KEYWORD + b"\0" + text.encode()
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    return data[:-12] + chunk + data[-12:]
+
+
+@contextlib.contextmanager
+def _inside(folder: str):
+    """With this working directory (contextlib.chdir came with Python 3.11)."""
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
