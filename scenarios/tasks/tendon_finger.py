@@ -383,20 +383,27 @@ def expert(observation) -> np.ndarray:
     if seen[11] > 0.5:
         missing = SQUEEZE / TENSION - seen[8:10]
         return np.clip(TENSION_GAIN * missing, -APPROACH, APPROACH)
-    now = _pose(UNIT * observation["achieved_goal"], np.sign(seen[1] + seen[2]))
-    first, curl = _pose(UNIT * observation["desired_goal"]) - now
+    first, curl = _missing(observation)
     taken = np.array([_arm(angle) for angle in seen[:3]]) * [first, curl, curl]
     return np.clip(GAIN / SPEED * np.array([taken.sum(), taken[0]]), -1, 1)
+
+
+def _missing(observation) -> np.ndarray:
+    """(2,) by how much the first hinge and the curl have to turn to the goal [rad]."""
+    _, second, third = observation["observation"][:3]
+    now = _pose(UNIT * observation["achieved_goal"], np.sign(second + third))
+    return _pose(UNIT * observation["desired_goal"]) - now
 
 
 FEATURES, OUTPUTS = 5, 2
 
 
 def features(observation) -> np.ndarray:
-    """(5,): in mode "reach" what is missing to the goal; in mode "hold" 1 and the tensions."""
+    """(5,): in mode "reach" the angles that are missing to the goal [rad]; in "hold" 1 and the tensions."""
     seen = observation["observation"]
     reaches, holds = seen[10:12]
-    return np.concatenate([reaches * np.clip(seen[12:14], -2, 2), holds * np.array([1, *seen[8:10]])])
+    missing = _missing(observation) if reaches else np.zeros(2)
+    return np.concatenate([missing, holds * np.array([1, *seen[8:10]])])
 
 
 def action_of(outputs, observation) -> np.ndarray:
