@@ -13,8 +13,10 @@ from pkgutil import extend_path
 __path__ = extend_path(__path__, __name__)
 
 from .anchors import Attachment, Grip  # noqa: E402
+from .cartilage import Cartilage, Region  # noqa: E402
 from .errors import (  # noqa: E402
     CannotCopy,
+    CartilageWarning,
     CaseFailed,
     InsideWarning,
     InvalidType,
@@ -50,6 +52,8 @@ __all__ = [
     "Attachment",
     "Bundle",
     "CannotCopy",
+    "Cartilage",
+    "CartilageWarning",
     "CaseFailed",
     "Fixation",
     "Grip",
@@ -61,6 +65,7 @@ __all__ = [
     "MissingExtra",
     "Recorder",
     "Recording",
+    "Region",
     "ResolutionWarning",
     "Skin",
     "SlackWarning",

@@ -180,6 +180,17 @@ class SlackWarning(RuntimeWarning):
     """
 
 
+class CartilageWarning(RuntimeWarning):
+    """Surfaces of cartilage that are far apart, or that do not face each other.
+
+    It is given by add_cartilage.
+
+    Example:
+        >>> import warnings
+        >>> warnings.simplefilter("error", bt.CartilageWarning)
+    """
+
+
 class MissingExtra(TendonError, ImportError):
     """An optional package is needed for what was asked, and is not installed.
 

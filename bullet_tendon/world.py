@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
+from .cartilage import Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .fixation import Fixation
@@ -72,6 +73,7 @@ class TendonWorld(NotCopied):
         self._tunnels: dict[int, Tunnel] = {}
         self._ligaments: dict[int, Ligament] = {}
         self._fixations: list[Fixation] = []
+        self._cartilages: dict[int, Cartilage] = {}
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
         self._obstacles = Obstacles(self._core, self._bodies)
@@ -114,6 +116,11 @@ class TendonWorld(NotCopied):
     def ligaments(self) -> tuple[Ligament, ...]:
         """Its ligaments that were not removed, in the order in which they were added."""
         return tuple(self._ligaments.values())
+
+    @property
+    def cartilages(self) -> tuple[Cartilage, ...]:
+        """Its cartilages that were not removed, in the order in which they were added."""
+        return tuple(self._cartilages.values())
 
     def add_tendon(
         self,
@@ -430,6 +437,113 @@ class TendonWorld(NotCopied):
         del self._ligaments[slot]
         ligament.removed = True
         self._core.remove_ligament(slot)
+
+    def add_cartilage(
+        self,
+        first: tuple,
+        second: tuple,
+        modulus: float = 10e6,
+        poisson: float = 0.45,
+        thickness: float = 0.006,
+        damping: float | None = None,
+        spacing: float = 0.0005,
+        cache: bool = False,
+        name: str | None = None,
+    ) -> Cartilage:
+        """Cartilage between two links: an elastic foundation of surface B against the distance to surface A.
+
+        The centre of each triangle of B that is at a depth d behind A is pushed out along the gradient of the
+        distance by the pressure p = K d, K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness (Bei and Fregly 2004),
+        times its area. The distance is measured once, on a grid of nodes, with smooth interpolation. It acts
+        implicitly, together with ligaments and tendons, and has no friction. Surfaces may be open: nothing is
+        behind their borders. pybullet's own contact between the two links has to be switched off. It needs
+        SolverOptions with iteration="newton" and an implicit integrator. It gives a CartilageWarning where
+        the surfaces are more than 50 mm apart, or do not face each other.
+
+        Args:
+            first: (bodyUniqueId, linkIndex, mesh) of A. mesh: the path of an STL or OBJ file, or (vertices
+                (v, 3) [m], triangles (t, 3)), in the link's URDF frame; its faces look outwards.
+            second: the same of B.
+            modulus: E [Pa], > 0.
+            poisson: nu [-], >= 0 and < 0.5.
+            thickness: of both layers together [m], at least the spacing.
+            damping: c [s/m] of p = K d (1 + c dd/dt) (Hunt and Crossley 1975); None: none.
+            spacing: of the grid's nodes [m].
+            cache: keeps the grid in a file beside the mesh of A, which has to be a path.
+            name: of the cartilage; None: one is made up.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: a closed mesh that is wound inwards, or a layer that is
+                thinner than the spacing, for two; then nothing has changed.
+
+        Example:
+            >>> plate = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * 0.02 - (0.01, 0.01, 0)
+            >>> lower, upper = (plate, [(0, 1, 2), (0, 2, 3)]), (plate, [(0, 2, 1), (0, 3, 2)])
+            >>> stand = p.createMultiBody(0, basePosition=(0, 0, -0.11))
+            >>> pad = world.add_cartilage((stand, -1, lower), (ball, -1, upper), damping=1.0)
+            >>> world.step(240)
+            >>> round(pad.max_pressure, 1), round(pad.foundation / 1e9, 3)
+            (2452.5, 6.322)
+        """
+        self._stepper.require_iterating("add_cartilage")
+        link_a, surface_a, file = side_of(self._bodies, "first", first)
+        link_b, surface_b, _ = side_of(self._bodies, "second", second)
+        if link_a == link_b:
+            raise InvalidValue("second", link_b, "another link than the first")
+        spacing = checks.number("spacing", spacing, above=0)
+        thickness = checks.number("thickness", thickness, above=0)
+        if thickness < spacing:
+            raise InvalidValue("thickness", thickness, f"at least the grid's spacing of {spacing:g} m")
+        foundation = foundation_of(modulus, poisson, thickness)
+        damping = 0.0 if damping is None else checks.number("damping", damping, at_least=0)
+        if checks.flag("cache", cache) and file is None:
+            raise InvalidValue("cache", cache, "False for a mesh that is not a path")
+        name = f"cartilage{self._numbers.next()}" if name is None else checks.text("name", name)
+        if any(cartilage.name == name for cartilage in self.cartilages):
+            raise InvalidValue("name", name, "different from the names of the world's other cartilages")
+        beside = file.with_suffix(f"{file.suffix}.distances.npz") if cache else None
+        grid = grid_of(surface_a, spacing, thickness, beside)
+        normals = surface_b.normals
+        slots = [self._bodies.slot(*link) for link in (link_a, link_b)]
+        slot = self._core.add_cartilage(
+            slots[0],
+            grid,
+            slots[1],
+            surface_b.corners.mean(axis=1),
+            np.linalg.norm(normals, axis=1),
+            surface_b.patches(),
+            foundation,
+            damping,
+        )
+        layer = foundation, thickness
+        cartilage = Cartilage(self._core, self._bodies, slot, name, (link_a, link_b), layer)
+        self._cartilages[slot] = cartilage
+        self._bodies.read()
+        look(name, self._core, slot, surface_b)
+        return cartilage
+
+    def remove_cartilage(self, cartilage: Cartilage) -> None:
+        """Take cartilage out; its handle can no longer be used.
+
+        Args:
+            cartilage: of this world.
+
+        Raises:
+            InvalidType, UnknownId: not one of this world's cartilages.
+
+        Example:
+            >>> plate = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * 0.02 - (0.01, 0.01, 0)
+            >>> lower, upper = (plate, [(0, 1, 2), (0, 2, 3)]), (plate, [(0, 2, 1), (0, 3, 2)])
+            >>> stand = p.createMultiBody(0, basePosition=(0, 0, -0.11))
+            >>> pad = world.add_cartilage((stand, -1, lower), (ball, -1, upper))
+            >>> world.remove_cartilage(pad)
+            >>> world.cartilages
+            ()
+        """
+        slot = self._slot_of("cartilage", cartilage, Cartilage, self._cartilages)
+        del self._cartilages[slot]
+        cartilage.removed = True
+        self._core.remove_cartilage(slot)
 
     def load_urdf(self, path: str | PathLike, *args, obstacles: bool = True, **kwargs) -> int:
         """``p.loadURDF(path, *args, **kwargs)``, and the file's <tunnel> and <tendon> elements.
@@ -757,7 +871,7 @@ class TendonWorld(NotCopied):
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles, attachments and ligaments refer to."""
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
-        attached.update(*(ligament.link_slots for ligament in self.ligaments))
+        attached.update(*(element.link_slots for element in (*self.ligaments, *self.cartilages)))
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
 
     def _solid_slots(self, argument, body) -> set[int]:

@@ -31,6 +31,10 @@ class Scene:
         self.attachment = self.t.attach(-1, self.body, position=[0.02, 0.02, 0])
         self.stand = p.createMultiBody(0, box, physicsClientId=client)
         self.path_between = [(self.body, -1, (0, 0, 0)), (self.stand, -1, (0, 0.1, 0))]
+        facing = p.createMultiBody(0, box, -1, (0, 0, -0.001), physicsClientId=client)
+        flat = [(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0)]
+        self.sides = (facing, -1, (flat, [(0, 1, 2)])), (self.body, -1, (flat, [(0, 2, 1)]))
+        self.cartilage = world.add_cartilage(*self.sides)
         self.ligament = world.add_ligament(self.path_between, ROPE)
         world.step()
         self.state, self.snapshot = world.save_state(), world.snapshot()
@@ -43,6 +47,7 @@ REFUSED = {
     "add_obstacle": lambda s: s.world.add_obstacle(s.body),
     "add_tunnel": lambda s: s.world.add_tunnel(s.body, -1, [0, 0, 0], [0, 0, 1], 0.01),
     "add_ligament": lambda s: s.world.add_ligament(s.path_between, ROPE),
+    "add_cartilage": lambda s: s.world.add_cartilage(*s.sides),
     "set_tension": lambda s: s.ligament.set_tension(3.0),
     "rest_length": lambda s: setattr(s.ligament, "rest_length", 0.1),
     "ligament.length": lambda s: s.ligament.length,
@@ -81,6 +86,7 @@ READ = {
     "snapshot": lambda s: s.world.snapshot(),
     "state_hash": lambda s: s.world.state_hash(),
     "is_attached_to": lambda s: s.t.is_attached_to(s.body),
+    "depths": lambda s: s.cartilage.depths(),
     "skin": lambda s: bt.Skin.tube(s.t).vertices,
 }
 TAKEN_OUT = {
@@ -88,6 +94,7 @@ TAKEN_OUT = {
     "release": lambda s: (s.attachment.release(), s.grip.release()),
     "remove_obstacle": lambda s: s.world.remove_obstacle(s.body),
     "remove_tunnel": lambda s: s.world.remove_tunnel(s.tunnel),
+    "remove_cartilage": lambda s: s.world.remove_cartilage(s.cartilage),
     "remove_ligament": lambda s: s.world.remove_ligament(s.ligament),
     "remove_tendon": lambda s: s.world.remove_tendon(s.t),
 }
@@ -114,7 +121,7 @@ def test_what_is_known_can_be_read(scene, call):
 
 def test_every_attribute_can_be_read(scene):
     world = scene.world
-    for part in (world, scene.t, scene.grip, scene.attachment, scene.tunnel, scene.ligament):
+    for part in (world, scene.t, scene.grip, scene.attachment, scene.tunnel, scene.ligament, scene.cartilage):
         names = [n for n, _ in inspect.getmembers(type(part), lambda m: isinstance(m, property))]
         for name in set(names) - THERE:
             getattr(part, name)
@@ -129,6 +136,6 @@ def test_everything_can_be_taken_out(scene):
 
 def test_every_public_method_is_asked_here():
     called = {name.split()[0].removeprefix("grip.") for name in (*REFUSED, *READ, *TAKEN_OUT)}
-    for kind in (bt.TendonWorld, bt.Tendon, bt.Grip, bt.Attachment, bt.Ligament):
+    for kind in (bt.TendonWorld, bt.Tendon, bt.Grip, bt.Attachment, bt.Ligament, bt.Cartilage):
         methods = [n for n, _ in inspect.getmembers(kind, inspect.isfunction) if not n.startswith("_")]
         assert set(methods) <= called, set(methods) - called

@@ -174,6 +174,8 @@ inline Tendon& stirred(World& w, int tendon) {
 }
 
 void bind_report(py::module_& m);
+// Signed distances of meshes (bindings/element.cpp).
+void bind_distance_grid(py::module_& m);
 
 // World's methods, by room.
 void bind_world_tendon(GuardedWorld& world);

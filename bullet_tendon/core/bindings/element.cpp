@@ -1,4 +1,4 @@
-// Python's access to ligaments.
+// Python's access to ligaments and cartilage.
 #include <pybind11/stl.h>
 
 #include <algorithm>
@@ -35,12 +35,81 @@ int add_ligament(World& w, const Ints& links, const Array& locals, double rest, 
 
 Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.all().at(slot); }
 
+SignedDistance distance_of(const Array& vertices, const Ints& triangles) {
+  std::vector<SignedDistance::Indices> indices;
+  for (py::ssize_t i = 0; i + 2 < triangles.size(); i += 3)
+    indices.push_back({triangles.data()[i], triangles.data()[i + 1], triangles.data()[i + 2]});
+  return {points_of(vertices), std::move(indices)};
+}
+
+using Grid = std::shared_ptr<DistanceGrid>;
+
+// centres (t, 3), areas (t), regions (t) of the triangles of B, in the frame of its link.
+int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const Array& centres,
+                  const Array& areas, const Ints& regions, double foundation, double damping) {
+  FoundationSurface surface{
+      points_of(centres), list_of(areas), {regions.data(), regions.data() + regions.size()}};
+  return w.add_cartilage(std::make_unique<Cartilage>(link_a, grid, link_b, std::move(surface),
+                                                     CartilageModel{foundation, damping}));
+}
+
+Cartilage& cartilage_of(const World& w, int slot) { return *w.scene.cartilages.all().at(slot); }
+
+// Of each connected patch: force, torque, area, centre of pressure, largest pressure.
+py::list pressed_regions(const World& w, int slot) {
+  py::list out;
+  for (const PressedRegion& r : cartilage_of(w, slot).regions)
+    out.append(py::make_tuple(tuple(r.force), tuple(r.torque), r.area, tuple(r.centre), r.max_pressure));
+  return out;
+}
+
 }  // namespace
+
+void bind_distance_grid(py::module_& m) {
+  py::class_<SignedDistance>(m, "SignedDistance")
+      .def(py::init(&distance_of))
+      .def_property_readonly("open", &SignedDistance::open)
+      .def("volume", &SignedDistance::volume)
+      .def("nodes", [](const SignedDistance& d, double spacing,
+                       double depth) { return DistanceGrid::nodes_of(d.box(depth), spacing); })
+      .def("__call__", [](const SignedDistance& d, const Array& points) {
+        std::vector<double> out;
+        for (const Vec3& x : points_of(points)) out.push_back(d(x, HUGE_VAL));
+        return copy_of(out);
+      });
+  py::class_<DistanceGrid, Grid>(m, "DistanceGrid")
+      .def(py::init([](const SignedDistance& distance, double spacing, double depth) {
+             return std::make_shared<DistanceGrid>(distance, spacing, depth);
+           }),
+           py::call_guard<py::gil_scoped_release>())
+      .def_static("of_numbers",
+                  [](const Array& numbers) { return std::make_shared<DistanceGrid>(list_of(numbers)); })
+      .def("numbers", [](const DistanceGrid& g) { return copy_of(g.numbers()); })
+      .def("__call__", [](const DistanceGrid& g, const Array& points) {
+        std::vector<double> distances;
+        std::vector<Vec3> gradients;
+        for (const Vec3& x : points_of(points)) {
+          Vec3 gradient;
+          distances.push_back(g.may_be_behind(x) ? g.at(x, gradient) : g.bound(x, 0));
+          gradients.push_back(gradient);
+        }
+        return py::make_tuple(copy_of(distances), rows_of(gradients));
+      });
+}
 
 void bind_world_elements(GuardedWorld& world) {
   world.def("has_elements", [](const World& w) { return w.scene.has_elements(); })
       .def("add_ligament", &add_ligament)
       .def("remove_ligament", &World::remove_ligament)
+      .def("add_cartilage", &add_cartilage)
+      .def("remove_cartilage", &World::remove_cartilage)
+      .def("pressed_regions", &pressed_regions)
+      .def("cartilage_depths",
+           [](const World& w, int slot) { return copy_of(cartilage_of(w, slot).depths(w.scene.links)); })
+      .def("cartilage_facing",
+           [](const World& w, int slot, const Array& normals) {
+             return cartilage_of(w, slot).facing(w.scene.links, points_of(normals));
+           })
       .def("ligament_force", [](const World& w, int slot) { return ligament_of(w, slot).force; })
       .def("ligament_length", [](const World& w, int slot) { return ligament_of(w, slot).length; })
       .def("ligament_rest", [](const World& w, int slot) { return ligament_of(w, slot).rest; })

@@ -29,6 +29,9 @@ void World::each_part(W& world, C& checkpoint, Copy copy) {
   for (size_t e = 0; e < world.scene.ligaments.all().size(); ++e)
     if (world.scene.ligaments.all()[e])
       copy(static_cast<LigamentState&>(*world.scene.ligaments.all()[e]), checkpoint.elements.ligaments[e]);
+  for (size_t e = 0; e < world.scene.cartilages.all().size(); ++e)
+    if (world.scene.cartilages.all()[e])
+      copy(static_cast<CartilageState&>(*world.scene.cartilages.all()[e]), checkpoint.elements.cartilages[e]);
   copy(world.scene.links, checkpoint.links);
   copy(world.scene.bodies, checkpoint.bodies);
   copy(world.contacts_.memory, checkpoint.memory);
@@ -44,6 +47,7 @@ void World::capture(Checkpoint& to) const {
   to.tendons.resize(scene.tendons.size());
   for (size_t c = 0; c < scene.tendons.size(); ++c) to.tendons[c].alive = scene.tendons[c] != nullptr;
   to.elements.ligaments.resize(scene.ligaments.all().size());
+  to.elements.cartilages.resize(scene.cartilages.all().size());
   each_part(*this, to, [](const auto& present, auto& saved) { saved = present; });
 }
 
@@ -217,6 +221,15 @@ void World::require_state(const Checkpoint& c) const {
   require(std::is_sorted(c.memory.begin(), c.memory.end(), in_order), "in order");
 }
 
+// Throws StateMismatch unless the elements are those of this world.
+void World::require_elements(const ElementCheckpoint& c) const {
+  require(c.ligaments.size() == scene.ligaments.all().size(), kSizes);
+  require(c.cartilages.size() == scene.cartilages.all().size(), kSizes);
+  for (size_t e = 0; e < c.cartilages.size(); ++e)
+    if (const auto& cartilage = scene.cartilages.all()[e])
+      require(c.cartilages[e].regions.size() == cartilage->regions.size(), kSizes);
+}
+
 // FNV-1a hash of the properties that a world must share with a state to restore it.
 uint64_t World::structure_mark() const {
   std::vector<char> bytes;
@@ -253,6 +266,18 @@ uint64_t World::structure_mark() const {
     write("path", path);
     write("material", material);
     write("lengthening_only", material.law.lengthening_only);
+  }
+  for (const auto& cartilage : scene.cartilages.all()) {
+    bool alive = cartilage != nullptr;
+    write("alive", alive);
+    if (!alive) continue;
+    int links[2] = {cartilage->link_a(), cartilage->link_b()};
+    CartilageModel model = cartilage->model();
+    uint64_t surfaces = cartilage->mark();
+    write("one", links[0]);
+    write("other", links[1]);
+    write("model", model);
+    write("surfaces", surfaces);
   }
   uint64_t hash = 14695981039346656037ull;
   for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211ull;
@@ -320,8 +345,8 @@ void World::restore(const char* from, size_t size) {
     }
     read("elements", now.elements);
     read("elements", start.elements);
-    require(now.elements.ligaments.size() == ligaments.size(), kSizes);
-    require(!start.valid || start.elements.ligaments.size() == ligaments.size(), kSizes);
+    require_elements(now.elements);
+    if (start.valid) require_elements(start.elements);
   }
   read.finish();
   require(filter.is_valid(scene.tendons.size(), now.links.size()), kIndices);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "bodies/link.h"
+#include "cartilage/cartilage.h"
 #include "contact/contact_cache.h"
 #include "ligament/ligament.h"
 #include "tendon/tendon.h"
@@ -23,6 +24,7 @@ struct TendonCheckpoint {
 // State of the elements, by slot.
 struct ElementCheckpoint {
   std::vector<LigamentState> ligaments;
+  std::vector<CartilageState> cartilages;
 };
 
 // Length and gravity of a completed step.

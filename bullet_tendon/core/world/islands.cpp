@@ -9,6 +9,14 @@
 
 namespace bt {
 
+namespace {
+
+// Share of the depth to which the distance of cartilage is known, through which it may move in a substep [-].
+// Larger: fast impacts pass through. Smaller: they are divided into more substeps.
+constexpr double kLayerShare = 0.5;
+
+}  // namespace
+
 int World::island_root(int tendon) {
   while (islands_.parent[tendon] != tendon)
     tendon = islands_.parent[tendon] = islands_.parent[islands_.parent[tendon]];
@@ -120,6 +128,18 @@ void World::list_elements(IslandElements& elements) {
   for (std::vector<int>* list : {&elements.links, &elements.own_pairs}) {
     std::sort(list->begin(), list->end());
     list->erase(std::unique(list->begin(), list->end()), list->end());
+  }
+}
+
+// A triangle that moves through the depth to which the distance is known, within one substep, would be lost
+// behind the surface.
+void World::limit_motion_of_cartilage() {
+  if (step_.whole) return;
+  for (const auto& cartilage : scene.cartilages.all()) {
+    if (!cartilage) continue;
+    const double motion = cartilage->motion(scene.links, step_.context.dt);
+    const double most = kLayerShare * cartilage->grid().depth();
+    if (motion > most) step_.motion_limit = std::min(step_.motion_limit, most / motion);
   }
 }
 

@@ -69,7 +69,10 @@ struct StateFields {
   BT_FIELDS(PathPoint, link, local)
   BT_FIELDS(LigamentModel, rest, tension)
   BT_FIELDS(LigamentState, length, force)
-  BT_FIELDS(ElementCheckpoint, ligaments)
+  BT_FIELDS(CartilageModel, foundation, damping)
+  BT_FIELDS(PressedRegion, force, torque, area, centre, max_pressure)
+  BT_FIELDS(CartilageState, regions)
+  BT_FIELDS(ElementCheckpoint, ligaments, cartilages)
   // The elements are stored beside the other fields, where there are any.
   BT_FIELDS(Checkpoint, valid, tendons, links, bodies, memory, contacts, sleeping_contacts, rest_gravity,
             last_step, may_resolve, sensed_links, sensed_bodies)

@@ -138,6 +138,7 @@ std::optional<Reason> World::solve_substep() {
   if (const auto why = outlast_history()) return why;
   contacts_.all.swap(contacts_.solved);
   collect_contacts();
+  limit_motion_of_cartilage();
   if (wake_met()) return Reason::woken;
   if (step_.motion_limit < 1 && step_.substeps.may_cut()) return Reason::motion;
   const bool again = step_.detections > 0;

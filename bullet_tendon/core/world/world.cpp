@@ -127,6 +127,20 @@ void World::remove_ligament(int slot) {
   pair_elements();
 }
 
+int World::add_cartilage(std::unique_ptr<Cartilage> cartilage) {
+  for (const TouchedLink& touched : cartilage->touched()) ensure_link(touched.link);
+  history_.may_resolve = false;
+  const int slot = scene.cartilages.add(std::move(cartilage));
+  pair_elements();
+  return slot;
+}
+
+void World::remove_cartilage(int slot) {
+  history_.may_resolve = false;
+  scene.cartilages.remove(slot);
+  pair_elements();
+}
+
 void World::pair_elements() {
   scene.element_pairs.all.clear();
   scene.each_element([&](Element& element) { scene.element_pairs.include(element); });

@@ -15,6 +15,7 @@
 #include <optional>
 #include <vector>
 
+#include "cartilage/cartilage.h"
 #include "collision/broad_phase.h"
 #include "element/element_set.h"
 #include "integrator/scheme.h"
@@ -49,14 +50,17 @@ struct Scene {
   std::vector<char> tunnel_alive;
   CollisionFilter filter;
   ElementSlots<Ligament> ligaments;
+  ElementSlots<Cartilage> cartilages;
   PairList element_pairs;
   // Calls what(element) for every element.
   template <class Do>
   void each_element(Do what) const {
     for (const auto& ligament : ligaments.all())
       if (ligament) what(static_cast<Element&>(*ligament));
+    for (const auto& cartilage : cartilages.all())
+      if (cartilage) what(static_cast<Element&>(*cartilage));
   }
-  bool has_elements() const { return !ligaments.all().empty(); }
+  bool has_elements() const { return !ligaments.all().empty() || !cartilages.all().empty(); }
 };
 
 // One step, and the substep that is being solved.
@@ -152,6 +156,8 @@ class World {
   void remove_tunnel(int slot);
   int add_ligament(std::unique_ptr<Ligament> ligament);
   void remove_ligament(int slot);
+  int add_cartilage(std::unique_ptr<Cartilage> cartilage);
+  void remove_cartilage(int slot);
   // Lists the pairs of links that elements touch together.
   void pair_elements();
   // Whether a tendon makes contacts: at all; with another tendon or (a == b) with itself; with a link.
@@ -214,6 +220,7 @@ class World {
   void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
+  void require_elements(const ElementCheckpoint& c) const;
   uint64_t structure_mark() const;
   void size_caches();
   void empty_caches();
@@ -331,6 +338,7 @@ class World {
   void place_elements();
   void list_elements(IslandElements& elements);
   void accept_elements();
+  void limit_motion_of_cartilage();
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,

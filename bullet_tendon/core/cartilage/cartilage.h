@@ -1,0 +1,131 @@
+// Cartilage between two links: an elastic foundation.
+//
+// The layer of both surfaces is a bed of springs that do not act on each other. A triangle of surface B of
+// area A, whose centre is at the signed distance -d < 0 from surface A, is pressed out along the gradient n
+// of the distance by the force p A n with the pressure
+//
+//   p = K d,   K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness,
+//
+// of a thin elastic layer on a rigid base that cannot bulge sideways (Bei and Fregly 2004). A damped layer
+// has p = K d (1 + c dd/dt), at least 0, with dd/dt the change of d in the substep over its length (Hunt and
+// Crossley 1975). Within a substep p is a function of d alone, with the potential sum A int p dd.
+//
+// All sums over triangles are made in the frame of A, about its origin. The relative motion of the point x
+// there along n is n.v + (x x n).w for the relative twist v, w. So one wrench and one matrix of 6 x 6,
+//
+//   sum p A (n, x x n),      sum A dp/dd (n, x x n) (n, x x n)^T      (Gauss-Newton),
+//
+// give those of both links by a change of the point of reference. What the second derivative of the distance
+// would add, of the order of p A over the radius of curvature, is left out.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "cartilage/distance_grid.h"
+#include "element/element.h"
+
+namespace bt {
+
+struct CartilageModel {
+  double foundation = 0;  // K [Pa/m]
+  double damping = 0;     // c [s/m]
+};
+
+// What presses on a connected patch of B. World axes and origin.
+struct PressedRegion {
+  Vec3 force, torque;       // on B, about the centre of mass of its link [N], [N m]
+  double area = 0;          // of the pressed triangles [m^2]
+  Vec3 centre;              // of pressure [m]; zero where nothing is pressed
+  double max_pressure = 0;  // [Pa]
+};
+
+struct CartilageState {
+  std::vector<PressedRegion> regions;
+};
+
+// The triangles of B in the frame of its link.
+struct FoundationSurface {
+  std::vector<Vec3> centres;
+  std::vector<double> areas;
+  std::vector<int> regions;  // number of the connected patch
+};
+
+class Cartilage : public Element, public CartilageState {
+ public:
+  Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int link_b, FoundationSurface surface,
+            const CartilageModel& model);
+  int link_a() const { return link_a_; }
+  int link_b() const { return link_b_; }
+  const CartilageModel& model() const { return model_; }
+  const DistanceGrid& grid() const { return *grid_; }
+  int triangles() const { return static_cast<int>(surface_.centres.size()); }
+  // Depths of all triangles where the links are now, in the order in which they were given [m]. Negative: a
+  // lower bound of the distance to A.
+  std::vector<double> depths(const std::vector<Link>& links) const;
+  // Of the triangles that may be behind A where the links are now: their number as given, and the cosine
+  // between their normals and the gradient of the distance. normals: of all triangles as given.
+  std::vector<std::pair<int, double>> facing(const std::vector<Link>& links,
+                                             const std::vector<Vec3>& normals) const;
+  // Largest motion of triangles of B relative to A within h, of those that may reach A in it, without the
+  // forces of elements [m].
+  double motion(const std::vector<Link>& links, double h) const;
+  // Tells surfaces apart.
+  uint64_t mark() const;
+
+  void begin(const std::vector<Link>& links, double h) override;
+  void evaluate(const std::vector<LinkEnd>& ends) override;
+  void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
+  void accept(double h) override;
+
+ private:
+  // Triangles that are evaluated together, within a sphere.
+  struct Cluster {
+    int first, count;
+    Vec3 centre;
+    double radius;
+  };
+  // A link's frame: where its mesh is.
+  struct Frame {
+    Rot3 rotation;
+    Vec3 origin;
+  };
+  // A pressed triangle.
+  struct Pressed {
+    int triangle;
+    double pressure;
+    Vec3 place, normal;  // in the frame of A
+  };
+  void cluster(int first, int count);
+  void press(int triangle, Vec3 x, double depth, Vec3 normal);
+  template <class Do>
+  void each_near(const Frame& a, const Frame& b, Do what) const;
+  Frame end_of(int side, const LinkEnd& end) const;
+  void give_wrenches();
+
+  int link_a_, link_b_, region_count_;
+  std::shared_ptr<const DistanceGrid> grid_;
+  FoundationSurface surface_;  // in the order of the clusters
+  std::vector<int> given_;     // number of each triangle as it was given
+  std::vector<Cluster> clusters_;
+  CartilageModel model_;
+  // Of the substep: the links' frames at its start, from their centres of mass; its length.
+  Frame start_[2];
+  double h_ = 0;
+  std::vector<double> start_depths_;  // of damped cartilage [m]
+  // Of the last evaluation.
+  std::vector<int> near_;     // triangles that may be behind A
+  std::vector<Vec3> places_;  // of these, in the frame of A
+  std::vector<DistanceGrid::Sample> samples_;
+  std::vector<Pressed> pressed_;
+  std::array<double, 36> matrix_;  // in the frame of A
+  Vec3 force_, moment_;            // on B, in the frame of A, about its origin
+  Rot3 products_;                  // sum of x f^T
+  Frame frame_a_;                  // in the world
+  Vec3 centres_[2];                // of mass of the links
+  int place_[2];                   // among the touched links
+};
+
+}  // namespace bt

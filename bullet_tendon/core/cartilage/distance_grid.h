@@ -1,0 +1,65 @@
+// The signed distance of a mesh on a regular grid of nodes, and its smooth interpolation.
+//
+// Between the nodes it is a tensor product of Catmull-Rom splines: its gradient is continuous, and linear
+// functions are exact, so that a plane has its distance to rounding. Nodes are computed only in bricks of 8 x
+// 8 x 8 cells that the surface is near to, or that lie behind it down to a depth. Of every brick, the
+// distance at its centre bounds the distances in it.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "geometry/signed_distance.h"
+
+namespace bt {
+
+class DistanceGrid {
+ public:
+  struct Sample {
+    double distance;
+    Vec3 gradient;
+  };
+  // spacing [m] of the nodes; depth [m] behind the surface to which the distance is known.
+  DistanceGrid(const SignedDistance& distance, double spacing, double depth);
+  // The same from stored values (numbers_of).
+  explicit DistanceGrid(const std::vector<double>& numbers);
+  // Number of nodes that the grid would have.
+  static double nodes_of(const Box& box, double spacing);
+  std::vector<double> numbers() const;
+
+  // Tells grids apart.
+  uint64_t mark() const { return mark_; }
+  double spacing() const { return spacing_; }
+  double depth() const { return depth_; }
+  // A lower bound of the distance at x, for points within `radius` around it [m].
+  double bound(Vec3 x, double radius) const;
+  // Whether the point may be behind the surface; false at least where it is far from it.
+  bool may_be_behind(Vec3 x) const;
+  // The distance at x and its gradient. Only where may_be_behind(x).
+  double at(Vec3 x, Vec3& gradient) const;
+  // The same of many points.
+  void at(const std::vector<Vec3>& x, std::vector<Sample>& out) const;
+  // The distance near the surface; else a lower bound of it in front of the surface, and 0 beyond `depth`.
+  double estimate(Vec3 x) const;
+
+ private:
+  void size(const Box& box);
+  bool is_within(Vec3 cells) const;
+  double nearest(Vec3 cells) const;
+  Sample interpolate(Vec3 x) const;
+  friend void interpolate_all(const DistanceGrid& grid, const std::vector<Vec3>& x, std::vector<Sample>& out);
+  size_t node(int i, int j, int k) const { return (static_cast<size_t>(k) * n_[1] + j) * n_[0] + i; }
+  size_t brick(int i, int j, int k) const { return (static_cast<size_t>(k) * b_[1] + j) * b_[0] + i; }
+  void fill(const SignedDistance& distance, int i, int j, int k, double centre);
+
+  Vec3 origin_;  // of node (0, 0, 0)
+  double spacing_ = 0, inverse_ = 0, depth_ = 0, slope_ = 1;
+  std::array<int, 3> n_{}, b_{};   // nodes and bricks along each axis
+  std::vector<double> values_;     // of nodes; infinity: not computed
+  std::vector<double> of_bricks_;  // distance at the centre
+  std::vector<char> known_;        // by brick: all its nodes are computed
+  uint64_t mark_ = 0;
+  void find_mark();
+};
+
+}  // namespace bt

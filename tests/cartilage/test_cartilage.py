@@ -1,0 +1,312 @@
+"""Cartilage: its pressure, its derivatives, and bodies that rest and fall on it."""
+
+import math
+
+import numpy as np
+import pybullet as p
+import pytest
+from scipy.spatial.transform import Rotation
+
+import bullet_tendon as bt
+from bullet_tendon import _core
+
+G = 9.81
+K = 10e6 * 0.55 / (1.45 * 0.1) / 0.006  # Pa/m, of the default layer
+
+
+def plate(cells, size, up=True):
+    """A square in the plane z = 0: vertices and triangles."""
+    x = np.linspace(-size / 2, size / 2, cells + 1)
+    across, along = np.meshgrid(x, x, indexing="ij")
+    vertices = np.stack([across.ravel(), along.ravel(), np.zeros(across.size)], axis=1)
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    a, b, c, d = (n.ravel() for n in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return vertices, triangles if up else triangles[:, ::-1]
+
+
+def ball(radius, rings=60):
+    """A closed sphere about the origin: vertices and triangles, wound to look outwards."""
+    polar, turn = np.linspace(0, np.pi, rings + 1)[1:-1], np.linspace(0, 2 * np.pi, 2 * rings, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    inner = [np.column_stack([np.sin(t) * circle, np.full(len(turn), -np.cos(t))]) for t in polar]
+    vertices = radius * np.concatenate([[[0, 0, -1]], *inner, [[0, 0, 1]]])
+    m, last, triangles = len(turn), len(vertices) - 1, []
+    for j in range(m):
+        after = (j + 1) % m
+        triangles += [(0, 1 + after, 1 + j), (last, last - m + j, last - m + after)]
+        for i in range(len(polar) - 1):
+            low, high = 1 + i * m, 1 + (i + 1) * m
+            triangles += [(low + j, low + after, high + after), (low + j, high + after, high + j)]
+    return vertices, np.array(triangles)
+
+
+def cap(radius, angle=0.35, rings=50, turns=200):
+    """The lower cap of a sphere about the origin, open: vertices and triangles that look outwards."""
+    polar, turn = np.linspace(0, angle, rings + 1), np.linspace(0, 2 * np.pi, turns, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    vertices = radius * np.concatenate(
+        [np.column_stack([np.sin(t) * circle, np.full(turns, -np.cos(t))]) for t in polar]
+    )
+    i, j = (n.ravel() for n in np.meshgrid(np.arange(rings), np.arange(turns), indexing="ij"))
+    a, b = i * turns + j, i * turns + (j + 1) % turns
+    triangles = np.concatenate([np.stack([a, b, b + turns], 1), np.stack([a, b + turns, a + turns], 1)])
+    return vertices, triangles
+
+
+def body(client, mass, at=(0, 0, 0), inertia=(1e-3, 1e-3, 1e-3)):
+    """A body that pybullet neither damps nor lets collide."""
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    made = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
+    damping = {"linearDamping": 0, "angularDamping": 0}
+    p.changeDynamics(made, -1, localInertiaDiagonal=inertia, **damping, physicsClientId=client)
+    p.setCollisionFilterGroupMask(made, -1, 0, 0, client)
+    return made
+
+
+def height(body, client):
+    return p.getBasePositionAndOrientation(body, client)[0][2]
+
+
+def test_the_distance_is_exact_for_a_sphere_inside_and_outside():
+    """Of a fine polyhedron: within its sagitta of the sphere's."""
+    vertices, triangles = ball(0.02)
+    distance = _core.SignedDistance(vertices, triangles)
+    assert not distance.open and distance.volume() == pytest.approx(4 / 3 * math.pi * 0.02**3, rel=2e-3)
+    points = np.random.default_rng(1).uniform(-0.03, 0.03, (500, 3))
+    exact = np.linalg.norm(points, axis=1) - 0.02
+    np.testing.assert_allclose(distance(points), exact, atol=0.02 * (np.pi / 60) ** 2 / 4)
+
+
+def test_nothing_is_behind_the_border_of_an_open_surface():
+    vertices, triangles = plate(10, 0.04)
+    distance = _core.SignedDistance(vertices, triangles)
+    assert distance.open
+    below = [(0.0, 0.0, -0.003), (0.019, 0.0, -0.003), (0.0211, 0.0, -0.001), (0.05, 0.05, -0.01)]
+    np.testing.assert_allclose(distance(below)[:2], -0.003)
+    assert (distance(below)[2:] > 0).all()
+    assert distance([(0.03, 0.0, 0.0)])[0] == pytest.approx(0.01)
+    # The distance goes on without a jump beyond the border.
+    x = np.linspace(0.018, 0.022, 401)
+    along = distance(np.column_stack([x, 0 * x, np.full(len(x), -0.001)]))
+    assert np.abs(np.diff(along)).max() <= 1.5 * (x[1] - x[0])
+
+
+def test_an_evenly_pressed_surface_has_the_pressure_of_its_depth(make_world, client):
+    world = make_world()
+    stand, slab = body(client, 0), body(client, 1e9, (0.0013, -0.0021, -0.0004))
+    p.resetBasePositionAndOrientation(stand, (0, 0, 0), (0, 0, 0, 1), client)
+    pad = world.add_cartilage((stand, -1, plate(7, 0.06)), (slab, -1, plate(9, 0.02, up=False)))
+    world.apply()
+    assert pad.foundation == pytest.approx(K, rel=1e-12)
+    np.testing.assert_allclose(pad.depths(), 0.0004, rtol=1e-6)
+    assert pad.max_pressure == pytest.approx(K * 0.0004, rel=1e-6)
+    assert pad.area == pytest.approx(4e-4, rel=1e-9)
+    np.testing.assert_allclose(pad.wrench, [0, 0, K * 0.0004 * 4e-4, 0, 0, 0], atol=1e-6 * K * 0.0004 * 4e-4)
+    np.testing.assert_allclose(pad.centre, [0.0013, -0.0021, -0.0004], atol=1e-9)
+    np.testing.assert_allclose(world.wrench(stand)[:3], -pad.wrench[:3], rtol=1e-12)
+
+
+@pytest.mark.parametrize("depth", [3e-4, 8e-4])
+@pytest.mark.parametrize("second", ["ball", "plate"])
+def test_a_sphere_on_a_plate_is_pressed_as_in_closed_form(make_world, client, depth, second):
+    """Within 1 %: pi K R d^2 of a sphere that is the foundation, whose springs are compressed vertically, and
+    pi K (R - d) d^2 of a plate that is, whose springs are pressed along the sphere's radii.
+    """
+    world = make_world()
+    radius = 0.02
+    stand, top = body(client, 0), body(client, 1e9, (0, 0, radius - depth))
+    meshes = plate(100, 0.02), cap(radius)
+    sides = [(stand, -1, meshes[0]), (top, -1, meshes[1])]
+    pad = world.add_cartilage(*(sides if second == "ball" else sides[::-1]))
+    world.apply()
+    exact = math.pi * K * (radius if second == "ball" else radius - depth) * depth**2
+    sign = 1 if second == "ball" else -1
+    assert pad.wrench[2] == pytest.approx(sign * exact, rel=0.01)
+    assert np.abs(pad.wrench[:2]).max() <= 1e-3 * exact
+    assert pad.max_pressure == pytest.approx(K * depth, rel=0.02)
+
+
+def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, client):
+    """By central differences; the Hessian is that of Gauss and Newton: exact where the distance is linear."""
+    world = make_world()
+    a, b = body(client, 1.0, (0.01, 0.02, 0.03)), body(client, 1.0, (0.0, 0.01, 0.1))
+    lower, upper = plate(40, 0.05), plate(15, 0.02, up=False)
+    pad = world.add_cartilage((a, -1, lower), (b, -1, upper))
+    world.step()
+    move = np.array([0.012, 0.009, -0.0704])  # b onto a, tilted
+    moves = np.array([[0, 0, 0, 0.02, -0.01, 0.03], [*move, 0.05, 0.02, 0.01]])
+    turn = Rotation.from_rotvec(moves[0, 3:]).as_matrix()
+    moves[1, :3] = [0.01, 0.02, 0.03] + turn @ [0.002, -0.001, -0.0003] - [0.0, 0.01, 0.1]
+
+    def term(by):
+        at = moves + by
+        for k in range(2):
+            turned = Rotation.from_rotvec(by[k, 3:]) * Rotation.from_rotvec(moves[k, 3:])
+            at[k, 3:] = turned.as_rotvec()
+        return _core.testing.cartilage_term(world._core, pad.slot, at, 1 / 240)
+
+    energy, gradient, hessian = term(np.zeros((2, 6)))
+    assert energy > 0
+    size, step = np.abs(gradient).max(), 1e-8
+    for k in range(12):
+        by = np.zeros(12)
+        by[k] = step
+        ahead, behind = term(by.reshape(2, 6)), term(-by.reshape(2, 6))
+        assert (ahead[0] - behind[0]) / (2 * step) == pytest.approx(gradient[k], abs=1e-4 * size)
+        slope = (ahead[1] - behind[1]) / (2 * step)
+        assert slope[k] == pytest.approx(hessian[k, k], rel=0.02, abs=0.02 * np.abs(np.diag(hessian)).max())
+
+
+def test_a_weight_rests_on_its_cartilage(make_world, client):
+    world = make_world(1 / 240, (0, 0, -G))
+    stand, slab = body(client, 0), body(client, 2.0, (0, 0, 0.0005))
+    pad = world.add_cartilage((stand, -1, plate(10, 0.06)), (slab, -1, plate(8, 0.02, up=False)), damping=2.0)
+    world.step(240)
+    assert pad.wrench[2] == pytest.approx(2.0 * G, rel=1e-6)
+    assert height(slab, client) == pytest.approx(-2.0 * G / (K * 4e-4), rel=1e-3)
+    assert np.abs(p.getBaseVelocity(slab, client)[0]).max() <= 1e-7
+    assert world.report.converged
+
+
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 1000])
+def test_a_drop_of_30_joules_gains_no_energy(make_world, client, dt):
+    """A slab of 10 kg from 0.3 m, a little tilted: it bounces, and nothing passes through."""
+    world = make_world(dt, (0, 0, -G))
+    stand, slab = body(client, 0), body(client, 10.0, inertia=(4e-2, 4e-2, 6e-2))
+    lower = stand, -1, plate(10, 0.08)
+    pad = world.add_cartilage(lower, (slab, -1, plate(12, 0.04, up=False)), damping=0.3)
+    p.resetBasePositionAndOrientation(slab, (0.001, 0.002, 0.306), (0.002, 0.001, 0, 1), client)
+    most, pressed = 10.0 * G * height(slab, client), 0.0
+    for _ in range(round(0.8 / dt)):
+        world.step()
+        linear, angular = map(np.array, p.getBaseVelocity(slab, client))
+        energy = 5.0 * linear @ linear + 2e-2 * angular @ angular + 10.0 * G * height(slab, client)
+        assert energy <= most * (1 + 1e-3) + 0.01
+        assert height(slab, client) > -0.006
+        assert world.report.converged
+        pressed = max(pressed, pad.wrench[2])
+    assert pressed > 4e3
+
+
+def test_600_newtons_of_compression_are_stable(make_world, client):
+    """A condyle in a dish, with a force that is put on at once."""
+    world = make_world(1 / 240)
+    stand, top = body(client, 0), body(client, 3.0, (0, 0, 0.02), (0.02, 0.02, 0.005))
+    pad = world.add_cartilage((stand, -1, plate(30, 0.04)), (top, -1, cap(0.02, 0.5, 30, 90)), damping=1.0)
+    for _ in range(240):
+        world.apply_external_force(top, -1, (0, 0, -600), p.getBasePositionAndOrientation(top, client)[0], 1)
+        world.step()
+        assert world.report.converged
+    assert pad.wrench[2] == pytest.approx(600, rel=1e-3)
+    linear = np.abs(p.getBaseVelocity(top, client)[0])
+    assert linear[2] <= 1e-4 and linear[:2].max() <= 0.05  # it rolls to where the triangles are lowest
+
+
+def test_free_bodies_keep_their_momentum(make_world, client):
+    world = make_world()
+    a, b = body(client, 1.0), body(client, 0.4, (0.002, 0.001, 0.0205))
+    pad = world.add_cartilage((a, -1, ball(0.01, 30)), (b, -1, ball(0.011, 30)))
+    p.resetBaseVelocity(b, (0.05, 0, -0.5), (1, 2, 3), client)
+    pressed = 0
+    for _ in range(60):
+        world.step()
+        np.testing.assert_allclose(world.wrench(a)[:3], -world.wrench(b)[:3], atol=1e-12)
+        velocities = [np.array(p.getBaseVelocity(part, client)[0]) for part in (a, b)]
+        np.testing.assert_allclose(velocities[0] + 0.4 * velocities[1], [0.02, 0, -0.2], atol=1e-12)
+        pressed += pad.area > 0
+    assert pressed >= 1 and velocities[1][2] > velocities[0][2]
+
+
+def test_each_patch_is_told_by_itself(make_world, client):
+    world = make_world()
+    (one, lower), (_, upper) = plate(6, 0.01, up=False), plate(8, 0.06)
+    two = one + [0.02, 0, 0.0002]
+    both = np.concatenate([one, two]), np.concatenate([lower, lower + len(one)])
+    stand, slab = body(client, 0), body(client, 1e9, (-0.01, 0, -0.0005), (1e9, 1e9, 1e9))
+    pad = world.add_cartilage((stand, -1, (plate(8, 0.06)[0], upper)), (slab, -1, both))
+    world.apply()
+    first, second = pad.regions
+    assert first.max_pressure == pytest.approx(K * 0.0005, rel=1e-6)
+    assert second.max_pressure == pytest.approx(K * 0.0003, rel=1e-6)
+    np.testing.assert_allclose([first.area, second.area], 1e-4)
+    np.testing.assert_allclose(first.centre, [-0.01, 0, -0.0005], atol=1e-9)
+    np.testing.assert_allclose(second.centre, [0.01, 0, -0.0003], atol=1e-9)
+    np.testing.assert_allclose(pad.wrench, first.wrench + second.wrench)
+
+
+def test_a_state_goes_on_with_the_same_bits(make_world, client):
+    world = make_world(1 / 240, (0, 0, -G))
+    stand, top = body(client, 0), body(client, 1.0, (0, 0, 0.0101))
+    pad = world.add_cartilage((stand, -1, plate(10, 0.05)), (top, -1, ball(0.01, 30)))
+    world.step(30)
+    kept, bodies = world.save_state(), p.saveState(client)
+    world.step(10)
+    ends = world.state_hash(), pad.wrench.tolist()
+    world.restore_state(kept)
+    p.restoreState(bodies, physicsClientId=client)
+    world.step(10)
+    assert (world.state_hash(), pad.wrench.tolist()) == ends
+    data = world.snapshot()
+    world.load_snapshot(data)
+    assert world.state_hash() == ends[0]
+    world.remove_cartilage(pad)
+    with pytest.raises(bt.StateMismatch):
+        world.restore_state(kept)
+    with pytest.raises(bt.UnknownId):
+        _ = pad.area
+
+
+def test_the_grid_is_kept_beside_the_mesh(make_world, client, tmp_path):
+    vertices, triangles = plate(6, 0.03)
+    path = tmp_path / "plate.obj"
+    rows = [f"v {x} {y} {z}" for x, y, z in vertices] + [
+        f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles
+    ]
+    path.write_text("\n".join(rows))
+    stand, slab = body(client, 0), body(client, 1.0, (0, 0, -0.0004))
+    depths = []
+    for _ in range(2):
+        world = make_world()
+        pad = world.add_cartilage((stand, -1, path), (slab, -1, plate(5, 0.01, up=False)), cache=True)
+        depths.append(pad.depths())
+        bt.cartilage._grids.clear()
+    assert (tmp_path / "plate.obj.distances.npz").exists()
+    np.testing.assert_array_equal(*depths)
+    (tmp_path / "plate.obj.distances.npz").write_bytes(b"nonsense")
+    pad = make_world().add_cartilage((stand, -1, path), (slab, -1, plate(5, 0.01, up=False)), cache=True)
+    np.testing.assert_array_equal(pad.depths(), depths[0])
+
+
+def test_bad_calls_change_nothing(make_world, client):
+    world = make_world()
+    a, b = body(client, 0), body(client, 1.0, (0, 0, 0.001))
+    first, second = (a, -1, plate(6, 0.03)), (b, -1, plate(5, 0.01, up=False))
+    vertices, triangles = ball(0.01, 20)
+    for changes, error, text in (
+        ({"thickness": 0.0003}, bt.InvalidValue, "at least the grid's spacing of 0.0005 m"),
+        ({"poisson": 0.5}, bt.InvalidValue, "< 0.5"),
+        ({"modulus": 0}, bt.InvalidValue, "> 0"),
+        ({"damping": -1}, bt.InvalidValue, ">= 0"),
+        ({"spacing": 1e-6}, bt.InvalidValue, "nodes"),
+        ({"cache": True}, bt.InvalidValue, "not a path"),
+        ({"second": (a, -1, plate(5, 0.01))}, bt.InvalidValue, "another link"),
+        ({"second": (b, -1, "none.stl")}, bt.InvalidValue, "readable"),
+        ({"second": (b, 4, plate(5, 0.01))}, bt.UnknownId, "integer from -1"),
+        ({"second": (b, -1, (vertices, [[0, 1, 999999]]))}, bt.InvalidValue, "indices"),
+        ({"first": (a, -1, (vertices, triangles[:, ::-1]))}, bt.InvalidValue, "look outwards"),
+    ):
+        with pytest.raises(error, match=text):
+            world.add_cartilage(**{"first": first, "second": second, **changes})
+    assert world.cartilages == ()
+
+
+def test_surfaces_that_cannot_meet_are_told(make_world, client):
+    world = make_world()
+    a, b = body(client, 0), body(client, 1.0, (0, 0, 0.0002))
+    first = a, -1, plate(6, 0.03)
+    with pytest.warns(bt.CartilageWarning, match="mean cosine of their normals is 1.00"):
+        world.add_cartilage(first, (b, -1, plate(5, 0.01)))
+    p.resetBasePositionAndOrientation(b, (0, 0, 0.3), (0, 0, 0, 1), client)
+    with pytest.warns(bt.CartilageWarning, match="at least 0.2.* m apart"):
+        world.add_cartilage(first, (b, -1, plate(5, 0.01, up=False)))
