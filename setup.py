@@ -97,6 +97,7 @@ setup(
             "myst-parser>=4",
             "sphinx-gallery>=0.18",
             "matplotlib>=3.6",
+            "k3d>=3.0",
         ],
         "dev": ["ruff==0.17.*"],
     },

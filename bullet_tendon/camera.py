@@ -37,28 +37,31 @@ class Camera(NotCopied):
 
     Needs no window, no GPU and no further package. Each frame shows the poses at that moment. The user's
     client and world are not changed. Memory does not grow with the frames; each camera takes about 30 MB for
-    its own client, until it is closed or no longer used.
+    its own client, until it is closed or no longer used. Things nearer than 0.02 or farther than 20 distances
+    are not seen.
 
     Args:
         world: a TendonWorld, or a client's number or BulletClient, which has no tendons.
         width, height: of the image [pixels].
-        target: (3,) point that it looks at, world frame [m].
-        distance: from there [m]. Things nearer than 0.02 or farther than 20 distances are not seen.
-        yaw, pitch: [degrees] as in p.resetDebugVisualizerCamera (pitch -30 looks down by 30 degrees).
+        target: (3,) point that it looks at [m], world frame.
+        distance: from there [m].
+        yaw, pitch: [degrees], as in p.resetDebugVisualizerCamera (pitch -30 looks down by 30 degrees).
         up: "z" or "y", the axis that points up.
-        fov: vertical field of view [degrees].
+        fov: the vertical field of view [degrees].
         colors: RGBA of the tendons, by turns.
-        full_tension: [N] at which a segment is red; None: colours do not depend on tension.
+        full_tension: tension at which a segment is red [N]; None: colours do not depend on tension.
         samples: rays a pixel along each side; the colour is their mean.
 
     Raises:
         InvalidType, InvalidValue, UnknownId: naming the argument.
 
     Example:
-        >>> with bt.view.Camera(world, 64, 64, target=(0, 0, -0.05)) as camera:
-        ...     rgb, depth, segmentation = camera.render()
-        >>> rgb.shape, camera.label(tendon) in segmentation
-        ((64, 64, 3), True)
+        >>> from bullet_tendon import view
+        >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+        >>> seen = camera.render()
+        >>> seen.rgb.shape, seen.depth.shape, seen.segmentation.shape
+        ((48, 64, 3), (48, 64), (48, 64))
+        >>> camera.close()
     """
 
     def __init__(
@@ -93,22 +96,48 @@ class Camera(NotCopied):
         """Look elsewhere from the next frame on; the arguments of Camera.
 
         Raises InvalidType or InvalidValue; then nothing has changed.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> camera.look((0, 0, 0), distance=0.5, yaw=90, pitch=0)
         """
         size, samples = (self._lens.width, self._lens.height), self._lens.samples
         self._lens = Lens(*size, target, distance, yaw, pitch, up, fov, samples)
 
     def render(self, links: bool = False) -> Rendering:
-        """Colours, depth and segmentation at once, in the time of one of them. links: see segmentation."""
+        """Colours, depth and segmentation at once, in the time of one of them. links: see segmentation.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> int((camera.render().segmentation == camera.label(tendon)).sum()) > 10
+            True
+        """
         flags = _LINKS if checks.flag("links", links) else 0
         self._layer.show(self._tendons(), self._lens.scale)
         return self._lens.finish(self._layer.before(self._client, self._lens, flags))
 
     def image(self) -> np.ndarray:
-        """(height, width, 3) uint8; white where nothing is."""
+        """(height, width, 3) uint8; white where nothing is.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> camera.image().shape, camera.image().dtype.name
+            ((48, 64, 3), 'uint8')
+        """
         return self.render().rgb
 
     def depth(self) -> np.ndarray:
-        """(height, width) float32: distance from the camera's plane [m]; the far plane's where nothing is."""
+        """(height, width) float32: distance from the camera's plane [m]; the far plane's where nothing is.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> print(f"{camera.depth().min():.1f} m")
+            0.3 m
+        """
         return self.render().depth
 
     def segmentation(self, links: bool = False) -> np.ndarray:
@@ -116,18 +145,37 @@ class Camera(NotCopied):
 
         -1: nothing. 0 and above: the bodyUniqueId; with `links`, bodyUniqueId + ((linkIndex + 1) << 24), as
         p.getCameraImage has it. -2 - k: tendon k of world.tendons, see label.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> ball in camera.segmentation(), camera.label(tendon) in camera.segmentation()
+            (True, True)
         """
         return self.render(links).segmentation
 
     def label(self, tendon: Tendon) -> int:
-        """The number that a tendon has in segmentations now. Raises UnknownId for one that is not there."""
+        """The number that a tendon has in segmentations now. Raises UnknownId for one that is not there.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> camera.label(tendon)
+            -2
+        """
         tendons = self._tendons()
         if tendon not in tendons:
             raise UnknownId("tendon", tendon, "a tendon of the camera's world")
         return _FIRST_TENDON - tendons.index(tendon)
 
     def close(self) -> None:
-        """Give its client back; a second call does nothing. Afterwards rendering raises UnknownId."""
+        """Give its client back; a second call does nothing. Afterwards rendering raises UnknownId.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+            >>> camera.close()
+        """
         self._layer.close()
 
     def __enter__(self) -> "Camera":
@@ -211,6 +259,11 @@ def camera_image(
 
     physicsClientId: a client, of which no tendons are seen, or a TendonWorld. For picture after picture make
     a Camera: this makes one for each, which takes 10 ms more and 23 kB that pybullet does not give back.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> view.camera_image(world, (0, 0, 0), 0.3, 30, -30, width=64, height=48).shape
+        (48, 64, 3)
     """
     with Camera(physicsClientId, width, height, target, distance, yaw, pitch, up, fov, samples=2) as camera:
         return camera.image()
@@ -222,6 +275,11 @@ def hidden(bodies: Iterable[int], physicsClientId=0):
 
     Raises InvalidValue for a link whose visual shapes differ in colour: pybullet 3.2.7 sets the
     colour of all shapes of a link whatever the shape index, and could not give it back.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> with view.hidden([ball]):
+        ...     image = view.camera_image(world, (0, 0, 0), 0.3, 30, -30, width=64, height=48)
     """
     client = client_of(physicsClientId)
     colors: dict[tuple[int, int], tuple] = {}
@@ -247,6 +305,12 @@ def render_scene(
     knows no transparency: the scene is rendered with and without the bones, the two are mixed, and
     the bones' visible part gets an outline. Triangles seen from behind are not drawn, whatever the
     opacity. The simulation is left as it was.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> camera = {"target": (0, 0, -0.05), "distance": 0.3, "yaw": 30, "pitch": -30, "width": 64}
+        >>> view.render_scene(0, camera, bones=[ball], tendons=[tendon]).shape
+        (720, 64, 3)
     """
     client = client_of(physicsClientId)
     opacity = checks.number("bone_opacity", bone_opacity, at_least=0.0, at_most=1.0)

@@ -27,7 +27,12 @@ def outline(image, inside) -> np.ndarray:
 
 
 def save_png(path, image):
-    """Write an image (height, width, 3) uint8 as a PNG file; needs no further package."""
+    """Write an image (height, width, 3) uint8 as a PNG file; needs no further package.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> view.save_png("white.png", np.full((48, 64, 3), 255, np.uint8))
+    """
     image = np.ascontiguousarray(image)
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
         raise InvalidValue("image", image, "of shape (m, m, 3) and type uint8")
@@ -61,6 +66,11 @@ def figure(
     colours of one logarithmic scale, MAPS_IN_ROW side by side; map_labels: of x, of y and of the values. The
     file's type follows its name. Raises InvalidValue without images, maps and curves, MissingExtra without
     matplotlib.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> curve = {"x": [0, 1], "y": [0, 9.81], "label": "weight"}
+        >>> view.figure("weight.png", curves=[curve], xlabel="mass [kg]", ylabel="force [N]")
     """
     if not len(images) and not len(curves) and not len(maps):
         raise InvalidValue("images", images, "at least one image, one map, or one curve")

@@ -21,6 +21,11 @@ class Rendering(NamedTuple):
 
     rgb (height, width, 3) uint8. depth (height, width) float32: distance from the camera's plane [m]; the far
     plane's where nothing is. segmentation (height, width) int32: see Camera.segmentation.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> camera = view.Camera(world, 64, 48, target=(0, 0, -0.05), distance=0.3)
+        >>> rgb, depth, segmentation = camera.render()
     """
 
     rgb: np.ndarray

@@ -63,35 +63,45 @@ PENETRATION = np.dtype(
 class StepReport:
     """What the last step did and what it skipped.
 
-    iterations: Newton iterations (linear solutions), the most of any island, summed over all that was tried
-    where the step was taken in substeps.
-    reasons: how often a substep was solved again or cut, by reason: "motion" (something near a contact moves
-    by more than its radius), "turn" (a segment turns far), "growth" (the last step was much shorter),
-    "not_converged" (or energy was created), "left_prediction" (particles ended where contacts were not looked
-    for), "woken" (tendons at rest were reached), "step_weights" (tendons that press on each other had other
-    methods), "joint_stops" (joint limits act otherwise than predicted), "body_rotation" (a body turns far),
-    "released" (a body was released, or pulled by something that was not predicted: this step or the previous
-    one was solved again. iterations and linear_solves include that).
-    over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged is
-    then False.
-    residual: largest residual force over the largest force at hand [-]. tolerance: what it was to reach; None
-    of methods that do not iterate. converged: whether every island reached the tolerance, or its rounding
-    level: a residual above the tolerance counts as solved where it is at most one rounding error (machine
-    epsilon times stiffness times coordinate), or eight and no iteration halves it any more, or where it would
-    move no particle by more than the tolerance times a segment and no iteration reduces it. It is always
-    True of methods that do not iterate. ended_by tells which rule it was.
-    worst: name of the tendon and particle with that residual. seconds: wall time by room; search_seconds: of
-    the solution, what the search for tendons that touch took.
-    counts: pairs of tendon features (particles, segments) and shapes that were considered by their
-    boxes, culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
-    nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core);
-    tunnels_considered: pairs of tendons and tunnels; tunnels_culled: those whose boxes are too far apart;
-    tendon_searches: pairs of tendons (each with itself too) whose list of segments that are near each other
-    was collected anew; tendon_searches_skipped: those whose list served again, because its margin is not used
-    up, or that need none, because a tendon is straight; tendon_pairs_considered: pairs of segments of those
-    lists that were measured; tendon_pairs_near: those that could touch within the step;
-    contacts: in the solution; islands: sets of tendons and bodies that were solved by themselves; substeps:
-    parts that the step was taken in; tendons_asleep: left out of it because they rest.
+    Args:
+        iterations: Newton iterations (linear solutions), the most of any island, summed over all that was
+            tried where the step was taken in substeps.
+        residual: largest residual force over the largest force at hand [-].
+        converged: whether every island reached the tolerance, or its rounding level: a residual above the
+            tolerance counts as solved where it is at most one rounding error (machine epsilon times stiffness
+            times coordinate), or eight and no iteration halves it any more, or where it would move no
+            particle by more than the tolerance times a segment and no iteration reduces it. It is always True
+            of methods that do not iterate. ended_by tells which rule it was.
+        worst: name of the tendon and particle with that residual.
+        seconds: wall time by room [s].
+        counts: pairs of tendon features (particles, segments) and shapes that were considered by their boxes,
+            culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
+            nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core).
+            tunnels_considered: pairs of tendons and tunnels; tunnels_culled: those whose boxes are too far
+            apart. tendon_searches: pairs of tendons (each with itself too) whose list of segments that are
+            near each other was collected anew; tendon_searches_skipped: those whose list served again,
+            because its margin is not used up, or that need none, because a tendon is straight.
+            tendon_pairs_considered: pairs of segments of those lists that were measured; tendon_pairs_near:
+            those that could touch within the step. contacts: in the solution. islands: sets of tendons and
+            bodies that were solved by themselves. substeps: parts that the step was taken in.
+            tendons_asleep: left out of it because they rest.
+        search_seconds: of the solution, what the search for tendons that touch took [s].
+        reasons: how often a substep was solved again or cut, by reason. "motion": something near a contact
+            moves by more than its radius. "turn": a segment turns far. "growth": the last step was much
+            shorter. "not_converged": that, or energy was created. "left_prediction": particles ended where
+            contacts were not looked for. "woken": tendons at rest were reached. "step_weights": tendons that
+            press on each other had other methods. "joint_stops": joint limits act otherwise than predicted.
+            "body_rotation": a body turns far. "released": a body was released, or pulled by something that
+            was not predicted: this step or the previous one was solved again; iterations and linear_solves
+            include that.
+        over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged
+            is then False.
+        tolerance: what the residual was to reach; None of methods that do not iterate.
+
+    Example:
+        >>> world.step()
+        >>> world.report.converged, world.report.over_budget, world.report.counts["islands"]
+        (True, False, 1)
     """
 
     iterations: int = 0

@@ -15,7 +15,13 @@ from .window import Window
 
 
 def progress(iterable: Iterable, description: str = "", total: int | None = None) -> Iterable:
-    """The iterable with a tqdm bar on stderr; without tqdm, the iterable itself."""
+    """The iterable with a tqdm bar on stderr; without tqdm, the iterable itself.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> [k for k in view.progress(range(3), "steps")]
+        [0, 1, 2]
+    """
     try:
         from tqdm import tqdm
     except ImportError:

@@ -33,6 +33,13 @@ class TendonVisual:
     A piece ends in a hemisphere that covers the beginning of the next one. Pieces are moved from frame to
     frame. Where a segment's length has changed by a quarter of the radius, another piece of that length takes
     its place, and is kept for later: pybullet gives back neither all of a shape's memory nor of a body's.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> visual = view.TendonVisual(tendon, full_tension=10)
+        >>> world.step(10)
+        >>> visual.update()
+        >>> visual.remove()
     """
 
     def __init__(
@@ -62,7 +69,12 @@ class TendonVisual:
         return [] if self._start is None else [*self._pieces, self._start]
 
     def update(self):
-        """Move the pieces to the tendon's present positions, and recolour them if asked for."""
+        """Move the pieces to the tendon's present positions, and recolour them if asked for.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> view.TendonVisual(tendon).update()
+        """
         points = np.asarray(self.tendon.positions, dtype=float)
         if len(points) != self._particles:
             raise InvalidValue("tendon.positions", points, f"of shape ({self._particles}, 3)")
@@ -78,7 +90,15 @@ class TendonVisual:
             self._recolour(np.asarray(self.tendon.tension, dtype=float))
 
     def remove(self):
-        """Take the pieces away; a second call does nothing."""
+        """Take the pieces away; a second call does nothing.
+
+        Example:
+            >>> from bullet_tendon import view
+            >>> visual = view.TendonVisual(tendon)
+            >>> visual.remove()
+            >>> visual.bodies
+            []
+        """
         spare = [body for bodies in self._spare.values() for body in bodies]
         for body in [*self.bodies, *spare]:
             p.removeBody(body, physicsClientId=self._client)
@@ -122,13 +142,25 @@ def mesh_body(skin, physicsClientId=0, color=TENDON_COLOR) -> int:
 
     For one picture: it does not follow. Remove it with pybullet.removeBody; pybullet keeps some of
     a mesh's memory even then (about 0.5 kB a vertex), so do not make one per frame of a long film.
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> body = view.mesh_body(bt.Skin.tube(tendon))
+        >>> p.removeBody(body)
     """
     client = client_of(physicsClientId)
     return _body(visual_shape(skin, checks.vector("color", color, 4), client), client)
 
 
 def tunnel_mesh(start, end, radius, rings=2, lines=6):
-    """A wire frame (vertices, normals, triangles) of a bore between two points (3,) [m], of a radius [m]."""
+    """A wire frame (vertices, normals, triangles) of a bore between two points (3,) [m], of a radius [m].
+
+    Example:
+        >>> from bullet_tendon import view
+        >>> wires = view.tunnel_mesh((0, 0, 0), (0, 0, 0.03), radius=0.004)
+        >>> wires.vertices.shape[1], wires.triangles.shape[1]
+        (3, 3)
+    """
     start, end = checks.vector("start", start), checks.vector("end", end)
     radius = checks.number("radius", radius, above=0.0)
     _, across, aside = twist_free_frames([start, end])[0].T

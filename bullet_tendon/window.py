@@ -22,7 +22,7 @@ class Window(NotCopied):
     """Shows a world's tendons in the window of its client, and lets its user pause a run.
 
     The space bar pauses and goes on, the right arrow takes a single step while paused. Call update after each
-    step:
+    step::
 
         while window.update():
             world.step()
@@ -66,7 +66,13 @@ class Window(NotCopied):
         self.paused = False
 
     def update(self) -> bool:
-        """Show the tendons where they are; while paused, wait for a key. False once the window is closed."""
+        """Show the tendons where they are; while paused, wait for a key. False once the window is closed.
+
+        Example:
+            >>> window = bt.view.Window(world)
+            >>> while window.update() and len(world.tendons) > 1:
+            ...     world.step()
+        """
         if not self._is_open():
             return False
         self._follow()
@@ -80,7 +86,12 @@ class Window(NotCopied):
         return self._is_open()
 
     def close(self) -> None:
-        """Take the tendons out of the window; a second call does nothing."""
+        """Take the tendons out of the window; a second call does nothing.
+
+        Example:
+            >>> window = bt.view.Window(world)
+            >>> window.close()
+        """
         if self._is_open():
             for visual in self._visuals.values():
                 visual.remove()

@@ -24,8 +24,8 @@ SOURCES = (
     "tests/README.md",
     "scenarios/README.md",
     "scenarios/*.py",
-    "scenarios/pictures/*.png",
-    "scenarios/benchmarks/README.md",
+    "scenarios/*/README.md",
+    "scenarios/**/*.png",
     "scenarios/manual/**/*.*",
 )
 

@@ -5,7 +5,13 @@ import inspect
 import bullet_tendon
 
 PACKAGE = bullet_tendon.__name__
-NOT_FOR_USERS = {"core_arguments"}  # methods without an underscore that the package alone calls
+# Methods without an underscore that the package alone calls.
+NOT_FOR_USERS = {
+    "Material.core_arguments",
+    "SolverOptions.core_arguments",
+    "StepReport.add_solved_again",
+    "StepReport.read",
+}
 
 
 def setup(app) -> dict:
@@ -20,16 +26,14 @@ def public_names() -> list[str]:
         thing = getattr(bullet_tendon, name)
         names.append(f"{PACKAGE}.{name}")
         if inspect.isclass(thing):
-            names += [
-                f"{PACKAGE}.{name}.{key}" for key, member in vars(thing).items() if _is_told(key, member)
-            ]
+            members = [key for key, member in vars(thing).items() if _is_told(key, member)]
+            names += [f"{PACKAGE}.{name}.{key}" for key in members if f"{name}.{key}" not in NOT_FOR_USERS]
     return names
 
 
 def _is_told(key: str, member) -> bool:
     kinds = (property, classmethod, staticmethod)
-    is_public = not key.startswith("_") and key not in NOT_FOR_USERS
-    return is_public and (inspect.isfunction(member) or isinstance(member, kinds))
+    return not key.startswith("_") and (inspect.isfunction(member) or isinstance(member, kinds))
 
 
 def _warn_of_missing(app, env) -> None:

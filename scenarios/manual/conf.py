@@ -23,7 +23,7 @@ READMES = (
     "bullet_tendon/",
     "bullet_tendon/core/",
     "scenarios/",
-    "scenarios/benchmarks/",
+    "scenarios/*/",
     "urdf/",
     "tests/",
 )
@@ -33,6 +33,7 @@ include_patterns = [
     f"{MANUAL}/*.md",
     f"{GENERATED}/**",
 ]
+suppress_warnings = ["toc.not_included"]  # a README that another one refers to is enough
 exclude_patterns = ["**/*.ipynb", "**/sg_execution_times.rst"]
 
 extensions = [
@@ -77,8 +78,19 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"bullet_tendon {release}"
 html_show_sourcelink = False
 scenario_pages = f"{GENERATED}/scenarios"
+html_extra_path = ["generated/scenarios/replays"]  # made when the scenarios are run
+Path(__file__).with_name("generated").joinpath("scenarios", "replays").mkdir(parents=True, exist_ok=True)
 
 html_static_path = ["static"]
+html_sidebars = {
+    page: []
+    for page in (
+        f"{MANUAL}/installing",
+        f"{MANUAL}/first_tendon",
+        "bullet_tendon/core/README",
+        "scenarios/benchmarks/README",
+    )
+}
 html_css_files = ["manual.css"]
 html_additional_pages = {"index": "entry.html"}
 html_theme_options = {

@@ -18,6 +18,7 @@ from sphinx_gallery.scrapers import figure_rst
 import bullet_tendon as bt
 
 PROCESSES = 2  # that run scenarios
+REPLAYS = "replays"  # folder beside the pages; Sphinx copies what is in it beside the first page
 MOST_CLIENTS = 16  # of pybullet, that a recipe may leave open
 RECIPES = (
     "graft_in_my_knee",
@@ -28,6 +29,7 @@ RECIPES = (
     "suture_and_knot",
     "finger_from_my_urdf",
     "forces_contact_tension",
+    "record_and_replay",
     "saved_states",
     "haptic_device",
     "many_worlds",
@@ -84,7 +86,7 @@ def close_clients(gallery_conf, fname) -> None:
 
 def _write_scenario_pages(app) -> None:
     folder = Path(app.srcdir, app.config.scenario_pages)
-    folder.mkdir(parents=True, exist_ok=True)
+    (folder / REPLAYS).mkdir(parents=True, exist_ok=True)
     modules = runner.known()
     records = _records(folder, list(modules))
     rows = [_row(name, module) for name, module in modules.items()]
@@ -113,14 +115,16 @@ def _run_all(folder: Path, names: list[str]) -> list[dict]:
 
 def _run(case, rng) -> dict:
     name, folder = case
-    outcome = runner.run(runner.known()[name], Options(picture=True), picture=f"{folder}/{name}.png")
+    files = {"picture": f"{folder}/{name}.png", "replay": f"{folder}/{REPLAYS}/{name}.html"}
+    outcome = runner.run(runner.known()[name], Options(picture=True, replay=True), **files)
     return {**outcome.record(), "note": outcome.scene.note}
 
 
 def _kept(folder: Path, name: str, key: str) -> dict | None:
     """The record of a run with the same sources."""
     file = folder / f"{name}.json"
-    if not file.exists() or not file.with_suffix(".png").exists():
+    made = (file, file.with_suffix(".png"), folder / REPLAYS / f"{name}.html")
+    if not all(one.exists() for one in made):
         return None
     kept = json.loads(file.read_text(encoding="utf-8"))
     return kept["record"] if kept["key"] == key else None
@@ -153,7 +157,8 @@ def _page(name: str, module, record: dict) -> str:
             title,
             text,
             f"![{title}]({name}.png)",
-            f"\n{record['steps']} steps, {record['simulated_seconds']:.4g} s simulated.",
+            f'\n<a href="../../../../{name}.html">Replay in the browser</a>. {record["steps"]} steps, '
+            f"{record['simulated_seconds']:.4g} s simulated.",
             *(["\n| measured | value | unit |", "| --- | ---: | --- |", *measured] if measured else []),
             *(
                 ["\n| checked | value | must be | holds |", "| --- | ---: | --- | --- |", *checks]

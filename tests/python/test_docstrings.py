@@ -11,19 +11,21 @@ import pytest
 from bullet_tendon.scenarios.manual.completeness import NOT_FOR_USERS
 
 import bullet_tendon as bt
+from bullet_tendon import reports, view
 
 REFERENCE = Path(__file__).parents[2] / "scenarios" / "manual" / "reference.md"
 
 
 def documented():
     """Classes, functions and methods behind the public names, as (name, object)."""
-    for name in bt.__all__:
-        thing = getattr(bt, name)
+    things = {name: getattr(bt, name) for name in bt.__all__} | {"StepReport": reports.StepReport}
+    things |= {f"view.{name}": getattr(view, name) for name in view.__all__ if callable(getattr(view, name))}
+    for name, thing in things.items():
         yield name, thing
         if inspect.isclass(thing):
             for key, member in vars(thing).items():
                 function = getattr(member, "__func__", member)
-                if key[0] != "_" and key not in NOT_FOR_USERS and inspect.isfunction(function):
+                if key[0] != "_" and f"{name}.{key}" not in NOT_FOR_USERS and inspect.isfunction(function):
                     yield f"{name}.{key}", function
 
 

@@ -38,7 +38,7 @@ graft = world.add_tendon(
     [entry + 0.005 * axis, entry - 0.055 * axis], 0.003, bt.Material.preset("hamstring_graft"), particles=40
 )
 hand = graft.grip(0, stiffness=2000, damping=5)
-graft.set_force(-1, -5 * axis)  # what holds the graft back
+graft.grip(-1, stiffness=300, damping=2)  # the tissue that holds the graft back
 start = hand.target
 
 # %%
@@ -60,14 +60,12 @@ for k in range(rate):
 
 forces = np.array(forces)
 print(f"largest force on the hand {np.linalg.norm(forces, axis=1).max():.1f} N")
-print(
-    f"largest change from one step to the next {np.linalg.norm(np.diff(forces, axis=0), axis=1).max():.2f} N"
-)
+print(f"largest change in a step {np.linalg.norm(np.diff(forces, axis=0), axis=1).max():.2f} N")
 print(f"half of the steps took less than a millisecond: {np.median(seconds) < 1e-3}")
 
 # %%
 times = np.arange(rate) / rate
-curves = [{"x": times, "y": forces[:, i], "label": axis_name} for i, axis_name in enumerate("xyz")]
+curves = [{"x": times, "y": forces[:, i], "label": "xyz"[i]} for i in range(3)]
 view.figure("hand.png", curves=curves, xlabel="time [s]", ylabel="force on the hand [N]")
 
 # %%

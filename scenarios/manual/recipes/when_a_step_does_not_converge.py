@@ -55,6 +55,11 @@ tell(world.report)
 # 4. Give the tendon a ``bending_stiffness`` where it is pushed together: a rope without one crumples.
 # 5. Steps that end "rounding" are solved: no smaller residual can be computed.
 #
+# ``world.describe()`` tells what is in the world, and gives advice where something is set badly.
+
+print(world.describe())
+
+# %%
 # Count such steps in every run:
 
 unconverged, iterations = 0, []
