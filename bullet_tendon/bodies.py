@@ -242,6 +242,11 @@ class Bodies:
         p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
         self._external.append((body, link, force, point))
 
+    @property
+    def external_forces(self) -> tuple:
+        """(body, link, force, point) of the forces that the user has told for the next step."""
+        return tuple(self._external)
+
     def forget_external_forces(self) -> None:
         """The step that they were for has been solved."""
         self._external.clear()

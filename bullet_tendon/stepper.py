@@ -121,6 +121,10 @@ class Stepper:
             if self._again is not None:
                 report.add_solved_again(self._core.report(), self._again)
 
+    def forbid_resolve(self) -> None:
+        """The last step is not solved again: the bodies were moved since."""
+        self._core.forbid_resolve()
+
     def hold(self, dt: float, gravity: tuple) -> bool:
         """One step of dt [s] in which bodies neither move nor yield; whether it was solved.
 

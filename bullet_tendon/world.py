@@ -19,6 +19,7 @@ from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
 from .cartilage import Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
+from .equilibrium import Equilibrium
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .fixation import Fixation
 from .ligament import Ligament, checked_path, checked_rest, law_arguments, path_length, points_of
@@ -645,8 +646,13 @@ class TendonWorld(NotCopied):
         where = int(bodyUniqueId), int(linkIndex)
         self._bodies.apply_external_force(*where, force, point, flags == p.LINK_FRAME)
 
-    def relax(self, tolerance: float = 1e-6, max_steps: int = 1000) -> None:
+    def relax(self, tolerance: float = 1e-6, max_steps: int = 1000, bodies: Sequence = ()) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
+
+        With `bodies`, these are put first where ligaments, cartilage, gravity and the forces told by
+        apply_external_force balance, by Newton's method, and are at rest there. Other bodies, and joints that
+        are not listed, stay where they are. Motors and contacts of pybullet do not act. Where no equilibrium
+        is found, nothing has moved and the report says that it did not converge.
 
         Velocities are zero afterwards, pybullet is not stepped, nothing acts on bodies. The report tells
         iterations, residual and whether it converged. A tendon that can touch nothing is solved for at once,
@@ -657,9 +663,12 @@ class TendonWorld(NotCopied):
         Args:
             tolerance: largest residual force over the largest force at hand [-].
             max_steps: the most solutions.
+            bodies: what is free, each a bodyUniqueId (a rigid body, or a body with all its joints and, unless
+                it is fixed, its base), or (bodyUniqueId, joints) for some of its hinges and sliders.
 
         Raises:
-            InvalidType, InvalidValue: for arguments out of range.
+            InvalidType, InvalidValue, UnknownId: for arguments out of range, or bodies that cannot be free,
+                such as those that tendons are attached to.
             StepFailed: where there is no finite solution.
 
         Example:
@@ -668,9 +677,21 @@ class TendonWorld(NotCopied):
             >>> world.relax()
             >>> print(f"{tendon.tension[-1]:.3f} N, {1e3 * (tendon.length - tendon.rest_length):.3f} mm")
             9.811 N, 0.098 mm
+
+            A ball on a ligament:
+
+            >>> stand = p.createMultiBody(0)
+            >>> line = world.add_ligament([(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))], material)
+            >>> world.relax(bodies=[ball])
+            >>> round(line.force, 6), world.report.converged
+            (0.981, True)
         """
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
+        if not isinstance(bodies, (tuple, list)):
+            raise InvalidType("bodies", bodies, "a sequence of bodyUniqueIds or (bodyUniqueId, joints)")
+        if bodies and not self._balance(bodies, tolerance, max_steps):
+            return
         alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
         parts = self._stepper, self._states, self._readouts, self._bodies
         Relaxation(*parts, self.tendons, alone).run(tolerance, max_steps)
@@ -867,6 +888,21 @@ class TendonWorld(NotCopied):
     def _decide_slips(self) -> None:
         for fixation in self._fixations:
             fixation._before_step()
+
+    def _balance(self, bodies: Sequence, tolerance: float, max_steps: int) -> bool:
+        """Put bodies where they are in equilibrium. Whether there are tendons to relax after that."""
+        _, gravity = self._stepper.step_and_gravity()
+        self._bodies.require_alive()
+        found = Equilibrium(self._bodies, self._core, bodies, gravity, self._bodies.external_forces)
+        attached = {h.bodyUniqueId for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        if attached & found.free:
+            raise InvalidValue("bodies", bodies, f"bodies that no tendon is attached to, as to {attached}")
+        converged, steps, residual = found.find(tolerance, max_steps)
+        self._stepper.forbid_resolve()
+        report = self._stepper.report
+        report.iterations, report.residual, report.tolerance = steps, residual, tolerance
+        report.converged = converged
+        return converged and bool(self._tendons)
 
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles, attachments and ligaments refer to."""

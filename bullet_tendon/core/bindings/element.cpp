@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "bindings/arrays.h"
+#include "bodies/finite_rotation.h"
 
 namespace bt {
 
@@ -63,6 +64,54 @@ py::list pressed_regions(const World& w, int slot) {
   return out;
 }
 
+// All elements where the links are now, at rest: potential [J], largest force [N], wrenches on the links of
+// these slots about their centres of mass (k, 6), and the second derivatives by their twists (6 k, 6 k), by
+// further rotation vectors. accept: this becomes the elements' state.
+py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
+  std::vector<LinkEnd> ends;
+  for (const Link& link : w.scene.links) ends.push_back({link.centre, {}});
+  const py::ssize_t count = static_cast<py::ssize_t>(slots.size());
+  Array wrenches({count, py::ssize_t{6}}), stiffness({6 * count, 6 * count});
+  std::fill(wrenches.mutable_data(), wrenches.mutable_data() + wrenches.size(), 0.0);
+  std::fill(stiffness.mutable_data(), stiffness.mutable_data() + stiffness.size(), 0.0);
+  std::vector<py::ssize_t> place(w.scene.links.size(), -1);
+  for (py::ssize_t i = 0; i < count; ++i) place.at(slots[i]) = i;
+  std::vector<LinkPair>& pairs = w.scene.element_pairs.all;
+  for (LinkPair& pair : pairs) pair.stiffness.fill(0);
+  double potential = 0, largest = 0;
+  w.scene.each_element([&](Element& element) {
+    element.begin(w.scene.links, 1);
+    element.evaluate(ends);
+    element.add_stiffness(pairs, false);
+    if (accept) element.accept(0);
+    potential += element.potential();
+    largest = std::max(largest, element.largest_force());
+    for (const TouchedLink& touched : element.touched()) {
+      const py::ssize_t at = place[touched.link];
+      if (at < 0) continue;
+      const double six[6] = {touched.force.x,  touched.force.y,  touched.force.z,
+                             touched.torque.x, touched.torque.y, touched.torque.z};
+      for (int k = 0; k < 6; ++k) wrenches.mutable_at(at, k) += six[k];
+      FiniteRotation turned;
+      turned.pulls = touched.pulls;
+      const Sym3 arms = turned.stiffness();  // the gradient is minus the force
+      const double full[6] = {arms.xx, arms.xy, arms.xz, arms.yy, arms.yz, arms.zz};
+      for (int e = 0; e < 9; ++e)
+        stiffness.mutable_at(6 * at + 3 + e / 3, 6 * at + 3 + e % 3) -= full[kFull[e]];
+    }
+  });
+  for (const LinkPair& pair : pairs) {
+    const py::ssize_t one = place[pair.one], other = place[pair.other];
+    if (one < 0 || other < 0) continue;
+    for (int r = 0; r < 6; ++r)
+      for (int c = 0; c < 6; ++c) {
+        stiffness.mutable_at(6 * one + r, 6 * other + c) += pair.stiffness[6 * r + c];
+        if (one != other) stiffness.mutable_at(6 * other + c, 6 * one + r) += pair.stiffness[6 * r + c];
+      }
+  }
+  return py::make_tuple(potential, largest, wrenches, stiffness);
+}
+
 }  // namespace
 
 void bind_distance_grid(py::module_& m) {
@@ -101,6 +150,8 @@ void bind_world_elements(GuardedWorld& world) {
   world.def("has_elements", [](const World& w) { return w.scene.has_elements(); })
       .def("add_ligament", &add_ligament)
       .def("remove_ligament", &World::remove_ligament)
+      .def("element_terms", &element_terms)
+      .def("forbid_resolve", &World::forbid_resolve)
       .def("add_cartilage", &add_cartilage)
       .def("remove_cartilage", &World::remove_cartilage)
       .def("pressed_regions", &pressed_regions)

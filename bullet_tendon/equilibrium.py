@@ -1,0 +1,240 @@
+"""Equilibrium: bodies and joints put where ligaments, cartilage, gravity and told forces balance.
+
+Owns: nothing; it moves pybullet's bodies and reads elements from the core. Goes with no room of the core.
+
+The coordinates q are the twists of rigid bodies and the positions of joints. With the wrenches w_l of all
+elements on the links, the Jacobians J_l, gravity and the forces F of the user, the generalized force
+
+    f = sum_l J_l^T (w_l + m_l g) + sum J^T F
+
+vanishes. Newton's matrix is sum J^T K J, with K of the elements, to which a symmetric rank-one update adds
+what the steps so far have shown of the rest: the curvature of cartilage, and the change of the Jacobians
+(Conn, Gould and Toint 1991). A step is limited in length and shortened until f along the step no longer
+points back, or the potential falls; negative curvature is reversed.
+"""
+
+import dataclasses
+
+import numpy as np
+import pybullet as p
+
+from . import _core
+from .bodies import Bodies
+from .errors import InvalidType, InvalidValue
+from .generalized_bodies import (
+    is_fixed,
+    jacobians_and_mass,
+    movable_joints,
+    product,
+    rotation_by,
+)
+
+_FARTHEST = 0.05  # rad or m that a coordinate moves in a step
+_SHORTEST = 1e-3  # share of a step below which it is not shortened further
+_LEVER = 0.03  # m: torques count as forces at this arm
+_STIFFEST = 1e-9  # share of the largest curvature to which others are raised
+
+
+@dataclasses.dataclass
+class _Free:
+    """What is free of a body: columns of its degrees of freedom; joints (empty: it is rigid)."""
+
+    body: int
+    columns: list[int]
+    joints: list[int]
+    links: list[int]  # -1 for the base, those that have mass or are touched
+    masses: np.ndarray
+
+
+class Equilibrium:
+    """Finds the equilibrium of the bodies, or (body, joints), that are free.
+
+    free: as given; forces: (body, link, force, point), in the world. Raises InvalidType, InvalidValue or
+    UnknownId.
+    """
+
+    def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces):
+        self._bodies, self._core, self._client = bodies, core, bodies.client
+        self._gravity = np.array(gravity)
+        self._free = [self._checked(entry) for entry in free]
+        found = [entry.body for entry in self._free]
+        if len(set(found)) < len(found):
+            raise InvalidValue("bodies", free, "bodies that are listed once")
+        self._slots = [
+            (entry, link, slot)
+            for entry in self._free
+            for link in entry.links
+            if (slot := bodies.find_slot(entry.body, link)) is not None
+        ]
+        self.free = frozenset(found)
+        self._forces = [self._local(force) for force in forces if force[0] in found]
+
+    def _checked(self, entry) -> _Free:
+        is_pair = isinstance(entry, (tuple, list)) and len(entry) == 2
+        body, chosen = entry if is_pair else (entry, None)
+        self._bodies.require(body, -1, "bodies")
+        body, client = int(body), self._client
+        movable = movable_joints(body, client)
+        links = list(range(-1, p.getNumJoints(body, client)))
+        masses = np.array([p.getDynamicsInfo(body, link, client)[0] for link in links])
+        if not movable:
+            if chosen is not None:
+                raise InvalidValue("bodies", entry, "a body with joints, or its id alone")
+            if masses[0] == 0 or len(links) > 1:
+                raise InvalidValue("bodies", entry, "a single body with mass, or one with joints")
+            return _Free(body, list(range(6)), [], links, masses)
+        joints = movable if chosen is None else chosen
+        if not isinstance(joints, (tuple, list)) or not set(joints) <= set(movable) or not joints:
+            raise InvalidValue("bodies", entry, f"(bodyUniqueId, joints) with joints of {movable}")
+        kinds = [p.getJointInfo(body, joint, client)[2] for joint in movable]
+        if any(kind not in (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC) for kind in kinds):
+            raise InvalidValue("bodies", entry, "a body whose joints are hinges and sliders")
+        first = 0 if is_fixed(body, client) else 6
+        columns = [first + movable.index(joint) for joint in joints]
+        if first and chosen is None:
+            columns = [*range(6), *columns]
+        return _Free(body, columns, list(joints), links, masses)
+
+    def _local(self, force) -> tuple:
+        """Body, link, force in the world, and its point in the link's inertial frame."""
+        body, link, vector, point = force
+        centre, axes = self._inertial(body, link)
+        return body, link, np.array(vector), axes.T @ (np.array(point) - centre)
+
+    def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
+        if link < 0:
+            centre, turn = p.getBasePositionAndOrientation(body, self._client)
+        else:
+            centre, turn = p.getLinkState(body, link, 0, 1, self._client)[:2]
+        return np.array(centre), np.reshape(p.getMatrixFromQuaternion(turn), (3, 3))
+
+    def _place(self) -> list:
+        """Where the bodies are: what _put takes."""
+        client = self._client
+        return [
+            (
+                p.getBasePositionAndOrientation(entry.body, client),
+                [state[0] for state in p.getJointStates(entry.body, entry.joints, client)]
+                if entry.joints
+                else [],
+            )
+            for entry in self._free
+        ]
+
+    def _put(self, place: list, step: np.ndarray) -> None:
+        """Put the bodies where they were at `place`, moved by `step`, at rest."""
+        first, client = 0, self._client
+        for entry, ((centre, turn), angles) in zip(self._free, place, strict=True):
+            by = step[first : first + len(entry.columns)]
+            first += len(entry.columns)
+            if len(entry.columns) > len(entry.joints):
+                turned = product(rotation_by(by[3:6]), turn)
+                p.resetBasePositionAndOrientation(entry.body, (centre + by[:3]).tolist(), turned, client)
+                p.resetBaseVelocity(entry.body, (0, 0, 0), (0, 0, 0), physicsClientId=client)
+                by = by[6:]
+            for joint, angle, change in zip(entry.joints, angles, by, strict=True):
+                p.resetJointState(entry.body, joint, angle + change, 0, client)
+        self._bodies.read()
+
+    def _terms(self) -> tuple[float, np.ndarray, np.ndarray, float]:
+        """Potential, generalized force f, matrix, and the largest force at hand [N]."""
+        slots = [slot for *_, slot in self._slots]
+        potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
+        size = sum(len(entry.columns) for entry in self._free)
+        force, of_slots, first = np.zeros(size), np.zeros((6 * len(slots), size)), 0
+        for entry in self._free:
+            where = slice(first, first + len(entry.columns))
+            first += len(entry.columns)
+            jacobians = self._jacobians(entry)
+            weights = entry.masses[:, None] * self._gravity
+            force[where] += np.einsum("lk,lkn->n", weights, jacobians[:, :3])
+            largest = max(largest, np.linalg.norm(weights, axis=1).max())
+            for link, mass in zip(entry.links, entry.masses, strict=True):
+                if mass > 0:
+                    potential -= mass * self._gravity @ self._inertial(entry.body, link)[0]
+            for body, link, vector, local in self._forces:
+                if body != entry.body:
+                    continue
+                centre, axes = self._inertial(body, link)
+                arm = axes @ local
+                wrench = np.concatenate([vector, np.cross(arm, vector)])
+                force[where] += wrench @ jacobians[entry.links.index(link)]
+                potential -= vector @ (centre + arm)
+                largest = max(largest, np.linalg.norm(vector))
+            for k, (of, link, _) in enumerate(self._slots):
+                if of is entry:
+                    of_slots[6 * k : 6 * k + 6, where] = jacobians[entry.links.index(link)]
+        force += wrenches.reshape(-1) @ of_slots
+        return potential, force, of_slots.T @ stiffness @ of_slots, largest
+
+    def _jacobians(self, entry: _Free) -> np.ndarray:
+        if not entry.joints:
+            return np.eye(6)[None]
+        found = jacobians_and_mass(entry.body, entry.links, self._client)
+        if found is None:
+            raise InvalidType("bodies", entry.body, "a body on joints that are known")
+        return found[0][:, :, entry.columns]
+
+    def find(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
+        """Whether it was found, the steps, the residual over the largest force. Else nothing has moved."""
+        start = self._place()
+        try:
+            found, steps, residual = self._descend(tolerance, max_steps)
+        except BaseException:
+            self._put(start, np.zeros(sum(len(e.columns) for e in self._free)))
+            raise
+        if not found:
+            self._put(start, np.zeros(sum(len(e.columns) for e in self._free)))
+        self._core.element_terms([slot for *_, slot in self._slots], True)
+        return found, steps, residual
+
+    def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
+        scale = self._scales()
+        self._put(self._place(), np.zeros(len(scale)))
+        potential, force, matrix, largest = self._terms()
+        learned = np.zeros_like(matrix)
+        residual = np.inf
+        for count in range(max_steps):
+            residual = np.abs(scale * force).max() / max(largest, 1e-300)
+            if residual <= tolerance:
+                return True, count, float(residual)
+            step = _newton_step(matrix + learned, force, scale)
+            place, share = self._place(), 1.0
+            while True:
+                self._put(place, share * step)
+                terms = self._terms()
+                back, ahead = terms[1] @ step, force @ step
+                falls = terms[0] <= potential - 1e-4 * share * ahead
+                if falls or abs(back) <= 0.5 * abs(ahead) or share < _SHORTEST:
+                    break
+                share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5
+            moved = share * step
+            learned += _rank_one(moved, force - terms[1] - (terms[2] + learned) @ moved)
+            potential, force, matrix, largest = terms
+        return False, max_steps, float(residual)
+
+    def _scales(self) -> np.ndarray:
+        """What makes forces [N] of the generalized forces."""
+        out = []
+        for entry in self._free:
+            kinds = [p.getJointInfo(entry.body, joint, self._client)[2] for joint in entry.joints]
+            if len(entry.columns) > len(entry.joints):
+                out += [1.0] * 3 + [1 / _LEVER] * 3
+            out += [1 / _LEVER if kind == p.JOINT_REVOLUTE else 1.0 for kind in kinds]
+        return np.array(out)
+
+
+def _newton_step(matrix, force, scale) -> np.ndarray:
+    """The step of a matrix whose negative and tiny curvatures are replaced, limited in length."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2 * np.outer(scale, scale))
+    values = np.maximum(np.abs(values), _STIFFEST * max(np.abs(values).max(), 1.0))
+    step = scale * (vectors @ ((vectors.T @ (scale * force)) / values))
+    return step * min(1.0, _FARTHEST / max(np.abs(step).max(), 1e-300))
+
+
+def _rank_one(step, missed) -> np.ndarray:
+    """The symmetric rank-one update of a matrix that missed this change of force in a step."""
+    size = missed @ step
+    if abs(size) <= 1e-8 * np.linalg.norm(missed) * np.linalg.norm(step) or not np.any(missed):
+        return np.zeros((len(step), len(step)))
+    return np.outer(missed, missed) / size
