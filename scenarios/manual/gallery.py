@@ -133,9 +133,9 @@ def _kept(folder: Path, name: str, key: str) -> dict | None:
 def _key() -> str:
     """A hash of all that a scenario's outcome depends on."""
     digest = hashlib.sha256()
-    for folder in (Path(bt.__file__).parent, Path(runner.__file__).parent):
-        for file in sorted([*folder.glob("*.py"), *folder.glob("*.so")]):
-            digest.update(file.read_bytes())
+    package, scenarios = Path(bt.__file__).parent, Path(runner.__file__).parent
+    for file in [*sorted(package.glob("*.py")), *sorted(scenarios.glob("*.py")), Path(bt._core.__file__)]:
+        digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
