@@ -57,7 +57,8 @@ autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 python_use_unqualified_type_names = True
 
-HANDLES = ("Tendon", "Grip", "Attachment", "Tunnel", "Skin")  # made by methods, not by their constructors
+# Made by methods, not by their constructors.
+HANDLES = ("Tendon", "Grip", "Attachment", "Tunnel", "Ligament", "Tensioner", "Fixation", "Cartilage", "Skin")
 
 sphinx_gallery_conf = {
     "examples_dirs": f"{MANUAL}/recipes",
