@@ -69,6 +69,11 @@ class Ligament(NotCopied):
         self._core.set_ligament_rest(self._there(), rest)
 
     @property
+    def ruptured(self) -> bool:
+        """Whether it has ended a step beyond its material's rupture force or strain: it has no tension."""
+        return self._core.ligament_is_ruptured(self._there())
+
+    @property
     def tension(self) -> float | None:
         """The tension that was set by set_tension [N]; None: its material decides."""
         found = self._core.ligament_tension(self._there())
@@ -149,4 +154,7 @@ def checked_rest(name: str, rest_length: float | None, length: float) -> float:
 def law_arguments(material: Material) -> tuple:
     """The axial law of a material as the compiled core takes it. A ligament bends freely and has no mass."""
     rates = material.damping, material.damping_exponent, material.damping_form == "lengthening"
-    return (material.stiffness, material.exponent, material.toe, material.tension_only, *rates)
+    weights, times = zip(*material.relaxation, strict=True) if material.relaxation else ((), ())
+    limits = material.rupture_force or 0.0, material.rupture_strain or 0.0
+    law = material.stiffness, material.exponent, material.toe, material.tension_only
+    return (*law, *rates, weights, times, *limits)

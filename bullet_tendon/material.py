@@ -38,6 +38,11 @@ class Material:
             nothing.
         density: [kg/m^3], > 0.
         friction: coefficient of the tendon [-], >= 0; a pair's is the product of both, as in Bullet.
+        relaxation: ((g_1, t_1), ...), shares [-] of the elastic tension that decay with the times t_i [s]
+            (quasi-linear viscoelasticity, Fung 1993): G(t) = 1 - sum g_i (1 - exp(-t/t_i)). The shares are
+            > 0 and at most 1 together. Ligaments only.
+        rupture_force, rupture_strain: tension [N] and strain [-] beyond which it ruptures, or None. Ligaments
+            only.
 
     Raises:
         InvalidType, InvalidValue: naming the argument.
@@ -62,6 +67,9 @@ class Material:
     bending_stiffness: float = 0.0
     density: float = _DENSITY
     friction: float = 0.1
+    relaxation: tuple = ()
+    rupture_force: float | None = None
+    rupture_strain: float | None = None
 
     def __post_init__(self):
         checks.number("stiffness", self.stiffness, above=0)
@@ -76,6 +84,15 @@ class Material:
         checks.number("bending_stiffness", self.bending_stiffness, at_least=0)
         checks.number("density", self.density, above=0)
         checks.number("friction", self.friction, at_least=0)
+        if self.relaxation != ():
+            terms = checks.array("relaxation", self.relaxation, (None, 2))
+            if (terms <= 0).any() or terms[:, 0].sum() > 1 + 1e-12:
+                allowed = "((share, time [s]), ...), all > 0, with shares of at most 1 together"
+                raise InvalidValue("relaxation", self.relaxation, allowed)
+            object.__setattr__(self, "relaxation", tuple(map(tuple, terms.tolist())))
+        for limit in ("rupture_force", "rupture_strain"):
+            if getattr(self, limit) is not None:
+                checks.number(limit, getattr(self, limit), above=0)
 
     @classmethod
     def from_springs(cls, *, ks, kd=0.0, p=1.0, q=1.0, spring_length, shear_ks=0.0, **others) -> "Material":

@@ -176,6 +176,9 @@ class TendonWorld(NotCopied):
             raise InvalidValue("radius", radius, "one with a finite cross-section > 0")
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
+        if material.relaxation or material.rupture_force or material.rupture_strain:
+            allowed = "one without relaxation and rupture, which only ligaments have"
+            raise InvalidValue("material", material, allowed)
         collides = checks.flag("collides", collides)
         if rest_length is not None:
             rest_length = checks.number("rest_length", rest_length, above=0)
@@ -387,7 +390,7 @@ class TendonWorld(NotCopied):
             path: two points or more, each (bodyUniqueId, linkIndex, (x, y, z)) in the link's URDF frame [m].
                 The ligament is straight between them.
             material: its axial law is taken, as that of a cross-section: stiffness, exponent, toe_strain,
-                tension_only, damping.
+                tension_only, damping, relaxation, rupture.
             rest_length: [m], > 0; None: the length of the path now.
             name: of the ligament; None: one is made up.
 
@@ -683,7 +686,7 @@ class TendonWorld(NotCopied):
             >>> stand = p.createMultiBody(0)
             >>> line = world.add_ligament([(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))], material)
             >>> world.relax(bodies=[ball])
-            >>> round(line.force, 6), world.report.converged
+            >>> round(line.force, 4), world.report.converged
             (0.981, True)
         """
         tolerance = checks.number("tolerance", tolerance, above=0, at_most=1)

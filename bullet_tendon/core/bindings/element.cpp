@@ -25,13 +25,15 @@ Material axial_material(double stiffness, double exponent, double toe_strain, bo
 // links (n): slots. locals (n, 3): points in the frames of the links [m].
 int add_ligament(World& w, const Ints& links, const Array& locals, double rest, double stiffness,
                  double exponent, double toe_strain, bool tension_only, double damping,
-                 double damping_exponent, bool lengthening_only) {
+                 double damping_exponent, bool lengthening_only, const Array& weights, const Array& times,
+                 double most_force, double most_strain) {
   const std::vector<Vec3> points = points_of(locals);
   std::vector<PathPoint> path;
   for (size_t i = 0; i < points.size(); ++i) path.push_back({links.data()[i], points[i]});
   const Material material = axial_material(stiffness, exponent, toe_strain, tension_only, damping,
                                            damping_exponent, lengthening_only);
-  return w.add_ligament(std::make_unique<Ligament>(path, material, rest));
+  const Tissue tissue{list_of(weights), list_of(times), most_force, most_strain};
+  return w.add_ligament(std::make_unique<Ligament>(path, material, tissue, rest));
 }
 
 Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.all().at(slot); }
@@ -64,6 +66,9 @@ py::list pressed_regions(const World& w, int slot) {
   return out;
 }
 
+// Length of the step in which elements are evaluated at rest [s]: nothing relaxes in it.
+constexpr double kAtOnce = 1e-9;
+
 // All elements where the links are now, at rest: potential [J], largest force [N], wrenches on the links of
 // these slots about their centres of mass (k, 6), and the second derivatives by their twists (6 k, 6 k), by
 // further rotation vectors. accept: this becomes the elements' state.
@@ -80,10 +85,10 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
   for (LinkPair& pair : pairs) pair.stiffness.fill(0);
   double potential = 0, largest = 0;
   w.scene.each_element([&](Element& element) {
-    element.begin(w.scene.links, 1);
+    element.begin(w.scene.links, kAtOnce);
     element.evaluate(ends);
     element.add_stiffness(pairs, false);
-    if (accept) element.accept(0);
+    if (accept) element.accept(kAtOnce);
     potential += element.potential();
     largest = std::max(largest, element.largest_force());
     for (const TouchedLink& touched : element.touched()) {
@@ -162,6 +167,7 @@ void bind_world_elements(GuardedWorld& world) {
              return cartilage_of(w, slot).facing(w.scene.links, points_of(normals));
            })
       .def("ligament_force", [](const World& w, int slot) { return ligament_of(w, slot).force; })
+      .def("ligament_is_ruptured", [](const World& w, int slot) { return ligament_of(w, slot).ruptured; })
       .def("ligament_length", [](const World& w, int slot) { return ligament_of(w, slot).length; })
       .def("ligament_rest", [](const World& w, int slot) { return ligament_of(w, slot).rest; })
       .def("set_ligament_rest",

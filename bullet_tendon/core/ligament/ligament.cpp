@@ -25,9 +25,11 @@ std::array<double, 6> twist_along(Vec3 arm, Vec3 u) {
 
 }  // namespace
 
-Ligament::Ligament(const std::vector<PathPoint>& path, const Material& material, double rest_length)
-    : Element(links_of(path)), path_(path), material_(material) {
+Ligament::Ligament(const std::vector<PathPoint>& path, const Material& material, const Tissue& tissue,
+                   double rest_length)
+    : Element(links_of(path)), path_(path), material_(material), tissue_(tissue) {
   rest = rest_length;
+  memory.assign(tissue.weights.size(), 0.0);
   for (const PathPoint& p : path)
     for (size_t t = 0; t < touched_.size(); ++t)
       if (touched_[t].link == p.link) of_point_.push_back(static_cast<int>(t));
@@ -52,10 +54,40 @@ void Ligament::begin(const std::vector<Link>& links, double h) {
     touched_[of_point_[i]].lever = arms_[i];
   }
   start_length_ = length_at(links);
+  if (begun || memory.empty()) return;
+  // The tension at the beginning has come at once.
+  begun = true;
+  elastic = elastic_at(start_length_);
+  for (size_t i = 0; i < memory.size(); ++i) memory[i] = tissue_.weights[i] * elastic;
+}
+
+double Ligament::elastic_at(double length) const {
+  double force, slope;
+  elastic_any(material_.law, length / rest - 1, force, slope);
+  return material_.stiffness * force;
+}
+
+// Replaces the elastic tension by what has relaxed of it.
+void Ligament::add_relaxation() {
+  elastic_now_ = tension_now_;
+  double share = 1, carried = 0;  // T_v = share T_e + carried
+  for (size_t i = 0; i < memory.size(); ++i) {
+    const double g = tissue_.weights[i], ratio = h_ / tissue_.times[i];
+    const double mean = ratio > 0 ? -std::expm1(-ratio) / ratio : 1;
+    share += g * (mean - 1);
+    carried += std::exp(-ratio) * memory[i] - g * mean * elastic;
+  }
+  tension_now_ = share * tension_now_ + carried;
+  slope_ *= share;
+  potential_ = share * potential_ + carried * length_now_;
 }
 
 // Sets the tension and its derivative by the length.
 void Ligament::find_tension() {
+  if (ruptured) {
+    tension_now_ = slope_ = potential_ = stiffest_ = 0;
+    return;
+  }
   if (tension >= 0) {
     tension_now_ = tension;
     slope_ = 0;
@@ -70,7 +102,9 @@ void Ligament::find_tension() {
   tension_now_ = material_.stiffness * force;
   slope_ = material_.stiffness * slope / rest;
   potential_ = material_.stiffness * rest * elastic_energy(law, strain);
+  if (!memory.empty()) add_relaxation();
   stiffest_ = slope_;
+  if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
   if (material_.damping == 0) return;
   const double rate = (length_now_ - start_length_) / (h_ * rest);
   const double c = material_.damping * damping_share(law, start_length_ / rest - 1);
@@ -148,9 +182,17 @@ void Ligament::add_stiffness(std::vector<LinkPair>& pairs, bool definite) const 
   }
 }
 
-void Ligament::accept(double) {
+void Ligament::accept(double h) {
   length = length_now_;
   force = tension_now_;
+  const bool pulled = tension < 0;  // by its material
+  for (size_t i = 0; i < memory.size() && pulled; ++i) {
+    const double ratio = h / tissue_.times[i], mean = ratio > 0 ? -std::expm1(-ratio) / ratio : 1;
+    memory[i] = std::exp(-ratio) * memory[i] + tissue_.weights[i] * mean * (elastic_now_ - elastic);
+  }
+  if (!memory.empty() && pulled) elastic = elastic_now_;
+  ruptured |= tissue_.most_force > 0 && force > tissue_.most_force;
+  ruptured |= tissue_.most_strain > 0 && length / rest - 1 > tissue_.most_strain;
 }
 
 }  // namespace bt

@@ -5,7 +5,18 @@
 //   T(L) = K f(L/l - 1) + C d((L - L_0)/(h l)),      (tendon/axial_law.h)
 //
 // with l the rest length, L_0 the length at the start of the substep and h its length. A tension that is set
-// replaces T(L). The tension is the same along the whole path, because the points have no friction. It has
+// replaces T(L). The elastic part may relax in time (quasi-linear viscoelasticity, Fung 1993),
+//
+//   T_v(t) = int G(t - u) dT_e/du du,     G(t) = g_0 + sum g_i exp(-t/t_i),   g_0 = 1 - sum g_i,
+//
+// with T_e = K f. Where T_e changes linearly within the substep, the parts m_i of T_v change exactly by
+//
+//   m_i <- e_i m_i + g_i a_i (T_e - T_e0),   e_i = exp(-h/t_i),   a_i = (1 - e_i) t_i/h,
+//
+// and T_v = g_0 T_e + sum m_i. So T_v is still a function of L alone within a substep. A ligament that has
+// ended a substep beyond its largest tension or strain is ruptured and has no tension any more.
+//
+// The tension is the same along the whole path, because the points have no friction. It has
 // the potential U(L), U' = T, with
 //
 //   dU/dp_i = T g_i,   g_i = dL/dp_i,      d2U/dp_i dp_j = T' g_i g_j^T + T d2L/dp_i dp_j,
@@ -34,18 +45,31 @@ struct LigamentModel {
   double tension = -1;  // that is set [N]; negative: the material's law
 };
 
+// What time and load do to the tissue.
+struct Tissue {
+  std::vector<double> weights, times;  // g_i [-], t_i [s]
+  double most_force = 0;               // at rupture [N]; 0: none
+  double most_strain = 0;              // at rupture [-]; 0: none
+};
+
 // What a step changes.
 struct LigamentState {
-  double length = 0;  // at the end of the last step [m]
-  double force = 0;   // tension at the end of the last step [N]
+  double length = 0;           // at the end of the last step [m]
+  double force = 0;            // tension at the end of the last step [N]
+  double elastic = 0;          // T_e [N]
+  std::vector<double> memory;  // m_i [N]
+  bool begun = false;          // elastic and memory are those of a substep that began
+  bool ruptured = false;
 };
 
 class Ligament : public Element, public LigamentModel, public LigamentState {
  public:
-  Ligament(const std::vector<PathPoint>& path, const Material& material, double rest_length);
+  Ligament(const std::vector<PathPoint>& path, const Material& material, const Tissue& tissue,
+           double rest_length);
   const std::vector<PathPoint>& path() const { return path_; }
   double stiffness() const { return material_.stiffness; }
   const Material& material() const { return material_; }
+  const Tissue& tissue() const { return tissue_; }
 
   void begin(const std::vector<Link>& links, double h) override;
   void evaluate(const std::vector<LinkEnd>& ends) override;
@@ -63,12 +87,15 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
     Twists by_one, by_other;
     double inverse;
   };
+  double elastic_at(double length) const;
   void find_tension();
+  void add_relaxation();
   void find_length(const std::vector<LinkEnd>& ends);
   void add_across(int i, Vec3 along, double inverse);
 
   std::vector<PathPoint> path_;
   Material material_;
+  Tissue tissue_;
   std::vector<int> of_point_;  // touched link of each point
   // Of the substep: arms at its start, length at its start, its length.
   std::vector<Vec3> arms_;
@@ -77,7 +104,7 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   std::vector<Vec3> arms_now_, points_;
   std::vector<Twists> gradient_;  // of the length, by touched link
   std::vector<Across> across_;
-  double length_now_ = 0, tension_now_ = 0, slope_ = 0;
+  double length_now_ = 0, tension_now_ = 0, slope_ = 0, elastic_now_ = 0;
 };
 
 }  // namespace bt

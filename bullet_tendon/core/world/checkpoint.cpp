@@ -225,6 +225,9 @@ void World::require_state(const Checkpoint& c) const {
 void World::require_elements(const ElementCheckpoint& c) const {
   require(c.ligaments.size() == scene.ligaments.all().size(), kSizes);
   require(c.cartilages.size() == scene.cartilages.all().size(), kSizes);
+  for (size_t e = 0; e < c.ligaments.size(); ++e)
+    if (const auto& ligament = scene.ligaments.all()[e])
+      require(c.ligaments[e].memory.size() == ligament->tissue().weights.size(), kSizes);
   for (size_t e = 0; e < c.cartilages.size(); ++e)
     if (const auto& cartilage = scene.cartilages.all()[e])
       require(c.cartilages[e].regions.size() == cartilage->regions.size(), kSizes);
@@ -266,6 +269,8 @@ uint64_t World::structure_mark() const {
     write("path", path);
     write("material", material);
     write("lengthening_only", material.law.lengthening_only);
+    Tissue tissue = ligament->tissue();
+    write("tissue", tissue);
   }
   for (const auto& cartilage : scene.cartilages.all()) {
     bool alive = cartilage != nullptr;

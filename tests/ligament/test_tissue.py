@@ -1,0 +1,129 @@
+"""Time and load in the tissue of ligaments: relaxation, creep, hysteresis and rupture."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from scipy.integrate import quad
+
+import bullet_tendon as bt
+
+ACL = ((0.154, 3.77), (0.161, 148.0), (0.682, 10988.0))  # PMC4407883
+G = 9.81
+
+
+def body(client, mass, at=(0, 0, 0)):
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    made = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
+    p.changeDynamics(made, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    p.setCollisionFilterGroupMask(made, -1, 0, 0, client)
+    return made
+
+
+class Bench:
+    """A ligament of 30 mm between a fixed body and one that is put where it is to be."""
+
+    def __init__(self, world, client, **material):
+        self.world, self.client, self.at = world, client, 0.03
+        self.ends = body(client, 0), body(client, 0, (0, 0, -0.03))
+        path = [(end, -1, (0, 0, 0)) for end in self.ends]
+        self.ligament = world.add_ligament(path, bt.Material(stiffness=2e3, **material))
+
+    def stretch(self, strain) -> float:
+        """The force after a step that ends at this strain."""
+        p.resetBasePositionAndOrientation(
+            self.ends[1], (0, 0, -0.03 * (1 + strain)), (0, 0, 0, 1), self.client
+        )
+        self.world.step()
+        return self.ligament.force
+
+
+def relaxed(terms, t):
+    return 1 - sum(g * (1 - np.exp(-t / time)) for g, time in terms)
+
+
+def test_relaxation_is_that_of_the_integral(make_world, client):
+    """A ramp of the strain and a hold, by a linear law: the convolution in closed form."""
+    dt = 0.05
+    world = make_world(dt)
+    terms = ((0.3, 0.4), (0.25, 3.77))
+    bench = Bench(world, client, relaxation=terms)
+    bench.stretch(0)
+    ramp = 20
+    for step in range(1, 200):
+        force = bench.stretch(0.04 * min(step, ramp) / ramp)
+        t, rate = step * dt, 2e3 * 0.04 / (ramp * dt)
+        exact = rate * quad(lambda u, t=t: relaxed(terms, t - u), 0, min(t, ramp * dt), epsrel=1e-12)[0]
+        assert force == pytest.approx(exact, rel=1e-6)
+
+
+def test_creep_is_that_of_the_inverse(make_world, client):
+    """A constant force on one term and a linear law: the standard linear solid creeps exponentially."""
+    world = make_world(1 / 240, (0, 0, -G))
+    stand, weight = body(client, 0), body(client, 2.0, (0, 0, -0.03))
+    share, time = 0.4, 0.5
+    material = bt.Material(stiffness=2e3, relaxation=((share, time),), damping=20.0)
+    ligament = world.add_ligament([(stand, -1, (0, 0, 0)), (weight, -1, (0, 0, 0))], material)
+    world.step(round(6.0 * 240))
+    at_once, at_last = 2.0 * G / 2e3, 2.0 * G / 2e3 / (1 - share)
+    assert ligament.strain == pytest.approx(at_last, rel=1e-3)
+    assert at_last > 1.5 * at_once
+
+
+def test_the_acl_relaxes_as_published(make_world, client):
+    world = make_world(1.0)
+    bench = Bench(world, client, relaxation=ACL)
+    start = bench.stretch(0) or bench.stretch(0.03)
+    began = [bench.stretch(0.03) for _ in range(100)]
+    ratio = (began[-1] - began[0]) / start
+    # From a ramp of one second: G averaged over the second before.
+    mean = lambda t: quad(lambda u: relaxed(ACL, t - u), 0, 1)[0]  # noqa: E731
+    assert began[-1] / start == pytest.approx(mean(101) / mean(1), rel=1e-6)
+    assert ratio < -0.1
+
+
+def test_cycles_lose_energy_and_settle(make_world, client):
+    """Preconditioning: the peak force falls from cycle to cycle, ever less."""
+    world = make_world(1 / 240)
+    bench = Bench(world, client, relaxation=((0.2, 0.5), (0.2, 4.0)))
+    peaks, lost = [], []
+    for _ in range(12):
+        strains = 0.02 * (1 - np.cos(np.linspace(0, 2 * np.pi, 241)))
+        forces = np.array([bench.stretch(strain) for strain in strains])
+        peaks.append(forces.max())
+        lost.append(((forces[1:] + forces[:-1]) / 2 * np.diff(strains)).sum())
+    assert (np.diff(peaks) < 0).all() and abs(np.diff(peaks)[-1]) < 0.3 * abs(np.diff(peaks)[0])
+    assert min(lost) > 0
+
+
+@pytest.mark.parametrize("limit", [{"rupture_force": 50.0}, {"rupture_strain": 0.025}])
+def test_it_ruptures_at_its_limit_and_is_told(make_world, client, limit):
+    bench = Bench(make_world(), client, **limit)
+    for strain in np.linspace(0, 0.0249, 50):
+        assert bench.stretch(strain) == pytest.approx(2e3 * strain, abs=1e-6)
+        assert not bench.ligament.ruptured
+    bench.stretch(0.0251)
+    assert bench.ligament.ruptured
+    assert bench.stretch(0.03) == 0.0
+
+
+def test_its_memory_is_part_of_the_state(make_world, client):
+    world = make_world(0.05)
+    bench = Bench(world, client, relaxation=ACL, rupture_force=500.0)
+    bench.stretch(0.02)
+    kept = world.save_state()
+    ends = [bench.stretch(0.03) for _ in range(5)], world.state_hash()
+    world.restore_state(kept)
+    again = [bench.stretch(0.03) for _ in range(5)], world.state_hash()
+    assert ends == again
+
+
+def test_bad_materials_are_refused(make_world):
+    for wrong in (((0.5,),), ((0.5, 0.0),), ((-0.1, 1.0),), ((0.7, 1.0), (0.6, 2.0))):
+        with pytest.raises(bt.InvalidValue):
+            bt.Material(stiffness=1e3, relaxation=wrong)
+    with pytest.raises(bt.InvalidValue):
+        bt.Material(stiffness=1e3, rupture_force=0)
+    with pytest.raises(bt.InvalidValue, match="which only ligaments have"):
+        make_world().add_tendon(
+            [(0, 0, 0), (0, 0, 0.1)], 0.001, bt.Material(stiffness=1e3, relaxation=((0.1, 1.0),))
+        )
