@@ -175,16 +175,18 @@ class Scene:
         x.append(self.time if at is None else float(at))
         y.append(float(value))
 
-    def mark(self, title: str, camera: dict | None = None, opacity: float = 0.4, tendons=None) -> None:
+    def mark(
+        self, title: str, camera: dict | None = None, opacity: float = 0.4, tendons=None, colors=view.PALETTE
+    ) -> None:
         """Photograph this moment, if a picture is wanted, with `camera` (None: the scene's).
 
-        opacity: of the bones. tendons: or skins of them; None: the world's.
+        opacity: of the bones. tendons: or skins of them, drawn in `colors` by turns; None: the world's.
         """
         if not self.options.picture:
             return
         shot = {"width": 960, "height": 720, **self.camera, **(camera or {})}
         shown = self.tendons if tendons is None else tendons
-        image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity)
+        image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity, colors)
         self.frames.append((title, image, [] if self.frames else self._notes(shot)))
 
     def map(self, title: str, x, y, values) -> None:

@@ -10,8 +10,10 @@ import pybullet as p
 import pytest
 from bullet_tendon.scenarios import (
     hanging_weight,
+    knee_laxity,
     measure,
     motor_hold,
+    passive_flexion,
     release,
     runner,
     step_limit,
@@ -225,6 +227,8 @@ SHORTENED = [
     (release, {}),
     (suspended_plate, {}),
     (tendon_finger, {}),
+    (knee_laxity, {}),
+    (passive_flexion, {"INCREMENT": 15}),
 ]
 
 

@@ -1,0 +1,341 @@
+"""KneeRig: a knee of ligaments and cartilage whose flexion is held and whose other five freedoms are free.
+
+The rig is that of cadaver tests. The femur is turned about the z axis of the laboratory, to the flexion that
+is wanted, and held there. The tibia hangs on five joints without friction: Grood and Suntay's three axes
+(1983, J Biomech Eng 105:136) with the shifts along them and the rotations about the last two. So held flexion
+is exact, and joint positions are coordinates. There is no gravity and there are no muscles.
+"""
+
+import os
+import tempfile
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pybullet as p
+
+import bullet_tendon as bt
+from bullet_tendon import checks
+from bullet_tendon.errors import InvalidValue
+from bullet_tendon.view import PALETTE
+
+from .knee_files import JOINTS, bone_paths, read_strands, tibia_urdf
+
+TOE_STRAIN = 0.06  # up to which the law of a strand is a parabola (Blankevoort and Huiskes 1991) [-]
+LOADED_AT = (0.0, -0.1, 0.0)  # m, of the tibia
+INCREMENT = np.radians(5.0)  # of flexion, after which the knee is settled on its way
+ARM = 0.1  # of the couple that makes a moment [m]
+# Of JOINTS: mass or inertia [kg, kg m^2], and the arm at which a moment counts as a force [m].
+INERTIA = np.array([2.7, 2.7, 0.1, 2.7, 0.0045])
+LEVER = np.array([1.0, 1.0, 0.1, 1.0, 0.1])
+LONGEST, SHORTEST = 1 / 120, 1 / 1920  # steps while the knee settles [s]
+NEARLY = 1e-6  # motion in a step at rest [m, rad]
+LINE_RADIUS = 8e-4  # of a strand in pictures [m]
+
+
+class Coordinates(NamedTuple):
+    """Of the tibia in the femur, after Grood and Suntay: angles [rad], and shifts [m] of the tibia's origin.
+
+    flexion about the femur's z axis, internal_rotation about the tibia's y axis (long axis), adduction about
+    the floating axis that is perpendicular to both. lateral, anterior, superior: components of the way from
+    the femur's to the tibia's origin along these axes, in this order: z of the femur, floating axis, y of the
+    tibia.
+    """
+
+    flexion: float
+    adduction: float
+    internal_rotation: float
+    anterior: float
+    superior: float
+    lateral: float
+
+
+class GroupForces(dict):
+    """Tension by group [N]. The beginning of groups' names gives their sum: forces["ACL"]."""
+
+    def __missing__(self, prefix):
+        found = [
+            force for group, force in self.items() if isinstance(prefix, str) and group.startswith(prefix)
+        ]
+        if not found:
+            raise KeyError(prefix)
+        return sum(found)
+
+
+class KneeRig:
+    """A right knee in a pybullet client of its own.
+
+    bones, cartilage: meshes of femur and tibia, as a folder (femur.stl, tibia.stl; femur_cartilage.stl,
+    tibia_cartilage.stl), two paths, or a mapping with the keys "femur" and "tibia". ligaments: a CSV table of
+    strands in the columns of knee_files.COLUMNS, or a folder with ligaments.csv. None: the project's own
+    knee. All meshes and the table are in the same frames, in metres: x anterior, y superior, z lateral, both
+    bones' frames coincide at full extension. stiffness of a strand is in newtons per unit strain, its law is
+    that of Material.ligament with a toe of 6 %.
+
+    time_step [s]; options: SolverOptions of its world; gui: whether to open pybullet's window; modulus,
+    poisson, thickness: of the cartilage, as in TendonWorld.add_cartilage. Raises InvalidType or InvalidValue.
+
+    world: the TendonWorld; client: pybullet's; femur, tibia: (bodyUniqueId, linkIndex); strands: the files'
+    rows by name; ligaments: handles by strand's name; cartilage: the handle. The client is closed by close(),
+    or at the end of a with block.
+    """
+
+    def __init__(
+        self,
+        bones=None,
+        ligaments=None,
+        cartilage=None,
+        *,
+        world: bt.TendonWorld | None = None,
+        step=None,
+        time_step: float = 1 / 240,
+        options: bt.SolverOptions | None = None,
+        gui: bool = False,
+        modulus: float = 10e6,
+        poisson: float = 0.45,
+        thickness: float = 0.006,
+    ):
+        meshes = bone_paths("bones", bones)
+        surfaces = bone_paths("cartilage", cartilage, "_cartilage")
+        self.strands = {strand.name: strand for strand in read_strands("ligaments", ligaments)}
+        self.time_step = checks.number("time_step", time_step, above=0)
+        foundation = {"modulus": modulus, "poisson": poisson, "thickness": thickness}
+        self._owns_client = world is None
+        self.client: int = p.connect(p.GUI if gui else p.DIRECT) if world is None else world.physicsClientId
+        try:
+            p.setTimeStep(self.time_step, self.client)
+            self.world = bt.TendonWorld(self.client, options) if world is None else world
+            self._step_world = self.world.step if step is None else step
+            self._build(meshes, surfaces, foundation)
+        except BaseException:
+            self.close()
+            raise
+
+    def flex(self, angle: float, increment: float = INCREMENT) -> None:
+        """Turn the femur to a flexion [rad] and hold it there, between -0.2 and 2.6.
+
+        It goes there by increments [rad], under the present load, and settles after each but the last. Raises
+        InvalidType or InvalidValue.
+        """
+        angle = checks.number("angle", angle, at_least=-0.2, at_most=2.6)
+        increment = checks.number("increment", increment, above=0)
+        way = angle - self._flexion
+        count = max(1, int(np.ceil(abs(way) / increment - 1e-9)))
+        for k in range(1, count + 1):
+            self._turn(angle - way * (count - k) / count)
+            if k < count:
+                self.settle()
+
+    def load(
+        self,
+        anterior: float = 0.0,
+        lateral: float = 0.0,
+        superior: float = 0.0,
+        internal: float = 0.0,
+        valgus: float = 0.0,
+        point=LOADED_AT,
+    ) -> None:
+        """Load the tibia, from now on, instead of the load before; all of it follows the tibia.
+
+        anterior, lateral, superior: forces [N] along x, z and y of the tibia, at its `point` [m]. internal,
+        valgus: moments [N m] about y and -x of the tibia. Raises InvalidType or InvalidValue.
+        """
+        names = "anterior", "superior", "lateral", "valgus", "internal"
+        given = anterior, superior, lateral, valgus, internal
+        values = [checks.number(name, value) for name, value in zip(names, given, strict=True)]
+        point = checks.vector("point", point)
+        self._force = np.array(values[:3])
+        self._moment = np.array([-values[3], values[4], 0.0])
+        self._point = point
+
+    def step(self, n: int = 1) -> None:
+        """n steps of the world, under the load."""
+        for _ in range(checks.integer("n", n, at_least=1)):
+            self._push()
+            self._step_world()
+
+    def settle(self, tolerance: float = 1e-3, max_steps: int = 2000) -> bool:
+        """Let the knee come to rest under the load; whether it did within `max_steps` steps.
+
+        tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. Motion is stopped
+        whenever the kinetic energy has passed a maximum (kinetic damping, Cundall), beside what implicit
+        Euler damps. No time is meant to pass. It gives up after 20 steps that were not solved, as where the
+        tibia is dislocated. Raises InvalidType, InvalidValue or StepFailed.
+        """
+        tolerance = checks.number("tolerance", tolerance, above=0)
+        max_steps = checks.integer("max_steps", max_steps, at_least=1)
+        step, last, before, unsolved = LONGEST, 0.0, self._joints(), 0
+        self._stop()
+        try:
+            for _ in range(max_steps):
+                p.setTimeStep(step, self.client)
+                rates = self._joints(velocity=True)
+                self.step()
+                after, now = self._joints(), self._joints(velocity=True)
+                unbalanced = np.abs(INERTIA / LEVER * (now - rates)).max() / step
+                moved = np.abs(after - before).max()
+                whole = not self.world.report.reasons and self.world.report.converged
+                if whole and unbalanced <= tolerance and moved <= NEARLY:
+                    return True
+                unsolved += not self.world.report.converged
+                if unsolved >= 20:
+                    return False
+                before, energy = after, INERTIA @ now**2
+                if not whole and step > SHORTEST:
+                    # The forces of a step that is divided are means of several places.
+                    step /= 2
+                    self._stop()
+                    energy = 0.0
+                elif energy < last:
+                    self._stop()
+                    energy = 0.0
+                last = energy
+        finally:
+            p.setTimeStep(self.time_step, self.client)
+            self._stop()
+        return False
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Where the tibia is in the femur, now."""
+        names = (joint[0] for joint in JOINTS)
+        at = SimpleNamespace(**dict(zip(names, self._joints().tolist(), strict=True)))
+        # The shifts are along axes that are not perpendicular: the tibia's y leans by the adduction.
+        lean = np.sin(at.adduction)
+        return Coordinates(
+            flexion=self._flexion,
+            adduction=at.adduction,
+            internal_rotation=at.internal_rotation,
+            anterior=at.anterior,
+            superior=at.superior + lean * at.lateral,
+            lateral=at.lateral + lean * at.superior,
+        )
+
+    @property
+    def forces(self) -> GroupForces:
+        """Tension of each group that was not cut, and the cartilage's force, as "cartilage" [N]."""
+        found = GroupForces()
+        for name, ligament in self.ligaments.items():
+            group = self.strands[name].group
+            found[group] = found.get(group, 0.0) + ligament.force
+        found["cartilage"] = float(np.linalg.norm(self.cartilage.wrench[:3]))
+        return found
+
+    def cut(self, group: str) -> None:
+        """Cut all strands of a group, or of all groups that begin with this name: cut("ACL").
+
+        Raises InvalidType, or InvalidValue where there is none.
+        """
+        checks.text("group", group)
+        cut = [name for name in self.ligaments if self.strands[name].group.startswith(group)]
+        if not cut:
+            groups = sorted({self.strands[name].group for name in self.ligaments})
+            raise InvalidValue("group", group, f"the beginning of one of {', '.join(groups)}")
+        for name in cut:
+            self.world.remove_ligament(self.ligaments.pop(name))
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(5,) positions of knee_files.JOINTS [m, rad], for place()."""
+        return self._joints()
+
+    def place(self, joints) -> None:
+        """Put the tibia where `joints` (5,) were read, at rest. Raises InvalidType or InvalidValue."""
+        for joint, position in enumerate(checks.vector("joints", joints, len(JOINTS))):
+            p.resetJointState(self.tibia[0], joint, float(position), 0.0, self.client)
+
+    def lines(self) -> tuple[list, list]:
+        """The strands where they are now, as things to be drawn in a picture, and their colours by group."""
+        tubes, colours = [], []
+        groups = sorted({strand.group for strand in self.strands.values()})
+        for name, ligament in self.ligaments.items():
+            tubes.append(SimpleNamespace(positions=ligament.points, radius=LINE_RADIUS))
+            colours.append(PALETTE[groups.index(self.strands[name].group) % len(PALETTE)])
+        return tubes, colours
+
+    def close(self) -> None:
+        """Disconnect the client, if it is the rig's own; a second call does nothing."""
+        if self._owns_client and p.isConnected(self.client):
+            p.disconnect(self.client)
+
+    def __enter__(self) -> "KneeRig":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def _build(self, meshes, surfaces, foundation: dict) -> None:
+        self.femur = self._make_femur(meshes[0]), -1
+        self.tibia = self._make_tibia(meshes[1]), len(JOINTS) - 1
+        self._centre = np.array(p.getDynamicsInfo(*self.tibia, self.client)[3])
+        self._turn(0.0)
+        self.load()
+        bodies = {"femur": self.femur, "tibia": self.tibia}
+        self.ligaments = {}
+        for name, strand in self.strands.items():
+            path = [(*bodies[bone], point) for bone, point in strand.path]
+            material = bt.Material.ligament(strand.stiffness, TOE_STRAIN)
+            self.ligaments[name] = self.world.add_ligament(path, material, strand.slack, name)
+        sides = [(*bodies[bone], path) for bone, path in zip(bodies, surfaces, strict=True)]
+        self.cartilage = self.world.add_cartilage(*sides, **foundation)
+
+    def _make_femur(self, mesh) -> int:
+        flags = p.GEOM_FORCE_CONCAVE_TRIMESH
+        shape = p.createCollisionShape(
+            p.GEOM_MESH, fileName=str(mesh), flags=flags, physicsClientId=self.client
+        )
+        look = p.createVisualShape(
+            p.GEOM_MESH,
+            fileName=str(mesh),
+            rgbaColor=(0.93, 0.89, 0.78, 1),
+            physicsClientId=self.client,
+        )
+        body = p.createMultiBody(0, shape, look, physicsClientId=self.client)
+        self.world.add_obstacle(body, meshes=[str(mesh)])
+        return body
+
+    def _make_tibia(self, mesh) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "tibia.urdf")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(tibia_urdf(mesh))
+            body = self.world.load_urdf(path, useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE)
+        for link in range(-1, len(JOINTS)):
+            p.changeDynamics(
+                body, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=self.client
+            )
+            p.setCollisionFilterGroupMask(body, link, 0, 0, physicsClientId=self.client)
+        joints = range(len(JOINTS))
+        p.setJointMotorControlArray(
+            body, joints, p.VELOCITY_CONTROL, forces=[0.0] * len(JOINTS), physicsClientId=self.client
+        )
+        return body
+
+    def _joints(self, velocity: bool = False) -> np.ndarray:
+        """(5,) positions, or rates, of JOINTS [m, rad]."""
+        rows = p.getJointStates(self.tibia[0], range(len(JOINTS)), physicsClientId=self.client)
+        return np.array([row[int(velocity)] for row in rows])
+
+    def _stop(self) -> None:
+        self.place(self._joints())
+
+    def _turn(self, flexion: float) -> None:
+        self._flexion = float(flexion)
+        turn = p.getQuaternionFromEuler((0, 0, self._flexion))
+        p.resetBasePositionAndOrientation(self.femur[0], (0, 0, 0), turn, self.client)
+
+    def _push(self) -> None:
+        """Put the load on the tibia for the next step."""
+        if self._force.any():
+            self._apply(self._force, self._point)
+        size = np.linalg.norm(self._moment)
+        if size > 0:
+            axis = self._moment / size
+            arm = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+            arm *= ARM / np.linalg.norm(arm)
+            force = np.cross(self._moment, arm) / (2 * ARM**2)
+            self._apply(force, arm)
+            self._apply(-force, -arm)
+
+    def _apply(self, force, point) -> None:
+        self.world.apply_external_force(*self.tibia, force, point - self._centre, p.LINK_FRAME)

@@ -1,0 +1,165 @@
+"""KneeRig beside an independent quasi-static solution (knee_oracle.py), and its words."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bullet_tendon.scenarios.knee import KneeRig
+from knee_oracle import Knee, Pose, Strands, read_obj
+
+import bullet_tendon as bt
+
+KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
+URDF = Path(bt.data_path("knee.urdf")).parent
+real_knee = pytest.mark.skipif(
+    not (KNEE / "ligaments.csv").exists(), reason="no real knee beside the checkout"
+)
+FLEXION = np.radians(25)
+LOADS = 0.0, 30.0, 60.0, 100.0  # N
+START = Pose(FLEXION, origin=(0.0, 5e-4, 0.0))
+
+
+def oracle(cut=()) -> Knee:
+    knee = Knee.of_files(KNEE)
+    knee.strands = knee.strands.without(*cut) if cut else knee.strands
+    return knee
+
+
+def agree(rig, knee, pose, length=None) -> None:
+    """Coordinates and forces within 1 %; of the largest, for those that are small beside it."""
+    at = rig.coordinates
+    translations = np.array([at.lateral, at.anterior, at.superior])
+    largest = np.abs(pose.translations).max() if length is None else length
+    assert translations == pytest.approx(pose.translations, rel=0.01, abs=0.01 * largest)
+    assert (at.flexion, at.adduction, at.internal_rotation) == pytest.approx(
+        (pose.flexion, pose.adduction, pose.internal), rel=0.01, abs=np.radians(0.15)
+    )
+    groups, forces = knee.groups(pose), rig.forces
+    assert set(groups) == set(forces)
+    largest = max(groups.values())
+    for group, force in groups.items():
+        assert forces[group] == pytest.approx(force, rel=0.01, abs=max(0.01 * largest, 0.2))
+
+
+@real_knee
+def test_the_real_knee_under_drawer_loads_is_where_it_is_in_balance():
+    knee = oracle()
+    pose = START
+    with KneeRig(KNEE, KNEE, KNEE) as rig:
+        rig.flex(FLEXION)
+        for force in LOADS:
+            rig.load(anterior=force)
+            assert rig.settle()
+            pose = knee.solve(pose, force=(force, 0.0, 0.0))
+            agree(rig, knee, pose)
+
+
+@real_knee
+@pytest.mark.slow
+def test_the_real_knee_without_its_acl():
+    knee = oracle(["ACL"])
+    pose = START
+    with KneeRig(KNEE, KNEE, KNEE) as rig:
+        rig.cut("ACL")
+        rig.flex(FLEXION)
+        for force in (5.0, 10.0, 20.0, 30.0, 60.0):
+            rig.load(anterior=force)
+            assert rig.settle()
+            pose = knee.solve(pose, force=(force, 0.0, 0.0))
+            if force >= 20.0:  # below, the tibia slides far under little force
+                agree(rig, knee, pose)
+
+
+@real_knee
+@pytest.mark.slow
+def test_passive_flexion_of_the_real_knee():
+    knee = oracle()
+    pose = Pose(0.0, origin=(0.0, 5e-4, 0.0))
+    with KneeRig(KNEE, KNEE, KNEE) as rig:
+        for angle in np.radians(np.arange(0, 91, 15)):
+            rig.flex(angle)
+            assert rig.settle()
+            pose = knee.solve(Pose(angle, pose.adduction, pose.internal, pose.origin))
+            agree(rig, knee, pose)
+
+
+@real_knee
+def test_steps_of_a_240th_of_a_second_end_where_settle_ends():
+    with KneeRig(KNEE, KNEE, KNEE) as rig:
+        rig.flex(FLEXION)
+        rig.load(anterior=60.0)
+        assert rig.settle()
+        settled, forces = rig.coordinates, rig.forces
+        rig.load(anterior=58.0)
+        rig.step(240)
+        rig.load(anterior=60.0)
+        rig.step(960)
+        assert rig.coordinates == pytest.approx(settled, rel=0.01, abs=1e-5)
+        assert rig.forces == pytest.approx(forces, rel=0.01, abs=0.5)
+
+
+def test_the_projects_knee_is_where_its_own_oracle_is():
+    """Of the same files: strands over a rim, and moments."""
+    strands = Strands.read(URDF / "knee_ligaments.csv", "femur", "tibia")
+    meshes = (read_obj(URDF / "meshes" / f"{bone}_cartilage.obj") for bone in ("femur", "tibia"))
+    knee = Knee(strands, *meshes)
+    pose = Pose(np.radians(5), origin=(0.0, -1e-3, 0.0))
+    with KneeRig() as rig:
+        rig.flex(np.radians(5))
+        for load, moment in ((90.0, {}), (40.0, {"valgus": 4.0, "internal": 2.0})):
+            rig.load(anterior=load, **moment)
+            assert rig.settle()
+            moments = (-moment.get("valgus", 0.0), moment.get("internal", 0.0), 0.0)
+            pose = knee.solve(pose, force=(load, 0.0, 0.0), moment=moments)
+            agree(rig, knee, pose)
+
+
+def test_a_lateral_force_and_its_point_are_those_of_the_oracle():
+    strands = Strands.read(URDF / "knee_ligaments.csv", "femur", "tibia")
+    meshes = (read_obj(URDF / "meshes" / f"{bone}_cartilage.obj") for bone in ("femur", "tibia"))
+    knee = Knee(strands, *meshes)
+    point = (0.0, -0.05, 0.01)
+    with KneeRig() as rig:
+        rig.load(lateral=15.0, superior=60.0, point=point)
+        assert rig.settle()
+        start = Pose(0.0, origin=(0.0, -1e-3, 0.0))
+        agree(rig, knee, knee.solve(start, force=(0.0, 60.0, 15.0), point=point))
+
+
+def test_groups_are_cut_by_the_beginning_of_their_names():
+    with KneeRig() as rig:
+        assert rig.forces["ACL"] == rig.forces["ACLam"] + rig.forces["ACLpl"]
+        count = len(rig.ligaments)
+        rig.cut("ACL")
+        assert len(rig.ligaments) == count - 8
+        with pytest.raises(KeyError):
+            rig.forces["ACL"]
+        with pytest.raises(bt.InvalidValue):
+            rig.cut("ACL")
+
+
+def test_what_cannot_be_a_knee_is_refused(tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("strand,body\nA1,femur\n")
+    for arguments in (
+        {"bones": tmp_path},
+        {"bones": ["only_one.stl"]},
+        {"bones": {"femur": "x.stl"}},
+        {"bones": 3},
+        {"ligaments": tmp_path / "none.csv"},
+        {"ligaments": table},
+        {"cartilage": tmp_path},
+        {"time_step": 0.0},
+    ):
+        with pytest.raises(bt.TendonError):
+            KneeRig(**arguments)
+    with KneeRig() as rig:
+        for call in (
+            lambda: rig.flex(3.0),
+            lambda: rig.flex(float("nan")),
+            lambda: rig.load(anterior=float("inf")),
+            lambda: rig.load(point=(0, 0)),
+            lambda: rig.settle(tolerance=0.0),
+        ):
+            with pytest.raises(bt.InvalidValue):
+                call()
