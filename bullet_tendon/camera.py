@@ -21,8 +21,19 @@ from .bodies import client_of
 from .errors import InvalidValue, NotCopied, UnknownId
 from .figures import outline
 from .lens import NOTHING, Lens, Rendering, nearer
+from .ligament import Ligament
 from .tendon import Tendon
-from .visuals import PALETTE, TUNNEL_COLOR, TendonVisual, mesh_body, paint, tunnel_mesh
+from .visuals import (
+    LIGAMENT_COLOR,
+    PALETTE,
+    TUNNEL_COLOR,
+    LigamentLine,
+    Lines,
+    TendonVisual,
+    mesh_body,
+    paint,
+    tunnel_mesh,
+)
 from .world import TendonWorld
 
 _FIRST_TENDON = -2  # in segmentations
@@ -83,6 +94,7 @@ class Camera(NotCopied):
         self._client = client_of(world.physicsClientId if isinstance(world, TendonWorld) else world)
         self._lens = Lens(width, height, target, distance, yaw, pitch, up, fov, samples)
         self._layer = _Layer(colors, full_tension)
+        self._lines = Lines(world) if isinstance(world, TendonWorld) else None
 
     def look(
         self,
@@ -115,7 +127,7 @@ class Camera(NotCopied):
             True
         """
         flags = _LINKS if checks.flag("links", links) else 0
-        self._layer.show(self._tendons(), self._lens.scale)
+        self._layer.show([] if self._lines is None else self._lines.now(), self._lens.scale)
         return self._lens.finish(self._layer.before(self._client, self._lens, flags))
 
     def image(self) -> np.ndarray:
@@ -144,7 +156,7 @@ class Camera(NotCopied):
         """(height, width) int32: what is seen at each pixel.
 
         -1: nothing. 0 and above: the bodyUniqueId; with `links`, bodyUniqueId + ((linkIndex + 1) << 24), as
-        p.getCameraImage has it. -2 - k: tendon k of world.tendons, see label.
+        p.getCameraImage has it. -2 - k: tendon k of world.tendons, then the ligaments; see label.
 
         Example:
             >>> from bullet_tendon import view
@@ -154,8 +166,8 @@ class Camera(NotCopied):
         """
         return self.render(links).segmentation
 
-    def label(self, tendon: Tendon) -> int:
-        """The number that a tendon has in segmentations now. Raises UnknownId for one that is not there.
+    def label(self, tendon: Tendon | Ligament) -> int:
+        """The number that a tendon or ligament has in segmentations now. Raises UnknownId for another.
 
         Example:
             >>> from bullet_tendon import view
@@ -163,10 +175,11 @@ class Camera(NotCopied):
             >>> camera.label(tendon)
             -2
         """
-        tendons = self._tendons()
-        if tendon not in tendons:
-            raise UnknownId("tendon", tendon, "a tendon of the camera's world")
-        return _FIRST_TENDON - tendons.index(tendon)
+        world = self._world
+        known = (*world.tendons, *world.ligaments) if isinstance(world, TendonWorld) else ()
+        if tendon not in known:
+            raise UnknownId("tendon", tendon, "a tendon or ligament of the camera's world")
+        return _FIRST_TENDON - known.index(tendon)
 
     def close(self) -> None:
         """Give its client back; a second call does nothing. Afterwards rendering raises UnknownId.
@@ -183,9 +196,6 @@ class Camera(NotCopied):
 
     def __exit__(self, *_) -> None:
         self.close()
-
-    def _tendons(self) -> tuple:
-        return self._world.tendons if isinstance(self._world, TendonWorld) else ()
 
 
 class _Layer:
@@ -238,7 +248,8 @@ class _Layer:
         self._visuals = []
         for k, tendon in enumerate(tendons):
             length = max(tendon.radius, _PIECE / scale)
-            style = self.color(k), self._full_tension, _sides(tendon.radius * scale), length
+            color = LIGAMENT_COLOR if isinstance(tendon, LigamentLine) else self.color(k)
+            style = color, self._full_tension, _sides(tendon.radius * scale), length
             self._visuals.append(TendonVisual(tendon, self._client, *style))
 
     def _labels(self) -> np.ndarray:

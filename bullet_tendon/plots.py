@@ -10,9 +10,10 @@ import numpy as np
 from . import checks
 from .errors import InvalidType, InvalidValue, MissingExtra
 from .recorder import Recorder
-from .recording import Recording, TendonTrack
+from .recording import LigamentTrack, Recording, TendonTrack
 
 _WIDTH, _ROW = 11.0, 2.6  # of the page, and the height of a row [inch]
+_MOST_LIGAMENTS = 8  # that are drawn and told
 _MOST_MAPS = 6  # tendons whose tension is drawn as an image
 
 
@@ -77,6 +78,8 @@ def extremes(recording: Recording) -> list[tuple[str, float, str, float, str]]:
         rows.append(_extreme(f"{track.name}: lowest tension", track.tension, "N", times, "segment", False))
         length = np.linalg.norm(np.diff(track.positions, axis=1), axis=2).sum(axis=1)
         rows.append(_extreme(f"{track.name}: greatest length", 1e3 * length, "mm", times))
+    for track in _strongest(recording):
+        rows.append(_extreme(f"{track.name}: highest force", track.force, "N", recording.times[track.frames]))
     for (body, link), force in recording.body_forces().items():
         name = f"contact on {recording.link_name(body, link)}: most"
         rows.append(_extreme(name, force, "N", recording.times))
@@ -110,6 +113,10 @@ def _curves(recording: Recording, scalars: bool) -> list[dict]:
     if forces:
         title = "Sum of the normal contact forces"
         plots.append({"ylabel": "force [N]", "title": title, "curves": forces})
+    if recording.ligaments:
+        strands = [(t.name, recording.times[t.frames], t.force) for t in _strongest(recording)]
+        title = "Ligaments" if len(strands) == len(recording.ligaments) else "Strongest ligaments"
+        plots.append({"ylabel": "force [N]", "title": title, "curves": strands})
     if recording.tendons:
         energies = [(t.name, recording.times[t.frames], 1e3 * t.energy) for t in recording.tendons]
         title = "Elastic and kinetic energy"
@@ -118,6 +125,12 @@ def _curves(recording: Recording, scalars: bool) -> list[dict]:
         curve = (name, *recording.scalar(name))
         plots.append({"ylabel": name, "title": name, "curves": [curve]})
     return plots
+
+
+def _strongest(recording: Recording) -> list[LigamentTrack]:
+    """The ligaments with the highest forces, at most _MOST_LIGAMENTS."""
+    ordered = sorted(recording.ligaments, key=lambda track: -track.force.max())
+    return ordered[:_MOST_LIGAMENTS]
 
 
 def _draw_tension(area, recording: Recording, track: TendonTrack) -> None:

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from . import checks
 from .errors import InvalidType, NotCopied
-from .recording import CONTACTS, HOLDS, LinkTrack, Recording, TendonTrack, TunnelTrack
+from .ligament import Ligament
+from .recording import CONTACTS, HOLDS, LigamentTrack, LinkTrack, Recording, TendonTrack, TunnelTrack
 from .reports import KINDS
 from .tendon import Tendon
 from .visual_meshes import visual_meshes
@@ -35,6 +36,7 @@ class _Layout(NamedTuple):
 
     tendons: tuple[tuple[Tendon, int, int], ...]
     links: tuple[tuple[int, int], ...]
+    ligaments: dict[int, Ligament]
 
     def shapes(self, row: np.ndarray):
         """Of each tendon, positions (n, 3) and tension (n-1,) in the row of a moment."""
@@ -210,8 +212,9 @@ class Recorder(NotCopied):
         frame = _Frame()
         frame.time, frame.step, frame.scalars = self.time, self.steps, values
         frame.moment = self._core.moment()
-        tendons, links = self._world._tendons, self._world._bodies.links
-        if list(tendons.values()) != self._tendons or links != self._links:
+        world = self._world
+        is_known = world._tendons == self._tendons and world._ligaments == self._ligaments
+        if not is_known or world._bodies.links != self._links:
             self._look()
         frame.layout = self._layout
         frame.poses = self._seen.poses()
@@ -220,10 +223,12 @@ class Recorder(NotCopied):
         return frame
 
     def _look(self) -> None:
-        """See which tendons and links there are."""
-        self._tendons, self._links = list(self._world.tendons), list(self._world._bodies.links)
-        by_slot = sorted((tendon._slot, tendon) for tendon in self._tendons)
-        self._layout = _Layout(tuple((t, slot, t.particles) for slot, t in by_slot), tuple(self._links))
+        """See which tendons, ligaments and links there are."""
+        world = self._world
+        self._tendons, self._ligaments = dict(world._tendons), dict(world._ligaments)
+        self._links = list(world._bodies.links)
+        tendons = tuple((tendon, slot, tendon.particles) for slot, tendon in sorted(self._tendons.items()))
+        self._layout = _Layout(tendons, tuple(self._links), self._ligaments)
 
     def _thin(self) -> None:
         """Give up every second frame, and keep half as many from now on."""
@@ -234,46 +239,59 @@ class Recorder(NotCopied):
             self.every *= 2
 
 
+class _Sight(NamedTuple):
+    """A body as it was first seen: rows of p.getVisualShapeData, base's inertial frame, names by link."""
+
+    body: int
+    shapes: tuple
+    inertial: tuple
+    names: dict[int, str]
+
+
 class _Bodies:
-    """The bodies of a client as they were first seen, and their poses."""
+    """The bodies of a client as they were first seen, numbered, and their poses.
+
+    pybullet gives the id of a removed body to another one, which is seen as a body of its own.
+    """
 
     def __init__(self, client: int):
         self._client = client
         self._ids: list[int] = []
-        self._joints: dict[int, list[int]] = {}
-        self.first: dict[
-            int, tuple
-        ] = {}  # rows of getVisualShapeData, inertial frame of the base, names by link
+        self._present: dict[int, tuple[int, list[int]]] = {}  # number and joints, by id
+        self.seen: list[_Sight] = []  # by number
 
     def poses(self) -> dict[int, tuple]:
-        """By body, in one tuple: the pose (7,) of the base's centre of mass, then those of its links."""
+        """By number, in one tuple: the pose (7,) of the base's centre of mass, then those of its links."""
         client = self._client
         ids = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
         if ids != self._ids:
             self._look(ids)
         found = {}
-        for body, joints in self._joints.items():
+        for body, (number, joints) in self._present.items():
             place, turn = p.getBasePositionAndOrientation(body, client)
             if joints:
                 states = p.getLinkStates(body, joints, 0, 1, client)
-                found[body] = (*place, *turn, *(x for s in states for part in s[4:6] for x in part))
+                found[number] = (*place, *turn, *(x for s in states for part in s[4:6] for x in part))
             else:
-                found[body] = place + turn
+                found[number] = place + turn
         return found
 
     def _look(self, ids: list[int]) -> None:
-        client = self._client
-        self._joints = {body: list(range(p.getNumJoints(body, client))) for body in ids}
-        for body in ids:
-            if body not in self.first:
-                inertial = p.getDynamicsInfo(body, -1, client)[3:5]
-                base, name = (part.decode(errors="replace") for part in p.getBodyInfo(body, client))
-                names = [p.getJointInfo(body, j, client)[12].decode() for j in self._joints[body]]
-                own = name or f"body {body}"
-                links = {-1: f"{own} {base}" if names and base else own}
-                links |= {j: f"{own} {link}" for j, link in enumerate(names)}
-                self.first[body] = p.getVisualShapeData(body, physicsClientId=client), inertial, links
+        known = self._present
+        self._present = {body: known[body] if body in known else self._meet(body) for body in ids}
         self._ids = ids
+
+    def _meet(self, body: int) -> tuple[int, list[int]]:
+        client = self._client
+        joints = list(range(p.getNumJoints(body, client)))
+        base, name = (part.decode(errors="replace") for part in p.getBodyInfo(body, client))
+        own = name or f"body {body}"
+        names = {-1: f"{own} {base}" if joints and base else own}
+        for joint in joints:
+            names[joint] = f"{own} {p.getJointInfo(body, joint, client)[12].decode(errors='replace')}"
+        shapes = p.getVisualShapeData(body, physicsClientId=client)
+        self.seen.append(_Sight(body, shapes, p.getDynamicsInfo(body, -1, client)[3:5], names))
+        return len(self.seen) - 1, joints
 
 
 def _recording(recorder: Recorder) -> Recording:
@@ -281,6 +299,7 @@ def _recording(recorder: Recorder) -> Recording:
     tendons = _tendon_tracks(frames)
     order = {tendon: number for number, tendon in enumerate(tendons)}
     world = recorder._world
+    links = _link_tracks(frames, recorder._seen, world._obstacles.of_link)
     tunnels = tuple(
         TunnelTrack(t.name, t.bodyUniqueId, t.linkIndex, t.start.copy(), t.end.copy(), t.radius)
         for t in world.tunnels
@@ -289,7 +308,8 @@ def _recording(recorder: Recorder) -> Recording:
         times=np.array([frame.time for frame in frames]),
         steps=np.array([frame.step for frame in frames], int),
         tendons=tuple(tendons.values()),
-        links=_link_tracks(frames, recorder._seen, world._obstacles.of_link),
+        links=links,
+        ligaments=_ligament_tracks(frames, links),
         tunnels=tunnels,
         contacts=_contact_table(frames, order),
         holds=_hold_table(frames, order),
@@ -345,22 +365,45 @@ def _hold_table(frames, order: dict[Tendon, int]) -> np.ndarray:
     return table
 
 
-def _link_tracks(frames, seen: _Bodies, shapes_of) -> tuple[LinkTrack, ...]:
+def _link_tracks(frames, bodies: _Bodies, shapes_of) -> tuple[LinkTrack, ...]:
     rows: dict[int, list] = {}
     for k, frame in enumerate(frames):
-        for body, pose in frame.poses.items():
-            rows.setdefault(body, []).append((k, pose))
+        for number, pose in frame.poses.items():
+            rows.setdefault(number, []).append((k, pose))
     tracks = []
-    for body, of_it in rows.items():
-        shapes, inertial, names = seen.first[body]
-        looks = visual_meshes(shapes, body, shapes_of)
-        numbers, poses = zip(*of_it, strict=True)
+    for number, of_it in rows.items():
+        sight = bodies.seen[number]
+        looks = visual_meshes(sight.shapes, sight.body, shapes_of)
+        kept, poses = zip(*of_it, strict=True)
         table = np.array(poses).reshape(len(poses), -1, 7)
-        table[:, 0] = _base_frames(table[:, 0], *inertial)
-        for link, name in names.items():
+        table[:, 0] = _base_frames(table[:, 0], *sight.inertial)
+        for link, name in sight.names.items():
             places, turns = np.split(table[:, link + 1].astype(np.float32), [3], axis=1)
-            tracks.append(LinkTrack(name, body, link, np.array(numbers), places, turns, looks.get(link, ())))
+            meshes = looks.get(link, ())
+            tracks.append(LinkTrack(name, sight.body, link, np.array(kept), places, turns, meshes))
     return tuple(tracks)
+
+
+def _ligament_tracks(frames, links: tuple[LinkTrack, ...]) -> tuple[LigamentTrack, ...]:
+    """Forces as they were read; the points of the paths where the links were."""
+    rows: dict[Ligament, list] = {}
+    for k, frame in enumerate(frames):
+        for slot, force in frame.moment[4].tolist():
+            rows.setdefault(frame.layout.ligaments[int(slot)], []).append((k, force))
+    known = {(track.bodyUniqueId, track.linkIndex): track for track in links}  # a ligament's bodies stay
+    tracks = []
+    for ligament, of_it in rows.items():
+        numbers, forces = (np.array(column) for column in zip(*of_it, strict=True))
+        points = [_points(known[body, link], numbers, local) for body, link, local in ligament.path]
+        forces = forces.astype(np.float32)
+        tracks.append(LigamentTrack(ligament.name, numbers, np.stack(points, axis=1), forces))
+    return tuple(tracks)
+
+
+def _points(track: LinkTrack, numbers, local) -> np.ndarray:
+    """(k, 3) where a point of a link's frame was in the frames (k,)."""
+    rows = np.searchsorted(track.frames, numbers)
+    return track.position[rows] + Rotation.from_quat(track.orientation[rows]).apply(local).astype(np.float32)
 
 
 def _base_frames(poses, position, orientation) -> np.ndarray:

@@ -68,6 +68,16 @@ class TendonTrack:
 
 
 @dataclass(frozen=True, eq=False)
+class LigamentTrack:
+    """A ligament in the frames (k,): positions (k, m, 3) of the points of its path [m], force (k,) [N]."""
+
+    name: str
+    frames: np.ndarray
+    positions: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class LinkTrack:
     """A link's URDF frame in the frames (k,): position (k, 3) [m], orientation (k, 4); its visual meshes."""
 
@@ -102,6 +112,7 @@ class Recording:
         tendons: a TendonTrack each: name, radius, frames, positions, tension, energy.
         links: a LinkTrack each: name, ids, frames, position, orientation, meshes.
         tunnels: a TunnelTrack each, in their links' frames.
+        ligaments: a LigamentTrack each: name, frames, positions, force.
         contacts: structured array, one row for each contact of a frame (fields: recording.CONTACTS;
             `tendon` is the index in `tendons`).
         holds: structured array of the forces of tendons on grips and attachments (fields: recording.HOLDS;
@@ -123,6 +134,7 @@ class Recording:
     tendons: tuple[TendonTrack, ...] = ()
     links: tuple[LinkTrack, ...] = ()
     tunnels: tuple[TunnelTrack, ...] = ()
+    ligaments: tuple[LigamentTrack, ...] = ()
     contacts: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, CONTACTS))
     holds: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, HOLDS))
     scalars: dict[str, tuple[np.ndarray, np.ndarray]] = dataclasses.field(default_factory=dict)
@@ -245,12 +257,20 @@ class Recording:
             raise InvalidValue("path", path, "a file that Recording.save has written") from problem
 
 
+_KINDS = {
+    "tendons": TendonTrack,
+    "links": LinkTrack,
+    "tunnels": TunnelTrack,
+    "ligaments": LigamentTrack,
+}
+
+
 def _write(recording: Recording, path: str) -> None:
     head = {"version": VERSION, "camera": recording.camera, "bones": list(recording.bones)}
     head["title"] = recording.title
     arrays = {"times": recording.times, "steps": recording.steps}
     arrays |= {"contacts": recording.contacts, "holds": recording.holds}
-    for kind in ("tendons", "links", "tunnels"):
+    for kind in _KINDS:
         head[kind] = [
             _parted(track, f"{kind}/{i}", arrays) for i, track in enumerate(getattr(recording, kind))
         ]
@@ -279,10 +299,9 @@ def _parted(track, prefix: str, arrays: dict) -> dict:
 
 
 def _assembled(head: dict, arrays: dict) -> Recording:
-    kinds = {"tendons": TendonTrack, "links": LinkTrack, "tunnels": TunnelTrack}
     tracks = {
         kind: tuple(_track(one, plain, f"{kind}/{i}", arrays) for i, plain in enumerate(head[kind]))
-        for kind, one in kinds.items()
+        for kind, one in _KINDS.items()
     }
     scalars = {
         name: (arrays[f"scalars/{i}/frames"], arrays[f"scalars/{i}/values"])

@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from . import checks
 from .errors import InvalidType, InvalidValue, MissingExtra
-from .recording import LinkTrack, Recording, TendonTrack
+from .recording import LinkTrack, Recording
 from .visual_meshes import round_mesh
-from .visuals import TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
+from .visuals import LIGAMENT_RADIUS, TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
 
 MILLIMETRES = 1000.0
 SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # that can be chosen, times real time
@@ -118,7 +118,8 @@ class _Scene:
         self.speed = 1.0
         self.times = recording.times[kept]
         self.camera = _camera(recording, camera)
-        highest = max((float(t.tension.max()) for t in recording.tendons), default=0.0)
+        highest = [t.tension.max() for t in recording.tendons] + [t.force.max() for t in recording.ligaments]
+        highest = float(max(highest, default=0.0))
         self.full_tension = full_tension or _rounded_up(highest)
 
     def moments(self, track) -> tuple[np.ndarray, np.ndarray]:
@@ -156,8 +157,9 @@ def _camera(recording: Recording, given: dict | None) -> dict:
 
 
 def _overview(recording: Recording) -> dict:
-    """A camera that sees all tendons, always, or else all links."""
+    """A camera that sees all tendons and ligaments, always, or else all links."""
     points = [track.positions.reshape(-1, 3) for track in recording.tendons]
+    points += [track.positions.reshape(-1, 3) for track in recording.ligaments]
     points = points or [track.position for track in recording.links] or [np.zeros((1, 3))]
     low, high = np.vstack(points).min(0), np.vstack(points).max(0)
     size = max(float(np.linalg.norm(high - low)), 0.05)
@@ -188,7 +190,10 @@ def _page(scene: _Scene, contacts: bool) -> str:
     for track in scene.recording.links:
         _draw_link(k3d, plot, scene, track)
     for track in scene.recording.tendons:
-        _draw_tendon(k3d, plot, scene, track)
+        _draw_line(k3d, plot, scene, track, track.radius, track.tension)
+    for track in scene.recording.ligaments:
+        tension = np.repeat(track.force[:, None], track.positions.shape[1] - 1, axis=1)
+        _draw_line(k3d, plot, scene, track, LIGAMENT_RADIUS, tension)
     _draw_tunnels(k3d, plot, scene)
     arrows = _draw_contacts(k3d, plot, scene) if contacts else None
     settings = {
@@ -212,12 +217,13 @@ def _page(scene: _Scene, contacts: bool) -> str:
     return f"{page[:start]}{head}<title>{title}{page[end:]}"
 
 
-def _draw_tendon(k3d, plot, scene: _Scene, track: TendonTrack) -> None:
+def _draw_line(k3d, plot, scene: _Scene, track, radius: float, tension: np.ndarray) -> None:
+    """A tendon's or a ligament's track, tension (k, n-1)."""
     rows, numbers = scene.moments(track)
     if not len(rows):
         return
-    step = MILLIMETRES * track.radius * _DIGITS
-    tension = np.pad(track.tension[rows], ((0, 0), (1, 1)), mode="edge")
+    step = MILLIMETRES * radius * _DIGITS
+    tension = np.pad(tension[rows], ((0, 0), (1, 1)), mode="edge")
     tension = 0.5 * (tension[:, 1:] + tension[:, :-1])  # at particles
     grain = scene.full_tension / 500
     vertices = {
@@ -227,7 +233,7 @@ def _draw_tendon(k3d, plot, scene: _Scene, track: TendonTrack) -> None:
     plot += k3d.line(
         vertices if len(numbers) > 1 else next(iter(vertices.values())),
         shader="mesh",
-        width=MILLIMETRES * track.radius,  # the radius, with this shader
+        width=MILLIMETRES * radius,  # the radius, with this shader
         radial_segments=12,
         attribute=attribute if len(numbers) > 1 else next(iter(attribute.values())),
         color_map=[0.0, *TENDON_COLOR[:3], 1.0, *TAUT_COLOR[:3]],

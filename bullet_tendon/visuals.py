@@ -18,6 +18,8 @@ TENDON_COLOR = (0.86, 0.75, 0.55, 1.0)
 TAUT_COLOR = (0.80, 0.10, 0.08, 1.0)
 TUNNEL_COLOR = (0.05, 0.55, 0.60, 1.0)
 PALETTE = (TENDON_COLOR, (0.75, 0.35, 0.30, 1.0), (0.45, 0.60, 0.80, 1.0), (0.55, 0.70, 0.40, 1.0))
+LIGAMENT_COLOR = (0.80, 0.55, 0.47, 1.0)
+LIGAMENT_RADIUS = 0.001  # by which ligaments, which have no thickness, are drawn [m]
 _MOST_VERTICES, _MOST_TRIANGLES = 131072, 174762  # createVisualShape fails beyond (pybullet 3.2.7)
 _GRADE = 0.25  # steps of a piece's length, in radii: a joint's waist is then at least 0.96 of the radius
 _TOLERANCE = 0.6  # of a grade, by which a length may differ before its piece is exchanged
@@ -135,6 +137,49 @@ class TendonVisual:
             if i == 0:
                 paint(self._start, -1, color, self._client)
         self._shown = share
+
+
+class LigamentLine:
+    """A ligament for a TendonVisual: positions (k, 3) of its path [m], radius [m], tension (k-1,) [N]."""
+
+    def __init__(self, ligament, frames: dict):
+        self._ligament = ligament
+        self.radius = LIGAMENT_RADIUS
+        self.place(frames)
+
+    @property
+    def tension(self) -> np.ndarray:
+        return np.full(len(self.positions) - 1, self._ligament.force)
+
+    def place(self, frames: dict) -> None:
+        """Let it be where the links are; frames: origin (3,) and axes (3, 3) by (bodyUniqueId, linkIndex)."""
+        placed = [(*frames[body, link], np.array(local)) for body, link, local in self._ligament.path]
+        self.positions = np.array([origin + axes @ local for origin, axes, local in placed])
+
+
+class Lines:
+    """The tendons and ligaments of a world, as TendonVisual shows them."""
+
+    def __init__(self, world):
+        self._world = world
+        self._lines: dict = {}
+
+    def now(self) -> list:
+        """The world's tendons, then a LigamentLine for each ligament where it is now."""
+        world = self._world
+        ligaments = world.ligaments
+        if not ligaments:
+            return list(world.tendons)
+        keys = {(body, link) for ligament in ligaments for body, link, _ in ligament.path}
+        frames = {key: world._bodies.frame(*key) for key in keys}
+        for gone in self._lines.keys() - set(ligaments):
+            del self._lines[gone]
+        for ligament in ligaments:
+            if ligament in self._lines:
+                self._lines[ligament].place(frames)
+            else:
+                self._lines[ligament] = LigamentLine(ligament, frames)
+        return [*world.tendons, *(self._lines[ligament] for ligament in ligaments)]
 
 
 def mesh_body(skin, physicsClientId=0, color=TENDON_COLOR) -> int:

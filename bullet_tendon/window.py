@@ -11,7 +11,7 @@ import pybullet as p
 from . import checks
 from .errors import InvalidType, InvalidValue, NotCopied
 from .tendon import Tendon
-from .visuals import PALETTE, TendonVisual
+from .visuals import LIGAMENT_COLOR, PALETTE, LigamentLine, Lines, TendonVisual
 from .world import TendonWorld
 
 PAUSE, STEP = p.B3G_SPACE, p.B3G_RIGHT_ARROW
@@ -62,7 +62,8 @@ class Window(NotCopied):
             full_tension = checks.number("full_tension", full_tension, above=0.0)
         self._given = full_tension
         self._highest = 0.0
-        self._visuals: dict[Tendon, TendonVisual] = {}
+        self._visuals: dict[Tendon | LigamentLine, TendonVisual] = {}
+        self._lines = Lines(world)
         self.paused = False
 
     def update(self) -> bool:
@@ -114,8 +115,8 @@ class Window(NotCopied):
         return bool(keys.get(STEP, 0) & p.KEY_WAS_TRIGGERED)
 
     def _follow(self) -> None:
-        tendons = self._world.tendons
-        if tuple(self._visuals) != tendons:
+        tendons = self._lines.now()
+        if list(self._visuals) != tendons:
             for visual in self._visuals.values():
                 visual.remove()
             self._visuals = {t: self._visual(k, t) for k, t in enumerate(tendons)}
@@ -127,9 +128,11 @@ class Window(NotCopied):
                 visual.full_tension = self._full()
             visual.update()
 
-    def _visual(self, k: int, tendon: Tendon) -> TendonVisual:
+    def _visual(self, k: int, tendon: Tendon | LigamentLine) -> TendonVisual:
         full = self._full() if self._colored else None
-        return TendonVisual(tendon, self._client, self._colors[k % len(self._colors)], full)
+        own = self._colors[k % len(self._colors)]
+        color = LIGAMENT_COLOR if isinstance(tendon, LigamentLine) else own
+        return TendonVisual(tendon, self._client, color, full)
 
     def _full(self) -> float:
         return self._given or self._highest or 1.0

@@ -235,6 +235,28 @@ def test_one_picture_of_a_world_shows_its_tendons(make_world):
     assert p.getNumBodies(world.physicsClientId) == 0
 
 
+def test_ligaments_are_seen_along_their_paths_and_follow_their_bodies(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    left, right = (
+        p.createMultiBody(1.0, basePosition=(x, 0, 0), physicsClientId=client) for x in (-0.1, 0.1)
+    )
+    tendon = rod(world, z=0.06)
+    path = [(left, -1, (0, 0, 0)), (left, -1, (0.1, 0, 0.04)), (right, -1, (0, 0, 0))]
+    ligament = world.add_ligament(path, ROPE)
+    with view.Camera(world, 320, 240, **FACING) as camera:
+        for shift in (0.0, -0.04):
+            for body, x in ((left, -0.1), (right, 0.1)):
+                p.resetBasePositionAndOrientation(body, (x, 0, shift), (0, 0, 0, 1), client)
+            seen = camera.segmentation()
+            assert (camera.label(tendon), camera.label(ligament)) == (-2, -3)
+            for a, b in zip(ligament.points[:-1], ligament.points[1:], strict=True):
+                row, column = pixel(camera, 0.6 * a + 0.4 * b)  # which a line of 1.6 pixels may miss
+                assert (seen[row - 1 : row + 2, column - 1 : column + 2] == -3).any()
+        world.remove_ligament(ligament)
+        assert -3 not in camera.segmentation()
+
+
 def test_a_client_without_tendons():
     client = BulletClient(p.DIRECT)
     body = box(client._client, [0.02, 0.02, 0.02], (0, 0, 0))

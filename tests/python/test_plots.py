@@ -68,6 +68,27 @@ def test_the_table_has_the_extremes_and_their_times(recorder):
     assert rows["contact on body 0: most"][:2] == (total.max(), "N")
 
 
+def test_the_strongest_ligaments_are_drawn(make_world):
+    pytest.importorskip("matplotlib")
+    world = make_world()
+    client = world.physicsClientId
+    stand, ball = (
+        p.createMultiBody(m, basePosition=(0, 0, -0.1 * m), physicsClientId=client) for m in (0, 1)
+    )
+    for k in range(10):
+        path = [(stand, -1, (0, 0, 0)), (ball, -1, (0, 0, 0))]
+        world.add_ligament(path, bt.Material(stiffness=10.0 * (k + 1)), 0.08, f"strand {k}")
+    recorder = bt.Recorder(world, every=1)
+    world.step(3)
+    figure = bt.plot(recorder)
+    (axes,) = (axes for axes in figure.axes if axes.get_title() == "Strongest ligaments")
+    assert [line.get_label() for line in axes.lines] == [f"strand {k}" for k in range(9, 1, -1)]
+    tracks = {track.name: track.force for track in recorder.recording.ligaments}
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), tracks["strand 9"])
+    rows = {row[0]: row[1] for row in plots.extremes(recorder.recording)}
+    assert rows["strand 9: highest force"] == tracks["strand 9"].max() > 0
+
+
 def test_a_recording_of_one_frame_without_tendons_is_drawn(make_world):
     pytest.importorskip("matplotlib")
     figure = bt.plot(bt.Recorder(make_world(), every=1))

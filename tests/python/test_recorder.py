@@ -167,12 +167,56 @@ def test_tendons_and_bodies_that_come_and_go(make_world):
         found.tendon("nobody")
 
 
+def test_another_body_of_the_same_id_is_another_track(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    recorder = bt.Recorder(world, every=1)
+    for half in (0.01, 0.02):
+        shape = p.createVisualShape(p.GEOM_BOX, halfExtents=[half] * 3, physicsClientId=client)
+        body = p.createMultiBody(0, -1, shape, (half, 0, 0), physicsClientId=client)
+        world.step(2)
+        p.removeBody(body, client)
+        world.step()
+    tracks = recorder.recording.links
+    assert [track.bodyUniqueId for track in tracks] == [0, 0]
+    for track, half, first in zip(tracks, (0.01, 0.02), (1, 4), strict=True):
+        np.testing.assert_array_equal(track.frames, [first, first + 1])
+        np.testing.assert_allclose(track.position, [[half, 0, 0]] * 2, atol=1e-9)
+        np.testing.assert_allclose(np.ptp(track.meshes[0].vertices, axis=0), 2 * half, rtol=1e-6)
+
+
+def test_ligaments_are_recorded_with_their_forces_and_paths(make_world):
+    world = make_world(1 / 240, (0, 0, -9.81))
+    client = world.physicsClientId
+    stand = p.createMultiBody(0, basePosition=(0, 0, 0.1), physicsClientId=client)
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    centre = {"baseInertialFramePosition": (0.0, 0.002, 0.0)}
+    ball = p.createMultiBody(0.1, shape, basePosition=(0.05, 0, 0), physicsClientId=client, **centre)
+    world.step()
+    path = [(stand, -1, (0, 0, 0)), (stand, -1, (0.02, 0, -0.01)), (ball, -1, (0, 0, 0.01))]
+    ligament = world.add_ligament(path, ROPE, name="strand")
+    recorder = bt.Recorder(world, every=2)
+    seen = [(ligament.points, ligament.force)]
+    for _ in range(10):
+        world.step(2)
+        seen.append((ligament.points, ligament.force))
+    world.remove_ligament(ligament)
+    world.step(2)
+    (track,) = recorder.recording.ligaments
+    assert track.name == "strand"
+    np.testing.assert_array_equal(track.frames, range(11))
+    np.testing.assert_allclose(track.positions, [points for points, _ in seen], atol=1e-7)
+    np.testing.assert_array_equal(track.force, np.array([force for _, force in seen], np.float32))
+    assert track.force.max() > 0.1
+
+
 def test_a_file_gives_the_same_recording(make_world, tmp_path):
     world = make_world(1 / 240, (0, -9.81, 0))
     flags = p.URDF_USE_INERTIA_FROM_FILE
     knee = world.load_urdf(bt.data_path("knee.urdf"), useFixedBase=True, flags=flags)
     tendon = world.add_tendon([(0, -0.1, 0.2), (0, 0.1, 0.2)], 0.003, ROPE, 12)
     tendon.grip(0)
+    world.add_ligament([(knee, -1, (0, 0, 0)), (knee, 0, (0, 0, 0.05))], ROPE)
     camera = {"target": (0, 0, 0), "distance": 0.3, "yaw": 30, "pitch": 0, "up": "y"}
     with bt.Recorder(world, every=2, scalars={"one": lambda: 1.0}, camera=camera, title="knee") as recorder:
         world.step(6)

@@ -170,7 +170,7 @@ void append(std::vector<float>& out, Vec3 v) {
 
 // What a recorder keeps of a moment, for little: of all tendons by slot, positions (n, 3) and tension (n-1),
 // one after the other (1, k); energies (1, tendons); anchors (a, 6): tendon, particle, link (-1: a grip),
-// force; and contacts (c, 14), as contacts() has them.
+// force; contacts (c, 14), as contacts() has them; and ligaments (l, 2): slot, force.
 py::tuple moment(const World& w) {
   std::vector<float> shapes, anchors, contacts;
   std::vector<double> energies, tension;
@@ -196,9 +196,14 @@ py::tuple moment(const World& w) {
     append(contacts, c.normal);
     append(contacts, {c.distance, c.normal_force, c.friction_force});
   }
+  std::vector<float> ligaments;
+  const auto& all = w.scene.ligaments.all();
+  for (size_t slot = 0; slot < all.size(); ++slot)
+    if (all[slot])
+      ligaments.insert(ligaments.end(), {static_cast<float>(slot), static_cast<float>(all[slot]->force)});
   const int length = static_cast<int>(shapes.size());
   return py::make_tuple(floats_of(shapes, length ? length : 1), copy_of(energies), floats_of(anchors, 6),
-                        floats_of(contacts, 14));
+                        floats_of(contacts, 14), floats_of(ligaments, 2));
 }
 
 }  // namespace
