@@ -21,6 +21,7 @@ from bullet_tendon.scenarios import (
     suspended_plate,
     table1,
     tendon_finger,
+    tunnel_placement,
     twisted_tendon,
     two_tendons,
 )
@@ -229,6 +230,7 @@ SHORTENED = [
     (tendon_finger, {}),
     (knee_laxity, {}),
     (passive_flexion, {"INCREMENT": 15}),
+    (tunnel_placement, {"DEEP": (0.2, 0.4), "LOW": (0.06, 0.5)}),
 ]
 
 
