@@ -70,15 +70,13 @@ def drive(scene, progress) -> None:
 
 def check(scene) -> list[Check]:
     m, at_rest = scene.measured, scene.handles.at_rest
-    high, low = (
-        f"rotation [degrees], mean at {100 * place:.0f} % below the roof" for place in (LOW[0], LOW[-1])
-    )
+    name = "rotation [degrees], mean at {:.0f} % below the roof"
+    high, low = (m[name.format(100 * place)] for place in (LOW[0], LOW[-1]))
+    looser = m["drawer [mm], most"] - m["drawer, intact"]
     return [
         *scene.health(),
         Check("came to rest", float(at_rest), "true", at_rest),
-        Check.at_most(
-            "drawer, most, less the intact knee's", m["drawer [mm], most"] - m["drawer, intact"], 2.0
-        ),
+        Check.at_most("drawer, most, less the intact knee's", looser, 2.0),
         Check.above("rotation with a vertical graft, less that with a low one", high - low, 1.0),
         Check.above("change of length [mm], most", m["change of length [mm], most"], 2.0),
     ]
