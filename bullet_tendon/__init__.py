@@ -33,7 +33,7 @@ from .errors import (  # noqa: E402
     UrdfError,
 )
 from .fixation import Bundle, Fixation, Tensioner  # noqa: E402
-from .ligament import Ligament  # noqa: E402
+from .ligament import Ligament, Wrap  # noqa: E402
 from .loading import data_path  # noqa: E402
 from .material import Material  # noqa: E402
 from .options import SolverOptions  # noqa: E402
@@ -81,6 +81,7 @@ __all__ = [
     "Tunnel",
     "UnknownId",
     "UrdfError",
+    "Wrap",
     "data_path",
     "plot",
     "sweep",

@@ -3,9 +3,11 @@
 Owns: the handle; forces are the core's. Goes with the core's rooms `element` and `ligament`.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import pybullet as p
 
 from . import checks
 from ._core import World as Core
@@ -14,6 +16,46 @@ from .errors import InvalidType, InvalidValue, NotCopied, SlackWarning, UnknownI
 from .material import Material
 
 _SLACK = 1.25  # rest length over the path from which a warning is given [-]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Wrap(NotCopied):
+    """A surface of a link that paths of ligaments wrap around, made by TendonWorld.add_wrap.
+
+    kind: "sphere" or "cylinder" (without ends, along its z axis); radius [m]; position (3,) [m] and
+    orientation (x, y, z, w) in the link's URDF frame.
+
+    Example:
+        >>> condyle = world.add_wrap(ball, -1, ("sphere", 0.01), (0, 0, 0))
+        >>> condyle.kind, condyle.radius, condyle.bodyUniqueId == ball
+        ('sphere', 0.01, True)
+    """
+
+    bodyUniqueId: int
+    linkIndex: int
+    kind: str
+    radius: float
+    position: np.ndarray
+    orientation: np.ndarray
+
+    @property
+    def axes(self) -> np.ndarray:
+        """(3, 3) its axes as columns, in the link's frame."""
+        return np.reshape(p.getMatrixFromQuaternion(self.orientation.tolist()), (3, 3))
+
+
+def checked_wrap(bodies: Bodies, body, link, shape, position, orientation) -> Wrap:
+    """A wrap with checked arguments. Raises InvalidType, InvalidValue or UnknownId."""
+    bodies.require(body, link)
+    if not isinstance(shape, (tuple, list)) or len(shape) != 2:
+        raise InvalidType("shape", shape, '("sphere", radius) or ("cylinder", radius)')
+    kind = checks.choice("shape", shape[0], ("sphere", "cylinder"))
+    radius = checks.number("shape", shape[1], above=0)
+    turn = checks.vector("orientation", orientation, 4)
+    if not np.linalg.norm(turn) > 0:
+        raise InvalidValue("orientation", orientation, "a quaternion other than zero")
+    at = checks.vector("position", position)
+    return Wrap(int(body), int(link), kind, radius, at, turn / np.linalg.norm(turn))
 
 
 class Ligament(NotCopied):
@@ -30,10 +72,20 @@ class Ligament(NotCopied):
         (0.11, 0.11, 0.0)
     """
 
-    def __init__(self, core: Core, bodies: Bodies, slot: int, name: str, material: Material, path: tuple):
+    def __init__(
+        self,
+        core: Core,
+        bodies: Bodies,
+        slot: int,
+        name: str,
+        material: Material,
+        path: tuple,
+        wraps: tuple[Wrap, ...] = (),
+    ):
         self._core, self._bodies = core, bodies
-        self.slot, self.name, self.material, self.path = slot, name, material, path
-        self.link_slots = frozenset(bodies.slot(body, link) for body, link, _ in path)
+        self.slot, self.name, self.material, self.path, self.wraps = slot, name, material, path, wraps
+        links = {*(row[:2] for row in path), *((wrap.bodyUniqueId, wrap.linkIndex) for wrap in wraps)}
+        self.link_slots = frozenset(bodies.slot(*link) for link in links)
         self.removed = False
 
     @property
@@ -44,7 +96,7 @@ class Ligament(NotCopied):
     @property
     def length(self) -> float:
         """Length of its path where the bodies are now [m]. Raises UnknownId where a body was removed."""
-        return path_length(self.points)
+        return self._measured()[0] if self.wraps else path_length(self.points)
 
     @property
     def strain(self) -> float:
@@ -53,9 +105,16 @@ class Ligament(NotCopied):
 
     @property
     def points(self) -> np.ndarray:
-        """(k, 3) the points of its path in the world frame, now [m]."""
+        """(k, 3) the points of its path in the world frame, now [m]; where it meets and leaves wraps, too."""
         self._there()
-        return points_of(self._bodies, self.path)
+        return self._measured()[1] if self.wraps else points_of(self._bodies, self.path)
+
+    def _measured(self) -> tuple[float, np.ndarray]:
+        """Length and points of a path with wraps, where pybullet has the bodies now."""
+        slot = self._there()
+        self._bodies.require_client()
+        self._bodies.read()
+        return self._core.ligament_points(slot)
 
     @property
     def rest_length(self) -> float:
@@ -149,6 +208,20 @@ def checked_rest(name: str, rest_length: float | None, length: float) -> float:
             )
         )
     return rest
+
+
+def wrap_arguments(bodies: Bodies, wraps: tuple[Wrap, ...]) -> list[tuple]:
+    """The wraps as the compiled core takes them."""
+    return [
+        (
+            bodies.slot(wrap.bodyUniqueId, wrap.linkIndex),
+            wrap.kind == "cylinder",
+            wrap.radius,
+            wrap.position,
+            wrap.axes,
+        )
+        for wrap in wraps
+    ]
 
 
 def law_arguments(material: Material) -> tuple:

@@ -22,7 +22,17 @@ from .description import describe, summary
 from .equilibrium import Equilibrium
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .fixation import Fixation
-from .ligament import Ligament, checked_path, checked_rest, law_arguments, path_length, points_of
+from .ligament import (
+    Ligament,
+    Wrap,
+    checked_path,
+    checked_rest,
+    checked_wrap,
+    law_arguments,
+    path_length,
+    points_of,
+    wrap_arguments,
+)
 from .loading import load_urdf
 from .material import Material
 from .obstacles import Obstacles
@@ -372,12 +382,40 @@ class TendonWorld(NotCopied):
         del self._tunnels[slot]
         self._core.remove_tunnel(slot)
 
+    def add_wrap(
+        self,
+        bodyUniqueId: int,
+        linkIndex: int,
+        shape: tuple,
+        position: ArrayLike,
+        orientation: ArrayLike = (0, 0, 0, 1),
+    ) -> Wrap:
+        """A surface of a link that ligaments wrap around without friction: see add_ligament.
+
+        Args:
+            bodyUniqueId: the body.
+            linkIndex: the link, -1 for the base.
+            shape: ("sphere", radius) or ("cylinder", radius) [m]. A cylinder has no ends.
+            position: (3,) of its centre, in the link's URDF frame [m].
+            orientation: quaternion (x, y, z, w) in that frame; a cylinder's axis is its z.
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> roller = world.add_wrap(ball, -1, ("cylinder", 0.01), (0, 0, 0), (0.5**0.5, 0, 0, 0.5**0.5))
+            >>> roller.axes[:, 2].round(3).tolist()
+            [0.0, -1.0, 0.0]
+        """
+        return checked_wrap(self._bodies, bodyUniqueId, linkIndex, shape, position, orientation)
+
     def add_ligament(
         self,
         path: Sequence,
         material: Material,
         rest_length: float | None = None,
         name: str | None = None,
+        wraps: Sequence = (),
     ) -> Ligament:
         """A massless ligament along a path of points of links, sliding freely through the inner ones.
 
@@ -393,6 +431,8 @@ class TendonWorld(NotCopied):
                 tension_only, damping, relaxation, rupture.
             rest_length: [m], > 0; None: the length of the path now.
             name: of the ligament; None: one is made up.
+            wraps: of add_wrap; between two points of the path it takes the shortest way around the first of
+                them that is in its way. One whose surface encloses a point of the path is left out there.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: a path on one link alone, for one; then nothing has changed.
@@ -414,11 +454,23 @@ class TendonWorld(NotCopied):
         name = f"ligament{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(ligament.name == name for ligament in self.ligaments):
             raise InvalidValue("name", name, "different from the names of the world's other ligaments")
-        rest = checked_rest(name, rest_length, path_length(points_of(self._bodies, path)))
+        wraps = tuple(wraps)
+        if not all(isinstance(wrap, Wrap) for wrap in wraps):
+            raise InvalidType("wraps", wraps, "what add_wrap has returned")
+        for wrap in wraps:
+            self._bodies.require(wrap.bodyUniqueId, wrap.linkIndex, "wraps")
+        length = path_length(points_of(self._bodies, path))
+        rest = checks.number("path", length, above=0) if wraps else checked_rest(name, rest_length, length)
+        if wraps and rest_length is not None:
+            checks.number("rest_length", rest_length, above=0)
         slots = [self._bodies.slot(body, link) for body, link, _ in path]
-        slot = self._core.add_ligament(slots, [at for *_, at in path], rest, *law_arguments(material))
-        ligament = Ligament(self._core, self._bodies, slot, name, material, path)
+        around = wrap_arguments(self._bodies, wraps)
+        points = [at for *_, at in path]
+        slot = self._core.add_ligament(slots, points, rest, *law_arguments(material), around)
+        ligament = Ligament(self._core, self._bodies, slot, name, material, path, wraps)
         self._ligaments[slot] = ligament
+        if wraps:
+            ligament.rest_length = checked_rest(name, rest_length, ligament.length)
         return ligament
 
     def remove_ligament(self, ligament: Ligament) -> None:

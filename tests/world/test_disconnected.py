@@ -47,6 +47,7 @@ REFUSED = {
     "add_obstacle": lambda s: s.world.add_obstacle(s.body),
     "add_tunnel": lambda s: s.world.add_tunnel(s.body, -1, [0, 0, 0], [0, 0, 1], 0.01),
     "add_ligament": lambda s: s.world.add_ligament(s.path_between, ROPE),
+    "add_wrap": lambda s: s.world.add_wrap(s.body, -1, ("sphere", 0.01), (0, 0, 0)),
     "add_cartilage": lambda s: s.world.add_cartilage(*s.sides),
     "set_tension": lambda s: s.ligament.set_tension(3.0),
     "rest_length": lambda s: setattr(s.ligament, "rest_length", 0.1),

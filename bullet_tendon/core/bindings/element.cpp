@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -22,18 +23,27 @@ Material axial_material(double stiffness, double exponent, double toe_strain, bo
   return m;
 }
 
-// links (n): slots. locals (n, 3): points in the frames of the links [m].
+// links (n): slots. locals (n, 3): points in the frames of the links [m]. wraps: (slot, whether it is a
+// cylinder, radius, position, axes by rows), in the frame of its link.
 int add_ligament(World& w, const Ints& links, const Array& locals, double rest, double stiffness,
                  double exponent, double toe_strain, bool tension_only, double damping,
                  double damping_exponent, bool lengthening_only, const Array& weights, const Array& times,
-                 double most_force, double most_strain) {
+                 double most_force, double most_strain, const py::list& wraps) {
   const std::vector<Vec3> points = points_of(locals);
   std::vector<PathPoint> path;
   for (size_t i = 0; i < points.size(); ++i) path.push_back({links.data()[i], points[i]});
   const Material material = axial_material(stiffness, exponent, toe_strain, tension_only, damping,
                                            damping_exponent, lengthening_only);
   const Tissue tissue{list_of(weights), list_of(times), most_force, most_strain};
-  return w.add_ligament(std::make_unique<Ligament>(path, material, tissue, rest));
+  std::vector<Wrap> around;
+  for (const py::handle& of : wraps) {
+    const auto wrap = of.cast<std::tuple<int, bool, double, Array, Array>>();
+    around.push_back({std::get<0>(wrap),
+                      std::get<1>(wrap) ? WrapShape::cylinder : WrapShape::sphere,
+                      {rotation(std::get<4>(wrap).data()), vec(std::get<3>(wrap))},
+                      std::get<2>(wrap)});
+  }
+  return w.add_ligament(std::make_unique<Ligament>(path, around, material, tissue, rest));
 }
 
 Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.all().at(slot); }
@@ -169,6 +179,12 @@ void bind_world_elements(GuardedWorld& world) {
       .def("ligament_force", [](const World& w, int slot) { return ligament_of(w, slot).force; })
       .def("ligament_is_ruptured", [](const World& w, int slot) { return ligament_of(w, slot).ruptured; })
       .def("ligament_length", [](const World& w, int slot) { return ligament_of(w, slot).length; })
+      .def("ligament_points",
+           [](const World& w, int slot) {
+             std::vector<Vec3> points;
+             const double length = ligament_of(w, slot).length_at(w.scene.links, &points);
+             return py::make_tuple(length, rows_of(points));
+           })
       .def("ligament_rest", [](const World& w, int slot) { return ligament_of(w, slot).rest; })
       .def("set_ligament_rest",
            [](World& w, int slot, double rest) {

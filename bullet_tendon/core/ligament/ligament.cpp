@@ -11,9 +11,10 @@ namespace bt {
 
 namespace {
 
-std::vector<int> links_of(const std::vector<PathPoint>& path) {
+std::vector<int> links_of(const std::vector<PathPoint>& path, const std::vector<Wrap>& wraps) {
   std::vector<int> links;
   for (const PathPoint& p : path) links.push_back(p.link);
+  for (const Wrap& w : wraps) links.push_back(w.link);
   return links;
 }
 
@@ -25,25 +26,40 @@ std::array<double, 6> twist_along(Vec3 arm, Vec3 u) {
 
 }  // namespace
 
-Ligament::Ligament(const std::vector<PathPoint>& path, const Material& material, const Tissue& tissue,
-                   double rest_length)
-    : Element(links_of(path)), path_(path), material_(material), tissue_(tissue) {
+Ligament::Ligament(const std::vector<PathPoint>& path, const std::vector<Wrap>& wraps,
+                   const Material& material, const Tissue& tissue, double rest_length)
+    : Element(links_of(path, wraps)), path_(path), material_(material), tissue_(tissue), wraps_(wraps) {
   rest = rest_length;
   memory.assign(tissue.weights.size(), 0.0);
-  for (const PathPoint& p : path)
-    for (size_t t = 0; t < touched_.size(); ++t)
-      if (touched_[t].link == p.link) of_point_.push_back(static_cast<int>(t));
+  for (const PathPoint& p : path) of_point_.push_back(place_of(p.link));
   arms_.resize(path.size());
-  arms_now_.resize(path.size());
-  points_.resize(path.size());
+  wrap_frames_.resize(wraps.size());
   gradient_.resize(touched_.size());
 }
 
-double Ligament::length_at(const std::vector<Link>& links) const {
+int Ligament::place_of(int link) const {
+  int place = 0;
+  while (touched_[place].link != link) ++place;
+  return place;
+}
+
+double Ligament::length_at(const std::vector<Link>& links, std::vector<Vec3>* points) const {
   double sum = 0;
-  for (size_t i = 0; i + 1 < path_.size(); ++i)
-    sum += norm(to_world(links[path_[i + 1].link].pose, path_[i + 1].local) -
-                to_world(links[path_[i].link].pose, path_[i].local));
+  auto at = [&](const PathPoint& p) { return to_world(links[p.link].pose, p.local); };
+  if (points) points->push_back(at(path_[0]));
+  for (size_t i = 0; i + 1 < path_.size(); ++i) {
+    const Vec3 p = at(path_[i]), q = at(path_[i + 1]);
+    Wrapped around;
+    for (size_t w = 0; w < wraps_.size() && !around.touches; ++w) {
+      const Pose& pose = links[wraps_[w].link].pose;
+      around = wrap_around(wraps_[w],
+                           {pose.rotation * wraps_[w].local.rotation, to_world(pose, wraps_[w].local.origin)},
+                           p, q);
+    }
+    sum += around.touches ? norm(around.first - p) + around.arc + norm(q - around.last) : norm(q - p);
+    if (points && around.touches) points->insert(points->end(), {around.first, around.last});
+    if (points) points->push_back(q);
+  }
   return sum;
 }
 
@@ -52,6 +68,11 @@ void Ligament::begin(const std::vector<Link>& links, double h) {
   for (size_t i = 0; i < path_.size(); ++i) {
     arms_[i] = links[path_[i].link].arm_of(path_[i].local);
     touched_[of_point_[i]].lever = arms_[i];
+  }
+  for (size_t w = 0; w < wraps_.size(); ++w) {
+    const Link& link = links[wraps_[w].link];
+    wrap_frames_[w] = {link.pose.rotation * wraps_[w].local.rotation, link.arm_of(wraps_[w].local.origin)};
+    touched_[place_of(wraps_[w].link)].lever = wrap_frames_[w].origin;
   }
   start_length_ = length_at(links);
   if (begun || memory.empty()) return;
@@ -116,13 +137,13 @@ void Ligament::find_tension() {
   if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
 }
 
-// A segment that turns about one of its ends moves the other end across it.
-void Ligament::add_across(int i, Vec3 along, double inverse) {
-  const int one = of_point_[i], other = of_point_[i + 1];
-  const Vec3 first = any_perpendicular(along), second = cross(along, first);
+// A part that turns about one of its ends moves the other end across it.
+void Ligament::add_across(const Straight& part, double inverse) {
+  const Vec3 first = any_perpendicular(part.direction), second = cross(part.direction, first);
   for (const Vec3 e : {first, second}) {
-    Across term{one, other, twist_along(arms_now_[i], -e), twist_along(arms_now_[i + 1], e), inverse};
-    if (one > other) {
+    Across term{part.first.touched, part.last.touched, twist_along(part.first.arm, -e),
+                twist_along(part.last.arm, e), inverse};
+    if (term.one > term.other) {
       std::swap(term.one, term.other);
       std::swap(term.by_one, term.by_other);
     }
@@ -130,27 +151,46 @@ void Ligament::add_across(int i, Vec3 along, double inverse) {
   }
 }
 
-void Ligament::find_length(const std::vector<LinkEnd>& ends) {
-  for (size_t i = 0; i < path_.size(); ++i) {
-    const LinkEnd& end = ends[path_[i].link];
-    arms_now_[i] = end.rotation * arms_[i];
-    points_[i] = end.centre + arms_now_[i];
+void Ligament::add_straight(const Node& first, const Node& last) {
+  const Vec3 d = last.point - first.point;
+  const double length = norm(d);
+  length_now_ += length;
+  if (first.touched == last.touched) return;   // a part within a link does not change
+  if (length < kRoundingShare * rest) return;  // no direction but noise
+  straights_.push_back({first, last, (1 / length) * d});
+  const Straight& part = straights_.back();
+  for (const auto& [node, side] : {std::pair{&part.first, -1.0}, std::pair{&part.last, 1.0}}) {
+    const Twists t = twist_along(node->arm, side * part.direction);
+    for (int k = 0; k < 6; ++k) gradient_[node->touched][k] += t[k];
   }
+  add_across(part, 1 / length);
+}
+
+void Ligament::find_length(const std::vector<LinkEnd>& ends) {
   across_.clear();
+  straights_.clear();
   for (Twists& g : gradient_) g.fill(0);
   length_now_ = 0;
+  auto node = [&](size_t i) {
+    const LinkEnd& end = ends[path_[i].link];
+    const Vec3 arm = end.rotation * arms_[i];
+    return Node{of_point_[i], arm, end.centre + arm};
+  };
   for (size_t i = 0; i + 1 < path_.size(); ++i) {
-    const Vec3 d = points_[i + 1] - points_[i];
-    const double length = norm(d);
-    length_now_ += length;
-    if (of_point_[i] == of_point_[i + 1]) continue;  // a segment within a link does not change
-    if (length < kRoundingShare * rest) continue;    // no direction but noise
-    const Vec3 u = (1 / length) * d;
-    for (const auto& [point, side] : {std::pair{i, -1.0}, std::pair{i + 1, 1.0}}) {
-      const Twists t = twist_along(arms_now_[point], side * u);
-      for (int k = 0; k < 6; ++k) gradient_[of_point_[point]][k] += t[k];
+    const Node from = node(i), to = node(i + 1);
+    Wrapped around;
+    for (size_t w = 0; w < wraps_.size() && !around.touches; ++w) {
+      const LinkEnd& end = ends[wraps_[w].link];
+      around =
+          wrap_around(wraps_[w], {end.rotation * wrap_frames_[w].rotation, end.at(wrap_frames_[w].origin)},
+                      from.point, to.point);
+      if (!around.touches) continue;
+      const int touched = place_of(wraps_[w].link);
+      length_now_ += around.arc;
+      add_straight(from, {touched, around.first - end.centre, around.first});
+      add_straight({touched, around.last - end.centre, around.last}, to);
     }
-    add_across(static_cast<int>(i), u, 1 / length);
+    if (!around.touches) add_straight(from, to);
   }
 }
 
@@ -159,11 +199,9 @@ void Ligament::evaluate(const std::vector<LinkEnd>& ends) {
   find_tension();
   largest_ = std::fabs(tension_now_);
   for (TouchedLink& t : touched_) t.clear();
-  for (size_t i = 0; i + 1 < path_.size(); ++i) {
-    if (of_point_[i] == of_point_[i + 1]) continue;
-    const Vec3 f = tension_now_ * unit_or(points_[i + 1] - points_[i], {});
-    touched_[of_point_[i]].add(arms_now_[i], f);
-    touched_[of_point_[i + 1]].add(arms_now_[i + 1], -f);
+  for (const Straight& part : straights_) {
+    touched_[part.first.touched].add(part.first.arm, tension_now_ * part.direction);
+    touched_[part.last.touched].add(part.last.arm, -tension_now_ * part.direction);
   }
 }
 

@@ -29,6 +29,7 @@
 #include <vector>
 
 #include "element/element.h"
+#include "ligament/wrap.h"
 #include "tendon/material.h"
 
 namespace bt {
@@ -64,9 +65,10 @@ struct LigamentState {
 
 class Ligament : public Element, public LigamentModel, public LigamentState {
  public:
-  Ligament(const std::vector<PathPoint>& path, const Material& material, const Tissue& tissue,
-           double rest_length);
+  Ligament(const std::vector<PathPoint>& path, const std::vector<Wrap>& wraps, const Material& material,
+           const Tissue& tissue, double rest_length);
   const std::vector<PathPoint>& path() const { return path_; }
+  const std::vector<Wrap>& wraps() const { return wraps_; }
   double stiffness() const { return material_.stiffness; }
   const Material& material() const { return material_; }
   const Tissue& tissue() const { return tissue_; }
@@ -75,8 +77,8 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   void evaluate(const std::vector<LinkEnd>& ends) override;
   void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
   void accept(double h) override;
-  // Length of the path where the links are now [m].
-  double length_at(const std::vector<Link>& links) const;
+  // Length of the path where the links are now [m], and its points, those on wraps included.
+  double length_at(const std::vector<Link>& links, std::vector<Vec3>* points = nullptr) const;
 
  private:
   // Derivatives of the length by the twists of the touched links.
@@ -91,17 +93,32 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   void find_tension();
   void add_relaxation();
   void find_length(const std::vector<LinkEnd>& ends);
-  void add_across(int i, Vec3 along, double inverse);
+  // A point of the path, or one where it meets a wrap.
+  struct Node {
+    int touched;
+    Vec3 arm, point;
+  };
+  // A straight part of the path between two links; the direction is from the first node to the last.
+  struct Straight {
+    Node first, last;
+    Vec3 direction;
+  };
+  void add_straight(const Node& first, const Node& last);
+  void add_across(const Straight& part, double inverse);
+  int place_of(int link) const;
 
   std::vector<PathPoint> path_;
   Material material_;
   Tissue tissue_;
+  std::vector<Wrap> wraps_;
   std::vector<int> of_point_;  // touched link of each point
-  // Of the substep: arms at its start, length at its start, its length.
+  // Of the substep: arms of the points at its start; frames of the wraps, from the links' centres of mass;
+  // length of the path at its start; its length [s].
   std::vector<Vec3> arms_;
+  std::vector<Pose> wrap_frames_;
   double start_length_ = 0, h_ = 0;
   // Of the last evaluation.
-  std::vector<Vec3> arms_now_, points_;
+  std::vector<Straight> straights_;
   std::vector<Twists> gradient_;  // of the length, by touched link
   std::vector<Across> across_;
   double length_now_ = 0, tension_now_ = 0, slope_ = 0, elastic_now_ = 0;

@@ -266,7 +266,9 @@ uint64_t World::structure_mark() const {
     if (!alive) continue;
     std::vector<PathPoint> path = ligament->path();
     Material material = ligament->material();
+    std::vector<Wrap> wraps = ligament->wraps();
     write("path", path);
+    write("wraps", wraps);
     write("material", material);
     write("lengthening_only", material.law.lengthening_only);
     Tissue tissue = ligament->tissue();
