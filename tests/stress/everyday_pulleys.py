@@ -322,6 +322,48 @@ def windlass(scene):
 
 
 @family
+def pulley_onto_its_stop(scene):
+    """A motor drives a pulley's block onto the end of its rail: the load rises by twice the block's way.
+
+    The strand of the hand stands still, so that a wheel that the tendon sticks to has rolled up along it.
+    """
+    scene.begin(dt=scene.log(1 / 1000, 1 / 100))
+    size, radius = scene.log(0.01, 0.06), scene.log(5e-4, 2e-3)
+    radius = min(radius, 0.15 * size)
+    a, load, mu = size + radius, scene.log(0.01, 20), scene.pick(0.0, scene.flat(0.3, 1.0))
+    disc, block = scene.log(0.003, 5), load * scene.log(0.5, 5)
+    hinge = wheel(scene, size, disc, (0, 0, 0), rail=block, friction=1.0)
+    end, down = scene.flat(0.5, 1.5) * size, scene.flat(4, 6) * a
+    scene.p.changeDynamics(hinge[0], 0, jointLowerLimit=-end, jointUpperLimit=end)
+    tendon = resampled_over(
+        scene, [(0, 0, size, True)], radius, -down, -down, scene.whole(30, 60), load, friction=mu
+    )
+    hung(scene, tendon, load, 0, size / 3)
+    tendon.grip(-1)
+    scene.energy = False  # the motor's work
+    # Of twice that, pybullet's own motor drives a light block through the limit, without any tendon too.
+    force = round(1.5 * (2 * load + disc + block) * G, 3)
+    motor = (
+        f"p.setJointMotorControl2({hinge[0].text}, 0, p.VELOCITY_CONTROL, targetVelocity={{}}, force={force})"
+    )
+    scene.code(motor.format(0.0))
+    scene.run(scene.steps // 4)
+    steps, sticks = scene.steps - scene.steps // 4, Sticks(tendon, mu)
+    z, turned, length = tendon.positions[0, 2], angle(scene, hinge), tendon.length
+    rate = end / (0.5 * steps * scene.dt)
+    scene.run(steps, "w = " + repr(round(rate, 6)) + " * min(1, k / 30)", motor.format("w"), watch=sticks)
+    way = scene.raw.getJointState(hinge[0], 0)[0]
+    scene.near("way of the block [m]", way, end, absolute=0.01 * end)
+    loose = way * (0.01 + 2 * chord_error(tendon, a)) + 0.1 * radius
+    if tendon._target.tension.min() > 0:
+        risen, stretched = tendon.positions[0, 2] - z, tendon.length - length
+        scene.near("way of the load [m]", risen, 2 * way - stretched, absolute=2 * loose + abs(stretched))
+    if sticks.held and mu > 0:
+        rolled = abs(angle(scene, hinge) - turned) * a
+        scene.near("way of the wheel's rim [m]", rolled, way, absolute=loose + abs(tendon.length - length))
+
+
+@family
 def crank(scene):
     """A crank pin on a motor pulls a tendon through a ring: the tendon ends on the pin's circle."""
     scene.begin(dt=scene.log(1 / 1000, 1 / 100))
