@@ -112,6 +112,12 @@ void Observer::let_go() {
   samples_ = 0;
 }
 
+void Observer::release() {
+  if (was_cut()) return let_go();
+  set_free();
+  trust_last();
+}
+
 // a - R_eff w.
 void Observer::unexplained(const Sample& by, Numbers& rest) {
   respond(effective_root_, by.forces, one_, other_);

@@ -52,6 +52,9 @@ class Observer {
   void set_free();
   // The same, and forgets the last steps.
   void let_go();
+  // The same after a step in which the body was released. What held it may go on pushing, as a motor of
+  // limited force does. The push is that of the last step, unless pybullet cut off its rate.
+  void release();
 
   // Sets the push to that of the last step, or to the part that the last two steps have in common.
   void trust_last();

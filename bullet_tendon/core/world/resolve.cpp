@@ -136,6 +136,7 @@ std::vector<int> World::pulled_bodies() const {
 
 bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
+  for (int i : released) scene.bodies[i].observer.release();
   const StepRecord last = history_.last_step;
   std::vector<Link> links_now = scene.links;
   std::vector<GeneralizedBody> bodies_now = scene.bodies;
@@ -159,7 +160,9 @@ bool World::rewind(const std::vector<int>& pulled) {
     }
     contacts_.all.clear();
   }
-  for (int i : released) let_go(i);
+  for (int i : released)
+    if (!back) predict(i);
+  if (!released.empty()) interrupt();
   // The next step needs these contacts of bodies. pybullet may list later ones (restoreState).
   for (size_t i = 0; i < contacts.size(); ++i) {
     scene.bodies[i].contacts = contacts[i];
