@@ -220,12 +220,12 @@ def test_light_links_come_to_rest_at_all_their_limits(make_world, client, tmp_pa
     assert places[-1] == pytest.approx([-0.1] * len(masses), abs=1e-4)
 
 
-def trolley_with_wheel(client, radius, wheel_mass):
-    """A trolley on a rail along x up to +-0.1 m, and a wheel on a hinge of it about y."""
+def trolley_with_wheel(client, radius, wheel_mass, mass=1.0, rail=(1, 0, 0), way=0.1):
+    """A trolley on a rail up to +-way [m], and a wheel on a hinge of it about y."""
     disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.04, physicsClientId=client)
     body = p.createMultiBody(
         0,
-        linkMasses=[1.0, wheel_mass],
+        linkMasses=[mass, wheel_mass],
         linkCollisionShapeIndices=[-1, disc],
         linkVisualShapeIndices=[-1, -1],
         linkPositions=[(0, 0, 0)] * 2,
@@ -234,10 +234,10 @@ def trolley_with_wheel(client, radius, wheel_mass):
         linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2,
         linkParentIndices=[0, 1],
         linkJointTypes=[p.JOINT_PRISMATIC, p.JOINT_REVOLUTE],
-        linkJointAxis=[(1, 0, 0), (0, 0, 1)],
+        linkJointAxis=[rail, (0, 0, 1)],
         physicsClientId=client,
     )
-    p.changeDynamics(body, 0, jointLowerLimit=-0.1, jointUpperLimit=0.1, physicsClientId=client)
+    p.changeDynamics(body, 0, jointLowerLimit=-way, jointUpperLimit=way, physicsClientId=client)
     p.setJointMotorControl2(body, 1, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
     return body
 
@@ -312,3 +312,36 @@ def test_a_motor_that_yields_to_an_impact_throws_nothing(make_world, client, dt,
         assert p.getJointState(body, 0, client)[0] < 1e-6
     assert p.getJointState(body, 0, client)[0] > -0.01  # mm: what the fall's energy lets it slip by
     assert tendon.tension.min() == pytest.approx(load * 9.81, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "wheel_mass, load, strain, friction",
+    [(0.02, 0.5, 0.3, 0.0), (0.02, 0.5, 0.3, 0.6), (0.5, 0.05, 0.003, 0.0)],
+)
+def test_a_motor_that_just_holds_a_joint_is_not_thrown_off_its_limit(
+    make_world, client, wheel_mass, load, strain, friction
+):
+    """It lifts a wheel with a rope over it: what was learned of its hold is no response to the limit."""
+    radius, rope, block, speed, dt = 0.04, 0.002, 2.0, 0.3, 1e-3
+    world = make_world(dt, (0, 0, -9.81))
+    body = trolley_with_wheel(client, radius, wheel_mass, block, rail=(0, 0, 1), way=0.05)
+    for joint in range(2):
+        p.changeDynamics(
+            body, joint, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
+        )
+    world.add_obstacle(body, 1, friction=1.0)
+    angle, off = np.linspace(np.pi, 0, 40)[:, None], 1.01 * (radius + rope)
+    arc = off * np.hstack([np.cos(angle), 0 * angle, np.sin(angle)])
+    line = np.vstack([[-off, 0, -0.2], arc, [off, 0, -0.2]])
+    cord = bt.Material(stiffness=load * 9.81 / strain, friction=friction)
+    tendon = world.add_tendon(line, rope, cord, 40)
+    tendon.set_point_mass(0, load)
+    tendon.grip(-1)
+    force = 1.5 * (block + wheel_mass + 2 * load) * 9.81
+    for k in range(600):
+        target = speed if k > 200 else 0.0
+        p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, 0, target, force, physicsClientId=client)
+        world.step()
+        # 3 m/s, down to the other end of the rail, where the limit's force is that on the response learned
+        assert abs(p.getJointState(body, 0, client)[1]) < 1.01 * speed
+    assert p.getJointState(body, 0, client)[0] == pytest.approx(0.05, abs=1e-4)
