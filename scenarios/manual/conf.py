@@ -58,7 +58,18 @@ autodoc_preserve_defaults = True
 python_use_unqualified_type_names = True
 
 # Made by methods, not by their constructors.
-HANDLES = ("Tendon", "Grip", "Attachment", "Tunnel", "Ligament", "Tensioner", "Fixation", "Cartilage", "Skin")
+HANDLES = (
+    "Tendon",
+    "Grip",
+    "Attachment",
+    "Tunnel",
+    "Ligament",
+    "Wrap",
+    "Tensioner",
+    "Fixation",
+    "Cartilage",
+    "Skin",
+)
 
 sphinx_gallery_conf = {
     "examples_dirs": f"{MANUAL}/recipes",
