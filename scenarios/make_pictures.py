@@ -5,7 +5,8 @@ python -m bullet_tendon.scenarios.make_pictures --benchmarks     those of benchm
 python -m bullet_tendon.scenarios.make_pictures wrap_condyle     single ones
 
 A picture carries a stamp: a hash of the code (without comments and docstrings) of its scenario or benchmark,
-and of what draws. Scenarios run in an empty folder, so that they show the project's own bones.
+and of figures.py, which lays pictures out. What many scenarios share is left out, because it changes often
+and pictures seldom with it. Scenarios run in an empty folder, so that they show the project's own bones.
 """
 
 import argparse
@@ -28,7 +29,6 @@ FOLDER = Path(__file__).resolve().parent / "pictures"
 SCENARIOS = ("graft_passage", "super_elasticity", "tendon_finger", "wrap_condyle")
 BENCHMARKS = ("coupling", "haptic", "multibody", "work_precision")
 KEYWORD = b"bullet_tendon"
-_DRAWING = ("camera", "figures", "lens", "visuals")  # modules of the package
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -62,11 +62,9 @@ def make(name: str, path: Path) -> None:
 def digest(name: str) -> str:
     """A hash of the code that a picture comes from."""
     here = Path(__file__).resolve().parent
-    folder = here / "benchmarks" if name in BENCHMARKS else here
-    files = [folder / f"{name}.py"]
-    if name not in BENCHMARKS:
-        package = Path(view.__file__).parent
-        files += [here / "scene.py", *(package / f"{module}.py" for module in _DRAWING)]
+    figures = Path(view.__file__).with_name("figures.py")
+    is_benchmark = name in BENCHMARKS
+    files = [here / "benchmarks" / f"{name}.py"] if is_benchmark else [here / f"{name}.py", figures]
     total = hashlib.sha256()
     for file in files:
         total.update(_code(file.read_text(encoding="utf-8")).encode())
