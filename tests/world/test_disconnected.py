@@ -60,6 +60,7 @@ REFUSED = {
     ),
     "relax": lambda s: s.world.relax(),
     "wrench": lambda s: s.world.wrench(s.body),
+    "describe": lambda s: s.world.describe(),
     "penetrations": lambda s: s.world.penetrations(),
     "restore_state": lambda s: s.world.restore_state(s.state),
     "load_snapshot": lambda s: s.world.load_snapshot(s.snapshot),

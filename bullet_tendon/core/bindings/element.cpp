@@ -76,9 +76,6 @@ py::list pressed_regions(const World& w, int slot) {
   return out;
 }
 
-// Length of the step in which elements are evaluated at rest [s]: nothing relaxes in it.
-constexpr double kAtOnce = 1e-9;
-
 // All elements where the links are now, at rest: potential [J], largest force [N], wrenches on the links of
 // these slots about their centres of mass (k, 6), and the second derivatives by their twists (6 k, 6 k), by
 // further rotation vectors. accept: this becomes the elements' state.
@@ -95,10 +92,10 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
   for (LinkPair& pair : pairs) pair.stiffness.fill(0);
   double potential = 0, largest = 0;
   w.scene.each_element([&](Element& element) {
-    element.begin(w.scene.links, kAtOnce);
+    element.begin(w.scene.links, 0);
     element.evaluate(ends);
     element.add_stiffness(pairs, false);
-    if (accept) element.accept(kAtOnce);
+    if (accept) element.accept(0);
     potential += element.potential();
     largest = std::max(largest, element.largest_force());
     for (const TouchedLink& touched : element.touched()) {

@@ -175,7 +175,7 @@ Cartilage::Frame Cartilage::end_of(int side, const LinkEnd& end) const {
 void Cartilage::press(int i, Vec3 x, double depth, Vec3 n) {
   const double k = model_.foundation, area = surface_.areas[i];
   double factor = 1, slope = k, energy = 0.5 * k * depth * depth;
-  if (model_.damping > 0) {
+  if (model_.damping > 0 && h_ > 0) {
     const double rate = model_.damping / h_, start = start_depths_[i];
     factor = 1 + rate * (depth - start);
     if (factor <= 0) return;

@@ -126,7 +126,7 @@ void Ligament::find_tension() {
   if (!memory.empty()) add_relaxation();
   stiffest_ = slope_;
   if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
-  if (material_.damping == 0) return;
+  if (material_.damping == 0 || h_ == 0) return;
   const double rate = (length_now_ - start_length_) / (h_ * rest);
   const double c = material_.damping * damping_share(law, start_length_ / rest - 1);
   damping(law, rate, force, slope);

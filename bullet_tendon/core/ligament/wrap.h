@@ -6,6 +6,9 @@
 // are where the length is least, so that their change adds nothing. Around a sphere the geodesic is an arc of
 // a great circle in the plane of both points and the centre. Around a cylinder it is a helix: the way across
 // the axis is that around a circle, and the way along the axis is in proportion to it.
+//
+// Where the straight line between the points begins to touch, the arc has no length: the length of the path
+// and its gradient are continuous there. Of two ways around, the shorter one is taken.
 #pragma once
 #include "math/rotation.h"
 
@@ -13,6 +16,8 @@ namespace bt {
 
 enum class WrapShape { sphere, cylinder };
 
+// What does not change of it. A wrap belongs to the ligaments that were made with it, and holds nothing that
+// a step changes.
 struct Wrap {
   int link = -1;  // slot
   WrapShape shape = WrapShape::sphere;
@@ -20,7 +25,8 @@ struct Wrap {
   double radius = 0;  // [m]
 };
 
-// The way around: where it meets and leaves the surface, and the length between [m].
+// The way around, in the world or whichever axes the points are in: where it meets and leaves the surface,
+// and the length between [m].
 struct Wrapped {
   bool touches = false;
   Vec3 first, last;
