@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pybullet as p
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -307,3 +308,27 @@ def test_the_tension_of_a_fast_pendulum_is_what_the_hand_feels(make_world, dampi
     for _ in range(30):
         world.step()
         assert t.tension[0] == pytest.approx(np.linalg.norm(hand.force), rel=0.02)
+
+
+@pytest.mark.parametrize("grip", [{"max_force": 40.0}, {"stiffness": 2e3, "damping": 5.0}])
+def test_a_hand_is_moved_together_with_the_tendon(make_world, client, grip):
+    """After set_positions the hand begins at its particle, also where the next step is divided."""
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.015, physicsClientId=client)
+    body = p.createMultiBody(0, ball, -1, (0.02, 0, -0.06), physicsClientId=client)
+    line = np.linspace((0, 0, 0), (0, 0, -0.12), 40)
+    material = bt.Material(stiffness=2e4, exponent=1.5, damping=1.0)
+
+    def thrown(away) -> np.ndarray:
+        """At the ball, after it was brought there from elsewhere."""
+        world = make_world(1 / 240)
+        world.add_obstacle(body)
+        t = world.add_tendon(line + away, 0.003, material)
+        hand = t.grip(0, **grip)
+        world.step(5)
+        t.set_positions(line, np.tile((5.0, 0, 0), (40, 1)))
+        hand.target = line[0]
+        world.step()
+        assert world.report.counts["substeps"] > 1
+        return t.positions
+
+    assert np.abs(thrown((-0.5, 0, 0.3)) - thrown((0, 0, 0))).max() < 1e-6

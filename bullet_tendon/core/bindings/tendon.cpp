@@ -73,6 +73,8 @@ void bind_world_tendon(GuardedWorld& world) {
              tendon.spread_coincident();
              tendon.find_overlaid();
              tendon.reset_history();
+             // The hands that hold it were moved with it: in a divided step they go on from there.
+             for (Anchor& h : tendon.anchors) h.target_before = tendon.x.at(h.particle);
            })
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
       .def("guess_multipliers",
