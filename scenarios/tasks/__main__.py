@@ -71,9 +71,9 @@ def _list() -> None:
 def _train(wanted) -> None:
     found = search(wanted.name, wanted.minutes, wanted.processes or 2, wanted.seed)
     np.savez(wanted.train, **found)
-    seconds, episodes, reward, success = found["curve"][-1]
-    print(f"{wanted.name}: {episodes:.0f} episodes in {seconds:.0f} s; last generation: ", end="")
-    print(f"mean reward {reward:.3g}, {100 * success:.0f} % successes; written to {wanted.train}")
+    seconds, spent, episodes, reward, success = found["curve"][-1]
+    print(f"{wanted.name}: {episodes:.0f} episodes in {seconds:.0f} s, {spent:.0f} s of processor time")
+    print(f"last test: mean reward {reward:.3g}, {100 * success:.0f} % successes; written to {wanted.train}")
 
 
 def _evaluate(wanted) -> None:

@@ -1,5 +1,6 @@
 """Episodes: runs of a policy in a task, alone or spread over processes by bullet_tendon.sweep."""
 
+from time import process_time
 from typing import NamedTuple
 
 import gymnasium
@@ -13,15 +14,17 @@ _ENVIRONMENTS: dict[str, gymnasium.Env] = {}  # of this process, by task: scenes
 
 
 class Episode(NamedTuple):
-    """What came of an episode: sum of rewards, whether it succeeded, number of steps."""
+    """What came of an episode: sum of rewards, whether it succeeded, number of steps, processor time [s]."""
 
     reward: float
     success: bool
     steps: int
+    seconds: float
 
 
 def run_episode(env: gymnasium.Env, policy, seed: int, watch=None) -> Episode:
     """One episode of the policy, from reset(seed=seed). watch: called with env after each step."""
+    start = process_time()
     observation, info = env.reset(seed=seed)
     total, steps, ended = 0.0, 0, False
     while not ended:
@@ -30,7 +33,7 @@ def run_episode(env: gymnasium.Env, policy, seed: int, watch=None) -> Episode:
         ended = terminated or truncated
         if watch is not None:
             watch(env)
-    return Episode(total, info["is_success"], steps)
+    return Episode(total, info["is_success"], steps, process_time() - start)
 
 
 def evaluate(task: str, policy: str, seeds, executor=None, progress: bool = True) -> list[Episode]:

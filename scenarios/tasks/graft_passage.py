@@ -26,10 +26,10 @@ PARKED = np.array([0.0, -0.5, 0.5])  # m, where the grafts hang that the episode
 SPEED = 0.06  # m/s, of the hand along each axis
 GRASP = 40.0  # N, at which the hand slips
 FLEXION = math.radians(90)  # the largest
-ASIDE = 0.006  # m, by which the start may be off the tunnel's axis
+ASIDE = 0.004  # m, by which the start may be off the tunnel's axis
 CORRIDOR = 0.006  # m, within which the hand follows the way outside of bores
 WINDOW = 0.015  # m of the way that are looked at ahead
-SHARPNESS = 10.0  # by which outputs of the learned policy are multiplied to be logarithms of weights
+STAGES, CLOSE = 8, 0.004  # of the way, that the learned policy tells apart; m
 LOOK_AHEAD = 0.006  # m of the way, of the expert
 POINTS = 12  # of the graft that are observed
 REACH = 0.1  # m, the unit of observed lengths
@@ -61,7 +61,7 @@ class GraftPassage(Task):
     the last action; the share of the way that was made; the clearance in the bores over 1 mm.
     Reward: "way" (10 for the whole way), "force" (-0.1 a step for 20 N beyond 20 N), "time" (-0.01 a step).
     Options of reset: flexion [rad] in [0, pi/2]; graft in 0 ... 3 (radius 2.5, 3, 3.5, 3.5 mm, friction 0.6,
-    0.3, 0.1, 0.4); aside (2,) in [-1, 1]: the start's offset from the tunnel's axis over 6 mm.
+    0.3, 0.1, 0.4); aside (2,) in [-1, 1]: the start's offset from the tunnel's axis over 4 mm.
     """
 
     action_size = 3
@@ -175,30 +175,17 @@ def expert(observation) -> np.ndarray:
     return speed * goal / np.abs(goal).max()
 
 
-# The learned policy goes towards a mean of five points of the way, with weights that it has to learn.
-FEATURES, OUTPUTS = 8, 6
+def basis(observation) -> np.ndarray:
+    """(54, 3): directions to five points of the way, each fading in and out along it, and against the force.
 
-
-def features(observation) -> np.ndarray:
-    """(8,): distances to the tunnels' four ends and beyond the last, share of the way, force, clearance."""
-    force = np.linalg.norm(observation[3 * POINTS + 12 : 3 * POINTS + 15])
-    distances = np.linalg.norm(_points(observation), axis=1)
-    return np.concatenate([distances, [observation[3 * POINTS + 18], force, observation[3 * POINTS + 19]]])
-
-
-def action_of(outputs, observation) -> np.ndarray:
-    """(3,) of outputs (6,): the logarithms of the points' weights, and one that limits the speed."""
-    weights = np.exp(SHARPNESS * (outputs[:5] - outputs[:5].max()))
-    aim = weights @ _points(observation)
-    speed = 1 / (1 + np.exp(-np.clip(outputs[5], -30, 30)))
-    return speed * aim / max(np.abs(aim).max(), 1e-9)
-
-
-def _points(observation) -> np.ndarray:
-    """(5, 3) the tunnels' four ends and the way's last point, relative to the hand, over REACH."""
-    ends = observation[3 * POINTS : 3 * POINTS + 12].reshape(4, 3)
-    beyond = ends[3] + scenario.LEAD_OUT / REACH * measure.unit(ends[3] - ends[2])
-    return np.vstack([ends, beyond])
+    The points are the tunnels' four ends and the end of the way, nearer than CLOSE in proportion.
+    """
+    ends = observation[3 * POINTS : 3 * POINTS + 12].reshape(2, 2, 3) * REACH
+    points = scenario.way_of_hand(ends)[1:]
+    directions = points / np.maximum(np.linalg.norm(points, axis=1), CLOSE)[:, None]
+    force, share = observation[3 * POINTS + 12 : 3 * POINTS + 15], observation[3 * POINTS + 18]
+    stages = np.maximum(0.0, 1.0 - np.abs(STAGES * share - np.arange(STAGES + 1)))
+    return np.vstack([np.kron(stages[:, None], directions), np.kron(stages[:, None], force)])
 
 
 class GraftPassageVector(TaskVector):

@@ -25,26 +25,18 @@ def module_of(task: str) -> ModuleType:
 
 
 class Learned:
-    """A linear map of a few features of the observation, whose parameters were found by search.
+    """A policy that is linear in a few parameters: action = parameters . basis(observation), clipped.
 
-    task: its name; parameters: (count,). The task's module says what the features are (features), and what
-    an output means (action_of); outputs are linear in the features, with a constant.
+    task: its name; parameters: (count,). The task's module gives the basis: (count, action_size) actions that
+    belong to an observation.
     """
 
     def __init__(self, task: str, parameters):
-        self._module = module_of(task)
-        shape = self._module.OUTPUTS, self._module.FEATURES + 1
-        self._matrix = checks.array("parameters", parameters, (shape[0] * shape[1],)).reshape(shape)
-
-    @staticmethod
-    def count(task: str) -> int:
-        """How many parameters a task's policy has."""
-        module = module_of(task)
-        return module.OUTPUTS * (module.FEATURES + 1)
+        self._basis = module_of(task).basis
+        self._parameters = checks.array("parameters", parameters, (None,))
 
     def __call__(self, observation) -> np.ndarray:
-        found = np.append(self._module.features(observation), 1.0)
-        return np.clip(self._module.action_of(self._matrix @ found, observation), -1.0, 1.0)
+        return np.clip(self._parameters @ self._basis(observation), -1.0, 1.0)
 
 
 def make_policy(name: str, task: str, rng: np.random.Generator):
@@ -62,5 +54,5 @@ def make_policy(name: str, task: str, rng: np.random.Generator):
             raise InvalidValue("policy", name, f"'expert' or 'random' for {task}")
         with file.open("rb") as stream, np.load(stream) as data:
             return Learned(task, data["parameters"])
-    size = module_of(task).__dict__[task].action_size
+    size = getattr(module, task).action_size
     return lambda observation: rng.uniform(-1.0, 1.0, size)

@@ -3,8 +3,9 @@
 A rope goes from a hand over a wheel and down to a weight. The wheel turns on a hinge of a trolley, which a
 motor moves along a rail. Rope, wheel, trolley and weight act on each other: a pull accelerates the weight and
 turns the wheel, a moving trolley makes the weight swing. An action is the velocity of the trolley and that of
-the hand, each at most 0.3 m/s. The weight has 0.5 to 3 kg; its goal is up to 0.15 m aside and 0.1 to 0.35 m
-below the wheel's axis. The episode ends when the weight was at rest at its goal for a quarter of a second.
+the hand, each at most 0.3 m/s, reached with 3 m/s^2. The weight has 0.5 to 3 kg; its goal is up to 0.15 m
+aside and 0.1 to 0.35 m below the wheel's axis. The episode ends when the weight was at rest at its goal for a
+quarter of a second.
 """
 
 import dataclasses
@@ -22,42 +23,48 @@ from .vector import TaskVector
 WHEEL, ROPE, WIDTH = 0.04, 0.002, 0.02  # m: radius of the wheel and of the rope, half the wheel's width
 WHEEL_MASS, TROLLEY_MASS, MOTOR = 0.1, 1.0, 200.0  # kg, kg, N
 RUN, HANGING, PARTICLES = 0.55, 0.22, 60  # m, from the hand to the wheel and down from it
-SPEED = 0.3  # m/s, of trolley and hand
+SPEED, SLEW = 0.3, 3.0  # m/s and m/s^2, of trolley and hand
 RAIL, LED = 0.25, (-0.85, -0.35)  # m: how far the trolley goes, and the hand's places along the rail
 BALL = 0.02  # m, radius of the weight
 MASSES, ASIDE, BELOW = (0.5, 3.0), 0.15, (0.10, 0.35)  # kg, m, m
 NEAR, STILL = 0.01, 0.03  # m, m/s: what counts as at rest at the goal
 CALM = 6  # steps for which it has to be so
 UNIT, UNIT_SPEED, UNIT_FORCE = 0.1, 0.3, 30.0  # m, m/s, N: of what is observed
-WORTH, SWING_COST, TIME_COST = 10.0, 0.02, 0.01  # of a metre nearer, of UNIT_SPEED aside, of a step
-GOAL, LOST = 1.0, 1.0  # what reaching the goal is worth, and losing the weight costs
+NEARNESS, NEAR_UNIT = 0.05, 0.05  # a step at the goal is worth, and the distance [m] at which it is a third
+SWING_COST, TIME_COST = 0.02, 0.01  # of UNIT_SPEED aside, of a step
+GOAL, LOST = 10.0, 5.0  # what reaching the goal is worth, and losing the weight costs
 CLOSE, WIDE = 0.07, 0.2  # m: below the wheel's axis, and aside of the trolley, where the weight is lost
 TROLLEY, HUB = 0, 1  # links of the crane
 
 
 @dataclasses.dataclass
 class Episode:
-    """What an episode is about. goal: (2,) of the weight, along the rail and up [m]; calm: steps at rest."""
+    """What an episode is about.
+
+    goal: (2,) of the weight, along the rail and up [m]. wanted: (2,) speeds of trolley and hand that the
+    action asks for [m/s]; speed: those now. calm: steps at rest.
+    """
 
     goal: np.ndarray
-    distance: float
-    command: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
-    gained: float = 0.0
+    wanted: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
+    speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
     calm: int = 0
 
 
 class PulleyLift(Task):
     """Bring a weight to its goal by the rope over a trolley's wheel.
 
-    Action (2,): velocity of the trolley along the rail and of the hand towards the wheel, over 0.3 m/s.
+    Action (2,): velocity of the trolley along the rail and of the hand towards the wheel, over 0.3 m/s. Both
+    follow with at most 3 m/s^2.
     Observation (12,): from the weight to its goal (2,) over 0.1 m; the weight's velocity (2,) over 0.3 m/s;
     from the weight to the trolley, along the rail, over 0.1 m; the trolley's place over 0.1 m and its
     velocity over 0.3 m/s; the hand's place from the middle of its range over 0.1 m; the wheel's surface
-    speed over 0.3 m/s; the force on the hand over 30 N; the last action (2,).
-    Reward: "distance" (10 for each metre nearer), "swing" (-0.02 a step for each 0.3 m/s between weight and
-    trolley), "time" (-0.01 a step), "goal" (1 at the end), "lost" (-1: the weight came to the wheel, or
-    swung by more than 0.2 m, which ends the episode). Options of reset: mass [kg] in [0.5, 3]; goal (2,):
-    along the rail in [-0.15, 0.15], and below the wheel's axis in [0.1, 0.35] [m].
+    speed over 0.3 m/s; the force on the hand over 30 N; the velocity of trolley and hand (2,) over 0.3 m/s.
+    Reward: "nearness" (0.05 a step at the goal, a third of it at 0.05 m), "swing" (-0.02 a step for each
+    0.3 m/s between weight and trolley), "time" (-0.01 a step), "goal" (10 at the end), "lost" (-5: the weight
+    came to the wheel, or swung by more than 0.2 m, which ends the episode).
+    Options of reset: mass [kg] in [0.5, 3]; goal (2,): along the rail in [-0.15, 0.15], and below the wheel's
+    axis in [0.1, 0.35] [m].
     """
 
     action_size = 2
@@ -99,26 +106,25 @@ class PulleyLift(Task):
             self.weight, -1, mass=mass, localInertiaDiagonal=inertia, physicsClientId=self.client
         )
         self._stop()
-        self.episode = Episode(np.array([goal[0], -goal[1]]), 0.0)
-        self.episode.distance = self._distance()
+        self.episode = Episode(np.array([goal[0], -goal[1]]))
         place = (goal[0], -0.06, -goal[1])  # beside the weight's plane
         p.resetBasePositionAndOrientation(self.mark, place, (0, 0, 0, 1), self.client)
 
     def act(self, action) -> None:
-        self.episode.command = action
-        p.setJointMotorControl2(
-            self.crane, TROLLEY, p.VELOCITY_CONTROL, 0, SPEED * action[0], MOTOR, physicsClientId=self.client
-        )
+        self.episode.wanted = SPEED * action
 
     def drive(self) -> None:
+        episode = self.episode
+        most = SLEW * self.time_step
+        episode.speed = episode.speed + np.clip(episode.wanted - episode.speed, -most, most)
+        self._move_trolley(episode.speed[0])
         place = self.hand.target
-        place[0] = np.clip(place[0] + SPEED * self.time_step * self.episode.command[1], *LED)
+        place[0] = np.clip(place[0] + self.time_step * episode.speed[1], *LED)
         self.hand.target = place
 
     def judge(self) -> Verdict:
         episode = self.episode
-        distance = self._distance()
-        nearer, episode.distance = episode.distance - distance, distance
+        distance = float(np.linalg.norm(self._weight()[0] - episode.goal))
         velocity = np.array(p.getBaseVelocity(self.weight, self.client)[0])
         calm = distance < NEAR and np.linalg.norm(velocity) < STILL
         episode.calm = episode.calm + 1 if calm else 0
@@ -126,7 +132,7 @@ class PulleyLift(Task):
         done = episode.calm >= CALM
         lost = self._is_lost()
         terms = {
-            "distance": WORTH * nearer,
+            "nearness": NEARNESS * math.exp(-distance / NEAR_UNIT),
             "swing": -SWING_COST * swing / UNIT_SPEED,
             "time": -TIME_COST,
             "goal": GOAL * done,
@@ -144,7 +150,7 @@ class PulleyLift(Task):
             [(trolley - place[0]) / UNIT, trolley / UNIT, rate / UNIT_SPEED],
             [(self.hand.target[0] - np.mean(LED)) / UNIT, turn / UNIT_SPEED],
             [np.linalg.norm(self.hand.force) / UNIT_FORCE],
-            self.episode.command,
+            self.episode.speed / UNIT_SPEED,
         )
 
     def _weight(self) -> tuple[np.ndarray, np.ndarray]:
@@ -162,15 +168,14 @@ class PulleyLift(Task):
         place, _ = self._weight()
         return bool(place[1] > -CLOSE or abs(place[0] - self._trolley()[0]) > WIDE)
 
-    def _distance(self) -> float:
-        return float(np.linalg.norm(self._weight()[0] - self.episode.goal))
-
     def _stop(self) -> None:
         """The trolley's motor holds still; the wheel is free. pybullet's saved states have no motors."""
-        p.setJointMotorControl2(
-            self.crane, TROLLEY, p.VELOCITY_CONTROL, 0, 0, MOTOR, physicsClientId=self.client
-        )
+        self._move_trolley(0.0)
         p.setJointMotorControl2(self.crane, HUB, p.VELOCITY_CONTROL, force=0, physicsClientId=self.client)
+
+    def _move_trolley(self, speed: float) -> None:
+        motor = p.VELOCITY_CONTROL, 0.0, float(speed), MOTOR
+        p.setJointMotorControl2(self.crane, TROLLEY, *motor, physicsClientId=self.client)
 
 
 def expert(observation) -> np.ndarray:
@@ -188,17 +193,10 @@ def expert(observation) -> np.ndarray:
     return np.clip([trolley, hand], -1, 1)
 
 
-FEATURES, OUTPUTS = 12, 2
-
-
-def features(observation) -> np.ndarray:
-    """(12,): the observation, without what is far from linear."""
-    return np.clip(observation, -1.5, 1.5)
-
-
-def action_of(outputs, observation) -> np.ndarray:
-    """(2,) of outputs (2,)."""
-    return outputs
+def basis(observation) -> np.ndarray:
+    """(14, 2): for trolley and hand the way to the goal, velocity, swing, the trolley's velocity, and 1."""
+    seen = np.append(np.clip(observation[[0, 1, 2, 3, 4, 6]], -1.5, 1.5), 1.0)
+    return np.kron(seen[:, None], np.eye(2))
 
 
 def _crane(client: int) -> int:

@@ -61,6 +61,8 @@ class Task(gymnasium.Env):
         self._has_window = render_mode == "human" and _has_display()
         self.client: int = p.connect(p.GUI if self._has_window else p.DIRECT)
         p.setTimeStep(self.time_step, self.client)
+        # Without it, pybullet lists contacts in an order that a restored state does not repeat.
+        p.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
         self.world = TendonWorld(self.client, self.solver())
         self._visuals: list[view.TendonVisual] = []
         self._camera: view.Camera | None = None

@@ -107,7 +107,6 @@ class TendonFinger(Task):
 
     def build(self) -> None:
         p.setGravity(0, -9.81, 0, self.client)
-        p.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
         self.finger = self._finger()
         self.flexors = {name: self._flexor(name) for name in EYELETS}
         self.motors = {name: flexor.grip(-1, max_force=STALL) for name, flexor in self.flexors.items()}
@@ -395,17 +394,10 @@ def _missing(observation) -> np.ndarray:
     return _pose(UNIT * observation["desired_goal"]) - now
 
 
-FEATURES, OUTPUTS = 5, 2
-
-
-def features(observation) -> np.ndarray:
-    """(5,): in mode "reach" the angles that are missing to the goal [rad]; in "hold" 1 and the tensions."""
+def basis(observation) -> np.ndarray:
+    """(10, 2): for each flexor the missing angles [rad] in "reach"; 1 and the tensions in "hold"."""
     seen = observation["observation"]
     reaches, holds = seen[10:12]
     missing = _missing(observation) if reaches else np.zeros(2)
-    return np.concatenate([missing, holds * np.array([1, *seen[8:10]])])
-
-
-def action_of(outputs, observation) -> np.ndarray:
-    """(2,) of outputs (2,)."""
-    return outputs
+    parts = np.concatenate([missing, holds * np.array([1, *seen[8:10]])])
+    return np.kron(parts[:, None], np.eye(2))
