@@ -28,6 +28,13 @@ from bullet_tendon import view
 FOLDER = Path(__file__).resolve().parent / "pictures"
 SCENARIOS = ("graft_passage", "super_elasticity", "tendon_finger", "wrap_condyle")
 BENCHMARKS = ("coupling", "haptic", "multibody", "work_precision")
+TASKS = {  # and the modules that their pictures come from, beside those of all tasks
+    "GraftPassage": ("graft_passage",),
+    "KnotTie": ("knot_tie",),
+    "PulleyLift": ("pulley_lift",),
+    "TendonFinger": ("tendon_finger",),
+    "learning": ("search",),
+}
 KEYWORD = b"bullet_tendon"
 
 
@@ -37,10 +44,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", help="of scenarios and benchmarks; without one: all scenarios")
     parser.add_argument("--benchmarks", action="store_true", help="those of benchmarks, which takes hours")
     wanted = parser.parse_args(arguments)
-    names = wanted.names or (BENCHMARKS if wanted.benchmarks else SCENARIOS)
-    unknown = sorted(set(names) - {*SCENARIOS, *BENCHMARKS})
+    names = wanted.names or (BENCHMARKS if wanted.benchmarks else (*SCENARIOS, *TASKS))
+    known = *SCENARIOS, *TASKS, *BENCHMARKS
+    unknown = sorted(set(names) - set(known))
     if unknown:
-        parser.error(f"unknown {', '.join(unknown)}; known: {', '.join((*SCENARIOS, *BENCHMARKS))}")
+        parser.error(f"unknown {', '.join(unknown)}; known: {', '.join(known)}")
     for name in names:
         make(name, FOLDER / f"{name}.png")
         print(FOLDER / f"{name}.png")
@@ -53,18 +61,33 @@ def make(name: str, path: Path) -> None:
         if name in BENCHMARKS:
             module = harness.known()[name]
             harness.draw("it.png", module.panels(module.run(False, view.progress)))
+        elif name in TASKS:
+            _draw_task(name)
         else:
             runner.run(runner.known()[name], runner.Options(picture=True), view.progress, "it.png")
         drawn = Path("it.png").read_bytes()
     path.write_bytes(_stamped(drawn, digest(name)))
 
 
+def _draw_task(name: str) -> None:
+    """An episode of a task's expert, or the learning curves."""
+    from bullet_tendon.scenarios.tasks.__main__ import draw_episode, draw_learning  # needs gymnasium
+
+    if name == "learning":
+        draw_learning("it.png")
+    else:
+        draw_episode("it.png", name, "expert", 0)
+
+
 def digest(name: str) -> str:
     """A hash of the code that a picture comes from."""
     here = Path(__file__).resolve().parent
-    figures = Path(view.__file__).with_name("figures.py")
-    is_benchmark = name in BENCHMARKS
-    files = [here / "benchmarks" / f"{name}.py"] if is_benchmark else [here / f"{name}.py", figures]
+    if name in BENCHMARKS:
+        files = [here / "benchmarks" / f"{name}.py"]
+    elif name in TASKS:
+        files = [here / "tasks" / f"{module}.py" for module in TASKS[name]]
+    else:
+        files = [here / f"{name}.py", Path(view.__file__).with_name("figures.py")]
     total = hashlib.sha256()
     for file in files:
         total.update(_code(file.read_text(encoding="utf-8")).encode())

@@ -8,6 +8,7 @@ python -m bullet_tendon.scenarios.tasks GraftPassage --train graft_passage.npz -
 import argparse
 import json
 import sys
+from importlib.resources import files
 from time import perf_counter
 
 import gymnasium
@@ -117,29 +118,35 @@ def _sentence(record: dict) -> str:
 
 def draw_episode(path: str, task: str, policy: str, seed: int) -> None:
     """A picture of an episode: images of moments, above the reward so far (needs the extra `view`)."""
-    env = gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0", render_mode="rgb_array")
-    times, rewards, images = [], [], []
+    images, rewards = [], []
 
-    def watch(env) -> None:
-        times.append((len(times) + 1) / env.unwrapped.metadata["render_fps"])
+    def watch(env: gymnasium.Env, reward: float) -> None:
         images.append(env.render())
+        rewards.append(reward)
 
-    chosen = make_policy(policy, task, np.random.default_rng(seed))
-    with env:
-        total = 0.0
-        observation, _ = env.reset(seed=seed)
-        images.append(env.render())
-        ended = False
-        while not ended:
-            observation, reward, terminated, truncated, _ = env.step(chosen(observation))
-            total += reward
-            rewards.append(total)
-            watch(env)
-            ended = terminated or truncated
+    with gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0", render_mode="rgb_array") as env:
+        rate = env.unwrapped.metadata["render_fps"]
+        run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed, watch)
+    times = np.arange(len(images)) / rate
     moments = np.linspace(0, len(images) - 1, MOMENTS).astype(int)
-    shown = [(f"{m / env.unwrapped.metadata['render_fps']:.1f} s", images[m]) for m in moments]
-    curve = {"x": np.array(times), "y": np.array(rewards), "label": "reward so far"}
+    shown = [(f"{times[moment]:.1f} s", images[moment]) for moment in moments]
+    curve = {"x": times, "y": np.array(rewards), "label": "reward so far"}
     view.figure(path, shown, [curve], xlabel="time [s]", ylabel="reward so far", title=f"{task}, {policy}")
+
+
+def draw_learning(path: str) -> None:
+    """A picture of how the shipped policies were found: rewards of tests against processor time."""
+    curves = []
+    for task, (module, _) in TASKS.items():
+        file = files(__package__).joinpath(f"{module}.npz")
+        if not file.is_file():
+            continue
+        with file.open("rb") as stream, np.load(stream) as data:
+            _, spent, _, reward, success = data["curve"].T
+        label = f"{task}: {100 * success[-1]:.0f} % succeed"
+        curves.append({"x": spent, "y": reward / np.abs(reward[0]), "label": label, "marker": "o"})
+    labels = {"xlabel": "processor time of all episodes [s]", "ylabel": "mean reward over that of the fit"}
+    view.figure(path, (), curves, **labels, title="Learning: the fit to the expert, then CMA-ES")
 
 
 def record_episode(task: str, policy: str, seed: int) -> Recording:

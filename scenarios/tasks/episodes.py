@@ -23,16 +23,21 @@ class Episode(NamedTuple):
 
 
 def run_episode(env: gymnasium.Env, policy, seed: int, watch=None) -> Episode:
-    """One episode of the policy, from reset(seed=seed). watch: called with env after each step."""
+    """One episode of the policy, from reset(seed=seed).
+
+    watch(env, reward): called after the reset and after each step, with the sum of the rewards so far.
+    """
     start = process_time()
     observation, info = env.reset(seed=seed)
     total, steps, ended = 0.0, 0, False
+    if watch is not None:
+        watch(env, total)
     while not ended:
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         total, steps = total + reward, steps + 1
         ended = terminated or truncated
         if watch is not None:
-            watch(env)
+            watch(env, total)
     return Episode(total, info["is_success"], steps, process_time() - start)
 
 

@@ -21,12 +21,12 @@ def shown() -> set[str]:
 
 
 def test_every_picture_that_is_shown_can_be_made():
-    known = {*make_pictures.SCENARIOS, *make_pictures.BENCHMARKS}
+    known = {*make_pictures.SCENARIOS, *make_pictures.TASKS, *make_pictures.BENCHMARKS}
     assert shown() <= known
     assert {path.stem for path in make_pictures.FOLDER.glob("*.png")} == known
 
 
-@pytest.mark.parametrize("name", make_pictures.SCENARIOS)
+@pytest.mark.parametrize("name", (*make_pictures.SCENARIOS, *make_pictures.TASKS))
 def test_no_picture_is_older_than_its_code(name):
     command = f"python -m bullet_tendon.scenarios.make_pictures {name}"
     assert make_pictures.stamp(make_pictures.FOLDER / f"{name}.png") == make_pictures.digest(name), command
