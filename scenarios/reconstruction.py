@@ -3,8 +3,7 @@ after.
 
 The graft is one ligament from the outer end of the femoral tunnel, over the tunnels' inner mouths, to the
 outer end of the tibial tunnel. It slides over the mouths without friction. That makes a reconstruction cheap
-enough for maps and sweeps; acl_reconstruction has a graft of particles in drilled bones, with friction and
-hardware.
+enough for maps and sweeps. Friction in the tunnels and the hardware of Tendon.fix are left out.
 """
 
 import numpy as np

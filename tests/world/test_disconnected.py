@@ -67,6 +67,8 @@ REFUSED = {
     "attach": lambda s: s.t.attach(3, s.body),
     "attach there": lambda s: s.t.attach(3, s.body, position=[0, 0, 0]),
     "grip": lambda s: s.t.grip(3),
+    "pull": lambda s: s.t.pull(3, 10.0, s.body, -1, (0, 0, 0)),
+    "fix": lambda s: s.t.fix(3, s.body, -1, (0, 0, 0), "button"),
     "set_force": lambda s: s.t.set_force(3, [0, 0, 1]),
     "set_point_mass": lambda s: s.t.set_point_mass(3, 1.0),
     "set_positions": lambda s: s.t.set_positions(s.t.positions),
