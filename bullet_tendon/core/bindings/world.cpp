@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -69,17 +70,20 @@ bool step(World& w, double dt, const py::tuple& gravity, bool whole, const py::o
   return w.step(dt, g, whole, oracle);
 }
 
-// sense(dt, gravity, whole) reads the bodies, before the step; None: there are none.
+// sense(dt, gravity, whole) reads the bodies, before the step; None: there are none. The interpreter is given
+// to other threads only after that: every time it is given away, this thread waits for it again.
 bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& sense,
              const py::object& measure) {
   PythonOracle oracle(measure);
+  std::optional<Unlocked> unlocked;
   std::function<void()> read;
-  if (!sense.is_none())
+  if (sense.is_none())
+    unlocked.emplace();
+  else
     read = [&] {
-      py::gil_scoped_acquire lock;
       sense(dt, tuple(gravity), whole);
+      unlocked.emplace();
     };
-  Unlocked unlocked;
   return w.attempt(dt, gravity, whole, oracle, read);
 }
 
