@@ -65,6 +65,12 @@ def environment(task: str) -> gymnasium.Env:
     return _ENVIRONMENTS[task]
 
 
+def close_environments() -> None:
+    """Close this process's environments."""
+    while _ENVIRONMENTS:
+        _ENVIRONMENTS.popitem()[1].close()
+
+
 def _by_name(case: dict, rng: np.random.Generator) -> Episode:
     policy = make_policy(case["policy"], case["task"], np.random.default_rng(case["seed"]))
     return run_episode(environment(case["task"]), policy, case["seed"])

@@ -10,6 +10,7 @@ from bullet_tendon.scenarios import make_pictures
 from bullet_tendon import view
 
 ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "scenarios" / "pictures"  # an installed package has none
 
 
 def shown() -> set[str]:
@@ -23,18 +24,18 @@ def shown() -> set[str]:
 def test_every_picture_that_is_shown_can_be_made():
     known = {*make_pictures.SCENARIOS, *make_pictures.TASKS, *make_pictures.BENCHMARKS}
     assert shown() <= known
-    assert {path.stem for path in make_pictures.FOLDER.glob("*.png")} == known
+    assert {path.stem for path in PICTURES.glob("*.png")} == known
 
 
 @pytest.mark.parametrize("name", (*make_pictures.SCENARIOS, *make_pictures.TASKS))
 def test_no_picture_is_older_than_its_code(name):
     command = f"python -m bullet_tendon.scenarios.make_pictures {name}"
-    assert make_pictures.stamp(make_pictures.FOLDER / f"{name}.png") == make_pictures.digest(name), command
+    assert make_pictures.stamp(PICTURES / f"{name}.png") == make_pictures.digest(name), command
 
 
 @pytest.mark.parametrize("name", make_pictures.BENCHMARKS)
 def test_no_picture_of_a_benchmark_is_older_than_its_code(name):
-    stamp = make_pictures.stamp(make_pictures.FOLDER / f"{name}.png")
+    stamp = make_pictures.stamp(PICTURES / f"{name}.png")
     if not stamp:
         pytest.skip("measured before pictures were stamped")
     command = f"python -m bullet_tendon.scenarios.make_pictures {name}"

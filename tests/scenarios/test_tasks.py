@@ -63,6 +63,12 @@ def run(env, seed, steps=STEPS) -> str:
     return digest.hexdigest()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def no_environment_stays():
+    yield
+    episodes.close_environments()
+
+
 @pytest.fixture(params=NAMES)
 def env(request):
     with make(request.param) as made:
