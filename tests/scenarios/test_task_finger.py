@@ -6,11 +6,10 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from bullet_tendon.scenarios.tasks import TASKS, tendon_finger  # noqa: E402
+from bullet_tendon.scenarios.tasks import tendon_finger  # noqa: E402
+from task_runs import run  # noqa: E402
 
 from bullet_tendon.errors import InvalidType, InvalidValue  # noqa: E402
-
-HORIZON = TASKS["TendonFinger"][1]
 
 
 @pytest.fixture(scope="module")
@@ -18,18 +17,6 @@ def task():
     env = tendon_finger.TendonFinger()
     yield env
     env.close()
-
-
-def run(task, policy, seed, **options):
-    """The last observation and info of an episode, and its rewards."""
-    seen, info = task.reset(seed=seed, options=options)
-    rewards = []
-    for _ in range(HORIZON):
-        seen, reward, ended, _, info = task.step(policy(seen))
-        rewards.append(reward)
-        if ended:
-            break
-    return seen, info, rewards
 
 
 def hinge_of(task, link):
@@ -54,7 +41,7 @@ def test_tip_is_where_pybullet_has_it(task):
 @pytest.mark.parametrize("mode", ["reach", "hold"])
 def test_expert_succeeds_from_the_observation_alone(task, mode):
     for seed in range(4):
-        seen, info, _ = run(task, tendon_finger.expert, 500 + seed, mode=mode)
+        seen, info, *_ = run(task, tendon_finger.expert, 500 + seed, mode=mode)
         assert info["is_success"]
         assert np.linalg.norm(seen["achieved_goal"] - seen["desired_goal"]) < 0.03
 
@@ -68,7 +55,7 @@ def test_random_actions_do_not_succeed(task, mode):
 
 
 def test_sphere_falls_without_the_finger(task):
-    seen, info, rewards = run(task, still, 3, mode="hold")
+    seen, info, rewards, _ = run(task, still, 3, mode="hold")
     assert not info["is_success"]
     assert seen["achieved_goal"][1] < -1
     assert rewards[0] == pytest.approx(0, abs=1e-3) and rewards[-1] == -1.5

@@ -7,6 +7,7 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from bullet_tendon.scenarios import measure, overhand_knot, topology  # noqa: E402
 from bullet_tendon.scenarios.tasks import TASKS, knot_tie  # noqa: E402
+from task_runs import run  # noqa: E402
 
 from bullet_tendon.errors import InvalidType, InvalidValue  # noqa: E402
 
@@ -18,18 +19,6 @@ def task():
     env = knot_tie.KnotTie()
     yield env
     env.close()
-
-
-def run(task, policy, seed, **options):
-    """The last observation and info of an episode, its rewards, and whether it ended by itself."""
-    seen, info = task.reset(seed=seed, options=options)
-    rewards = []
-    for _ in range(HORIZON):
-        seen, reward, ended, _, info = task.step(policy(seen))
-        rewards.append(reward)
-        if ended:
-            break
-    return seen, info, rewards, ended
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
