@@ -326,6 +326,33 @@ def test_a_thousand_steps_are_the_same_again(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_vectors_step_as_single_environments_do_through_ends_of_episodes(name):
+    def part(observation, i):
+        is_dict = isinstance(observation, dict)
+        return flat({k: v[i] for k, v in observation.items()} if is_dict else observation[i])
+
+    count, steps = 2, 60 if name == "KnotTie" else 1000
+    vector, singles = make_vector(name, count, threads=2), [make(name) for _ in range(count)]
+    observations, _ = vector.reset(seed=3)
+    for i, single in enumerate(singles):
+        assert np.array_equal(part(observations, i), flat(single.reset(seed=3 + i)[0]))
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(steps):
+        actions = rng.uniform(-1, 1, vector.action_space.shape).astype(np.float32)
+        observations, rewards, terminated, truncated, _ = vector.step(actions)
+        for i, single in enumerate(singles):
+            alone, reward, *ended, _ = single.step(actions[i])
+            assert (reward, *ended) == (rewards[i], terminated[i], truncated[i])
+            if any(ended):
+                alone, ends = single.reset()[0], ends + 1
+            assert np.array_equal(part(observations, i), flat(alone))
+    assert ends > 2
+    for env in (vector, *singles):
+        env.close()
+
+
+@pytest.mark.slow
 def test_the_search_finds_a_policy_that_lifts():
     pytest.importorskip("cma", reason="cma (extra learn) is not installed")
     from bullet_tendon.scenarios.tasks.search import search
