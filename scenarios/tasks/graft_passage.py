@@ -42,14 +42,13 @@ class Episode:
     """What an episode is about.
 
     graft: index in GRAFTS. way: (6, 3) [m], polyline of the hand; arc: (6,) its arc lengths [m].
-    reached: arc length that was reached [m]; gained: in the last step. command: the last action.
+    reached: arc length that was reached [m]. command: the last action.
     """
 
     graft: int
     way: np.ndarray
     arc: np.ndarray
     reached: float = 0.0
-    gained: float = 0.0
     command: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
 
 
@@ -131,11 +130,11 @@ class GraftPassage(Task):
     def judge(self) -> Verdict:
         episode = self.episode
         reached = self._reached()
-        episode.gained, episode.reached = reached - episode.reached, reached
+        gained, episode.reached = reached - episode.reached, reached
         force = float(np.linalg.norm(self.hand.force))
         done = reached >= episode.arc[-1] - 1e-3
         terms = {
-            "way": WORTH * episode.gained / episode.arc[-1],
+            "way": WORTH * gained / episode.arc[-1],
             "force": -FORCE_COST * max(0.0, force - TOLERATED) / TOLERATED,
             "time": -TIME_COST,
         }
