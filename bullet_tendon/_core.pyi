@@ -230,6 +230,8 @@ class World:
         centres: ArrayLike,
         areas: ArrayLike,
         regions: ArrayLike,
+        normals: ArrayLike,
+        resolution: float,
         foundation: float,
         damping: float,
         /,
@@ -238,6 +240,7 @@ class World:
     # of each region: force, torque, area, centre, largest pressure
     def pressed_regions(self, cartilage: int, /) -> list[tuple[_Vector, _Vector, float, _Vector, float]]: ...
     def cartilage_depths(self, cartilage: int, /) -> _Floats: ...
+    def cartilage_points(self, cartilage: int, /) -> tuple[_Floats, _Floats]: ...  # centres, areas
     def cartilage_facing(self, cartilage: int, normals: ArrayLike, /) -> list[tuple[int, float]]: ...
     def ligament_force(self, ligament: int, /) -> float: ...
     def ligament_is_ruptured(self, ligament: int, /) -> bool: ...

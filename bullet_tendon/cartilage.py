@@ -22,6 +22,7 @@ from .mesh_files import clean_triangles, read_mesh
 
 _MOST_NODES = 3e7  # of a grid: 240 MB
 _DEPTH = 2.0  # thicknesses behind the surface, to which its distance is known
+RESOLUTION = 1.0  # of the grid's spacing, within which triangles are merged by default
 _FAR = 0.05  # m between surfaces from which they are not meant for each other
 _FACING = -0.2  # mean cosine of the normals of surfaces that face each other, at most
 _SMALLEST = 1e-26  # m^4, squared normal of a triangle with an area
@@ -35,7 +36,7 @@ class Region:
     """What presses on one connected patch of the second surface, at the end of the last step.
 
     wrench (6,): force [N] and torque about its link's centre of mass [N m], world frame. area [m^2] of the
-    pressed triangles. centre (3,) of pressure, world frame [m]; zero where nothing is pressed. max_pressure
+    pressed points. centre (3,) of pressure, world frame [m]; zero where nothing is pressed. max_pressure
     [Pa].
 
     Example:
@@ -127,7 +128,7 @@ class Cartilage(NotCopied):
 
     @property
     def area(self) -> float:
-        """Of the pressed triangles of B [m^2]."""
+        """Of the pressed points of B [m^2]."""
         return sum(region.area for region in self.regions)
 
     @property
@@ -161,6 +162,15 @@ class Cartilage(NotCopied):
             [0.0005, 0.0005]
         """
         return self._core.cartilage_depths(self._there())
+
+    @property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the foundation is integrated: one for each patch of triangles that `resolution` has merged.
+
+        Places (n, 3) in the frame of B's link [m], and areas (n,) [m^2]. Raises UnknownId: the cartilage was
+        removed.
+        """
+        return self._core.cartilage_points(self._there())
 
     def _there(self) -> int:
         if self.removed:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
-from .cartilage import Cartilage, foundation_of, grid_of, look, side_of
+from .cartilage import RESOLUTION, Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
 from .equilibrium import Equilibrium
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
@@ -505,16 +505,17 @@ class TendonWorld(NotCopied):
         spacing: float = 0.0005,
         cache: bool = False,
         name: str | None = None,
+        resolution: float | None = None,
     ) -> Cartilage:
         """Cartilage between two links: an elastic foundation of surface B against the distance to surface A.
 
-        The centre of each triangle of B that is at a depth d behind A is pushed out along the gradient of the
-        distance by the pressure p = K d, K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness (Bei and Fregly 2004),
-        times its area. The distance is measured once, on a grid of nodes, with smooth interpolation. It acts
-        implicitly, together with ligaments and tendons, and has no friction. Surfaces may be open: nothing is
-        behind their borders. pybullet's own contact between the two links has to be switched off. It needs
-        SolverOptions with iteration="newton" and an implicit integrator. It gives a CartilageWarning where
-        the surfaces are more than 50 mm apart, or do not face each other.
+        Each point of B that is at a depth d behind A is pushed out along the gradient of the distance by the
+        pressure p = K d, K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness (Bei and Fregly 2004), times the area
+        of the triangles for which it stands. The distance is measured once, on a grid of nodes, with smooth
+        interpolation. It acts implicitly, together with ligaments and tendons, and has no friction. Surfaces
+        may be open: nothing is behind their borders. pybullet's own contact between the two links has to be
+        switched off. It needs SolverOptions with iteration="newton" and an implicit integrator. It gives a
+        CartilageWarning where the surfaces are more than 50 mm apart, or do not face each other.
 
         Args:
             first: (bodyUniqueId, linkIndex, mesh) of A. mesh: the path of an STL or OBJ file, or (vertices
@@ -527,6 +528,10 @@ class TendonWorld(NotCopied):
             spacing: of the grid's nodes [m].
             cache: keeps the grid in a file beside the mesh of A, which has to be a path.
             name: of the cartilage; None: one is made up.
+            resolution: sides of the boxes within which triangles of B that face the same way are merged into
+                one point, with their area and their centre of area [m]; None: the spacing; 0: none are. The
+                force differs from that of all triangles by less than 1 % where about a hundred of the points
+                are pressed.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: a closed mesh that is wound inwards, or a layer that is
@@ -550,6 +555,9 @@ class TendonWorld(NotCopied):
         thickness = checks.number("thickness", thickness, above=0)
         if thickness < spacing:
             raise InvalidValue("thickness", thickness, f"at least the grid's spacing of {spacing:g} m")
+        if resolution is None:
+            resolution = RESOLUTION * spacing
+        resolution = checks.number("resolution", resolution, at_least=0)
         foundation = foundation_of(modulus, poisson, thickness)
         damping = 0.0 if damping is None else checks.number("damping", damping, at_least=0)
         if checks.flag("cache", cache) and file is None:
@@ -560,14 +568,17 @@ class TendonWorld(NotCopied):
         beside = file.with_suffix(f"{file.suffix}.distances.npz") if cache else None
         grid = grid_of(surface_a, spacing, thickness, beside)
         normals = surface_b.normals
+        areas = np.linalg.norm(normals, axis=1)
         slots = [self._bodies.slot(*link) for link in (link_a, link_b)]
         slot = self._core.add_cartilage(
             slots[0],
             grid,
             slots[1],
             surface_b.corners.mean(axis=1),
-            np.linalg.norm(normals, axis=1),
+            areas,
             surface_b.patches(),
+            normals / areas[:, None],
+            resolution,
             foundation,
             damping,
         )

@@ -158,6 +158,85 @@ def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, clien
         assert slope[k] == pytest.approx(hessian[k, k], rel=0.02, abs=0.02 * np.abs(np.diag(hessian)).max())
 
 
+@pytest.mark.parametrize("resolution", [0.0, 4e-4, 1.5e-3])
+def test_merged_triangles_keep_area_and_centre_of_area(make_world, client, resolution):
+    """Of every patch, exactly; and a patch is no larger than the resolution allows."""
+    world = make_world()
+    stand, top = body(client, 0), body(client, 1.0, (0, 0, 0.03))
+    vertices, triangles = ball(0.01, 40)
+    far = vertices * 0.5 + [0.05, 0, 0]
+    both = np.concatenate([vertices, far]), np.concatenate([triangles, triangles + len(vertices)])
+    pad = world.add_cartilage((stand, -1, plate(10, 0.05)), (top, -1, both), resolution=resolution)
+    points, areas = pad.points
+    corners = both[0][both[1]]
+    centres = corners.mean(axis=1)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    of_triangles = np.linalg.norm(across, axis=1) / 2
+    for near in (lambda x: x[:, 0] < 0.02, lambda x: x[:, 0] > 0.02):  # the two patches
+        point, triangle = near(points), near(centres)
+        assert areas[point].sum() == pytest.approx(of_triangles[triangle].sum(), rel=1e-12)
+        moments = areas[point] @ points[point], of_triangles[triangle] @ centres[triangle]
+        assert moments[0] == pytest.approx(moments[1], rel=1e-9, abs=1e-15)
+    if resolution == 0:
+        assert sorted(points.tolist()) == sorted(centres.tolist())
+        return
+    assert len(points) < len(centres) / (3 if resolution > 1e-3 else 1.2)
+    largest = of_triangles.max()
+    assert areas.max() <= 2.5 * resolution**2 + largest  # a patch fits into a box
+    sagitta = resolution**2 / 2 / 0.005
+    balls = ([0, 0, 0], 0.01), ([0.05, 0, 0], 0.005)
+    off = [np.abs(np.linalg.norm(points - centre, axis=1) - radius) for centre, radius in balls]
+    assert np.min(off, axis=0).max() <= sagitta + 1e-4  # sheets that face apart are not merged
+
+
+def test_random_poses_have_the_forces_of_all_triangles(make_world, client):
+    """Within 1 %, with the default resolution, where a ball is pressed into a wavy dish by 100 N and more."""
+    world, rng = make_world(), np.random.default_rng(4)
+    vertices, triangles = plate(160, 0.03)
+    x, y = vertices[:, 0], vertices[:, 1]
+    vertices[:, 2] = 20 * (x**2 + 0.5 * y**2) + 2e-4 * np.sin(900 * x)
+    stand, top = body(client, 0), body(client, 1e9, (0, 0, 0.02), (1e9, 1e9, 1e9))
+    sides = (stand, -1, ball(0.02, 50)), (top, -1, (vertices, triangles[:, ::-1]))
+    pads = [world.add_cartilage(*sides, resolution=value) for value in (None, 0.0)]
+    counts = [len(pad.points[0]) for pad in pads]
+    assert counts[0] < 0.25 * counts[1]
+    pressed = 0
+    for _ in range(80):
+        turn = Rotation.from_rotvec(rng.uniform(-0.1, 0.1, 3)).as_quat()
+        place = (*rng.uniform(-2e-3, 2e-3, 2), 0.02 - rng.uniform(1e-4, 8e-4))
+        p.resetBasePositionAndOrientation(top, place, turn, client)
+        world.apply()
+        some, whole = (pad.wrench for pad in pads)
+        size = np.linalg.norm(whole[:3])
+        if size > 100:
+            pressed += 1
+            assert np.linalg.norm(some[:3] - whole[:3]) <= 0.01 * size
+            assert np.linalg.norm(some[3:] - whole[3:]) <= 0.01 * size * 0.005
+            assert pads[0].area == pytest.approx(pads[1].area, rel=0.04)
+    assert pressed >= 20
+
+
+def test_points_that_come_near_are_noticed_in_every_evaluation(make_world, client):
+    """Of one cartilage that is evaluated from place to place, and of others that are made there."""
+    world, rng = make_world(), np.random.default_rng(8)
+    stand, top = body(client, 0), body(client, 1e9, (0, 0, 0.0205), (1e9, 1e9, 1e9))
+    sides = (stand, -1, plate(20, 0.05)), (top, -1, ball(0.02, 40))
+    pad = world.add_cartilage(*sides)
+    at, turn = np.array([0, 0, 0.0205]), Rotation.identity()
+    pressed = 0
+    for _ in range(60):
+        at = at + rng.normal(0, 1.5e-4, 3) - [0, 0, 0.3 * (at[2] - 0.0197)]
+        turn = Rotation.from_rotvec(rng.normal(0, 0.02, 3)) * turn
+        p.resetBasePositionAndOrientation(top, at, turn.as_quat(), client)
+        world.apply()
+        fresh = world.add_cartilage(*sides)
+        world.apply()
+        np.testing.assert_array_equal(pad.wrench, fresh.wrench)
+        world.remove_cartilage(fresh)
+        pressed += pad.wrench[2] > 10
+    assert 10 <= pressed <= 50
+
+
 def test_a_weight_rests_on_its_cartilage(make_world, client):
     world = make_world(1 / 240, (0, 0, -G))
     stand, slab = body(client, 0), body(client, 2.0, (0, 0, 0.0005))
@@ -289,6 +368,7 @@ def test_bad_calls_change_nothing(make_world, client):
         ({"modulus": 0}, bt.InvalidValue, "> 0"),
         ({"damping": -1}, bt.InvalidValue, ">= 0"),
         ({"spacing": 1e-6}, bt.InvalidValue, "nodes"),
+        ({"resolution": -1e-3}, bt.InvalidValue, ">= 0"),
         ({"cache": True}, bt.InvalidValue, "not a path"),
         ({"second": (a, -1, plate(5, 0.01))}, bt.InvalidValue, "another link"),
         ({"second": (b, -1, "none.stl")}, bt.InvalidValue, "readable"),

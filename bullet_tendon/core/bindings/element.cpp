@@ -57,12 +57,15 @@ SignedDistance distance_of(const Array& vertices, const Ints& triangles) {
 
 using Grid = std::shared_ptr<DistanceGrid>;
 
-// centres (t, 3), areas (t), regions (t) of the triangles of B, in the frame of its link.
+// centres (t, 3), areas (t), regions (t) and unit normals (t, 3) of the triangles of B, in the frame of its
+// link. resolution [m]: within which they are merged.
 int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const Array& centres,
-                  const Array& areas, const Ints& regions, double foundation, double damping) {
-  FoundationSurface surface{
+                  const Array& areas, const Ints& regions, const Array& normals, double resolution,
+                  double foundation, double damping) {
+  FoundationSurface triangles{
       points_of(centres), list_of(areas), {regions.data(), regions.data() + regions.size()}};
-  return w.add_cartilage(std::make_unique<Cartilage>(link_a, grid, link_b, std::move(surface),
+  const FoundationSurface points = merged(triangles, points_of(normals), resolution);
+  return w.add_cartilage(std::make_unique<Cartilage>(link_a, grid, link_b, std::move(triangles), points,
                                                      CartilageModel{foundation, damping}));
 }
 
@@ -169,6 +172,11 @@ void bind_world_elements(GuardedWorld& world) {
       .def("pressed_regions", &pressed_regions)
       .def("cartilage_depths",
            [](const World& w, int slot) { return copy_of(cartilage_of(w, slot).depths(w.scene.links)); })
+      .def("cartilage_points",
+           [](const World& w, int slot) {
+             const FoundationSurface& points = cartilage_of(w, slot).points();
+             return py::make_tuple(rows_of(points.centres), copy_of(points.areas));
+           })
       .def("cartilage_facing",
            [](const World& w, int slot, const Array& normals) {
              return cartilage_of(w, slot).facing(w.scene.links, points_of(normals));

@@ -3,15 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numeric>
 #include <utility>
+
+#include "math/simd.h"
 
 namespace bt {
 
 namespace {
 
-// Triangles of a cluster at most [-]. More: triangles far from contact are evaluated. Fewer: more clusters.
-constexpr int kCluster = 16;
+// Of the grid's spacing: how far points of B may move before the list of near ones is made anew [-]. More:
+// points are listed that are far from contact. Less: more lists.
+constexpr double kMargin = 0.5;
 
 // The matrix T of 6 x 6 with which a twist about the point s from the origin has the twist T^T about the
 // origin, in axes that `turn` takes to the world's: rows of v and of w.
@@ -47,93 +49,66 @@ Rot3 times(double s, const Rot3& a) { return {s * a.r0, s * a.r1, s * a.r2}; }
 
 }  // namespace
 
+struct Cartilage::Sums {
+  Vec3 force;     // on B [N]
+  Rot3 products;  // sum of x f^T
+  std::array<double, 36> matrix;
+};
+
 Cartilage::Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int link_b,
-                     FoundationSurface surface, const CartilageModel& model)
+                     FoundationSurface triangles, const FoundationSurface& points,
+                     const CartilageModel& model)
     : Element({link_a, link_b}),
       link_a_(link_a),
       link_b_(link_b),
       grid_(std::move(grid)),
-      surface_(std::move(surface)),
+      triangles_(std::move(triangles)),
+      points_(points),
+      tree_(points.centres),
       model_(model) {
-  region_count_ = 1 + *std::max_element(surface_.regions.begin(), surface_.regions.end());
-  regions.resize(region_count_);
-  given_.resize(surface_.centres.size());
-  std::iota(given_.begin(), given_.end(), 0);
-  cluster(0, static_cast<int>(given_.size()));
-  const FoundationSurface was = surface_;
-  for (size_t i = 0; i < given_.size(); ++i) {
-    surface_.centres[i] = was.centres[given_[i]];
-    surface_.areas[i] = was.areas[given_[i]];
-    surface_.regions[i] = was.regions[given_[i]];
+  regions.resize(1 + *std::max_element(points.regions.begin(), points.regions.end()));
+  for (int i = 0; i < points.size(); ++i) {
+    const int given = tree_.order()[i];
+    points_.centres[i] = points.centres[given];
+    points_.areas[i] = points.areas[given];
+    points_.regions[i] = points.regions[given];
   }
   place_[0] = link_a < link_b ? 0 : 1;
   place_[1] = 1 - place_[0];
 }
 
-// Halves the triangles across their longest extent until a cluster is small enough.
-void Cartilage::cluster(int first, int count) {
-  Box box;
-  for (int i = first; i < first + count; ++i) box.include(surface_.centres[given_[i]]);
-  if (count <= kCluster) {
-    Cluster c{first, count, 0.5 * (box.lo + box.hi), 0};
-    for (int i = first; i < first + count; ++i)
-      c.radius = std::max(c.radius, norm(surface_.centres[given_[i]] - c.centre));
-    clusters_.push_back(c);
-    return;
-  }
-  const Vec3 size = box.hi - box.lo;
-  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-  const int half = count / 2;
-  std::nth_element(
-      given_.begin() + first, given_.begin() + first + half, given_.begin() + first + count,
-      [&](int s, int t) { return dot(surface_.centres[s] - surface_.centres[t], unit_axis(axis)) < 0; });
-  cluster(first, half);
-  cluster(first + half, count - half);
-}
-
-// Calls what(triangle, x) for the triangles that may be behind A; x in its frame.
-template <class Do>
-void Cartilage::each_near(const Frame& a, const Frame& b, Do what) const {
-  const Rot3 turn = transposed(a.rotation) * b.rotation;
-  const Vec3 shift = transposed_times(a.rotation, b.origin - a.origin);
-  for (const Cluster& c : clusters_) {
-    if (grid_->bound(turn * c.centre + shift, c.radius) > 0) continue;
-    for (int i = c.first; i < c.first + c.count; ++i) {
-      const Vec3 x = turn * surface_.centres[i] + shift;
-      if (grid_->may_be_behind(x)) what(i, x);
-    }
-  }
-}
-
 std::vector<double> Cartilage::depths(const std::vector<Link>& links) const {
   const Pose &a = links[link_a_].pose, &b = links[link_b_].pose;
-  std::vector<double> out(given_.size());
-  for (size_t i = 0; i < given_.size(); ++i)
-    out[given_[i]] = -grid_->estimate(to_local(a, to_world(b, surface_.centres[i])));
+  std::vector<double> out;
+  for (const Vec3& centre : triangles_.centres)
+    out.push_back(-grid_->estimate(to_local(a, to_world(b, centre))));
   return out;
 }
 
 std::vector<std::pair<int, double>> Cartilage::facing(const std::vector<Link>& links,
                                                       const std::vector<Vec3>& normals) const {
   const Pose &a = links[link_a_].pose, &b = links[link_b_].pose;
-  const Rot3 turn = transposed(a.rotation) * b.rotation;
+  const Frame frame = relative({a.rotation, a.origin}, {b.rotation, b.origin});
+  std::vector<DistanceGrid::Behind> found;
+  grid_->behind(frame.rotation, frame.origin, triangles_.centres, found);
   std::vector<std::pair<int, double>> out;
-  each_near({a.rotation, a.origin}, {b.rotation, b.origin}, [&](int i, Vec3 x) {
-    Vec3 gradient;
-    grid_->at(x, gradient);
-    out.emplace_back(given_[i], dot(turn * normals[given_[i]], gradient));
-  });
+  for (const DistanceGrid::Behind& at : found)
+    out.emplace_back(at.point, dot(frame.rotation * normals[at.point], at.gradient));
   return out;
 }
 
 double Cartilage::motion(const std::vector<Link>& links, double h) const {
   const Link &a = links[link_a_], &b = links[link_b_];
+  const double turn = h * norm(b.spin - a.spin);
   double most = 0;
-  for (const Cluster& c : clusters_) {
-    const Vec3 at = to_world(b.pose, c.centre);
-    const double moved = norm(b.drift(at, h) - a.drift(at, h));
-    if (moved > most && grid_->bound(to_local(a.pose, at), c.radius + moved) <= 0) most = moved;
-  }
+  auto moved = [&](Vec3 at) { return norm(b.drift(at, h) - a.drift(at, h)); };
+  tree_.each(
+      [&](Vec3 centre, double radius) {
+        const Vec3 at = to_world(b.pose, centre);
+        const double far = moved(at) + turn * radius;
+        return far <= most || grid_->bound(to_local(a.pose, at), radius + far) > 0;
+      },
+      [&](int i) { most = std::max(most, moved(to_world(b.pose, points_.centres[i]))); });
   return most;
 }
 
@@ -144,8 +119,8 @@ uint64_t Cartilage::mark() const {
     std::memcpy(&bits, &v, sizeof bits);
     hash = (hash ^ bits) * 1099511628211ull;
   };
-  for (size_t i = 0; i < given_.size(); ++i)
-    for (double v : {surface_.centres[i].x, surface_.centres[i].y, surface_.centres[i].z, surface_.areas[i]})
+  for (int i = 0; i < points_.size(); ++i)
+    for (double v : {points_.centres[i].x, points_.centres[i].y, points_.centres[i].z, points_.areas[i]})
       add(v);
   return hash;
 }
@@ -155,25 +130,59 @@ void Cartilage::begin(const std::vector<Link>& links, double h) {
   for (int side : {0, 1}) {
     const Link& link = links[side == 0 ? link_a_ : link_b_];
     start_[side] = {link.pose.rotation, link.pose.origin - link.centre};
-    touched_[place_[side]].lever = side == 0
-                                       ? to_world(links[link_b_].pose, clusters_[0].centre) - link.centre
-                                       : link.arm_of(clusters_[0].centre);
+    touched_[place_[side]].lever =
+        side == 0 ? to_world(links[link_b_].pose, tree_.centre()) - link.centre : link.arm_of(tree_.centre());
   }
   if (model_.damping == 0) return;
-  start_depths_.assign(given_.size(), 0.0);
+  start_depths_.assign(points_.size(), 0.0);
   const Pose &a = links[link_a_].pose, &b = links[link_b_].pose;
-  each_near({a.rotation, a.origin}, {b.rotation, b.origin}, [&](int i, Vec3 x) {
-    Vec3 normal;
-    start_depths_[i] = std::max(0.0, -grid_->at(x, normal));
-  });
+  find_behind(relative({a.rotation, a.origin}, {b.rotation, b.origin}));
+  for (const DistanceGrid::Behind& at : behind_)
+    start_depths_[near_.points[at.point]] = std::max(0.0, -at.distance);
+}
+
+Cartilage::Frame Cartilage::relative(const Frame& a, const Frame& b) {
+  return {transposed(a.rotation) * b.rotation, transposed_times(a.rotation, b.origin - a.origin)};
+}
+
+void Cartilage::find_behind(const Frame& b) {
+  if (!is_listed(b)) list_near(b);
+  grid_->behind(b.rotation, b.origin, near_.centres, behind_);
+}
+
+// The motion of a point x of B since the list was made is that of the tree's centre c, and D (x - c) with the
+// difference D of the rotations.
+bool Cartilage::is_listed(const Frame& b) const {
+  if (!near_.is_made) return false;
+  const Rot3 change = minus(b.rotation, near_.of.rotation);
+  const Vec3 shift = change * tree_.centre() + (b.origin - near_.of.origin);
+  const double turn =
+      std::sqrt(dot(change.r0, change.r0) + dot(change.r1, change.r1) + dot(change.r2, change.r2));
+  return norm(shift) + turn * tree_.radius() < kMargin * grid_->spacing();
+}
+
+void Cartilage::list_near(const Frame& b) {
+  const double margin = kMargin * grid_->spacing();
+  near_.is_made = true;
+  near_.of = b;
+  near_.points.clear();
+  near_.centres.clear();
+  tree_.each([&](Vec3 centre,
+                 double radius) { return grid_->bound(b.rotation * centre + b.origin, radius + margin) > 0; },
+             [&](int i) {
+               if (grid_->bound(b.rotation * points_.centres[i] + b.origin, margin) > 0) return;
+               near_.points.push_back(i);
+               near_.centres.push_back(points_.centres[i]);
+             });
 }
 
 Cartilage::Frame Cartilage::end_of(int side, const LinkEnd& end) const {
   return {end.rotation * start_[side].rotation, end.at(start_[side].origin)};
 }
 
-void Cartilage::press(int i, Vec3 x, double depth, Vec3 n) {
-  const double k = model_.foundation, area = surface_.areas[i];
+void Cartilage::press(const DistanceGrid::Behind& at) {
+  const int i = near_.points[at.point];
+  const double k = model_.foundation, area = points_.areas[i], depth = -at.distance;
   double factor = 1, slope = k, energy = 0.5 * k * depth * depth;
   if (model_.damping > 0 && h_ > 0) {
     const double rate = model_.damping / h_, start = start_depths_[i];
@@ -183,21 +192,35 @@ void Cartilage::press(int i, Vec3 x, double depth, Vec3 n) {
     energy += k * rate * depth * depth * (depth / 3 - start / 2);
   }
   const double pressure = k * depth * factor;
-  pressed_.push_back({i, pressure, x, n});
+  pressed_.push_back({i, pressure, area * slope, at.place, at.gradient});
   potential_ += area * energy;
   stiffest_ += area * slope;
   largest_ += area * pressure;
-  const Vec3 m = cross(x, n), f = (pressure * area) * n;
-  force_ += f;
-  moment_ += (pressure * area) * m;
-  products_.r0 += x.x * f;
-  products_.r1 += x.y * f;
-  products_.r2 += x.z * f;
-  const double six[6] = {n.x, n.y, n.z, m.x, m.y, m.z};
-  for (int r = 0; r < 6; ++r) {
-    const double w = area * slope * six[r];
-    for (int c = 0; c < 6; ++c) matrix_[6 * r + c] += w * six[c];
+}
+
+BT_VECTOR void add_up(const std::vector<Cartilage::Pressed>& pressed, const std::vector<double>& areas,
+                      Cartilage::Sums& sums) {
+  Eight force{}, by_x{}, by_y{}, by_z{};  // of three numbers each
+  Eight rows[6] = {};
+  for (const Cartilage::Pressed& p : pressed) {
+    const Vec3 n = p.normal, x = p.place;
+    const double load = p.pressure * areas[p.point];
+    const Eight f{load * n.x, load * n.y, load * n.z};
+    force += f;
+    by_x += x.x * f;
+    by_y += x.y * f;
+    by_z += x.z * f;
+    const double six[6] = {
+        n.x, n.y, n.z, x.y * n.z - x.z * n.y, x.z * n.x - x.x * n.z, x.x * n.y - x.y * n.x};
+    const Eight column{six[0], six[1], six[2], six[3], six[4], six[5], 0, 0};
+    const Eight weighted = p.weight * column;
+    for (int r = 0; r < 6; ++r) rows[r] += six[r] * weighted;
   }
+  auto three = [](const Eight& f) BT_WITHIN { return Vec3{f[0], f[1], f[2]}; };
+  sums.force = three(force);
+  sums.products = {three(by_x), three(by_y), three(by_z)};
+  for (int r = 0; r < 6; ++r)
+    for (int c = 0; c < 6; ++c) sums.matrix[6 * r + c] = rows[r][c];
 }
 
 void Cartilage::evaluate(const std::vector<LinkEnd>& ends) {
@@ -205,26 +228,22 @@ void Cartilage::evaluate(const std::vector<LinkEnd>& ends) {
   centres_[0] = ends[link_a_].centre;
   centres_[1] = ends[link_b_].centre;
   potential_ = stiffest_ = largest_ = 0;
-  force_ = moment_ = {};
-  products_ = {{}, {}, {}};
-  matrix_.fill(0);
   pressed_.clear();
-  near_.clear();
-  places_.clear();
-  each_near(frame_a_, end_of(1, ends[link_b_]), [&](int i, Vec3 x) {
-    near_.push_back(i);
-    places_.push_back(x);
-  });
-  grid_->at(places_, samples_);
-  for (size_t k = 0; k < near_.size(); ++k)
-    if (samples_[k].distance < 0) press(near_[k], places_[k], -samples_[k].distance, samples_[k].gradient);
-  give_wrenches();
+  find_behind(relative(frame_a_, end_of(1, ends[link_b_])));
+  for (const DistanceGrid::Behind& at : behind_)
+    if (at.distance < 0) press(at);
+  Sums sums;
+  add_up(pressed_, points_.areas, sums);
+  matrix_ = sums.matrix;
+  give_wrenches(sums);
 }
 
-void Cartilage::give_wrenches() {
-  const Vec3 force = frame_a_.rotation * force_, moment = frame_a_.rotation * moment_;
+void Cartilage::give_wrenches(const Sums& sums) {
+  const Rot3& xf = sums.products;
+  const Vec3 about_origin{xf.r1.z - xf.r2.y, xf.r2.x - xf.r0.z, xf.r0.y - xf.r1.x};  // sum of x x f
+  const Vec3 force = frame_a_.rotation * sums.force, moment = frame_a_.rotation * about_origin;
   // Sum of r f^T with r from A's origin, in the world's axes: R (sum x f^T) R^T.
-  const Rot3 products = frame_a_.rotation * products_ * transposed(frame_a_.rotation);
+  const Rot3 products = frame_a_.rotation * xf * transposed(frame_a_.rotation);
   for (int side : {0, 1}) {
     const double sign = side == 0 ? -1 : 1;
     const Vec3 arm = centres_[side] - frame_a_.origin;
@@ -249,16 +268,16 @@ void Cartilage::accept(double) {
   std::fill(regions.begin(), regions.end(), PressedRegion{});
   std::vector<double> loads(regions.size());
   for (const Pressed& p : pressed_) {
-    const double area = surface_.areas[p.triangle];
+    const double area = points_.areas[p.point];
     const Vec3 place = frame_a_.rotation * p.place + frame_a_.origin;
     const Vec3 force = (p.pressure * area) * (frame_a_.rotation * p.normal);
-    PressedRegion& region = regions[surface_.regions[p.triangle]];
+    PressedRegion& region = regions[points_.regions[p.point]];
     region.force += force;
     region.torque += cross(place - centres_[1], force);
     region.area += area;
     region.centre += (p.pressure * area) * place;
     region.max_pressure = std::max(region.max_pressure, p.pressure);
-    loads[surface_.regions[p.triangle]] += p.pressure * area;
+    loads[points_.regions[p.point]] += p.pressure * area;
   }
   for (size_t r = 0; r < regions.size(); ++r)
     if (loads[r] > 0) regions[r].centre = (1 / loads[r]) * regions[r].centre;

@@ -1,8 +1,8 @@
 // Cartilage between two links: an elastic foundation.
 //
-// The layer of both surfaces is a bed of springs that do not act on each other. A triangle of surface B of
-// area A, whose centre is at the signed distance -d < 0 from surface A, is pressed out along the gradient n
-// of the distance by the force p A n with the pressure
+// The layer of both surfaces is a bed of springs that do not act on each other. A point of surface B that
+// stands for the area A (cartilage/foundation.h), at the signed distance -d < 0 from surface A, is pressed
+// out along the gradient n of the distance by the force p A n with the pressure
 //
 //   p = K d,   K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness,
 //
@@ -10,13 +10,16 @@
 // has p = K d (1 + c dd/dt), at least 0, with dd/dt the change of d in the substep over its length (Hunt and
 // Crossley 1975). Within a substep p is a function of d alone, with the potential sum A int p dd.
 //
-// All sums over triangles are made in the frame of A, about its origin. The relative motion of the point x
+// All sums over points are made in the frame of A, about its origin. The relative motion of the point x
 // there along n is n.v + (x x n).w for the relative twist v, w. So one wrench and one matrix of 6 x 6,
 //
 //   sum p A (n, x x n),      sum A dp/dd (n, x x n) (n, x x n)^T      (Gauss-Newton),
 //
 // give those of both links by a change of the point of reference. What the second derivative of the distance
 // would add, of the order of p A over the radius of curvature, is left out.
+//
+// Which points may be behind A is searched for with a margin. That list is served until B has moved by the
+// margin relative to A.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -25,6 +28,7 @@
 #include <vector>
 
 #include "cartilage/distance_grid.h"
+#include "cartilage/foundation.h"
 #include "element/element.h"
 
 namespace bt {
@@ -46,31 +50,25 @@ struct CartilageState {
   std::vector<PressedRegion> regions;
 };
 
-// The triangles of B in the frame of its link.
-struct FoundationSurface {
-  std::vector<Vec3> centres;
-  std::vector<double> areas;
-  std::vector<int> regions;  // number of the connected patch
-};
-
 class Cartilage : public Element, public CartilageState {
  public:
-  Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int link_b, FoundationSurface surface,
-            const CartilageModel& model);
+  // triangles: of B; points: at which the foundation is integrated.
+  Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int link_b, FoundationSurface triangles,
+            const FoundationSurface& points, const CartilageModel& model);
   int link_a() const { return link_a_; }
   int link_b() const { return link_b_; }
   const CartilageModel& model() const { return model_; }
   const DistanceGrid& grid() const { return *grid_; }
-  int triangles() const { return static_cast<int>(surface_.centres.size()); }
+  const FoundationSurface& points() const { return points_; }
   // Depths of all triangles where the links are now, in the order in which they were given [m]. Negative: a
   // lower bound of the distance to A.
   std::vector<double> depths(const std::vector<Link>& links) const;
-  // Of the triangles that may be behind A where the links are now: their number as given, and the cosine
-  // between their normals and the gradient of the distance. normals: of all triangles as given.
+  // Of the triangles that may be behind A where the links are now: their number, and the cosine between their
+  // normals and the gradient of the distance. normals: of all triangles.
   std::vector<std::pair<int, double>> facing(const std::vector<Link>& links,
                                              const std::vector<Vec3>& normals) const;
-  // Largest motion of triangles of B relative to A within h, of those that may reach A in it, without the
-  // forces of elements [m].
+  // Largest motion of points of B relative to A within h, of those that may reach A in it, without the forces
+  // of elements [m].
   double motion(const std::vector<Link>& links, double h) const;
   // Tells surfaces apart.
   uint64_t mark() const;
@@ -81,48 +79,52 @@ class Cartilage : public Element, public CartilageState {
   void accept(double h) override;
 
  private:
-  // Triangles that are evaluated together, within a sphere.
-  struct Cluster {
-    int first, count;
-    Vec3 centre;
-    double radius;
-  };
-  // A link's frame: where its mesh is.
+  // A link's frame, where its mesh is; or that of B in A's.
   struct Frame {
     Rot3 rotation;
     Vec3 origin;
   };
-  // A pressed triangle.
+  // A pressed point.
   struct Pressed {
-    int triangle;
+    int point;
     double pressure;
+    double weight;       // area times dp/dd [N/m]
     Vec3 place, normal;  // in the frame of A
   };
-  void cluster(int first, int count);
-  void press(int triangle, Vec3 x, double depth, Vec3 normal);
-  template <class Do>
-  void each_near(const Frame& a, const Frame& b, Do what) const;
-  Frame end_of(int side, const LinkEnd& end) const;
-  void give_wrenches();
+  // Points that may be behind A, as long as B has moved by less than the margin from a frame in A's.
+  struct NearList {
+    bool is_made = false;
+    Frame of;
+    std::vector<int> points;
+    std::vector<Vec3> centres;
+  };
+  // Sums over pressed points, in the frame of A, about its origin.
+  struct Sums;
+  friend void add_up(const std::vector<Pressed>& pressed, const std::vector<double>& areas, Sums& sums);
 
-  int link_a_, link_b_, region_count_;
+  static Frame relative(const Frame& a, const Frame& b);
+  // Of the points that may be behind A where B is in its frame.
+  void find_behind(const Frame& b);
+  bool is_listed(const Frame& b) const;
+  void list_near(const Frame& b);
+  void press(const DistanceGrid::Behind& behind);
+  Frame end_of(int side, const LinkEnd& end) const;
+  void give_wrenches(const Sums& sums);
+
+  int link_a_, link_b_;
   std::shared_ptr<const DistanceGrid> grid_;
-  FoundationSurface surface_;  // in the order of the clusters
-  std::vector<int> given_;     // number of each triangle as it was given
-  std::vector<Cluster> clusters_;
+  FoundationSurface triangles_, points_;
+  SphereTree tree_;
   CartilageModel model_;
   // Of the substep: the links' frames at its start, from their centres of mass; its length.
   Frame start_[2];
   double h_ = 0;
   std::vector<double> start_depths_;  // of damped cartilage [m]
   // Of the last evaluation.
-  std::vector<int> near_;     // triangles that may be behind A
-  std::vector<Vec3> places_;  // of these, in the frame of A
-  std::vector<DistanceGrid::Sample> samples_;
+  NearList near_;
+  std::vector<DistanceGrid::Behind> behind_;
   std::vector<Pressed> pressed_;
   std::array<double, 36> matrix_;  // in the frame of A
-  Vec3 force_, moment_;            // on B, in the frame of A, about its origin
-  Rot3 products_;                  // sum of x f^T
   Frame frame_a_;                  // in the world
   Vec3 centres_[2];                // of mass of the links
   int place_[2];                   // among the touched links

@@ -5,7 +5,6 @@
 #include <cstring>
 #include <limits>
 
-#include "math/rotation.h"
 #include "math/simd.h"
 
 namespace bt {
@@ -197,14 +196,20 @@ double DistanceGrid::at(Vec3 x, Vec3& gradient) const {
   return found.distance;
 }
 
-BT_VECTOR void interpolate_all(const DistanceGrid& grid, const std::vector<Vec3>& x,
-                               std::vector<DistanceGrid::Sample>& out) {
-  for (size_t i = 0; i < x.size(); ++i) out[i] = grid.interpolate(x[i]);
+BT_VECTOR void find_behind(const DistanceGrid& grid, const Rot3& turn, Vec3 shift,
+                           const std::vector<Vec3>& points, std::vector<DistanceGrid::Behind>& out) {
+  for (size_t i = 0; i < points.size(); ++i) {
+    const Vec3 x = turn * points[i] + shift;
+    if (!grid.may_be_behind(x)) continue;
+    const DistanceGrid::Sample found = grid.interpolate(x);
+    out.push_back({static_cast<int>(i), x, found.distance, found.gradient});
+  }
 }
 
-void DistanceGrid::at(const std::vector<Vec3>& x, std::vector<Sample>& out) const {
-  out.resize(x.size());
-  interpolate_all(*this, x, out);
+void DistanceGrid::behind(const Rot3& turn, Vec3 shift, const std::vector<Vec3>& points,
+                          std::vector<Behind>& out) const {
+  out.clear();
+  find_behind(*this, turn, shift, points, out);
 }
 
 double DistanceGrid::estimate(Vec3 x) const {

@@ -10,12 +10,20 @@
 #include <vector>
 
 #include "geometry/signed_distance.h"
+#include "math/rotation.h"
 
 namespace bt {
 
 class DistanceGrid {
  public:
   struct Sample {
+    double distance;
+    Vec3 gradient;
+  };
+  // A point that may be behind the surface: its number and place.
+  struct Behind {
+    int point;
+    Vec3 place;
     double distance;
     Vec3 gradient;
   };
@@ -37,8 +45,8 @@ class DistanceGrid {
   bool may_be_behind(Vec3 x) const;
   // The distance at x and its gradient. Only where may_be_behind(x).
   double at(Vec3 x, Vec3& gradient) const;
-  // The same of many points.
-  void at(const std::vector<Vec3>& x, std::vector<Sample>& out) const;
+  // Of the points that a rotation and a shift take to where they may be behind the surface.
+  void behind(const Rot3& turn, Vec3 shift, const std::vector<Vec3>& points, std::vector<Behind>& out) const;
   // The distance near the surface; else a lower bound of it in front of the surface, and 0 beyond `depth`.
   double estimate(Vec3 x) const;
 
@@ -47,7 +55,8 @@ class DistanceGrid {
   bool is_within(Vec3 cells) const;
   double nearest(Vec3 cells) const;
   Sample interpolate(Vec3 x) const;
-  friend void interpolate_all(const DistanceGrid& grid, const std::vector<Vec3>& x, std::vector<Sample>& out);
+  friend void find_behind(const DistanceGrid& grid, const Rot3& turn, Vec3 shift,
+                          const std::vector<Vec3>& points, std::vector<Behind>& out);
   size_t node(int i, int j, int k) const { return (static_cast<size_t>(k) * n_[1] + j) * n_[0] + i; }
   size_t brick(int i, int j, int k) const { return (static_cast<size_t>(k) * b_[1] + j) * b_[0] + i; }
   void fill(const SignedDistance& distance, int i, int j, int k, double centre);
