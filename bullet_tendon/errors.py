@@ -21,6 +21,9 @@ class TendonError(Exception):
         points = [(0, 0, 0)]: must be at least 2 points
     """
 
+    def __reduce__(self):
+        return _remade, (type(self), self.args, self.__dict__)  # the arguments of __init__ are not in args
+
 
 class _BadArgument(TendonError):
     def __init__(self, argument: str, value: object, allowed: str):
@@ -248,6 +251,13 @@ def warn(warning: Warning) -> None:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == _PACKAGE:
         frame, level = frame.f_back, level + 1
     warnings.warn(warning, stacklevel=level)
+
+
+def _remade(kind: type, args: tuple, attributes: dict) -> TendonError:
+    """An error as another process has pickled it."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
 
 
 def _short(value: object, limit: int = 120) -> str:

@@ -4,7 +4,7 @@ Importing this package registers the tasks, so that
 
     gymnasium.make("bullet_tendon.scenarios.tasks:bullet_tendon/GraftPassage-v0")
 
-makes one. gymnasium.make_vec(..., vectorization_mode="vector_entry_point") steps many in one process.
+makes one. gymnasium.make_vec(..., vectorization_mode="vector_entry_point") divides many among processes.
 """
 
 from bullet_tendon.errors import MissingExtra

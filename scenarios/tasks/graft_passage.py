@@ -188,6 +188,6 @@ def basis(observation) -> np.ndarray:
 
 
 class GraftPassageVector(TaskVector):
-    """Many GraftPassage tasks in one process."""
+    """Many GraftPassage tasks, divided among processes."""
 
     task = GraftPassage

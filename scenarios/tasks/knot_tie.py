@@ -159,7 +159,7 @@ class KnotTie(Task):
 
 
 class KnotTieVector(TaskVector):
-    """Many KnotTie tasks in one process."""
+    """Many KnotTie tasks, divided among processes."""
 
     task = KnotTie
 

@@ -232,6 +232,6 @@ def _look(client: int, shape: int, color, **size) -> int:
 
 
 class PulleyLiftVector(TaskVector):
-    """Many PulleyLift tasks in one process."""
+    """Many PulleyLift tasks, divided among processes."""
 
     task = PulleyLift

@@ -279,7 +279,7 @@ class TendonFinger(Task):
 
 
 class TendonFingerVector(TaskVector):
-    """Many TendonFinger tasks in one process."""
+    """Many TendonFinger tasks, divided among processes."""
 
     task = TendonFinger
 

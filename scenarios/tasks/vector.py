@@ -1,30 +1,36 @@
-"""TaskVector: many tasks of one kind in one process, stepped by threads.
+"""TaskVector: many tasks of one kind, stepped by several processes.
 
 Each task has a pybullet client and a world of its own, and shares nothing with the others. Therefore
-results do not depend on the number of threads. The core lets other threads run while it solves.
+results do not depend on the number of processes, nor on that of threads.
 """
 
+import multiprocessing
 import os
-from concurrent.futures import ThreadPoolExecutor
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
+from gymnasium.vector.utils import batch_space
 
 from bullet_tendon import checks
 from bullet_tendon.errors import InvalidValue
 
+from .share import RemoteShare, Share, joined
 from .task import Task
 
 
 class TaskVector(gymnasium.vector.VectorEnv):
     """num_envs tasks, each with the seed that it would have by itself.
 
-    max_episode_steps: after which an episode is truncated (None: never). threads: how many step tasks at
-    the same time (None: one for each processor). Autoreset is SAME_STEP: where an episode ends, the
-    observation is the first of the next one, and infos["final_obs"], infos["final_info"] are of the end.
-    Further arguments go to each task. Raises InvalidType or InvalidValue.
+    max_episode_steps: after which an episode is truncated (None: never). processes: among how many the tasks
+    are divided (None: one for each processor, or 1 where threads is given). With 1 the tasks are in this
+    process. threads: how many step the tasks of one process at the same time (None: 1). context: how
+    processes start, as multiprocessing.get_context takes it. With "spawn" and "forkserver" the main module
+    has to be protected by `if __name__ == "__main__":`.
+
+    Autoreset is SAME_STEP: where an episode ends, the observation is the first of the next one, and
+    infos["final_obs"], infos["final_info"] are of the end. Further arguments go to each task. Raises
+    InvalidType, InvalidValue, what a task raises, or UnknownId where a process was ended from outside.
     """
 
     task: type[Task] = Task
@@ -33,27 +39,38 @@ class TaskVector(gymnasium.vector.VectorEnv):
         self,
         num_envs: int = 1,
         max_episode_steps: int | None = None,
+        processes: int | None = None,
         threads: int | None = None,
         render_mode: str | None = None,
+        context: str | None = None,
         **arguments,
     ):
         self.num_envs = checks.integer("num_envs", num_envs, at_least=1)
         if max_episode_steps is not None:
             checks.integer("max_episode_steps", max_episode_steps, at_least=1)
-        self._horizon = max_episode_steps
-        if threads is None:
-            threads = os.cpu_count() or 1
-        workers = min(checks.integer("threads", threads, at_least=1), num_envs)
-        self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
+        if processes is None:
+            processes = (os.cpu_count() or 1) if threads is None else 1
+        processes = min(checks.integer("processes", processes, at_least=1), self.num_envs)
+        threads = 1 if threads is None else checks.integer("threads", threads, at_least=1)
         self.render_mode = render_mode
         self.metadata = {**self.task.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
-        self.envs = list(self._map(lambda _: self.task(render_mode, **arguments), range(num_envs)))
-        first = self.envs[0]
-        self.single_observation_space = first.observation_space
-        self.single_action_space = first.action_space
-        self.observation_space = batch_space(first.observation_space, num_envs)
-        self.action_space = batch_space(first.action_space, num_envs)
-        self._lengths = np.zeros(num_envs, int)
+        arguments["render_mode"] = render_mode
+        bounds = [self.num_envs * k // processes for k in range(processes + 1)]
+        self._slices = [slice(*ends) for ends in zip(bounds, bounds[1:], strict=False)]
+        self._shares = [
+            Share(self.task, part.stop - part.start, max_episode_steps, threads, arguments)
+            for part in self._slices
+        ]
+        if processes > 1:
+            self._shares = [RemoteShare(multiprocessing.get_context(context), s) for s in self._shares]
+        try:
+            spaces = self._ask("build")[0]
+        except BaseException:
+            self.close()
+            raise
+        self.single_observation_space, self.single_action_space = spaces
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
 
     def reset(self, *, seed=None, options: dict | None = None):
         """Begin an episode in every task. seed: one for each, None, or an integer: seed, seed + 1, ..."""
@@ -63,66 +80,41 @@ class TaskVector(gymnasium.vector.VectorEnv):
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise InvalidValue("seed", seed, f"an integer, None or {self.num_envs} of them")
-        jobs = zip(self.envs, seeds, strict=True)
-        results = self._map(lambda job: job[0].reset(seed=job[1], options=options), jobs)
-        self._lengths[:] = 0
-        infos: dict = {}
-        for i, (_, info) in enumerate(results):
-            infos = self._add_info(infos, info, i)
-        return self._joined([observation for observation, _ in results]), infos
+        return self._joined(self._ask("reset", seeds, [options] * self.num_envs))
 
     def step(self, actions):
         """One step of every task; actions (num_envs, ...)."""
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
             raise InvalidValue("actions", actions, f"of shape {self.action_space.shape}")
-        results = self._map(self._step_of, range(self.num_envs), actions)
-        infos: dict = {}
-        for i, result in enumerate(results):
-            infos = self._add_info(infos, result.pop("info"), i)
-        columns = {key: [result[key] for result in results] for key in results[0]}
-        return (
-            self._joined(columns["observation"]),
-            np.array(columns["reward"], np.float64),
-            np.array(columns["terminated"], bool),
-            np.array(columns["truncated"], bool),
-            infos,
-        )
+        return self._joined(self._ask("step", actions))
 
     def render(self) -> tuple | None:
         """The images of all tasks, one after the other."""
-        return tuple(env.render() for env in self.envs)
+        return tuple(image for images in self._ask("render") for image in images)
 
     def close_extras(self, **_) -> None:
-        """Close all tasks and end the threads."""
-        for env in self.envs:
-            env.close()
-        if self._pool is not None:
-            self._pool.shutdown()
+        """Close all tasks and end the processes and threads."""
+        for share in self._shares:
+            share.close()
 
-    def _step_of(self, index: int, action) -> dict:
-        """A step of one task, and the reset if its episode ends with it."""
-        env = self.envs[index]
-        observation, reward, terminated, truncated, info = env.step(action)
-        self._lengths[index] += 1
-        truncated = truncated or self._lengths[index] == self._horizon
-        if terminated or truncated:
-            ended = {"final_obs": observation, "final_info": info}
-            observation, info = env.reset()
-            info = {**info, **ended}
-            self._lengths[index] = 0
-        return {
-            "observation": observation,
-            "reward": reward,
-            "terminated": terminated,
-            "truncated": truncated,
-            "info": info,
-        }
+    @property
+    def envs(self) -> list:
+        """The tasks, where they are in this process; else none."""
+        return [env for share in self._shares for env in getattr(share, "envs", [])]
 
-    def _map(self, function, *iterables) -> list:
-        call = map if self._pool is None else self._pool.map
-        return list(call(function, *iterables))
+    def _ask(self, call: str, *arguments) -> list:
+        """What a method of Share returns, by share. arguments: sequences of one value for each task."""
+        parts = [[whole[part] for whole in arguments] for part in self._slices]
+        if isinstance(self._shares[0], Share):
+            return [getattr(self._shares[0], call)(*parts[0])]
+        for share, part in zip(self._shares, parts, strict=True):
+            share.begin(call, *part)
+        return [share.result() for share in self._shares]
 
-    def _joined(self, observations):
-        empty = create_empty_array(self.single_observation_space, self.num_envs)
-        return concatenate(self.single_observation_space, observations, empty)
+    def _joined(self, results: list) -> tuple:
+        """Batches of all tasks, of those by share."""
+        if len(results) == 1:
+            return results[0]
+        counts = [part.stop - part.start for part in self._slices]
+        return tuple(joined(list(parts), counts) for parts in zip(*results, strict=True))

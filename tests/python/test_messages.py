@@ -1,6 +1,7 @@
 """What worlds and their parts tell of themselves: one line with units; a page with costs and advice."""
 
 import math
+import pickle
 
 import numpy as np
 import pybullet as p
@@ -186,3 +187,23 @@ def test_a_step_that_was_stopped(make_world):
     world.step(3)
     assert not world.report.converged
     assert len(advice(world, "last step")) == 1
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        bt.TendonError("text"),
+        bt.InvalidValue("n", -1, "an integer >= 1"),
+        bt.UnknownId("bodyUniqueId", 3, "the id of a body"),
+        bt.UrdfError("a.urdf", "<tendon name='t'>", "radius", -1.0, "above 0"),
+        bt.MissingExtra("k3d", "replay", "a replay"),
+        bt.StepFailed("graft", 3, 1.0, 1e-9),
+        bt.CaseFailed(4, {"a": 1}, "text"),
+        bt.errors.CannotCopy("Tendon"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_reach_other_processes_whole(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error) and str(again) == str(error)
+    assert again.args == error.args and vars(again) == vars(error)

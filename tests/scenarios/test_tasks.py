@@ -21,6 +21,7 @@ pytest.importorskip("gymnasium.vector", reason="gymnasium >= 1.1 is not installe
 from bullet_tendon.scenarios import tasks  # noqa: E402
 from bullet_tendon.scenarios.tasks import __main__ as command_line  # noqa: E402
 from bullet_tendon.scenarios.tasks import episodes, graft_passage, policies, pulley_lift, task  # noqa: E402
+from bullet_tendon.scenarios.tasks.share import RemoteShare
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 NAMES = tuple(tasks.TASKS)
@@ -102,8 +103,8 @@ def test_vectors_do_what_single_environments_do(name):
     count, seed = 3, 11
     with make(name) as env:
         single = [env.reset(seed=seed + i)[0] for i in range(count)]
-    for threads in (1, 3):
-        vector = make_vector(name, count, threads=threads)
+    for divided in ({"threads": 1}, {"threads": 3}, {"processes": 2}):
+        vector = make_vector(name, count, **divided)
         observations, _ = vector.reset(seed=seed)
         actions = np.random.default_rng(0).uniform(-1, 1, (STEPS, *vector.action_space.shape))
         rows = [
@@ -113,10 +114,10 @@ def test_vectors_do_what_single_environments_do(name):
         for i in range(count):
             mine = {k: v[i] for k, v in observations.items()} if isinstance(observations, dict) else None
             assert np.array_equal(flat(single[i]), flat(mine if mine else observations[i]))
-        if threads == 1:
+        if divided == {"threads": 1}:
             expected = rows
-    for (one, reward), (other, same) in zip(rows, expected, strict=True):
-        assert np.array_equal(flat(one), flat(other)) and np.array_equal(reward, same)
+        for (one, reward), (other, same) in zip(rows, expected, strict=True):
+            assert np.array_equal(flat(one), flat(other)) and np.array_equal(reward, same)
 
 
 def test_vectors_begin_the_next_episode_in_the_same_step():
@@ -139,6 +140,8 @@ def test_vectors_begin_the_next_episode_in_the_same_step():
 def test_vectors_refuse_what_does_not_fit():
     with pytest.raises(bt.InvalidValue, match="num_envs"):
         make_vector("PulleyLift", 0)
+    with pytest.raises(bt.InvalidValue, match="processes"):
+        make_vector("PulleyLift", 2, processes=0)
     vector = make_vector("PulleyLift", 2)
     with pytest.raises(bt.InvalidValue, match="seed"):
         vector.reset(seed=[1])
@@ -146,6 +149,48 @@ def test_vectors_refuse_what_does_not_fit():
     with pytest.raises(bt.InvalidValue, match="actions"):
         vector.step(np.zeros((3, 2), np.float32))
     vector.close()
+
+
+def test_vectors_raise_what_a_task_in_another_process_raises():
+    vector = make_vector("PulleyLift", 3, processes=2)
+    expected = vector.reset(seed=5)[0]
+    with pytest.raises(bt.InvalidValue, match="nothing"):
+        vector.reset(seed=5, options={"nothing": 1})
+    wrong = np.full((3, 2), np.nan, np.float32)
+    with pytest.raises(bt.InvalidValue, match="action"):
+        vector.step(wrong)
+    assert np.array_equal(vector.reset(seed=5)[0], expected)
+    vector.close()
+    with pytest.raises(TypeError, match="nothing"):
+        make_vector("PulleyLift", 2, processes=2, nothing=1)
+
+
+def test_vectors_drop_what_an_interrupted_step_found(monkeypatch):
+    vector = make_vector("PulleyLift", 2, processes=2, context="spawn").unwrapped
+    expected = vector.reset(seed=5)[0]
+
+    def interrupted(share):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(RemoteShare, "result", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            vector.step(np.zeros((2, 2), np.float32))
+    assert np.array_equal(vector.reset(seed=5)[0], expected)
+    vector.close()
+
+
+def test_vectors_tell_that_a_process_was_ended():
+    vector = make_vector("PulleyLift", 2, processes=2)
+    vector.reset(seed=0)
+    child = multiprocessing.active_children()[0]
+    child.terminate()
+    child.join()
+    for _ in range(2):
+        with pytest.raises(bt.UnknownId, match="exit code -15"):
+            vector.step(np.zeros((2, 2), np.float32))
+    vector.close()
+    assert not multiprocessing.active_children()
 
 
 def test_processes_of_gymnasium_work_too():
@@ -333,7 +378,7 @@ def test_vectors_step_as_single_environments_do_through_ends_of_episodes(name):
         return flat({k: v[i] for k, v in observation.items()} if is_dict else observation[i])
 
     count, steps = 2, 60 if name == "KnotTie" else 1000
-    vector, singles = make_vector(name, count, threads=2), [make(name) for _ in range(count)]
+    vector, singles = make_vector(name, count, processes=2), [make(name) for _ in range(count)]
     observations, _ = vector.reset(seed=3)
     for i, single in enumerate(singles):
         assert np.array_equal(part(observations, i), flat(single.reset(seed=3 + i)[0]))
