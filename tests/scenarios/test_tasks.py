@@ -21,7 +21,7 @@ pytest.importorskip("gymnasium.vector", reason="gymnasium >= 1.1 is not installe
 from bullet_tendon.scenarios import tasks  # noqa: E402
 from bullet_tendon.scenarios.tasks import __main__ as command_line  # noqa: E402
 from bullet_tendon.scenarios.tasks import episodes, graft_passage, policies, pulley_lift, task  # noqa: E402
-from bullet_tendon.scenarios.tasks.share import RemoteShare
+from bullet_tendon.scenarios.tasks.share import RemoteShare  # noqa: E402
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 NAMES = tuple(tasks.TASKS)
