@@ -10,7 +10,8 @@ elements on the links, the Jacobians J_l, gravity and the forces F of the user, 
 vanishes. Newton's matrix is sum J^T K J, with K of the elements, to which a symmetric rank-one update adds
 what the steps so far have shown of the rest: the curvature of cartilage, and the change of the Jacobians
 (Conn, Gould and Toint 1991). A step is limited in length and shortened until f along the step no longer
-points back, or the potential falls; negative curvature is reversed.
+points back, or the potential falls; negative curvature is reversed. Forces that follow a link have no
+potential. Their work in a step is that of the mean of both ends.
 """
 
 import dataclasses
@@ -36,6 +37,43 @@ _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
 
 @dataclasses.dataclass
+class _Load:
+    """Forces on a link: those with directions in the world, as (force, point in the inertial frame); and the
+    sum of those that follow it, as force and torque about its centre of mass, in its inertial frame.
+    """
+
+    fixed: list = dataclasses.field(default_factory=list)
+    following: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(6))
+
+    def wrenches(self, axes) -> tuple[np.ndarray, np.ndarray]:
+        """(6,) about the centre of mass, world axes: of the fixed and of the following forces."""
+        fixed = np.zeros(6)
+        for force, local in self.fixed:
+            fixed += [*force, *_cross(axes @ local, force)]
+        return fixed, np.concatenate([axes @ self.following[:3], axes @ self.following[3:]])
+
+    def potential(self, centre, axes) -> float:
+        return -sum(force @ (centre + axes @ local) for force, local in self.fixed)
+
+    def largest(self) -> float:
+        force, torque = np.linalg.norm(self.following[:3]), np.linalg.norm(self.following[3:])
+        return max(force, torque / _LEVER, *(np.linalg.norm(fixed) for fixed, _ in self.fixed))
+
+
+@dataclasses.dataclass
+class _Terms:
+    """At one place: potential [J], generalized force, the part of it that follows links, matrix, and the
+    largest force at hand [N].
+    """
+
+    potential: float
+    force: np.ndarray
+    following: np.ndarray
+    matrix: np.ndarray
+    largest: float
+
+
+@dataclasses.dataclass
 class _Free:
     """What is free of a body: columns of its degrees of freedom; joints (empty: it is rigid)."""
 
@@ -49,8 +87,8 @@ class _Free:
 class Equilibrium:
     """Finds the equilibrium of the bodies, or (body, joints), that are free.
 
-    free: as given; forces: (body, link, force, point), in the world. Raises InvalidType, InvalidValue or
-    UnknownId.
+    free: as given; forces: (body, link, force, point, follows), of which those that follow their link are in
+    its inertial frame, others in the world. Raises InvalidType, InvalidValue or UnknownId.
     """
 
     def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces):
@@ -67,7 +105,15 @@ class Equilibrium:
             if (slot := bodies.find_slot(entry.body, link)) is not None
         ]
         self.free = frozenset(found)
-        self._forces = [self._local(force) for force in forces if force[0] in found]
+        self._loads: dict[tuple[int, int], _Load] = {}
+        for body, link, force, point, follows in forces:
+            if body in found:
+                load = self._loads.setdefault((body, link), _Load())
+                if follows:
+                    load.following += [*force, *_cross(point, force)]
+                else:
+                    centre, axes = self._inertial(body, link)
+                    load.fixed.append((np.array(force), axes.T @ (np.array(point) - centre)))
 
     def _checked(self, entry) -> _Free:
         is_pair = isinstance(entry, (tuple, list)) and len(entry) == 2
@@ -94,12 +140,6 @@ class Equilibrium:
         if first and chosen is None:
             columns = [*range(6), *columns]
         return _Free(body, columns, list(joints), links, masses)
-
-    def _local(self, force) -> tuple:
-        """Body, link, force in the world, and its point in the link's inertial frame."""
-        body, link, vector, point = force
-        centre, axes = self._inertial(body, link)
-        return body, link, np.array(vector), axes.T @ (np.array(point) - centre)
 
     def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
         if link < 0:
@@ -136,36 +176,47 @@ class Equilibrium:
                 p.resetJointState(entry.body, joint, angle + change, 0, client)
         self._bodies.read()
 
-    def _terms(self) -> tuple[float, np.ndarray, np.ndarray, float]:
-        """Potential, generalized force f, matrix, and the largest force at hand [N]."""
+    def _terms(self) -> _Terms:
         slots = [slot for *_, slot in self._slots]
         potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
         size = sum(len(entry.columns) for entry in self._free)
-        force, of_slots, first = np.zeros(size), np.zeros((6 * len(slots), size)), 0
+        found = _Terms(potential, np.zeros(size), np.zeros(size), np.zeros((0, 0)), largest)
+        of_slots, first = np.zeros((6 * len(slots), size)), 0
         for entry in self._free:
             where = slice(first, first + len(entry.columns))
             first += len(entry.columns)
             jacobians = self._jacobians(entry)
-            weights = entry.masses[:, None] * self._gravity
-            force[where] += np.einsum("lk,lkn->n", weights, jacobians[:, :3])
-            largest = max(largest, np.linalg.norm(weights, axis=1).max())
-            for link, mass in zip(entry.links, entry.masses, strict=True):
-                if mass > 0:
-                    potential -= mass * self._gravity @ self._inertial(entry.body, link)[0]
-            for body, link, vector, local in self._forces:
-                if body != entry.body:
-                    continue
-                centre, axes = self._inertial(body, link)
-                arm = axes @ local
-                wrench = np.concatenate([vector, np.cross(arm, vector)])
-                force[where] += wrench @ jacobians[entry.links.index(link)]
-                potential -= vector @ (centre + arm)
-                largest = max(largest, np.linalg.norm(vector))
+            if self._gravity.any():
+                self._weigh(entry, jacobians, where, found)
+            self._load(entry, jacobians, where, found)
             for k, (of, link, _) in enumerate(self._slots):
                 if of is entry:
                     of_slots[6 * k : 6 * k + 6, where] = jacobians[entry.links.index(link)]
-        force += wrenches.reshape(-1) @ of_slots
-        return potential, force, of_slots.T @ stiffness @ of_slots, largest
+        found.force += wrenches.reshape(-1) @ of_slots + found.following
+        found.matrix = of_slots.T @ stiffness @ of_slots
+        return found
+
+    def _weigh(self, entry: _Free, jacobians, where: slice, terms: _Terms) -> None:
+        """Add the weight of a body's links."""
+        weights = entry.masses[:, None] * self._gravity
+        terms.force[where] += np.einsum("lk,lkn->n", weights, jacobians[:, :3])
+        terms.largest = max(terms.largest, np.linalg.norm(weights, axis=1).max())
+        for link, weight in zip(entry.links, weights, strict=True):
+            if weight.any():
+                terms.potential -= weight @ self._inertial(entry.body, link)[0]
+
+    def _load(self, entry: _Free, jacobians, where: slice, terms: _Terms) -> None:
+        """Add the user's forces on a body."""
+        for (body, link), load in self._loads.items():
+            if body != entry.body:
+                continue
+            centre, axes = self._inertial(body, link)
+            fixed, following = load.wrenches(axes)
+            jacobian = jacobians[entry.links.index(link)]
+            terms.force[where] += fixed @ jacobian
+            terms.following[where] += following @ jacobian
+            terms.potential += load.potential(centre, axes)
+            terms.largest = max(terms.largest, load.largest())
 
     def _jacobians(self, entry: _Free) -> np.ndarray:
         if not entry.joints:
@@ -191,27 +242,32 @@ class Equilibrium:
     def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
         scale = self._scales()
         self._put(self._place(), np.zeros(len(scale)))
-        potential, force, matrix, largest = self._terms()
-        learned = np.zeros_like(matrix)
+        at = self._terms()
+        learned = np.zeros_like(at.matrix)
         residual = np.inf
         for count in range(max_steps):
-            residual = np.abs(scale * force).max() / max(largest, 1e-300)
+            residual = np.abs(scale * at.force).max() / max(at.largest, 1e-300)
             if residual <= tolerance:
                 return True, count, float(residual)
-            step = _newton_step(matrix + learned, force, scale)
-            place, share = self._place(), 1.0
-            while True:
-                self._put(place, share * step)
-                terms = self._terms()
-                back, ahead = terms[1] @ step, force @ step
-                falls = terms[0] <= potential - 1e-4 * share * ahead
-                if falls or abs(back) <= 0.5 * abs(ahead) or share < _SHORTEST:
-                    break
-                share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5
+            step = _newton_step(at.matrix + learned, at.force, scale)
+            share, after = self._advance(at, step)
             moved = share * step
-            learned += _rank_one(moved, force - terms[1] - (terms[2] + learned) @ moved)
-            potential, force, matrix, largest = terms
+            learned += _rank_one(moved, at.force - after.force - (after.matrix + learned) @ moved)
+            at = after
         return False, max_steps, float(residual)
+
+    def _advance(self, at: _Terms, step: np.ndarray) -> tuple[float, _Terms]:
+        """Move by a share of the step that is small enough: the share, and the terms there."""
+        place, share, ahead = self._place(), 1.0, at.force @ step
+        while True:
+            self._put(place, share * step)
+            after = self._terms()
+            back = after.force @ step
+            work = 0.5 * share * (at.following + after.following) @ step
+            falls = after.potential - work <= at.potential - 1e-4 * share * ahead
+            if falls or abs(back) <= 0.5 * abs(ahead) or share < _SHORTEST:
+                return share, after
+            share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5
 
     def _scales(self) -> np.ndarray:
         """What makes forces [N] of the generalized forces."""
@@ -230,6 +286,11 @@ def _newton_step(matrix, force, scale) -> np.ndarray:
     values = np.maximum(np.abs(values), _STIFFEST * max(np.abs(values).max(), 1.0))
     step = scale * (vectors @ ((vectors.T @ (scale * force)) / values))
     return step * min(1.0, _FARTHEST / max(np.abs(step).max(), 1e-300))
+
+
+def _cross(a, b) -> list:
+    """Of two vectors (3,)."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def _rank_one(step, missed) -> np.ndarray:

@@ -705,17 +705,15 @@ class TendonWorld(NotCopied):
             >>> print(f"{knot.force[2]:.2f} N")  # 20 N and the weight of 0.1 kg
             20.98 N
         """
-        force, point = checks.vector("forceObj", forceObj), checks.vector("posObj", posObj)
-        self._bodies.require(bodyUniqueId, linkIndex)
-        if checks.integer("flags", flags) not in (p.WORLD_FRAME, p.LINK_FRAME):
-            raise InvalidValue("flags", flags, "p.WORLD_FRAME or p.LINK_FRAME")
-        where = int(bodyUniqueId), int(linkIndex)
-        self._bodies.apply_external_force(*where, force, point, flags == p.LINK_FRAME)
+        given = self._checked_force(bodyUniqueId, linkIndex, forceObj, posObj, flags)
+        self._bodies.apply_external_force(*given)
 
-    def relax(self, tolerance: float = 1e-6, max_steps: int = 1000, bodies: Sequence = ()) -> None:
+    def relax(
+        self, tolerance: float = 1e-6, max_steps: int = 1000, bodies: Sequence = (), forces: Sequence = ()
+    ) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
 
-        With `bodies`, these are put first where ligaments, cartilage, gravity and the forces told by
+        With `bodies`, these are put first where ligaments, cartilage, gravity, `forces` and those told by
         apply_external_force balance, by Newton's method, and are at rest there. Other bodies, and joints that
         are not listed, stay where they are. Motors and contacts of pybullet do not act. Where no equilibrium
         is found, nothing has moved and the report says that it did not converge.
@@ -731,6 +729,8 @@ class TendonWorld(NotCopied):
             max_steps: the most solutions.
             bodies: what is free, each a bodyUniqueId (a rigid body, or a body with all its joints and, unless
                 it is fixed, its base), or (bodyUniqueId, joints) for some of its hinges and sliders.
+            forces: on these, for this call alone, each (bodyUniqueId, linkIndex, forceObj, posObj, flags) as
+                apply_external_force takes it. Those with p.LINK_FRAME follow the link.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: for arguments out of range, or bodies that cannot be free,
@@ -756,7 +756,11 @@ class TendonWorld(NotCopied):
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
         if not isinstance(bodies, (tuple, list)):
             raise InvalidType("bodies", bodies, "a sequence of bodyUniqueIds or (bodyUniqueId, joints)")
-        if bodies and not self._balance(bodies, tolerance, max_steps):
+        if not isinstance(forces, (tuple, list)):
+            raise InvalidType("forces", forces, "a sequence")
+        if forces and not bodies:
+            raise InvalidValue("forces", forces, "none where no bodies are free")
+        if bodies and not self._balance(bodies, forces, tolerance, max_steps):
             return
         alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
         parts = self._stepper, self._states, self._readouts, self._bodies
@@ -955,11 +959,19 @@ class TendonWorld(NotCopied):
         for fixation in self._fixations:
             fixation._before_step()
 
-    def _balance(self, bodies: Sequence, tolerance: float, max_steps: int) -> bool:
+    def _balance(self, bodies: Sequence, forces: Sequence, tolerance: float, max_steps: int) -> bool:
         """Put bodies where they are in equilibrium. Whether there are tendons to relax after that."""
         _, gravity = self._stepper.step_and_gravity()
         self._bodies.require_alive()
-        found = Equilibrium(self._bodies, self._core, bodies, gravity, self._bodies.external_forces)
+        loads = [(*told, False) for told in self._bodies.external_forces]
+        for force in forces:
+            if not isinstance(force, (tuple, list)) or len(force) != 5:
+                raise InvalidType("forces", force, "(bodyUniqueId, linkIndex, forceObj, posObj, flags)")
+            loads.append(self._checked_force(*force))
+        found = Equilibrium(self._bodies, self._core, bodies, gravity, loads)
+        for force in forces:
+            if force[0] not in found.free:
+                raise InvalidValue("forces", force, f"one on a body that is free, of {sorted(found.free)}")
         attached = {h.bodyUniqueId for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
         if attached & found.free:
             raise InvalidValue("bodies", bodies, f"bodies that no tendon is attached to, as to {attached}")
@@ -969,6 +981,14 @@ class TendonWorld(NotCopied):
         report.iterations, report.residual, report.tolerance = steps, residual, tolerance
         report.converged = converged
         return converged and bool(self._tendons)
+
+    def _checked_force(self, body, link, force, point, flags) -> tuple:
+        """Body, link, force (3,), point (3,), and whether these are in the link's inertial frame."""
+        force, point = checks.vector("forceObj", force), checks.vector("posObj", point)
+        self._bodies.require(body, link)
+        if checks.integer("flags", flags) not in (p.WORLD_FRAME, p.LINK_FRAME):
+            raise InvalidValue("flags", flags, "p.WORLD_FRAME or p.LINK_FRAME")
+        return int(body), int(link), force, point, flags == p.LINK_FRAME
 
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles, attachments and ligaments refer to."""

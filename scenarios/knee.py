@@ -29,6 +29,8 @@ ARM = 0.1  # of the couple that makes a moment [m]
 INERTIA = np.array([2.7, 2.7, 0.1, 2.7, 0.0045])
 LEVER = np.array([1.0, 1.0, 0.1, 1.0, 0.1])
 LONGEST, SHORTEST = 1 / 120, 1 / 1920  # steps while the knee settles [s]
+TYPICAL = 1e3  # N: forces in a knee
+MOST_RELAXATIONS = 60  # steps of Newton's method
 NEARLY = 1e-6  # motion in a step at rest [m, rad]
 LINE_RADIUS = 8e-4  # of a strand in pictures [m]
 
@@ -157,15 +159,17 @@ class KneeRig:
     def settle(self, tolerance: float = 1e-3, max_steps: int = 2000) -> bool:
         """Let the knee come to rest under the load; whether it did within `max_steps` steps.
 
-        tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. Motion is stopped
-        whenever the kinetic energy has passed a maximum (kinetic damping, Cundall), beside what implicit
-        Euler damps. No time is meant to pass. It gives up after 20 steps that were not solved, as where the
-        tibia is dislocated. Raises InvalidType, InvalidValue or StepFailed.
+        tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. The equilibrium is
+        found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
+        taken, and motion is stopped whenever the kinetic energy has passed a maximum (kinetic damping,
+        Cundall), beside what implicit Euler damps. No time is meant to pass. It gives up after 20 steps that
+        were not solved, as where the tibia is dislocated. Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
-        step, last, before, unsolved = LONGEST, 0.0, self._joints(), 0
         self._stop()
+        self._relax(tolerance)
+        step, last, before, unsolved = LONGEST, 0.0, self._joints(), 0
         try:
             for _ in range(max_steps):
                 p.setTimeStep(step, self.client)
@@ -324,18 +328,33 @@ class KneeRig:
         turn = p.getQuaternionFromEuler((0, 0, self._flexion))
         p.resetBasePositionAndOrientation(self.femur[0], (0, 0, 0), turn, self.client)
 
+    def _relax(self, tolerance: float) -> None:
+        """Put the tibia where the load is balanced. It stays where that is not found."""
+        loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads()]
+        largest = TYPICAL
+        for _ in range(2):
+            self.world.relax(tolerance / largest, MOST_RELAXATIONS, bodies=[self.tibia[0]], forces=loads)
+            if not self.world.report.converged:
+                return
+            # The tolerance is of the largest force, which is known only now.
+            at_hand = [*self.forces.values(), np.linalg.norm(self._force)]
+            if self.world.report.residual * max(at_hand) <= tolerance:
+                return
+            largest = max(at_hand)
+
     def _push(self) -> None:
         """Put the load on the tibia for the next step."""
-        if self._force.any():
-            self._apply(self._force, self._point)
+        for force, point in self._loads():
+            self.world.apply_external_force(*self.tibia, force, point, p.LINK_FRAME)
+
+    def _loads(self) -> list:
+        """(force, point) of the load, in the inertial frame of the tibia."""
+        loads = [(self._force, self._point)] if self._force.any() else []
         size = np.linalg.norm(self._moment)
         if size > 0:
             axis = self._moment / size
             arm = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
             arm *= ARM / np.linalg.norm(arm)
             force = np.cross(self._moment, arm) / (2 * ARM**2)
-            self._apply(force, arm)
-            self._apply(-force, -arm)
-
-    def _apply(self, force, point) -> None:
-        self.world.apply_external_force(*self.tibia, force, point - self._centre, p.LINK_FRAME)
+            loads += [(force, arm), (-force, -arm)]
+        return [(force, point - self._centre) for force, point in loads]

@@ -72,6 +72,24 @@ def test_the_real_knee_without_its_acl():
 
 @real_knee
 @pytest.mark.slow
+@pytest.mark.parametrize("degrees", [0, 15, 50, 90])
+def test_drawer_loads_at_other_angles(degrees):
+    knee, angle = oracle(), np.radians(degrees)
+    with KneeRig(KNEE, KNEE, KNEE) as rig:
+        rig.flex(angle)
+        for force in LOADS:
+            rig.load(anterior=force)
+            assert rig.settle()
+            at = rig.coordinates
+            # Near the place found, which the oracle then finds by itself.
+            pose = Pose(angle, at.adduction, at.internal_rotation, (0.0, 0.0, 0.0))
+            origin = np.linalg.solve(pose.joint_axes, [at.lateral, at.anterior, at.superior])
+            start = Pose(angle, at.adduction + 0.01, at.internal_rotation - 0.02, tuple(origin + 5e-4))
+            agree(rig, knee, knee.solve(start, force=(force, 0.0, 0.0)))
+
+
+@real_knee
+@pytest.mark.slow
 def test_passive_flexion_of_the_real_knee():
     knee = oracle()
     pose = Pose(0.0, origin=(0.0, 5e-4, 0.0))

@@ -67,6 +67,44 @@ def test_a_told_force_is_balanced(make_world, client):
     np.testing.assert_allclose(torque, 0, atol=1e-7)
 
 
+@pytest.mark.parametrize("flags", [p.WORLD_FRAME, p.LINK_FRAME])
+def test_forces_of_the_call_are_balanced_and_those_of_the_link_follow_it(make_world, client, flags):
+    """Three forces, as a couple and a pull; pybullet is given none of them."""
+    world = make_world(1 / 240, (0, 0, -G))
+    body = hung(world, client)
+    world.relax(bodies=[body], tolerance=1e-9)
+    centre, turn = p.getBasePositionAndOrientation(body, client)
+    axes = np.reshape(p.getMatrixFromQuaternion(turn), (3, 3))
+    couple = ((0, 0.5, 0), (0.02, 0, 0)), ((0, -0.5, 0), (-0.02, 0, 0))
+    given = [((4.0, 3.0, -2.0), (0.01, 0.0, -0.05)), *couple]
+    forces = []
+    for force, point in given:
+        if flags == p.WORLD_FRAME:
+            point = centre + axes @ point
+        forces.append((body, -1, force, tuple(point), flags))
+    world.relax(bodies=[body], tolerance=1e-9, forces=forces)
+    assert world.report.converged
+    found, turned = p.getBasePositionAndOrientation(body, client)
+    now = np.reshape(p.getMatrixFromQuaternion(turned), (3, 3))
+    assert np.abs(now - axes).max() > 0.02
+    total, torque = np.array([0, 0, -2 * G]), np.zeros(3)
+    for force, point in given:
+        along = now @ force if flags == p.LINK_FRAME else np.array(force)
+        total += along
+        torque += np.cross(now @ point, along)
+    for ligament in world.ligaments:
+        upper, lower = ligament.points
+        force = ligament.force * (upper - lower) / np.linalg.norm(upper - lower)
+        total += force
+        torque += np.cross(lower - found, force)
+    np.testing.assert_allclose(total, 0, atol=1e-6)
+    np.testing.assert_allclose(torque, 0, atol=1e-7)
+    world.relax(bodies=[body], tolerance=1e-9)
+    before = place(body, client)
+    world.step(3)
+    np.testing.assert_allclose(place(body, client), before, atol=1e-8)
+
+
 def test_a_joint_is_free_and_the_others_stay(make_world, client):
     """Two links on hinges; a line of constant tension turns the first one until the torques balance."""
     world = make_world(1 / 240, (0, 0, -G))
@@ -128,6 +166,18 @@ def test_bad_calls_change_nothing(make_world, client):
     ):
         with pytest.raises(error):
             world.relax(bodies=bodies)
+    for forces, error in (
+        (3, bt.InvalidType),
+        ([(body, -1, (1, 0, 0))], bt.InvalidType),
+        ([(body, -1, (1, 0, math.nan), (0, 0, 0), p.WORLD_FRAME)], bt.InvalidValue),
+        ([(body, -1, (1, 0, 0), (0, 0, 0), 7)], bt.InvalidValue),
+        ([(body, 3, (1, 0, 0), (0, 0, 0), p.WORLD_FRAME)], bt.UnknownId),
+        ([(stand, -1, (1, 0, 0), (0, 0, 0), p.WORLD_FRAME)], bt.InvalidValue),
+    ):
+        with pytest.raises(error):
+            world.relax(bodies=[body], forces=forces)
+    with pytest.raises(bt.InvalidValue):
+        world.relax(forces=[(body, -1, (1, 0, 0), (0, 0, 0), p.WORLD_FRAME)])
     tendon = world.add_tendon([(0, 0, -0.2), (0, 0, -0.1)], 0.001, bt.Material(stiffness=1e3), particles=5)
     tendon.attach(-1, body)
     with pytest.raises(bt.InvalidValue, match="no tendon is attached to"):
