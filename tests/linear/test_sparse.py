@@ -82,6 +82,18 @@ def test_all_joined(n, apart):
     agree(system(random, n + apart, np.concatenate([joined, rest]).astype(np.int32)))
 
 
+@RANDOM
+@given(seed=SEEDS, touching=st.integers(0, 60))
+def test_eight_right_hand_sides_at_once_have_the_bits_of_one_after_the_other(seed, touching):
+    random = np.random.default_rng(seed)
+    edges, diagonal, beside, _ = system(random, 40, chains(random, 4, 10, 1, touching))
+    right = random.standard_normal((40, 3, 8))
+    together, alone = _core.testing.sparse_columns(edges, diagonal, beside, right)
+    assert np.array_equal(together, alone)
+    expected = np.linalg.solve(dense(edges, diagonal, beside), right.reshape(120, 8)).reshape(40, 3, 8)
+    np.testing.assert_allclose(together, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
 def test_a_factor_forgets_what_it_solved_before():
     """To the bit: a state that is restored into a world goes on as it did where it came from."""
     random = np.random.default_rng(4)

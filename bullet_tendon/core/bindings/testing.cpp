@@ -391,6 +391,36 @@ py::list sparse_solutions(const py::list& systems) {
   return out;
 }
 
+// Eight right-hand sides (n, 3, 8) of a system as in sparse_solutions: solutions (n, 3, 8) of all at once, and
+// those of one after the other.
+py::tuple sparse_columns(const Ints& pairs, const Array& diagonal, const Array& beside, const Array& right) {
+  SparseFactor factor;
+  const SparseFactor::Edges edges = edges_of(pairs);
+  const int n = static_cast<int>(diagonal.shape(0));
+  factor.analyse(n, edges);
+  fill_factor(factor, edges, diagonal, beside);
+  if (!factor.factorise()) throw py::value_error("not definite");
+  Columns b;
+  b.resize(n);
+  std::copy(right.data(), right.data() + right.size(), b.number(0));
+  factor.solve(b);
+  Array together({py::ssize_t{n}, py::ssize_t{3}, py::ssize_t{kLanes}});
+  std::copy(b.number(0), b.number(n), together.mutable_data());
+  Array alone({py::ssize_t{n}, py::ssize_t{3}, py::ssize_t{kLanes}});
+  for (int lane = 0; lane < kLanes; ++lane) {
+    std::vector<Vec3> one(n);
+    for (int i = 0; i < n; ++i)
+      one[i] = {right.at(i, 0, lane), right.at(i, 1, lane), right.at(i, 2, lane)};
+    factor.solve(one);
+    for (int i = 0; i < n; ++i) {
+      alone.mutable_at(i, 0, lane) = one[i].x;
+      alone.mutable_at(i, 1, lane) = one[i].y;
+      alone.mutable_at(i, 2, lane) = one[i].z;
+    }
+  }
+  return py::make_tuple(together, alone);
+}
+
 // A band of blocks: its diagonal (n, 3, 3), and below it (reach, n, 3, 3), of which the last ones are not
 // there.
 Band band_of(const Array& diagonal, const Array& below) {
@@ -432,7 +462,9 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
 }  // namespace
 
 void bind_sparse(py::module_& testing) {
-  testing.def("sparse_solutions", &sparse_solutions).def("band_solutions", &band_solutions);
+  testing.def("sparse_solutions", &sparse_solutions)
+      .def("sparse_columns", &sparse_columns)
+      .def("band_solutions", &band_solutions);
 }
 
 }  // namespace bt

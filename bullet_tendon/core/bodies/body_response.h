@@ -58,6 +58,7 @@ struct BodyWorkspace {
 struct BodyTurning {
   bool far = false;
   bool elements = false;  // elements act on it in this step
+  bool central = false;   // nothing acts off its centre of mass: it moves as a point
   Vec3 torque;            // of the tendons in the last solution [N m]
   double pull = 0;        // sum of |force| |arm| of the tendons [N m]
   double lever = 0;       // largest |arm| [m]

@@ -25,7 +25,7 @@ struct LinkPair {
 // A link that an element touches, and the element's wrench on it.
 struct TouchedLink {
   int link = -1;       // slot
-  Vec3 lever;          // one of the arms, at the start of the substep [m]
+  Vec3 lever;          // one of the longest arms, at the start of the substep [m]
   Vec3 force, torque;  // about its centre of mass, with the arms at the end of the substep [N], [N m]
   Rot3 pulls;          // sum of outer products r f
   void clear() {

@@ -65,14 +65,19 @@ double Ligament::length_at(const std::vector<Link>& links, std::vector<Vec3>* po
 
 void Ligament::begin(const std::vector<Link>& links, double h) {
   h_ = h;
+  for (TouchedLink& touched : touched_) touched.lever = {};
+  auto act = [this](int place, Vec3 arm) {
+    Vec3& lever = touched_[place].lever;
+    if (dot(arm, arm) > dot(lever, lever)) lever = arm;
+  };
   for (size_t i = 0; i < path_.size(); ++i) {
     arms_[i] = links[path_[i].link].arm_of(path_[i].local);
-    touched_[of_point_[i]].lever = arms_[i];
+    act(of_point_[i], arms_[i]);
   }
   for (size_t w = 0; w < wraps_.size(); ++w) {
     const Link& link = links[wraps_[w].link];
     wrap_frames_[w] = {link.pose.rotation * wraps_[w].local.rotation, link.arm_of(wraps_[w].local.origin)};
-    touched_[place_of(wraps_[w].link)].lever = wrap_frames_[w].origin;
+    act(place_of(wraps_[w].link), wrap_frames_[w].origin + Vec3{wraps_[w].radius, 0, 0});
   }
   start_length_ = length_at(links);
   if (begun || memory.empty()) return;

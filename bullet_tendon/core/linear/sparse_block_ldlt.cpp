@@ -54,6 +54,19 @@ class BlockSet {
   std::vector<uint64_t> words_;
 };
 
+// out = a x, and out = a^T x, in each lane.
+BT_WITHIN inline void multiply(const PaddedBlock& a, const Eight* x, Eight* out) {
+  for (int i = 0; i < 3; ++i) out[i] = a.row[i][0] * x[0] + a.row[i][1] * x[1] + a.row[i][2] * x[2];
+}
+
+BT_WITHIN inline void multiply_transposed(const PaddedBlock& a, const Eight* x, Eight* out) {
+  for (int i = 0; i < 3; ++i) out[i] = x[0] * a.row[0][i] + x[1] * a.row[1][i] + x[2] * a.row[2][i];
+}
+
+BT_WITHIN inline void subtract(Eight* from, const Eight* v) {
+  for (int c = 0; c < 3; ++c) from[c] -= v[c];
+}
+
 inline Vec3 row_of(const PaddedBlock& b, int i) { return {b.row[i][0], b.row[i][1], b.row[i][2]}; }
 
 }  // namespace
@@ -213,6 +226,28 @@ void SparseFactor::solve(std::vector<Vec3>& b) {
       x -= other.x * row_of(l, 0) + other.y * row_of(l, 1) + other.z * row_of(l, 2);
     }
     y[k] = b[node_[k]] = x;
+  }
+}
+
+BT_VECTOR void SparseFactor::solve(Columns& b) {
+  if (!columns_.fits(n_)) columns_.resize(n_);
+  Columns& y = columns_;
+  for (int k = 0; k < n_; ++k) std::copy(b.at(node_[k]), b.at(node_[k]) + 3, y.at(k));
+  Eight part[3];
+  for (int k = 0; k < n_; ++k)
+    for (int a = first_[k]; a < first_[k + 1]; ++a) {
+      multiply(below_[a], y.at(k), part);
+      subtract(y.at(rows_[a]), part);
+    }
+  for (int k = n_ - 1; k >= 0; --k) {
+    Eight x[3];
+    multiply(diagonal_[k], y.at(k), x);
+    for (int a = first_[k]; a < first_[k + 1]; ++a) {
+      multiply_transposed(below_[a], y.at(rows_[a]), part);
+      subtract(x, part);
+    }
+    std::copy(x, x + 3, y.at(k));
+    std::copy(x, x + 3, b.at(node_[k]));
   }
 }
 

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "linear/block_columns.h"
 #include "math/sym3.h"
 
 namespace bt {
@@ -43,6 +44,8 @@ class SparseFactor {
   bool factorise();
   // b becomes A^-1 b.
   void solve(std::vector<Vec3>& b);
+  // The same for eight right-hand sides at once, with the same bits in each lane.
+  void solve(Columns& b);
 
  private:
   void list_neighbours();
@@ -62,6 +65,7 @@ class SparseFactor {
   std::vector<PaddedBlock> diagonal_, below_;  // D^-1 and L once factorised
   std::vector<PaddedBlock> scaled_;            // W of one pivot, by block below it
   std::vector<Vec3> right_;                    // of a solution, by position
+  Columns columns_;                            // of eight solutions, by position
 };
 
 }  // namespace bt

@@ -74,6 +74,7 @@ struct IslandMatrix {
   bool patterned = false;   // the pattern is that of this island
   std::vector<Sym3> free;   // by block: projector on the directions that are not constrained
   std::vector<Vec3> right_hand;
+  Columns right_hands;   // eight of them
   double tolerance = 0;  // sufficient relative tolerance of this solution [-]; 0: that of the options
 };
 

@@ -136,6 +136,22 @@ void solve_coupled(Island& island, Which b, Which x) {
     for (int i = 0; i < c->n(); ++i) (c->*x).set(i, island.matrix.right_hand[block++]);
 }
 
+// A^-1 C for the eight columns of panel p.
+void answer_coupled(Island& island, size_t p) {
+  Columns& all = island.matrix.right_hands;
+  if (!all.fits(island.matrix.factor.blocks())) all.resize(island.matrix.factor.blocks());
+  for (size_t k = 0; k < island.tendons.size(); ++k) {
+    const int first = island.matrix.offset[island.numbers[k]], n = island.tendons[k]->n();
+    const Columns& pulls = island.bodies.borders[k].panels[p].pulls;
+    std::copy(pulls.at(0), pulls.at(n), all.at(first));
+  }
+  island.matrix.factor.solve(all);
+  for (size_t k = 0; k < island.tendons.size(); ++k) {
+    const int first = island.matrix.offset[island.numbers[k]], n = island.tendons[k]->n();
+    std::copy(all.at(first), all.at(first + n), island.bodies.borders[k].panels[p].answers.at(0));
+  }
+}
+
 // y += (the blocks of coupling contacts outside the bands) p, with p = cg_direction and y = cg_image.
 void add_coupling(Island& island) {
   for (const Contact* contact : island.acting) {
@@ -260,17 +276,23 @@ bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x)
 
 // Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
 bool answer_columns(Island& island, const Options& o, size_t p) {
-  const bool banded = is_banded(island, o);
-  for (size_t k = 0; k < island.tendons.size() && banded; ++k) {
+  if (o.linear_solver == LinearSolver::pcg) {
+    const int columns = std::min(kLanes, island.bodies.freedom - static_cast<int>(p) * kLanes);
+    for (int lane = 0; lane < columns; ++lane) {
+      take_column(island, p, lane);
+      if (!apply_inverse(island, o, &Tendon::column, &Tendon::solved)) return false;
+      put_answer(island, p, lane);
+    }
+    return true;
+  }
+  if (island.coupled) {
+    answer_coupled(island, p);
+    return true;
+  }
+  for (size_t k = 0; k < island.tendons.size(); ++k) {
     Border& b = island.bodies.borders[k];
     if (b.first <= b.last)
       island.tendons[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
-  }
-  for (int lane = 0; lane < kLanes && !banded && static_cast<int>(p) * kLanes + lane < island.bodies.freedom;
-       ++lane) {
-    take_column(island, p, lane);
-    if (!apply_inverse(island, o, &Tendon::column, &Tendon::solved)) return false;
-    put_answer(island, p, lane);
   }
   return true;
 }

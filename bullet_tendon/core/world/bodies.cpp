@@ -64,14 +64,42 @@ void World::find_point_masses() {
     }
 }
 
+// Marks free rigid bodies on which attachments and elements act at the centre of mass alone, such as the node
+// between a tendon and its fixation. Without contacts, shapes or tunnels, no torque acts on them.
+void World::find_central_bodies() {
+  for (GeneralizedBody& m : scene.bodies) m.turning.central = m.n() == 6;
+  for (size_t l = 0; l < scene.links.size(); ++l)
+    if (!scene.links[l].jacobian.empty() || islands_.solid[l])
+      if (scene.links[l].body >= 0) scene.bodies[scene.links[l].body].turning.central = false;
+  auto act = [&](const Link& link, Vec3 arm) {
+    if (!link.yields()) return;
+    const double of_mass = trace(link.mobility(link.centre));
+    if (trace(link.mobility(link.centre + arm)) - of_mass > kRoundingShare * of_mass)
+      scene.bodies[link.body].turning.central = false;
+  };
+  for (const Tendon* c : step_.slots)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i)
+      if (const Anchor& h = c->anchors[i]; h.link >= 0)
+        act(scene.links[h.link], scene.links[h.link].arm_of(h.local));
+  for (const Contact& contact : contacts_.all)
+    if (contact.link >= 0) act(scene.links[contact.link], contact.arm);
+  scene.each_element([&](const Element& element) {
+    for (const TouchedLink& touched : element.touched()) act(scene.links[touched.link], touched.lever);
+  });
+}
+
 // All bodies that tendons touch, except point masses, are unknowns of an implicit step.
 void World::find_unknowns() {
   count_touches();
+  find_central_bodies();
   for (GeneralizedBody& m : scene.bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Link& l : scene.links) {
     l.correction = {};
-    l.turned.far = l.yields() && scene.bodies[l.body].unknowns.any && scene.bodies[l.body].turning.far;
+    l.turned.far = false;
+    if (!l.yields()) continue;
+    const GeneralizedBody& m = scene.bodies[l.body];
+    l.turned.far = m.unknowns.any && m.turning.far;
   }
   for (Contact& contact : contacts_.all)
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&
@@ -99,7 +127,7 @@ void World::find_solid_links() {
 
 // Reduces the unknowns of each body to the motions that tendons can cause. Tendons can touch links with
 // shapes or tunnels at any point, and other links only at attached points. A body that turns far keeps all
-// unknowns.
+// unknowns, unless nothing acts off its centre of mass.
 void World::narrow_bodies() {
   if (std::none_of(scene.bodies.begin(), scene.bodies.end(),
                    [](const GeneralizedBody& m) { return m.unknowns.any; }))
@@ -121,15 +149,21 @@ void World::narrow_bodies() {
   }
   each_reached([&](const Link& link, int count, Vec3) { scene.bodies[link.body].unknowns.freedom += count; });
   for (GeneralizedBody& m : scene.bodies) {
-    const bool all = !m.unknowns.any || m.turning.far || m.unknowns.freedom >= m.n();
+    // What elements alone act on has no attachment that tells its directions.
+    const bool point = m.turning.central && m.unknowns.freedom > 0;
+    const bool all = !m.unknowns.any || (m.turning.far && !point) || m.unknowns.freedom >= m.n();
     m.unknowns.freedom = all ? m.n() : 0;
+    m.turning.central = !all;
   }
   each_reached([&](const Link& link, int count, Vec3 arm) {
     GeneralizedBody& m = scene.bodies[link.body];
     for (int k = 0; k < count && m.unknowns.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
   });
   for (Link& l : scene.links)
-    if (l.yields() && scene.bodies[l.body].unknowns.any) l.reach(scene.bodies[l.body]);
+    if (l.yields() && scene.bodies[l.body].unknowns.any) {
+      l.turned.far &= !scene.bodies[l.body].turning.central;
+      l.reach(scene.bodies[l.body]);
+    }
 }
 
 // Computes the generalized forces of bodies from wrenches on their links, times scale.

@@ -281,6 +281,7 @@ class World {
   void sum_forces(double scale, Of wrench_of);
   void act_on_bodies();
   bool find_turning();
+  void find_central_bodies();
   void push_bodies();
   bool settle_stops();
   void find_solid_links();
