@@ -96,6 +96,7 @@ setup(
             "pydata-sphinx-theme>=0.16",
             "myst-parser>=4",
             "sphinx-gallery>=0.18",
+            "gymnasium>=1.1",
             "matplotlib>=3.6",
             "k3d>=3.0",
         ],

@@ -25,6 +25,8 @@ RECIPES = (
     "ligament_with_slack",
     "pretension_and_fixation",
     "multi_strand_graft",
+    "cartilage_of_my_joint",
+    "laxity_of_my_knee",
     "tendon_over_pulley",
     "suture_and_knot",
     "finger_from_my_urdf",
@@ -33,6 +35,7 @@ RECIPES = (
     "saved_states",
     "haptic_device",
     "many_worlds",
+    "learn_a_task",
     "choosing_a_resolution",
     "when_a_step_does_not_converge",
 )

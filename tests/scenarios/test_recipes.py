@@ -54,6 +54,51 @@ def test_ligament_with_slack(run):
         assert force == pytest.approx(blankevoort(length / 0.032 - 1), rel=1e-3)
 
 
+def test_cartilage_of_my_joint(run):
+    """The elastic foundation under a sphere: force pi K R d^2, area 2 pi R d, greatest pressure K d."""
+    got = run("cartilage_of_my_joint")
+    k = 10e6 * 0.55 / (1.45 * 0.1) / 0.006
+    for load, depth, force, area, pressure in got["measured"]:
+        assert force == pytest.approx(load, rel=1e-3)
+        assert force == pytest.approx(np.pi * k * 0.03 * depth**2, rel=0.02)
+        assert area == pytest.approx(2 * np.pi * 0.03 * depth, rel=0.05)
+        assert pressure == pytest.approx(k * depth, rel=0.02)
+
+
+def test_laxity_of_my_knee(run):
+    """The tibia is in equilibrium, and its ACL is what holds the knee of a Lachman test."""
+    got = run("laxity_of_my_knee")
+    rig, intact, cut = got["rig"], got["intact"], got["cut"]
+    assert intact == sorted(intact) and cut == sorted(cut)
+    assert 3.5 < intact[-1] < 8.5 and 10.4 < cut[-1] < 15.4  # mm, cadavers within a standard deviation
+    assert got["shares"]["ACLam"] > 40 and not any(group.startswith("ACL") for group in rig.forces)
+    axes = np.reshape(p.getMatrixFromQuaternion(p.getLinkState(*rig.tibia, 0, 1, rig.client)[5]), (3, 3))
+    total = 90 * axes[:, 0] + rig.cartilage.wrench[:3] * (1 if rig.cartilage.second == rig.tibia else -1)
+    for name, ligament in rig.ligaments.items():
+        points = np.array(ligament.points)
+        for k, (bone, _) in enumerate(rig.strands[name].path):
+            for beside in (k - 1, k + 1):
+                if bone == "tibia" and 0 <= beside < len(points):
+                    way = points[beside] - points[k]
+                    total += ligament.force * way / size(way)
+    assert size(total) < 0.1
+    rig.close()
+
+
+def test_learn_a_task(run):
+    pytest.importorskip("gymnasium.vector", reason="the recipe needs gymnasium (extra gym)")
+    got = run("learn_a_task")
+    assert sum(got["by_expert"]) > sum(got["at_random"])
+    assert len(got["by_expert"]) < 120 == len(got["at_random"])
+    seen = got["vector_observations"](3, 5)
+    for seed in range(3):
+        got["env"].reset(seed=seed)
+        for _ in range(5):
+            alone, *_ = got["env"].step(np.zeros(2, np.float32))
+        assert np.array_equal(alone, seen[seed])
+    got["env"].close()
+
+
 def test_pretension_and_fixation(run):
     """Two springs in parallel: of a pull against the world the graft keeps k_joint / (k_joint + k_graft)."""
     got = run("pretension_and_fixation")
