@@ -32,6 +32,27 @@ class Articulated:
     def dofs(self) -> int: ...
     def moves(self, link: int, /) -> bool: ...
 
+class Material:
+    def __init__(
+        self,
+        stiffness: float,
+        exponent: float,
+        toe_strain: float,
+        tension_only: bool,
+        damping: float,
+        damping_exponent: float,
+        whole_velocity: bool,
+        lengthening_only: bool,
+        shear_stiffness: float,
+        bending_stiffness: float,
+        linear_density: float,
+        weights: ArrayLike,
+        times: ArrayLike,
+        most_force: float,  # 0: none
+        most_strain: float,
+        /,
+    ) -> None: ...
+
 class Report:
     iterations: int
     residual: float
@@ -100,17 +121,7 @@ class World:
         points: ArrayLike,
         radius: float,
         friction: float,
-        stiffness: float,
-        exponent: float,
-        toe_strain: float,
-        tension_only: bool,
-        damping: float,
-        damping_exponent: float,
-        whole_velocity: bool,
-        lengthening_only: bool,
-        shear_stiffness: float,
-        bending_stiffness: float,
-        linear_density: float,
+        material: Material,
         /,
     ) -> int: ...
     def remove_tendon(self, tendon: int, /) -> None: ...
@@ -124,6 +135,7 @@ class World:
     def set_rest(self, tendon: int, rest: ArrayLike, /) -> None: ...
     def set_point_mass(self, tendon: int, particle: int, mass: float, /) -> None: ...
     def tension(self, tendon: int, /) -> _Floats: ...
+    def torn(self, tendon: int, /) -> list[int]: ...
     def is_asleep(self, tendon: int, /) -> bool: ...
     def energy(self, tendon: int, /) -> float: ...
     def set_force(self, tendon: int, particle: int, force: ArrayLike, /) -> None: ...
@@ -204,17 +216,7 @@ class World:
         links: ArrayLike,
         locals: ArrayLike,
         rest: float,
-        stiffness: float,
-        exponent: float,
-        toe_strain: float,
-        tension_only: bool,
-        damping: float,
-        damping_exponent: float,
-        lengthening_only: bool,
-        weights: ArrayLike,
-        times: ArrayLike,
-        most_force: float,  # 0: none
-        most_strain: float,
+        material: Material,
         wraps: list[tuple[int, bool, float, ArrayLike, ArrayLike]],
         /,
     ) -> int: ...

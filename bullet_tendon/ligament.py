@@ -222,12 +222,3 @@ def wrap_arguments(bodies: Bodies, wraps: tuple[Wrap, ...]) -> list[tuple]:
         )
         for wrap in wraps
     ]
-
-
-def law_arguments(material: Material) -> tuple:
-    """The axial law of a material as the compiled core takes it. A ligament bends freely and has no mass."""
-    rates = material.damping, material.damping_exponent, material.damping_form == "lengthening"
-    weights, times = zip(*material.relaxation, strict=True) if material.relaxation else ((), ())
-    limits = material.rupture_force or 0.0, material.rupture_strain or 0.0
-    law = material.stiffness, material.exponent, material.toe, material.tension_only
-    return (*law, *rates, weights, times, *limits)

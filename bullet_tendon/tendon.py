@@ -69,6 +69,7 @@ class Tendon(NotCopied):
         ]
         parts += [f"{len(self._anchors)} held"] if self._anchors else []
         parts += ["asleep"] if self.asleep else []
+        parts += ["ruptured"] if self.ruptured else []
         parts += [] if self.collides else ["makes no contacts"]
         return f"<Tendon {self._name!r}: {', '.join(parts)}>"
 
@@ -136,13 +137,26 @@ class Tendon(NotCopied):
 
     @property
     def energy(self) -> float:
-        """Elastic and kinetic energy [J]."""
+        """Elastic and kinetic energy [J]. Of a material that relaxes: elastic as if nothing had relaxed."""
         return self._core.energy(self._alive())
 
     @property
     def asleep(self) -> bool:
         """Whether it rests, and steps leave it out until something that it feels changes."""
         return self._core.is_asleep(self._alive())
+
+    @property
+    def ruptured(self) -> bool:
+        """Whether a segment of it has ended a step beyond its material's rupture force or strain."""
+        return self.ruptured_segments.size > 0
+
+    @property
+    def ruptured_segments(self) -> np.ndarray:
+        """Segments that have ruptured, the first one first: they carry nothing and touch nothing any more.
+
+        Of a tendon that is loaded evenly one segment ruptures, which unloads the others.
+        """
+        return np.array(self._core.torn(self._alive()), dtype=int)
 
     @property
     def collides(self) -> bool:

@@ -28,7 +28,6 @@ from .ligament import (
     checked_path,
     checked_rest,
     checked_wrap,
-    law_arguments,
     path_length,
     points_of,
     wrap_arguments,
@@ -186,9 +185,6 @@ class TendonWorld(NotCopied):
             raise InvalidValue("radius", radius, "one with a finite cross-section > 0")
         if not isinstance(material, Material):
             raise InvalidType("material", material, "a Material")
-        if material.relaxation or material.rupture_force or material.rupture_strain:
-            allowed = "one without relaxation and rupture, which only ligaments have"
-            raise InvalidValue("material", material, allowed)
         collides = checks.flag("collides", collides)
         if rest_length is not None:
             rest_length = checks.number("rest_length", rest_length, above=0)
@@ -199,7 +195,7 @@ class TendonWorld(NotCopied):
         name = f"tendon{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(t.name == name for t in self.tendons):
             raise InvalidValue("name", name, "different from the names of the world's other tendons")
-        slot = self._core.add_tendon(line, radius, *material.core_arguments(area))
+        slot = self._core.add_tendon(line, radius, material.friction, material.of_tendon(area))
         if rest_length is not None:
             rest = self._core.rest(slot)
             self._core.set_rest(slot, rest * (rest_length / rest.sum()))
@@ -466,7 +462,7 @@ class TendonWorld(NotCopied):
         slots = [self._bodies.slot(body, link) for body, link, _ in path]
         around = wrap_arguments(self._bodies, wraps)
         points = [at for *_, at in path]
-        slot = self._core.add_ligament(slots, points, rest, *law_arguments(material), around)
+        slot = self._core.add_ligament(slots, points, rest, material.of_ligament(), around)
         ligament = Ligament(self._core, self._bodies, slot, name, material, path, wraps)
         self._ligaments[slot] = ligament
         if wraps:

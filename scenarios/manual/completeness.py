@@ -7,7 +7,8 @@ import bullet_tendon
 PACKAGE = bullet_tendon.__name__
 # Methods without an underscore that the package alone calls.
 NOT_FOR_USERS = {
-    "Material.core_arguments",
+    "Material.of_ligament",
+    "Material.of_tendon",
     "SolverOptions.core_arguments",
     "StepReport.add_solved_again",
     "StepReport.read",

@@ -178,6 +178,7 @@ void bind_report(py::module_& m);
 void bind_distance_grid(py::module_& m);
 
 // World's methods, by room.
+void bind_material(py::module_& m);
 void bind_world_tendon(GuardedWorld& world);
 void bind_world_bodies(GuardedWorld& world);
 void bind_world_collision(GuardedWorld& world);

@@ -14,27 +14,13 @@ namespace bt {
 
 namespace {
 
-Material axial_material(double stiffness, double exponent, double toe_strain, bool tension_only,
-                        double damping, double damping_exponent, bool lengthening_only) {
-  Material m;
-  m.law = {exponent, toe_strain, tension_only, damping_exponent, false, lengthening_only};
-  m.stiffness = stiffness;
-  m.damping = damping;
-  return m;
-}
-
 // links (n): slots. locals (n, 3): points in the frames of the links [m]. wraps: (slot, whether it is a
 // cylinder, radius, position, axes by rows), in the frame of its link.
-int add_ligament(World& w, const Ints& links, const Array& locals, double rest, double stiffness,
-                 double exponent, double toe_strain, bool tension_only, double damping,
-                 double damping_exponent, bool lengthening_only, const Array& weights, const Array& times,
-                 double most_force, double most_strain, const py::list& wraps) {
+int add_ligament(World& w, const Ints& links, const Array& locals, double rest, const Material& material,
+                 const py::list& wraps) {
   const std::vector<Vec3> points = points_of(locals);
   std::vector<PathPoint> path;
   for (size_t i = 0; i < points.size(); ++i) path.push_back({links.data()[i], points[i]});
-  const Material material = axial_material(stiffness, exponent, toe_strain, tension_only, damping,
-                                           damping_exponent, lengthening_only);
-  const Tissue tissue{list_of(weights), list_of(times), most_force, most_strain};
   std::vector<Wrap> around;
   for (const py::handle& of : wraps) {
     const auto wrap = of.cast<std::tuple<int, bool, double, Array, Array>>();
@@ -43,7 +29,7 @@ int add_ligament(World& w, const Ints& links, const Array& locals, double rest, 
                       {rotation(std::get<4>(wrap).data()), vec(std::get<3>(wrap))},
                       std::get<2>(wrap)});
   }
-  return w.add_ligament(std::make_unique<Ligament>(path, around, material, tissue, rest));
+  return w.add_ligament(std::make_unique<Ligament>(path, around, material, rest));
 }
 
 Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.all().at(slot); }
@@ -98,7 +84,7 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
     element.begin(w.scene.links, 0);
     element.evaluate(ends);
     element.add_stiffness(pairs, false);
-    if (accept) element.accept(0);
+    if (accept) element.accept();
     potential += element.potential();
     largest = std::max(largest, element.largest_force());
     for (const TouchedLink& touched : element.touched()) {

@@ -50,6 +50,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("MOST_RATE") = kMostRate;
   GuardedWorld world(m);
   bind_report(m);
+  bind_material(m);
   bind_articulated(m);
   bind_links(m, world);
   bind_bodies(m, world);

@@ -12,18 +12,23 @@ namespace bt {
 
 namespace {
 
-int add_tendon(World& w, const Array& points, double radius, double friction, double stiffness,
-               double exponent, double toe_strain, bool tension_only, double damping, double damping_exponent,
-               bool whole_velocity, bool lengthening_only, double shear_stiffness, double bending_stiffness,
-               double linear_density) {
-  Material m;
-  m.law = {exponent, toe_strain, tension_only, damping_exponent, whole_velocity, lengthening_only};
-  m.stiffness = stiffness;
-  m.damping = damping;
-  m.shear_stiffness = shear_stiffness;
-  m.bending_stiffness = bending_stiffness;
-  m.linear_density = linear_density;
-  return w.add_tendon(std::make_unique<Tendon>(points_of(points), radius, friction, m));
+Material material_of(double stiffness, double exponent, double toe_strain, bool tension_only, double damping,
+                     double damping_exponent, bool whole_velocity, bool lengthening_only,
+                     double shear_stiffness, double bending_stiffness, double linear_density,
+                     const std::vector<double>& weights, const std::vector<double>& times, double most_force,
+                     double most_strain) {
+  const Law law{exponent, toe_strain, tension_only, damping_exponent, whole_velocity, lengthening_only};
+  return {law,
+          stiffness,
+          damping,
+          shear_stiffness,
+          bending_stiffness,
+          linear_density,
+          {weights, times, most_force, most_strain}};
+}
+
+int add_tendon(World& w, const Array& points, double radius, double friction, const Material& material) {
+  return w.add_tendon(std::make_unique<Tendon>(points_of(points), radius, friction, material));
 }
 
 Anchor& anchor_of(World& w, int tendon, int id) {
@@ -58,6 +63,8 @@ void set_grip(World& w, int tendon, int id, const Array& target, double stiffnes
 }
 
 }  // namespace
+
+void bind_material(py::module_& m) { py::class_<Material>(m, "Material").def(py::init(&material_of)); }
 
 void bind_world_tendon(GuardedWorld& world) {
   world.def("add_tendon", &add_tendon)
@@ -97,6 +104,7 @@ void bind_world_tendon(GuardedWorld& world) {
              w.scene.tendons[c]->tension(t);
              return copy_of(t);
            })
+      .def("torn", [](World& w, int c) { return w.scene.tendons[c]->torn; })
       .def("is_asleep", [](World& w, int c) { return w.scene.tendons[c]->sleeping_island >= 0; })
       .def("energy", [](World& w, int c) { return w.scene.tendons[c]->energy(); })
       .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })

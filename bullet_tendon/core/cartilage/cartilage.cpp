@@ -264,7 +264,7 @@ void Cartilage::add_stiffness(std::vector<LinkPair>& pairs, bool) const {
   transform(second, matrix_, second, 1, pairs[pair(1, 1)]);
 }
 
-void Cartilage::accept(double) {
+void Cartilage::accept() {
   std::fill(regions.begin(), regions.end(), PressedRegion{});
   std::vector<double> loads(regions.size());
   for (const Pressed& p : pressed_) {

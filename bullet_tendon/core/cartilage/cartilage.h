@@ -76,7 +76,7 @@ class Cartilage : public Element, public CartilageState {
   void begin(const std::vector<Link>& links, double h) override;
   void evaluate(const std::vector<LinkEnd>& ends) override;
   void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
-  void accept(double h) override;
+  void accept() override;
 
  private:
   // A link's frame, where its mesh is; or that of B in A's.

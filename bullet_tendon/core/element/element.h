@@ -49,8 +49,8 @@ class Element {
   virtual void evaluate(const std::vector<LinkEnd>& ends) = 0;
   // Adds the second derivatives at the last evaluation. definite: only positive semidefinite terms.
   virtual void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const = 0;
-  // Makes the last evaluation the state, after a substep of h [s].
-  virtual void accept(double h) = 0;
+  // Makes the last evaluation the state.
+  virtual void accept() = 0;
 
   double largest_force() const { return largest_; }       // [N]
   double largest_stiffness() const { return stiffest_; }  // [N/m]

@@ -75,6 +75,7 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
     measure(*s, c.x_before);
     for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
   }
+  c.begin_tissue(method == Integrator::explicit_euler ? 0 : context.tissue_time);
   c.place_anchors();
 }
 
@@ -103,6 +104,7 @@ void finish_step(Tendon& c, const StepContext& context) {
     h.target_before = h.aim;
   }
   c.dt_before = context.dt;
+  c.end_tissue(context.tissue_time);
 }
 
 // Restart of BDF2 by a step of implicit Euler, for tendons in contact.

@@ -27,10 +27,10 @@ std::array<double, 6> twist_along(Vec3 arm, Vec3 u) {
 }  // namespace
 
 Ligament::Ligament(const std::vector<PathPoint>& path, const std::vector<Wrap>& wraps,
-                   const Material& material, const Tissue& tissue, double rest_length)
-    : Element(links_of(path, wraps)), path_(path), material_(material), tissue_(tissue), wraps_(wraps) {
+                   const Material& material, double rest_length)
+    : Element(links_of(path, wraps)), path_(path), material_(material), wraps_(wraps) {
   rest = rest_length;
-  memory.assign(tissue.weights.size(), 0.0);
+  memory.assign(material.tissue.weights.size(), 0.0);
   for (const PathPoint& p : path) of_point_.push_back(place_of(p.link));
   arms_.resize(path.size());
   wrap_frames_.resize(wraps.size());
@@ -80,32 +80,20 @@ void Ligament::begin(const std::vector<Link>& links, double h) {
     act(place_of(wraps_[w].link), wrap_frames_[w].origin + Vec3{wraps_[w].radius, 0, 0});
   }
   start_length_ = length_at(links);
-  if (begun || memory.empty()) return;
-  // The tension at the beginning has come at once.
-  begun = true;
-  elastic = elastic_at(start_length_);
-  for (size_t i = 0; i < memory.size(); ++i) memory[i] = tissue_.weights[i] * elastic;
+  if (memory.empty()) return;
+  if (!begun) {
+    begun = true;
+    unrelaxed = elastic_at(start_length_);
+    for (size_t i = 0; i < memory.size(); ++i) memory[i] = material_.tissue.weights[i] * unrelaxed;
+  }
+  relaxation_.begin(material_.tissue, h);
+  recalled_ = relaxation_.recalled(memory.data(), unrelaxed);
 }
 
 double Ligament::elastic_at(double length) const {
   double force, slope;
   elastic_any(material_.law, length / rest - 1, force, slope);
   return material_.stiffness * force;
-}
-
-// Replaces the elastic tension by what has relaxed of it.
-void Ligament::add_relaxation() {
-  elastic_now_ = tension_now_;
-  double share = 1, carried = 0;  // T_v = share T_e + carried
-  for (size_t i = 0; i < memory.size(); ++i) {
-    const double g = tissue_.weights[i], ratio = h_ / tissue_.times[i];
-    const double mean = ratio > 0 ? -std::expm1(-ratio) / ratio : 1;
-    share += g * (mean - 1);
-    carried += std::exp(-ratio) * memory[i] - g * mean * elastic;
-  }
-  tension_now_ = share * tension_now_ + carried;
-  slope_ *= share;
-  potential_ = share * potential_ + carried * length_now_;
 }
 
 // Sets the tension and its derivative by the length.
@@ -125,10 +113,11 @@ void Ligament::find_tension() {
   const double strain = length_now_ / rest - 1;
   double force, slope;
   elastic_any(law, strain, force, slope);
-  tension_now_ = material_.stiffness * force;
-  slope_ = material_.stiffness * slope / rest;
-  potential_ = material_.stiffness * rest * elastic_energy(law, strain);
-  if (!memory.empty()) add_relaxation();
+  unrelaxed_now_ = material_.stiffness * force;
+  const double share = relaxation_.share();
+  tension_now_ = share * unrelaxed_now_ + recalled_;
+  slope_ = share * material_.stiffness * slope / rest;
+  potential_ = share * material_.stiffness * rest * elastic_energy(law, strain) + recalled_ * length_now_;
   stiffest_ = slope_;
   if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
   if (material_.damping == 0 || h_ == 0) return;
@@ -225,17 +214,15 @@ void Ligament::add_stiffness(std::vector<LinkPair>& pairs, bool definite) const 
   }
 }
 
-void Ligament::accept(double h) {
+void Ligament::accept() {
   length = length_now_;
   force = tension_now_;
   const bool pulled = tension < 0;  // by its material
-  for (size_t i = 0; i < memory.size() && pulled; ++i) {
-    const double ratio = h / tissue_.times[i], mean = ratio > 0 ? -std::expm1(-ratio) / ratio : 1;
-    memory[i] = std::exp(-ratio) * memory[i] + tissue_.weights[i] * mean * (elastic_now_ - elastic);
+  if (!memory.empty() && pulled) {
+    relaxation_.advance(memory.data(), unrelaxed_now_ - unrelaxed);
+    unrelaxed = unrelaxed_now_;
   }
-  if (!memory.empty() && pulled) elastic = elastic_now_;
-  ruptured |= tissue_.most_force > 0 && force > tissue_.most_force;
-  ruptured |= tissue_.most_strain > 0 && length / rest - 1 > tissue_.most_strain;
+  ruptured |= material_.tissue.excess(force, length / rest - 1) > 1;
 }
 
 }  // namespace bt

@@ -5,16 +5,8 @@
 //   T(L) = K f(L/l - 1) + C d((L - L_0)/(h l)),      (tendon/axial_law.h)
 //
 // with l the rest length, L_0 the length at the start of the substep and h its length. A tension that is set
-// replaces T(L). The elastic part may relax in time (quasi-linear viscoelasticity, Fung 1993),
-//
-//   T_v(t) = int G(t - u) dT_e/du du,     G(t) = g_0 + sum g_i exp(-t/t_i),   g_0 = 1 - sum g_i,
-//
-// with T_e = K f. Where T_e changes linearly within the substep, the parts m_i of T_v change exactly by
-//
-//   m_i <- e_i m_i + g_i a_i (T_e - T_e0),   e_i = exp(-h/t_i),   a_i = (1 - e_i) t_i/h,
-//
-// and T_v = g_0 T_e + sum m_i. So T_v is still a function of L alone within a substep. A ligament that has
-// ended a substep beyond its largest tension or strain is ruptured and has no tension any more.
+// replaces T(L). The elastic part K f may relax, and a ligament may rupture (tendon/tissue.h); then it has no
+// tension any more.
 //
 // The tension is the same along the whole path, because the points have no friction. It has
 // the potential U(L), U' = T, with
@@ -46,37 +38,29 @@ struct LigamentModel {
   double tension = -1;  // that is set [N]; negative: the material's law
 };
 
-// What time and load do to the tissue.
-struct Tissue {
-  std::vector<double> weights, times;  // g_i [-], t_i [s]
-  double most_force = 0;               // at rupture [N]; 0: none
-  double most_strain = 0;              // at rupture [-]; 0: none
-};
-
 // What a step changes.
 struct LigamentState {
   double length = 0;           // at the end of the last step [m]
   double force = 0;            // tension at the end of the last step [N]
-  double elastic = 0;          // T_e [N]
+  double unrelaxed = 0;        // T_e [N]
   std::vector<double> memory;  // m_i [N]
-  bool begun = false;          // elastic and memory are those of a substep that began
+  bool begun = false;          // unrelaxed and memory are those of a substep that began
   bool ruptured = false;
 };
 
 class Ligament : public Element, public LigamentModel, public LigamentState {
  public:
   Ligament(const std::vector<PathPoint>& path, const std::vector<Wrap>& wraps, const Material& material,
-           const Tissue& tissue, double rest_length);
+           double rest_length);
   const std::vector<PathPoint>& path() const { return path_; }
   const std::vector<Wrap>& wraps() const { return wraps_; }
   double stiffness() const { return material_.stiffness; }
   const Material& material() const { return material_; }
-  const Tissue& tissue() const { return tissue_; }
 
   void begin(const std::vector<Link>& links, double h) override;
   void evaluate(const std::vector<LinkEnd>& ends) override;
   void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
-  void accept(double h) override;
+  void accept() override;
   // Length of the path where the links are now [m], and its points, those on wraps included.
   double length_at(const std::vector<Link>& links, std::vector<Vec3>* points = nullptr) const;
 
@@ -91,7 +75,6 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   };
   double elastic_at(double length) const;
   void find_tension();
-  void add_relaxation();
   void find_length(const std::vector<LinkEnd>& ends);
   // A point of the path, or one where it meets a wrap.
   struct Node {
@@ -109,7 +92,6 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
 
   std::vector<PathPoint> path_;
   Material material_;
-  Tissue tissue_;
   std::vector<Wrap> wraps_;
   std::vector<int> of_point_;  // touched link of each point
   // Of the substep: arms of the points at its start; frames of the wraps, from the links' centres of mass;
@@ -117,11 +99,13 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   std::vector<Vec3> arms_;
   std::vector<Pose> wrap_frames_;
   double start_length_ = 0, h_ = 0;
+  Relaxation relaxation_;
+  double recalled_ = 0;  // [N]
   // Of the last evaluation.
   std::vector<Straight> straights_;
   std::vector<Twists> gradient_;  // of the length, by touched link
   std::vector<Across> across_;
-  double length_now_ = 0, tension_now_ = 0, slope_ = 0, elastic_now_ = 0;
+  double length_now_ = 0, tension_now_ = 0, slope_ = 0, unrelaxed_now_ = 0;
 };
 
 }  // namespace bt

@@ -13,10 +13,10 @@ namespace bt {
 void SpringSet::resize(int reach_, int particles) {
   reach = reach_;
   count = particles > reach ? particles - reach : 0;
-  for (auto* v : {&rest,          &inverse_rest,  &stiffness, &damping,       &lambda,
-                  &elastic,       &lighter,       &start,     &history,       &length,
-                  &force,         &slope,         &linear,    &true_elastic,  &linear_elastic,
-                  &elastic_slope, &damping_slope, &braking,   &braking_slope, &stiffness_now})
+  for (auto* v : {&rest,          &inverse_rest,  &stiffness,      &damping,       &lambda,        &elastic,
+                  &lighter,       &start,         &history,        &length,        &force,         &slope,
+                  &linear,        &true_elastic,  &linear_elastic, &elastic_slope, &damping_slope, &braking,
+                  &braking_slope, &stiffness_now, &recalled})
     v->assign(count, 0.0);
   direction.resize(3, count);
   block.resize(6, count);
@@ -65,12 +65,13 @@ BT_WITHIN inline void elastic_forces(SpringSet& s, const Law& law) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
   const double* inverse = s.inverse_rest.data();
   double *force = s.force.data(), *truth = s.true_elastic.data(), *slope = s.elastic_slope.data();
+  const double share = s.share;
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
-    double f, df, inv = inverse[k];
+    double f, df, inv = inverse[k], K = share * stiffness[k];
     elastic<P>(law, (len[k] - rest[k]) * inv, f, df);
-    force[k] = truth[k] = stiffness[k] * f;
-    slope[k] = stiffness[k] * df * inv;
+    force[k] = truth[k] = K * f;
+    slope[k] = K * df * inv;
   }
 }
 
@@ -83,19 +84,20 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
                *braking = s.braking.data(), *braking_slope = s.braking_slope.data();
   double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   double *linear_elastic = s.linear_elastic.data(), *damping_slope = s.damping_slope.data();
-  const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
+  const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity(), share = s.share;
 #pragma GCC ivdep
   for (int k = 0; k < s.count; ++k) {
     const double inv = inverse[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
+    const double K = share * stiffness[k];  // 0: ruptured
     const double tight = mixed && multiplier > floor_force ? multiplier : floor_force;
-    const double at = strain_of<P>(law, tight / stiffness[k]);
+    const double at = strain_of<P>(law, K > 0 ? tight / K : 0);
     double value, df;
     elastic<P>(law, at, value, df);
-    const double slope = stiffness[k] * df * inv, now = elastic_slope[k];
+    const double slope = K * df * inv, now = elastic_slope[k];
     const bool limited = (force[k] == 0) & (truth[k] > 0);
     const double raised = strain >= least && slope > now && !limited ? slope : now;
     const bool there = mixed & (multiplier > floor_force) & (strain > 0) & (carried[k] > least);
-    const double line = stiffness[k] * (value + df * (strain - at));
+    const double line = K * (value + df * (strain - at));
     linear_elastic[k] = there ? line : truth[k];
     linear[k] = there ? line + braking[k] : force[k];
     elastic_slope[k] = there ? slope : raised;
@@ -120,16 +122,23 @@ BT_WITHIN inline void by_exponent(const Law& law, Call call) {
   }
 }
 
-// Adds axial damping at the strain rate rate_of(k) [1/s], whose derivative by the length is 1/(b l). The
-// total force of a tension-only spring is never negative.
+// Whether springs have more axial force than that of share K f.
+bool has_braking(const SpringSet& s, const Law& law) {
+  return (s.damped && !law.whole_velocity) || !s.memory.empty();
+}
+
+// Adds what relaxation recalls, and axial damping at the strain rate rate_of(k) [1/s], whose derivative by
+// the length is 1/(b l). The total force of a tension-only spring is never negative.
 template <class Rate>
-void add_axial_damping(SpringSet& s, const Law& law, const double* before, double b, double share,
-                       Rate rate_of) {
+void add_braking(SpringSet& s, const Law& law, const double* before, double b, double share, Rate rate_of) {
+  const bool damped = s.damped && !law.whole_velocity;
   for (int k = 0; k < s.count; ++k) {
-    const double c = s.damping[k] * damping_share(law, before[k] / s.rest[k] - 1);
-    double f, df;
-    damping(law, rate_of(k), f, df);
-    s.braking[k] = share * c * f;
+    double c = 0, f = 0, df = 0;
+    if (damped) {
+      c = s.damping[k] * damping_share(law, before[k] / s.rest[k] - 1);
+      damping(law, rate_of(k), f, df);
+    }
+    s.braking[k] = share * c * f + s.recalled[k];
     s.force[k] += s.braking[k];
     s.damping_slope[k] = s.braking_slope[k] = c * df / (b * s.rest[k]);
     if (law.tension_only && s.force[k] < 0) {
@@ -215,9 +224,9 @@ BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Motion& motion) {
   const double b = motion.h_eff;
   measure_at<true>(s, motion.x, motion.displacement);
   by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
-  if (s.damped && !law.whole_velocity)
-    add_axial_damping(s, law, s.start.data(), b, 1,
-                      [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
+  if (has_braking(s, law))
+    add_braking(s, law, s.start.data(), b, 1,
+                [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
   vectors(s);
   if (s.damped && law.whole_velocity)
     add_whole_damping(s, law, b, 1, false, [&](int i) { return motion.velocity(i); });
@@ -247,7 +256,7 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
   };
   auto velocity = [&](int i) { return v.at(i); };
   const bool whole = s.damped && law.whole_velocity;
-  if (s.damped && !whole) add_axial_damping(s, law, s.length.data(), dt, damping_share, rate);
+  if (has_braking(s, law)) add_braking(s, law, s.length.data(), dt, damping_share, rate);
   take_true_multipliers(s);
   vectors(s);
   blocks(s, 0);
@@ -262,7 +271,7 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
   const double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   const double *truth = s.true_elastic.data(), *linear_elastic = s.linear_elastic.data();
   double *carried = s.lambda.data(), *elastic = s.elastic.data();
-  const bool same = is_linear(law);
+  const bool same = is_linear(law);  // and `force` is then its own linearisation
   const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity();
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
@@ -271,6 +280,28 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
     const double t = (same ? force[k] : linear[k]) + slope[k] * elongation;
     carried[k] = t > least ? t : least;
     elastic[k] = (same ? truth[k] : linear_elastic[k]) + elastic_slope[k] * elongation;
+  }
+}
+
+void begin_relaxation(SpringSet& s, const Relaxation& relaxation) {
+  const size_t terms = s.memory.size() / std::max(1, s.count);
+  s.share = relaxation.share();
+  for (int k = 0; k < s.count; ++k) s.recalled[k] = relaxation.recalled(&s.memory[k * terms], s.unrelaxed[k]);
+}
+
+void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Relaxation& relaxation,
+                    const Field& x, bool afresh) {
+  const size_t terms = tissue.weights.size();
+  s.unrelaxed.resize(s.count);
+  s.memory.resize(s.count * terms);
+  measure(s, x);
+  for (int k = 0; k < s.count; ++k) {
+    double f, slope, *memory = &s.memory[k * terms];
+    elastic_any(law, s.length[k] * s.inverse_rest[k] - 1, f, slope);
+    const double now = s.stiffness[k] * f;
+    if (!afresh) relaxation.advance(memory, now - s.unrelaxed[k]);
+    for (size_t i = 0; afresh && i < terms; ++i) memory[i] = tissue.weights[i] * now;
+    s.unrelaxed[k] = now;
   }
 }
 
@@ -288,7 +319,8 @@ BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
 }
 
 double stored_energy(const SpringSet& s, const Law& law, int k, double length) {
-  return s.stiffness[k] * s.rest[k] * elastic_energy(law, length / s.rest[k] - 1);
+  return s.share * s.stiffness[k] * s.rest[k] * elastic_energy(law, length / s.rest[k] - 1) +
+         s.recalled[k] * length;
 }
 
 double stored_energy(const SpringSet& s, const Law& law) {

@@ -21,6 +21,9 @@
 // corrects the positions. The residual is always computed with the true force F. `linear` is the force of
 // the linearisation at the current length.
 //
+// The elastic part may relax (tendon/tissue.h): it is then share K f(len/l - 1) + recalled, and `recalled` is
+// treated like the damping.
+//
 // A tension-only spring carries max(0, F). As with contacts, the multiplier decides whether it is linearised
 // as taut: where T > 0, by F without the limit. Where a fast damper holds its force at zero, the force at the
 // current length says nothing about that.
@@ -29,6 +32,7 @@
 
 #include "linear/block_band_ldlt.h"
 #include "tendon/axial_law.h"
+#include "tendon/tissue.h"
 
 namespace bt {
 
@@ -37,6 +41,8 @@ struct SpringState {
   std::vector<double> lambda;   // T [N]
   std::vector<double> elastic;  // T_e [N]
   std::vector<double> slope;    // F' of the linearisation [N/m]; the contact stiffness follows from it
+  // Of springs that relax: T_e at the start of the substep, and the parts m_i of each spring in turn [N].
+  std::vector<double> unrelaxed, memory;
 };
 
 struct SpringSet : SpringState {
@@ -47,6 +53,9 @@ struct SpringSet : SpringState {
   std::vector<double> inverse_rest;              // [1/m]
   std::vector<double> lighter;                   // smaller mass of its two particles [kg]
   bool damped = false;                           // some C is not 0
+  // Of the substep, where springs relax: T_v = share T_e + recalled.
+  double share = 1;
+  std::vector<double> recalled;  // [N]
   // Of damped springs: lengths at the start of the substep, and len_h [m].
   std::vector<double> start, history;
   // Results of the last evaluation or linearisation.
@@ -55,11 +64,12 @@ struct SpringSet : SpringState {
   std::vector<double> true_elastic, linear_elastic;  // elastic parts of F and of `linear` [N]
   std::vector<double> elastic_slope;                 // elastic part of F' [N/m]
   std::vector<double> damping_slope;                 // damping part of F' [N/m]
-  std::vector<double> braking, braking_slope;  // damping parts of F and F', as if it were taut [N], [N/m]
-  std::vector<double> stiffness_now;           // F' + |F|/l at the current state [N/m]
-  Planes direction;                            // n
-  Planes block;                                // B, symmetric, six planes [N/m]
-  Planes vector;                               // force vector on the first particle [N]
+  // What is not elastic in F, and its part of F', as if it were taut: damping and `recalled` [N], [N/m].
+  std::vector<double> braking, braking_slope;
+  std::vector<double> stiffness_now;  // F' + |F|/l at the current state [N/m]
+  Planes direction;                   // n
+  Planes block;                       // B, symmetric, six planes [N/m]
+  Planes vector;                      // force vector on the first particle [N]
 
   void resize(int reach_, int particles);
 };
@@ -114,7 +124,14 @@ void scatter_blocks(const SpringSet& s, Band& matrix);
 void carry(SpringSet& s, const Law& law, const Field& dx);
 // Largest sum of axial and transverse stiffness of a spring at the current state [N/m]. b: step weight [s].
 double largest_stiffness(SpringSet& s, const Law& law, double b);
-// Elastic energy [J] of all springs at the lengths last measured; of spring k at a given length.
+// Begins a substep in which springs relax: computes share and recalled.
+void begin_relaxation(SpringSet& s, const Relaxation& relaxation);
+// Brings the memory to the end of a substep, at the positions x. afresh: the tension there has come at once.
+void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Relaxation& relaxation,
+                    const Field& x, bool afresh);
+
+// Potential of the elastic part within the substep [J] of all springs at the lengths last measured; of spring
+// k at a given length. Without relaxation it is the elastic energy.
 double stored_energy(const SpringSet& s, const Law& law);
 double stored_energy(const SpringSet& s, const Law& law, int k, double length);
 

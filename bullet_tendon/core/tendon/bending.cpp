@@ -37,12 +37,14 @@ void each_element(const Tendon& c, Visit visit) {
   if (EI == 0) return;
   const int n = c.n();
   for (int j = 0; j + 2 < n; ++j) {
+    if (!c.torn.empty() && (c.is_torn(j) || c.is_torn(j + 1))) continue;
     const double ie = 1 / c.rest[j], jf = 1 / c.rest[j + 1];
     visit(Element{2 * EI / (c.rest[j] + c.rest[j + 1]), j, 3, {ie, -ie - jf, jf}, {}});
   }
   for (const Anchor& h : c.anchors) {
     if (!h.clamped) continue;
     const int segment = h.particle == 0 ? 0 : n - 2;
+    if (c.is_torn(segment)) continue;
     const double inverse = 1 / c.rest[segment], side = h.particle == 0 ? 1 : -1;
     visit(Element{2 * EI * inverse, segment, 2, {-side * inverse, side * inverse}, -side * h.direction});
   }

@@ -1,6 +1,7 @@
 // Material and cross-section of a tendon.
 #pragma once
 #include "tendon/axial_law.h"
+#include "tendon/tissue.h"
 
 namespace bt {
 
@@ -11,6 +12,7 @@ struct Material {
   double shear_stiffness = 0;    // K of each shear spring [N], part of `stiffness`
   double bending_stiffness = 0;  // EI [N m^2]
   double linear_density = 0;     // [kg/m]
+  Tissue tissue;
 };
 
 }  // namespace bt

@@ -66,13 +66,15 @@ void Tendon::set_point_mass(int particle, double kilograms) {
 
 // Structure spring k and the shear springs k-1 and k, where they exist, cross segment k. The structure spring
 // gets the stiffness that the shear springs leave. Therefore every cross-section carries stiffness * s^p at a
-// uniform strain s, also at the ends.
+// uniform strain s, also at the ends. What crosses a torn segment has none.
 void Tendon::share_out() {
-  auto shear_at = [&](int k) { return k < 0 || k >= shear.count ? 0.0 : material.shear_stiffness; };
+  auto shear_at = [&](int k) {
+    return k < 0 || k >= shear.count || is_torn(k) || is_torn(k + 1) ? 0.0 : material.shear_stiffness;
+  };
   double share = material.damping / material.stiffness;
   for (int k = 0; k + 1 < n_; ++k) {
     structure.rest[k] = rest[k];
-    structure.stiffness[k] = material.stiffness - shear_at(k - 1) - shear_at(k);
+    structure.stiffness[k] = is_torn(k) ? 0 : material.stiffness - shear_at(k - 1) - shear_at(k);
     structure.damping[k] = share * structure.stiffness[k];
   }
   for (SpringSet* s : {&structure, &shear})
@@ -85,6 +87,42 @@ void Tendon::share_out() {
   }
   for (SpringSet* s : {&structure, &shear})
     for (int k = 0; k < s->count; ++k) s->inverse_rest[k] = 1 / s->rest[k];
+}
+
+void Tendon::begin_tissue(double h) {
+  if (!material.tissue.relaxes()) return;
+  relaxation.begin(material.tissue, h);
+  for (SpringSet* s : {&structure, &shear}) begin_relaxation(*s, relaxation);
+}
+
+void Tendon::end_tissue(double h) {
+  if (h > 0 && material.tissue.can_rupture()) rupture();
+  if (!material.tissue.relaxes()) return;
+  relaxation.begin(material.tissue, h);
+  for (SpringSet* s : {&structure, &shear})
+    end_relaxation(*s, material.law, material.tissue, relaxation, x, false);
+}
+
+// Tears the segment that is farthest beyond its largest force or strain. The others are unloaded by that:
+// what exceeds its limit after the next substep tears then.
+void Tendon::rupture() {
+  const Tissue& tissue = material.tissue;
+  tension(loads);
+  int worst = -1;
+  double most = 1;
+  for (int k = 0; k + 1 < n_; ++k) {
+    const double strain = norm(x.at(k + 1) - x.at(k)) / rest[k] - 1, excess = tissue.excess(loads[k], strain);
+    if (!(excess > most) || is_torn(k)) continue;
+    most = excess;
+    worst = k;
+  }
+  if (worst < 0) return;
+  torn.push_back(worst);
+  share_out();
+  for (SpringSet* s : {&structure, &shear})
+    for (int k = std::max(0, worst + 1 - s->reach); k < std::min(s->count, worst + 1); ++k)
+      s->lambda[k] = s->elastic[k] = s->slope[k] = 0;
+  smooth = false;
 }
 
 void Tendon::stop() {
@@ -167,6 +205,11 @@ void Tendon::spread_coincident() {
 void Tendon::reset_history() {
   dt_before = 0;
   with_body = false;
+  if (material.tissue.relaxes()) {
+    for (SpringSet* s : {&structure, &shear})
+      end_relaxation(*s, material.law, material.tissue, relaxation, x, true);
+    begin_tissue(0);
+  }
   for (SpringSet* s : {&structure, &shear}) {
     if (s->count > 0)
       evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
@@ -190,6 +233,7 @@ void Tendon::guess_multipliers(Vec3 gravity) {
 void Tendon::tension(std::vector<double>& out) const {
   static thread_local SpringSet s;
   static thread_local Field moved;
+  static thread_local Relaxation relaxed;  // by no time since the last step
   out.assign(n_ - 1, 0.0);
   moved = x;
   for (int k = 0; k < 3; ++k)
@@ -197,6 +241,10 @@ void Tendon::tension(std::vector<double>& out) const {
   for (const SpringSet* own : {&structure, &shear}) {
     if (own->count == 0) continue;
     s = *own;
+    if (material.tissue.relaxes()) {
+      relaxed.begin(material.tissue, 0);
+      begin_relaxation(s, relaxed);
+    }
     if (dt_before > 0) {
       measure(s, x_before);
       s.start = s.history = s.length;
@@ -215,6 +263,8 @@ double Tendon::energy() const {
   for (const SpringSet* own : {&structure, &shear}) {
     if (own->count == 0) continue;
     s = *own;
+    s.share = 1;
+    std::fill(s.recalled.begin(), s.recalled.end(), 0.0);
     measure(s, x);
     sum += stored_energy(s, material.law);
   }

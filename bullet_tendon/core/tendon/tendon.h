@@ -1,5 +1,6 @@
 // One tendon in the core: particles, springs, anchors and history.
 #pragma once
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -41,6 +42,7 @@ struct TendonState {
   double quiet = 0;          // duration of rest up to the last step [s]
   // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp).
   int sleeping_island = -1;
+  std::vector<int> torn;  // segments that have ruptured
   uint64_t touching = 0;  // hash of the contacts with bodies
   bool touched = false;   // a contact exerted a force on it in the last step
   // The last step was solved together with bodies that have a history: mean_velocities are then
@@ -63,9 +65,11 @@ struct PredictedRegion {
 struct TendonWorkspace : PredictedRegion {
   double h_eff = 0;               // step weight b [s] (integrator/scheme.h)
   Multipliers start_multipliers;  // at the start of the substep
-  bool coupled = false;           // in this step, to a body that has a history
-  bool barred = false;            // to one that cannot have one
-  double history = 0;  // weight of the previous step in the history: xh = x + history (x_before - x)
+  Relaxation relaxation;
+  std::vector<double> loads;  // of the cross-sections, to find a rupture [N]
+  bool coupled = false;       // in this step, to a body that has a history
+  bool barred = false;        // to one that cannot have one
+  double history = 0;         // weight of the previous step in the history: xh = x + history (x_before - x)
   Field displacement, x_new;
   Field v_new;                  // at the end of the substep [m/s]
   Field inertial_displacement;  // y - x, the displacement without forces of springs and contacts [m]
@@ -109,6 +113,10 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void advance(double alpha);
   // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
+  bool is_torn(int segment) const { return std::find(torn.begin(), torn.end(), segment) != torn.end(); }
+  // Time in the tissue of a substep of h [s], 0 where no time passes (tendon/tissue.h).
+  void begin_tissue(double h);
+  void end_tissue(double h);
   void keep_multipliers(Multipliers& to) const;
   void restore_multipliers(const Multipliers& from);
   // Centres the predicted region, in which contacts are detected, on x_new.
@@ -128,7 +136,9 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void guess_multipliers(Vec3 gravity);
   // The tension of each segment k: the sum of the forces of the springs that cross it [N].
   void tension(std::vector<double>& out) const;
-  double energy() const;  // elastic and kinetic [J]
+  double energy() const;  // elastic, as if nothing had relaxed, and kinetic [J]
+  // Computes the spring constants from rest lengths, material and torn segments.
+  void share_out();
 
   double radius, friction;  // [m], Coulomb coefficient [-]
   Material material;
@@ -137,7 +147,7 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   CoarseTurn coarse;
 
  private:
-  void share_out();
+  void rupture();
   int n_;
 };
 

@@ -54,6 +54,8 @@ void World::capture(Checkpoint& to) const {
 void World::apply(const Checkpoint& from) {
   const int count = static_cast<int>(scene.links.size());
   each_part(*this, from, [](auto& present, const auto& saved) { present = saved; });
+  for (auto& c : scene.tendons)
+    if (c && c->material.tissue.can_rupture()) c->share_out();
   ensure_link(count - 1);          // shapes or tunnels added since then refer to links
   detection_.broad_phase.clear();  // its results do not depend on its cache
 }
@@ -102,8 +104,10 @@ constexpr const char* kIndices = "with indices of the world's parts";
 
 bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
 
-void require_springs(const SpringState& s, size_t count) {
+void require_springs(const SpringState& s, size_t count, const Tissue& tissue) {
   for (const auto* list : {&s.lambda, &s.elastic, &s.slope}) require(list->size() == count, kSizes);
+  require(s.unrelaxed.size() == (tissue.relaxes() ? count : 0), kSizes);
+  require(s.memory.size() == count * tissue.weights.size(), kSizes);
 }
 
 void require_model(const TendonModel& m, size_t n) {
@@ -121,8 +125,9 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
     require(static_cast<size_t>(f->size()) == n, kSizes);
   require(!s.with_body || static_cast<size_t>(s.mean_velocities.size()) == n, kSizes);
   require(s.tunnel_of.size() == n, kSizes);
-  require_springs(t.structure, c.structure.count);
-  require_springs(t.shear, c.shear.count);
+  require_springs(t.structure, c.structure.count, c.material.tissue);
+  require_springs(t.shear, c.shear.count, c.material.tissue);
+  for (int segment : s.torn) require(within(segment, n - 1), kIndices);
   for (int in : s.tunnel_of) require(in == -1 || (within(in, tunnels.size()) && tunnels[in]), kIndices);
   for (const Anchor& h : s.anchors) {
     require(within(h.particle, n), kIndices);
@@ -227,7 +232,7 @@ void World::require_elements(const ElementCheckpoint& c) const {
   require(c.cartilages.size() == scene.cartilages.all().size(), kSizes);
   for (size_t e = 0; e < c.ligaments.size(); ++e)
     if (const auto& ligament = scene.ligaments.all()[e])
-      require(c.ligaments[e].memory.size() == ligament->tissue().weights.size(), kSizes);
+      require(c.ligaments[e].memory.size() == ligament->material().tissue.weights.size(), kSizes);
   for (size_t e = 0; e < c.cartilages.size(); ++e)
     if (const auto& cartilage = scene.cartilages.all()[e])
       require(c.cartilages[e].regions.size() == cartilage->regions.size(), kSizes);
@@ -271,8 +276,6 @@ uint64_t World::structure_mark() const {
     write("wraps", wraps);
     write("material", material);
     write("lengthening_only", material.law.lengthening_only);
-    Tissue tissue = ligament->tissue();
-    write("tissue", tissue);
   }
   for (const auto& cartilage : scene.cartilages.all()) {
     bool alive = cartilage != nullptr;

@@ -150,6 +150,20 @@ void World::collect_contacts() {
             std::min(step_.motion_limit, motion_limit_of(detection_.caches[c][s], step_.slots[c]->radius));
   bone_contacts();
   tendon_contacts();
+  drop_contacts_of_torn();
+}
+
+// Nothing is left of a torn segment but its ends.
+void World::drop_contacts_of_torn() {
+  auto bears = [&](const SegmentPoint& at) {
+    return at.tendon < 0 || at.w0 == 0 || at.w1 == 0 || !step_.slots[at.tendon]->is_torn(at.first);
+  };
+  const bool any = std::any_of(step_.slots.begin(), step_.slots.end(),
+                               [](const Tendon* c) { return c && !c->torn.empty(); });
+  if (!any) return;
+  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(),
+                                     [&](const Contact& c) { return !bears(c.a) || !bears(c.b); }),
+                      contacts_.all.end());
 }
 
 // Contact with a plane on a link, given where it is at the end of the substep without tendon forces.

@@ -145,7 +145,7 @@ void World::limit_motion_of_cartilage() {
 
 void World::accept_elements() {
   if (step_.whole) return;
-  scene.each_element([&](Element& element) { element.accept(step_.context.dt); });
+  scene.each_element([&](Element& element) { element.accept(); });
 }
 
 // false: a solution is not finite.

@@ -41,8 +41,10 @@ bool rests(const Tendon& c, double dt) {
   return true;
 }
 
-// Whether damping forces are negligible. A tendon whose damping forces carry load is still creeping.
+// Whether damping forces are negligible. A tendon whose damping forces carry load is still creeping. So is
+// tissue that relaxes.
 bool unloads_dampers(const Tendon& c, double gravity) {
+  if (c.material.tissue.relaxes()) return false;
   if (!c.structure.damped && !c.shear.damped) return true;
   if (c.material.law.whole_velocity) return false;
   const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);

@@ -35,9 +35,9 @@ struct StateFields {
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
   BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, with_body,
-            mean_velocities, steady_share, quiet, sleeping_island, touching, touched)
+            mean_velocities, steady_share, quiet, sleeping_island, torn, touching, touched)
   BT_FIELDS(CollisionFilter, inert_, tendons_, links_)
-  BT_FIELDS(SpringState, lambda, elastic, slope)
+  BT_FIELDS(SpringState, lambda, elastic, slope, unrelaxed, memory)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
@@ -61,7 +61,7 @@ struct StateFields {
   BT_FIELDS(Entry, known, inside, distance, clearance, age, asked, a, b, listed)
   // What a world must share with a state to restore it. The surface of a mesh has a mark of its own.
   BT_FIELDS(Law, exponent, toe_strain, tension_only, damping_exponent, whole_velocity)
-  BT_FIELDS(Material, law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density)
+  BT_FIELDS(Material, law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density, tissue)
   BT_FIELDS(Primitive, kind, half, growth, radius, half_length)
   BT_FIELDS(Shape, link, local, lo, hi, half_space, plane_normal, plane_offset, friction, primitive)
   BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction, start_slope, end_slope)
@@ -70,7 +70,7 @@ struct StateFields {
   BT_FIELDS(Wrap, link, shape, local, radius)
   BT_FIELDS(LigamentModel, rest, tension)
   BT_FIELDS(Tissue, weights, times, most_force, most_strain)
-  BT_FIELDS(LigamentState, length, force, elastic, memory, begun, ruptured)
+  BT_FIELDS(LigamentState, length, force, unrelaxed, memory, begun, ruptured)
   BT_FIELDS(CartilageModel, foundation, damping)
   BT_FIELDS(PressedRegion, force, torque, area, centre, max_pressure)
   BT_FIELDS(CartilageState, regions)

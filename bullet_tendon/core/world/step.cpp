@@ -110,6 +110,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
 void World::predict() {
   step_.context.dt = step_.substeps.h();
+  step_.context.tissue_time = step_.whole ? 0 : step_.context.dt;
   step_.detections = 0;
   continue_histories();
   find_turning();

@@ -291,6 +291,7 @@ class World {
   void find_coarse_turns();
   // world/contact_builder.cpp
   void collect_contacts();
+  void drop_contacts_of_torn();
   void bone_contacts();
   void half_space_contacts(int tendon, int shape);
   void tendon_contacts();
