@@ -12,6 +12,10 @@ what the steps so far have shown of the rest: the curvature of cartilage, and th
 (Conn, Gould and Toint 1991). A step is limited in length and shortened until f along the step no longer
 points back, or the potential falls; negative curvature is reversed. Forces that follow a link have no
 potential. Their work in a step is that of the mean of both ends.
+
+Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
+Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
+potential: the slope of f alone decides. A body that they can touch moves by half a radius in a step.
 """
 
 import dataclasses
@@ -33,6 +37,9 @@ from .generalized_bodies import (
 _FARTHEST = 0.05  # rad or m that a coordinate moves in a step
 _SHORTEST = 1e-3  # share of a step below which it is not shortened further
 _LEVER = 0.03  # m: torques count as forces at this arm
+_OF_RADIUS = 0.5  # that what tendons can touch moves in a step
+_INNER = 0.1  # of the tolerance, to which tendons are brought to rest at each place
+_INNER_STEPS = 60
 _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
 
@@ -71,6 +78,46 @@ class _Terms:
     following: np.ndarray
     matrix: np.ndarray
     largest: float
+    twists: np.ndarray  # of the links in slots, by the coordinates (6 k, n)
+
+
+class HeldTendons:
+    """Tendons that are at rest wherever the bodies are put.
+
+    solid: slots of the links that they can touch.
+    """
+
+    def __init__(self, core: _core.World, tendons, relaxation, gravity, solid: set[int]):
+        self._core, self._tendons, self._relaxation = core, tendons, relaxation
+        self._gravity, self.solid = gravity, solid
+        self.farthest = _OF_RADIUS * min(tendon.radius for tendon in tendons)
+
+    def begin(self, slots: list[int]) -> None:
+        self._slots = slots
+        self._core.want_tendon_stiffness(slots)
+
+    def end(self) -> None:
+        self._core.want_tendon_stiffness([])
+
+    def settle(self, tolerance: float) -> bool:
+        """Bring them to rest among the bodies; whether they are."""
+        return self._relaxation.follow(self._gravity, _INNER * tolerance, _INNER_STEPS)
+
+    def wrenches(self) -> np.ndarray:
+        """(k, 6) on the links of the slots, about their centres of mass."""
+        return self._core.wrenches()[self._slots]
+
+    def stiffness(self) -> np.ndarray:
+        """(6 k, 6 k) second derivatives by the twists of these links; zero where there are none."""
+        found = self._core.tendon_stiffness()
+        return np.zeros((6 * len(self._slots),) * 2) if found is None else found
+
+    def largest(self) -> float:
+        """Tension [N]."""
+        return max(float(np.abs(tendon.tension).max()) for tendon in self._tendons)
+
+    def particles(self) -> np.ndarray:
+        return np.concatenate([tendon.positions for tendon in self._tendons])
 
 
 @dataclasses.dataclass
@@ -92,6 +139,7 @@ class Equilibrium:
     """
 
     def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces):
+        self.tendons: HeldTendons | None = None  # those that act on the bodies
         self._bodies, self._core, self._client = bodies, core, bodies.client
         self._gravity = np.array(gravity)
         self._free = [self._checked(entry) for entry in free]
@@ -176,12 +224,24 @@ class Equilibrium:
                 p.resetJointState(entry.body, joint, angle + change, 0, client)
         self._bodies.read()
 
-    def _terms(self) -> _Terms:
-        slots = [slot for *_, slot in self._slots]
+    @property
+    def slots(self) -> list[int]:
+        """Of the links of the free bodies."""
+        return [slot for *_, slot in self._slots]
+
+    def _terms(self) -> _Terms | None:
+        """Where the bodies are; None where the tendons do not come to rest."""
+        if self.tendons is not None and not self.tendons.settle(self._tolerance):
+            return None
+        slots = self.slots
         potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
+        if self.tendons is not None:
+            wrenches = wrenches + self.tendons.wrenches()
+            stiffness = stiffness + self.tendons.stiffness()
+            largest = max(largest, self.tendons.largest())
         size = sum(len(entry.columns) for entry in self._free)
-        found = _Terms(potential, np.zeros(size), np.zeros(size), np.zeros((0, 0)), largest)
         of_slots, first = np.zeros((6 * len(slots), size)), 0
+        found = _Terms(potential, np.zeros(size), np.zeros(size), np.zeros((0, 0)), largest, of_slots)
         for entry in self._free:
             where = slice(first, first + len(entry.columns))
             first += len(entry.columns)
@@ -227,47 +287,80 @@ class Equilibrium:
         return found[0][:, :, entry.columns]
 
     def find(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
-        """Whether it was found, the steps, the residual over the largest force. Else nothing has moved."""
+        """Whether it was found, the steps, the residual over the largest force. Else no body has moved."""
         start = self._place()
+        self._tolerance = tolerance
+        if self.tendons is not None:
+            self.tendons.begin(self.slots)
         try:
             found, steps, residual = self._descend(tolerance, max_steps)
         except BaseException:
-            self._put(start, np.zeros(sum(len(e.columns) for e in self._free)))
+            self._put_back(start)
             raise
+        finally:
+            if self.tendons is not None:
+                self.tendons.end()
         if not found:
-            self._put(start, np.zeros(sum(len(e.columns) for e in self._free)))
-        self._core.element_terms([slot for *_, slot in self._slots], True)
+            self._put_back(start)
+        self._core.element_terms(self.slots, True)
         return found, steps, residual
+
+    def _put_back(self, place: list) -> None:
+        self._put(place, np.zeros(sum(len(entry.columns) for entry in self._free)))
 
     def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
         scale = self._scales()
-        self._put(self._place(), np.zeros(len(scale)))
-        at = self._terms()
-        learned = np.zeros_like(at.matrix)
-        residual = np.inf
+        self._put_back(self._place())
+        at, learned, residual = self._terms(), np.zeros((len(scale),) * 2), np.inf
         for count in range(max_steps):
+            if at is None:
+                return False, count, float(residual)
             residual = np.abs(scale * at.force).max() / max(at.largest, 1e-300)
             if residual <= tolerance:
                 return True, count, float(residual)
-            step = _newton_step(at.matrix + learned, at.force, scale)
+            step = self._shortened(_newton_step(at.matrix + learned, at.force, scale), at)
             share, after = self._advance(at, step)
-            moved = share * step
-            learned += _rank_one(moved, at.force - after.force - (after.matrix + learned) @ moved)
+            if after is not None:
+                moved = share * step
+                learned += _rank_one(moved, at.force - after.force - (after.matrix + learned) @ moved)
             at = after
         return False, max_steps, float(residual)
 
-    def _advance(self, at: _Terms, step: np.ndarray) -> tuple[float, _Terms]:
+    def _shortened(self, step: np.ndarray, at: _Terms) -> np.ndarray:
+        """The step, in which nothing that tendons can touch moves far at one of their particles."""
+        if self.tendons is None:
+            return step
+        particles, most = self.tendons.particles(), 0.0
+        for k, (entry, link, slot) in enumerate(self._slots):
+            if slot in self.tendons.solid:
+                twist = at.twists[6 * k : 6 * k + 6] @ step
+                arms = particles - self._inertial(entry.body, link)[0]
+                most = max(most, np.linalg.norm(twist[:3] + np.cross(twist[3:], arms), axis=1).max())
+        return step * min(1.0, self.tendons.farthest / max(most, 1e-300))
+
+    def _advance(self, at: _Terms, step: np.ndarray) -> tuple[float, _Terms | None]:
         """Move by a share of the step that is small enough: the share, and the terms there."""
         place, share, ahead = self._place(), 1.0, at.force @ step
         while True:
             self._put(place, share * step)
             after = self._terms()
+            if after is None:
+                if share < _SHORTEST:
+                    return share, None
+                share *= 0.25
+                continue
             back = after.force @ step
-            work = 0.5 * share * (at.following + after.following) @ step
-            falls = after.potential - work <= at.potential - 1e-4 * share * ahead
-            if falls or abs(back) <= 0.5 * abs(ahead) or share < _SHORTEST:
+            if self._is_enough(at, after, share * step) or share < _SHORTEST:
                 return share, after
             share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5
+
+    def _is_enough(self, at: _Terms, after: _Terms, moved: np.ndarray) -> bool:
+        """Whether the potential falls in this motion, or the force along it no longer points back."""
+        ahead, back = at.force @ moved, after.force @ moved
+        if self.tendons is not None:
+            return back >= -0.5 * ahead
+        work = 0.5 * (at.following + after.following) @ moved
+        return after.potential - work <= at.potential - 1e-4 * ahead or abs(back) <= 0.5 * abs(ahead)
 
     def _scales(self) -> np.ndarray:
         """What makes forces [N] of the generalized forces."""

@@ -41,6 +41,7 @@ class Relaxation:
     ):
         self._stepper, self._states, self._readouts, self._bodies = stepper, states, readouts, bodies
         self._tendons, self._alone = tendons, alone
+        self._last_dt = _FIRST  # of the last step of `follow` [s]
 
     def run(self, tolerance: float, max_steps: int) -> None:
         """See TendonWorld.relax."""
@@ -53,7 +54,8 @@ class Relaxation:
                 if self._alone:
                     self._lay_out(t, gravity)
                 t._core.guess_multipliers(t._slot, gravity)
-            settled, iterations, residual = self._descend(start, gravity, tolerance, max_steps)
+            first = _ENDLESS if self._alone else _FIRST
+            settled, iterations, residual = self._descend(start, gravity, tolerance, max_steps, first)
         except BaseException:
             self._states.take_back(kept)
             raise
@@ -63,11 +65,27 @@ class Relaxation:
         report.iterations, report.residual, report.tolerance = iterations, float(residual), tolerance
         report.converged = bool(report.converged and settled)
 
-    def _descend(self, start: dict[Tendon, np.ndarray], gravity, tolerance: float, max_steps: int) -> tuple:
-        """Steps from rest until the residual is small: settled (None: take it back), iterations, residual."""
-        stepper, dt = self._stepper, _ENDLESS if self._alone else _FIRST
+    def follow(self, gravity, tolerance: float, max_steps: int) -> bool:
+        """Bring the tendons to rest from where they are, after bodies have moved a little; whether they are.
+
+        Nothing is taken back. Raises what Stepper.hold raises.
+        """
+        start = {t: t.positions for t in self._tendons}
+        first = min(_ENDLESS, self._last_dt)
+        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first)
+        return bool(settled and self._stepper.report.converged)
+
+    def _descend(
+        self, start: dict[Tendon, np.ndarray], gravity, tolerance: float, max_steps: int, first: float
+    ) -> tuple:
+        """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
+
+        first: length of the first step [s].
+        """
+        stepper, dt = self._stepper, first
         iterations, residual, settled = 0, np.inf, not start
         for _ in range(max_steps):
+            self._last_dt = dt
             before = {t: t.positions for t in start}
             if not stepper.hold(dt, gravity):
                 return None, iterations, residual

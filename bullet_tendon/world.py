@@ -19,7 +19,7 @@ from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
 from .cartilage import RESOLUTION, Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
-from .equilibrium import Equilibrium
+from .equilibrium import Equilibrium, HeldTendons
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
 from .fixation import Fixation
 from .ligament import (
@@ -709,8 +709,9 @@ class TendonWorld(NotCopied):
     ) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
 
-        With `bodies`, these are put first where ligaments, cartilage, gravity, `forces` and those told by
-        apply_external_force balance, by Newton's method, and are at rest there. Other bodies, and joints that
+        With `bodies`, these are put first where ligaments, cartilage, tendons, gravity, `forces` and those
+        told by apply_external_force balance, by Newton's method, and are at rest there. Tendons that touch
+        these bodies, or are attached to them, follow in small steps. Other bodies, and joints that
         are not listed, stay where they are. Motors and contacts of pybullet do not act. Where no equilibrium
         is found, nothing has moved and the report says that it did not converge.
 
@@ -729,8 +730,7 @@ class TendonWorld(NotCopied):
                 apply_external_force takes it. Those with p.LINK_FRAME follow the link.
 
         Raises:
-            InvalidType, InvalidValue, UnknownId: for arguments out of range, or bodies that cannot be free,
-                such as those that tendons are attached to.
+            InvalidType, InvalidValue, UnknownId: for arguments out of range, or bodies that cannot be free.
             StepFailed: where there is no finite solution.
 
         Example:
@@ -758,9 +758,7 @@ class TendonWorld(NotCopied):
             raise InvalidValue("forces", forces, "none where no bodies are free")
         if bodies and not self._balance(bodies, forces, tolerance, max_steps):
             return
-        alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
-        parts = self._stepper, self._states, self._readouts, self._bodies
-        Relaxation(*parts, self.tendons, alone).run(tolerance, max_steps)
+        self._relaxation().run(tolerance, max_steps)
 
     @property
     def report(self) -> StepReport:
@@ -956,7 +954,10 @@ class TendonWorld(NotCopied):
             fixation._before_step()
 
     def _balance(self, bodies: Sequence, forces: Sequence, tolerance: float, max_steps: int) -> bool:
-        """Put bodies where they are in equilibrium. Whether there are tendons to relax after that."""
+        """Put bodies where they are in equilibrium, with the tendons that act on them.
+
+        Whether there are tendons to relax after that.
+        """
         _, gravity = self._stepper.step_and_gravity()
         self._bodies.require_alive()
         loads = [(*told, False) for told in self._bodies.external_forces]
@@ -968,15 +969,30 @@ class TendonWorld(NotCopied):
         for force in forces:
             if force[0] not in found.free:
                 raise InvalidValue("forces", force, f"one on a body that is free, of {sorted(found.free)}")
-        attached = {h.bodyUniqueId for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
-        if attached & found.free:
-            raise InvalidValue("bodies", bodies, f"bodies that no tendon is attached to, as to {attached}")
-        converged, steps, residual = found.find(tolerance, max_steps)
+        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        solid = self._obstacles.link_slots() | {t.link_slot for t in self.tunnels}
+        coupled = bool(self._tendons) and bool((attached | solid) & set(found.slots))
+        kept = self._states.capture() if coupled else None
+        if coupled:
+            near = solid | attached if solid else set()
+            found.tendons = HeldTendons(self._core, self.tendons, self._relaxation(), gravity, near)
+        try:
+            converged, steps, residual = found.find(tolerance, max_steps)
+        except BaseException:
+            if coupled:
+                self._states.take_back(kept)
+            raise
+        if coupled and not converged:
+            self._states.take_back(kept)
         self._stepper.forbid_resolve()
         report = self._stepper.report
         report.iterations, report.residual, report.tolerance = steps, residual, tolerance
         report.converged = converged
-        return converged and bool(self._tendons)
+        return converged and bool(self._tendons) and not coupled
+
+    def _relaxation(self) -> Relaxation:
+        alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
+        return Relaxation(self._stepper, self._states, self._readouts, self._bodies, self.tendons, alone)
 
     def _checked_force(self, body, link, force, point, flags) -> tuple:
         """Body, link, force (3,), point (3,), and whether these are in the link's inertial frame."""

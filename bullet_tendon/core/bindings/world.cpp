@@ -117,6 +117,14 @@ bool hold(World& w, double dt, const py::tuple& gravity, const py::object& sense
   return attempt(w, dt, vector(gravity.ptr()), true, sense, measure);
 }
 
+// (6 k, 6 k); None where the last step that held the bodies has not found it.
+py::object tendon_stiffness(const World& w) {
+  const TendonStiffness& found = w.tendon_stiffness();
+  if (!found.known) return py::none();
+  const auto n = static_cast<py::ssize_t>(6 * found.links.size());
+  return Array({n, n}, found.matrix.data());
+}
+
 py::dict counts(const Report& r) {
   py::dict d;
   d["pairs_considered"] = r.near.considered;
@@ -218,6 +226,9 @@ void bind_world_world(GuardedWorld& world) {
       .def("step", &step)
       .def("apply", &apply)
       .def("hold", &hold)
+      .def("want_tendon_stiffness",
+           [](World& w, const std::vector<int>& links) { w.want_tendon_stiffness(links); })
+      .def("tendon_stiffness", &tendon_stiffness)
       .def("coarse_turn",
            [](World& w, int tendon) {
              CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;

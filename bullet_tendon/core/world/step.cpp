@@ -195,6 +195,7 @@ std::optional<Reason> World::solve_islands() {
   step_.failed = !finite;
   if (step_.failed) return {};
   if (may_detect && predict_at_solution()) return Reason::left_prediction;
+  if (step_.whole && !stiffness_.links.empty()) find_tendon_stiffness();
   return {};
 }
 

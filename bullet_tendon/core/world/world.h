@@ -125,6 +125,14 @@ struct IslandSet {
   IslandElements loose;       // elements that touch no body with unknowns
 };
 
+// How the tendons' wrenches on these links change with the links' twists: found in steps that hold the bodies
+// (world/tendon_stiffness.cpp).
+struct TendonStiffness {
+  std::vector<int> links;  // distinct slots; empty: not wanted
+  dense::Numbers matrix;   // second derivatives of the potential (6 k, 6 k), with the particles at rest
+  bool known = false;      // the last such step had one
+};
+
 // Checkpoints that restore the state before the last step or before a failed one. Pointers, because the two
 // change places in every step.
 struct History {
@@ -198,6 +206,9 @@ class World {
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // The last step that was not `whole`.
   const StepRecord& last_step() const { return history_.last_step; }
+  // Of which links steps that hold the bodies find the stiffness by tendons, and what the last one has found.
+  void want_tendon_stiffness(const std::vector<int>& links) { stiffness_ = {links, {}, false}; }
+  const TendonStiffness& tendon_stiffness() const { return stiffness_; }
   // Called after every substep, for tests.
   std::function<void()> after_substep;
 
@@ -335,6 +346,9 @@ class World {
 
   // The bores of a link that are wider than the tendon. The others are solid bone for it.
   const std::vector<Bore>& bores_for(const Tendon& c, int link);
+  // world/tendon_stiffness.cpp
+  void find_tendon_stiffness();
+  bool linearise_tendons(Island& island);
   void make_islands();
   void begin_elements();
   void place_elements();
@@ -351,6 +365,7 @@ class World {
   ContactSet contacts_;
   SleepState sleep_;
   IslandSet islands_;
+  TendonStiffness stiffness_;
   History history_;
 };
 

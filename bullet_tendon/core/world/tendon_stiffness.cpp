@@ -1,0 +1,97 @@
+// How the tendons' wrenches on links change where the links move, for bodies that are put into equilibrium.
+//
+// In a step that holds the bodies, the tendons come to rest among them. The links in question then become
+// bodies of six unknowns each, with B the identity (bodies/body_response.h), and the system is linearised at
+// the solution. Its Schur complement (solver/body_schur.cpp), less the identity of y, is the second
+// derivative of the tendons' potential by the twists of the links, with all particles at rest.
+#include <utility>
+
+#include "solver/assembly.h"
+#include "solver/body_schur.h"
+#include "solver/solver.h"
+#include "world/world.h"
+
+namespace bt {
+
+namespace {
+
+constexpr int kTwist = 6;
+
+GeneralizedBody body_of_one_link(int number) {
+  GeneralizedBody body;
+  body.rates.assign(kTwist, 0.0);
+  dense::set_identity(kTwist, body.root);
+  BodyUnknowns& unknowns = body.unknowns;
+  unknowns.any = true;
+  unknowns.freedom = kTwist;
+  unknowns.y.assign(kTwist, 0.0);
+  unknowns.dy.assign(kTwist, 0.0);
+  unknowns.residual.assign(kTwist, 0.0);
+  unknowns.first = kTwist * number;
+  unknowns.lever = 1;
+  return body;
+}
+
+}  // namespace
+
+// false: neither linearisation has a solution.
+bool World::linearise_tendons(Island& island) {
+  for (const bool definite : {false, true}) {
+    Assembly a = residual_of(island, definite, true);
+    measure_residual(island, a);
+    assemble(island, Linearisation::position, definite, definite);
+    if (solve_linear(island, step_.context, definite)) return true;
+  }
+  return false;
+}
+
+// The links and bodies of the world are those of the linearisation meanwhile.
+void World::find_tendon_stiffness() {
+  const int count = static_cast<int>(stiffness_.links.size());
+  std::vector<GeneralizedBody> bodies;
+  for (int k = 0; k < count; ++k) bodies.push_back(body_of_one_link(k));
+  std::swap(bodies, scene.bodies);
+  const std::vector<Link> links = scene.links;
+  for (Link& link : scene.links) link.body = -1;
+  for (int k = 0; k < count; ++k) {
+    Link& link = scene.links[stiffness_.links[k]];
+    link.body = k;
+    link.jacobian.clear();
+    dense::set_identity(kTwist, link.root);
+    link.reached = link.root;
+    link.given = link.stepped = {};
+    link.turned = {};
+    link.turned.far = true;
+  }
+  Island island;
+  island.slots = &step_.slots;
+  for (size_t c = 0; c < step_.slots.size(); ++c) {
+    if (!step_.slots[c]) continue;
+    island.tendons.push_back(step_.slots[c]);
+    island.numbers.push_back(static_cast<int>(c));
+    for (Anchor& anchor : step_.slots[c]->anchors)
+      anchor.moves = anchor.link >= 0 && scene.links[anchor.link].yields();
+  }
+  for (Contact& contact : contacts_.all) {
+    contact.moves = contact.link >= 0 && scene.links[contact.link].yields();
+    island.contacts.push_back(&contact);
+    island.coupled |= contact.b.tendon >= 0;
+  }
+  island.follows = options.linear_solver != LinearSolver::pcg;
+  island.bodies.all = &scene.bodies;
+  island.bodies.links = &scene.links;
+  island.bodies.reach = 1;
+  island.bodies.freedom = kTwist * count;
+  island.bodies.carried = stiffness_.links;
+  for (int k = 0; k < count; ++k) island.bodies.indices.push_back(k);
+  stiffness_.known = linearise_tendons(island);
+  stiffness_.matrix = island.bodies.corner;
+  for (int k = 0; k < island.bodies.freedom; ++k) stiffness_.matrix[k * island.bodies.freedom + k] -= 1;
+  for (Tendon* c : island.tendons)
+    for (Anchor& anchor : c->anchors) anchor.moves = false;
+  for (Contact& contact : contacts_.all) contact.moves = false;
+  scene.links = links;
+  std::swap(bodies, scene.bodies);
+}
+
+}  // namespace bt
