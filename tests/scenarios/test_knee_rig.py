@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import pybullet as p
 import pytest
 from bullet_tendon.scenarios.knee import KneeRig
+from bullet_tendon.scenarios.reconstruction import FEMORAL, TIBIAL
 from knee_oracle import Knee, Pose, Strands, read_obj
 
 import bullet_tendon as bt
@@ -142,6 +144,38 @@ def test_a_lateral_force_and_its_point_are_those_of_the_oracle():
         assert rig.settle()
         start = Pose(0.0, origin=(0.0, -1e-3, 0.0))
         agree(rig, knee, knee.solve(start, force=(0.0, 60.0, 15.0), point=point))
+
+
+def test_a_graft_of_particles_in_two_tunnels_settles_where_damped_motion_ends():
+    with KneeRig() as rig:
+        rig.cut("ACL")
+        rig.flex(np.radians(20))
+        rig.settle()
+        ends = []
+        for body, tunnel in ((rig.femur, FEMORAL), (rig.tibia, TIBIAL)):
+            rig.world.add_tunnel(*body, *tunnel, radius=0.0045, friction=0.1)
+            origin, axes = rig.world._bodies.frame(*body)
+            ends.append([origin + axes @ np.array(point) for point in tunnel])
+        points = [ends[0][1], ends[0][0], ends[1][0], ends[1][1]]
+        graft = rig.world.add_tendon(points, 0.0035, bt.Material.preset("hamstring_graft"), particles=60)
+        graft.attach(0, *rig.femur)
+        graft.attach(-1, *rig.tibia)
+        graft.shorten(0.0005)
+        rig.load(anterior=90.0)
+        assert rig.settle()
+        forces = [(*rig.tibia, *load, p.LINK_FRAME) for load in rig._loads()]
+        rig.world.relax(bodies=[rig.tibia[0]], forces=forces)
+        assert rig.world.report.converged
+        found, tension = rig.coordinates, graft.tension
+        assert tension[30] > 80
+        rig.load(anterior=60.0)
+        assert rig.settle()
+        assert abs(rig.coordinates.anterior - found.anterior) > 2e-4
+        rig.load(anterior=90.0)
+        rig._relax = lambda tolerance: None  # kinetic damping alone
+        assert rig.settle()
+        assert rig.coordinates == pytest.approx(found, abs=2e-5)
+        assert graft.tension == pytest.approx(tension, rel=0.02)  # friction in the bores remembers the way
 
 
 def test_groups_are_cut_by_the_beginning_of_their_names():
