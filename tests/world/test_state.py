@@ -316,7 +316,7 @@ def test_crafted_tables_are_refused(client):
 def test_snapshots_of_another_version_are_refused_by_its_number(client):
     world, _ = build(client, bodies=False)
     data = crafted(world.snapshot(), version=np.array(1))
-    with pytest.raises(bt.SnapshotError, match="of version 13, not 1"):
+    with pytest.raises(bt.SnapshotError, match=r"of version \d+, not 1"):
         world.load_snapshot(data)
 
 
