@@ -1,6 +1,7 @@
 """Steps that Newton's method does not solve in its iterations, and that cannot be cut any further."""
 
 import numpy as np
+import pybullet as p
 import pytest
 
 import bullet_tendon as bt
@@ -21,3 +22,29 @@ def test_descent_from_a_tangled_start_takes_a_bounded_effort(make_world, seed):
     assert np.isfinite(t.positions).all()
     assert world.report.counts["substeps"] > 30
     assert not world.report.over_budget
+
+
+@pytest.mark.parametrize("mass", [0.006, 0.02])
+def test_a_strand_whose_damping_holds_its_force_at_zero_is_solved(make_world, client, mass):
+    """A stretched strand is let go with a light body. Damping takes the elastic force: all springs are where
+    their force begins. Particles must not yield across the strand as if it were slack.
+    """
+    p.setTimeStep(1 / 250)
+    p.setGravity(0, 0, 0)
+    world = make_world()
+    sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01)
+    body = p.createMultiBody(mass, sphere, -1, (0.10125, 0, 0))
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)
+    held = p.createConstraint(body, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0.10125, 0, 0))
+    p.changeConstraint(held, maxForce=1e5)
+    material = bt.Material(stiffness=1.125e6, exponent=2, toe_strain=0.03, tension_only=True, damping=202.5)
+    tendon = world.add_tendon([(0, 0, 0), (0.10125, 0, 0)], 0.0005, material, 29, rest_length=0.1)
+    tendon.grip(0)
+    tendon.attach(-1, body)
+    world.step(20)
+    p.setGravity(0, 0, -9.81)
+    p.removeConstraint(held)
+    for _ in range(60):
+        world.step()
+        assert world.report.converged and world.report.iterations < 50
+        assert tendon.tension.min() >= 0

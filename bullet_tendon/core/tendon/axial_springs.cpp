@@ -80,9 +80,9 @@ template <int P>
 BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool mixed, double floor_force) {
   const double *len = s.length.data(), *rest = s.rest.data(), *stiffness = s.stiffness.data();
   const double *inverse = s.inverse_rest.data(), *elastic_part = s.elastic.data(),
-               *truth = s.true_elastic.data(), *carried = s.lambda.data(), *force = s.force.data(),
-               *braking = s.braking.data(), *braking_slope = s.braking_slope.data();
-  double *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
+               *truth = s.true_elastic.data(), *force = s.force.data(), *braking = s.braking.data(),
+               *braking_slope = s.braking_slope.data();
+  double *carried = s.lambda.data(), *linear = s.linear.data(), *elastic_slope = s.elastic_slope.data();
   double *linear_elastic = s.linear_elastic.data(), *damping_slope = s.damping_slope.data();
   const double least = law.tension_only ? 0 : -std::numeric_limits<double>::infinity(), share = s.share;
 #pragma GCC ivdep
@@ -102,6 +102,8 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
     linear[k] = there ? line + braking[k] : force[k];
     elastic_slope[k] = there ? slope : raised;
     damping_slope[k] = there ? braking_slope[k] : damping_slope[k];
+    // Where the true force pulls, particles that yield across it as if it did not would stretch the spring.
+    carried[k] = !there & (force[k] > carried[k]) ? force[k] : carried[k];
   }
 }
 
