@@ -14,6 +14,11 @@ testing: ModuleType  # what only tests call: terms, solvers and searches by them
 
 def allocated_bytes() -> int: ...
 
+# points of a path, with those along wraps: (slot, shape, semi-axes, position, axes by rows)
+def trace_path(
+    points: ArrayLike, wraps: list[tuple[int, int, ArrayLike, ArrayLike, ArrayLike]], /
+) -> _Floats: ...
+
 CUT_OFF_RATE: float  # m/s, rad/s: from which a rate is taken for one that pybullet cut off
 MOST_RATE: float  # m/s, rad/s: at which pybullet cuts rates off
 
@@ -217,7 +222,7 @@ class World:
         locals: ArrayLike,
         rest: float,
         material: Material,
-        wraps: list[tuple[int, bool, float, ArrayLike, ArrayLike]],
+        wraps: list[tuple[int, int, ArrayLike, ArrayLike, ArrayLike]],
         /,
     ) -> int: ...
     def remove_ligament(self, ligament: int, /) -> None: ...

@@ -11,10 +11,13 @@ import pybullet as p
 
 from . import checks
 from ._core import World as Core
+from ._core import trace_path
 from .bodies import Bodies
 from .errors import InvalidType, InvalidValue, NotCopied, SlackWarning, UnknownId, warn
 from .material import Material
 
+_KINDS = ("sphere", "cylinder", "ellipsoid")  # in the order of the core's
+_FLATTEST = 10  # longest over shortest axis of an ellipsoid, for which its geodesics are found surely [-]
 _SLACK = 1.25  # rest length over the path from which a warning is given [-]
 
 
@@ -22,8 +25,9 @@ _SLACK = 1.25  # rest length over the path from which a warning is given [-]
 class Wrap(NotCopied):
     """A surface of a link that paths of ligaments wrap around, made by TendonWorld.add_wrap.
 
-    kind: "sphere" or "cylinder" (without ends, along its z axis); radius [m]; position (3,) [m] and
-    orientation (x, y, z, w) in the link's URDF frame.
+    kind: "sphere", "cylinder" (without ends, along its z axis) or "ellipsoid"; radius [m], of an ellipsoid
+    its three semi-axes along x, y and z; position (3,) [m] and orientation (x, y, z, w) in the link's
+    URDF frame.
 
     Example:
         >>> condyle = world.add_wrap(ball, -1, ("sphere", 0.01), (0, 0, 0))
@@ -34,9 +38,14 @@ class Wrap(NotCopied):
     bodyUniqueId: int
     linkIndex: int
     kind: str
-    radius: float
+    radius: float | tuple[float, float, float]
     position: np.ndarray
     orientation: np.ndarray
+
+    @property
+    def radii(self) -> np.ndarray:
+        """(3,) its semi-axes [m]. Along z, a cylinder has none: the number is its radius there, too."""
+        return np.broadcast_to(self.radius, 3).astype(float)
 
     @property
     def axes(self) -> np.ndarray:
@@ -48,14 +57,23 @@ def checked_wrap(bodies: Bodies, body, link, shape, position, orientation) -> Wr
     """A wrap with checked arguments. Raises InvalidType, InvalidValue or UnknownId."""
     bodies.require(body, link)
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
-        raise InvalidType("shape", shape, '("sphere", radius) or ("cylinder", radius)')
-    kind = checks.choice("shape", shape[0], ("sphere", "cylinder"))
-    radius = checks.number("shape", shape[1], above=0)
+        allowed = '("sphere", radius), ("cylinder", radius) or ("ellipsoid", (a, b, c))'
+        raise InvalidType("shape", shape, allowed)
+    kind = checks.choice("shape", shape[0], _KINDS)
+    radius = _semi_axes(shape[1]) if kind == "ellipsoid" else checks.number("shape", shape[1], above=0)
     turn = checks.vector("orientation", orientation, 4)
     if not np.linalg.norm(turn) > 0:
         raise InvalidValue("orientation", orientation, "a quaternion other than zero")
     at = checks.vector("position", position)
     return Wrap(int(body), int(link), kind, radius, at, turn / np.linalg.norm(turn))
+
+
+def _semi_axes(value) -> tuple[float, float, float]:
+    radii = checks.vector("shape", value)
+    if not (radii.min() > 0 and radii.max() <= _FLATTEST * radii.min()):
+        allowed = f"three semi-axes > 0 [m], the longest at most {_FLATTEST} times the shortest"
+        raise InvalidValue("shape", value, allowed)
+    return tuple(radii.tolist())
 
 
 class Ligament(NotCopied):
@@ -84,8 +102,8 @@ class Ligament(NotCopied):
     ):
         self._core, self._bodies = core, bodies
         self.slot, self.name, self.material, self.path, self.wraps = slot, name, material, path, wraps
-        links = {*(row[:2] for row in path), *((wrap.bodyUniqueId, wrap.linkIndex) for wrap in wraps)}
-        self.link_slots = frozenset(bodies.slot(*link) for link in links)
+        self.links = {*(row[:2] for row in path), *((wrap.bodyUniqueId, wrap.linkIndex) for wrap in wraps)}
+        self.link_slots = frozenset(bodies.slot(*link) for link in self.links)
         self.removed = False
 
     @property
@@ -108,6 +126,12 @@ class Ligament(NotCopied):
         """(k, 3) the points of its path in the world frame, now [m]; where it meets and leaves wraps, too."""
         self._there()
         return self._measured()[1] if self.wraps else points_of(self._bodies, self.path)
+
+    @property
+    def line(self) -> np.ndarray:
+        """(k, 3) what to draw of it, world frame, now [m]: its path, also along wraps. k does not change."""
+        self._there()
+        return line_of(self, {link: self._bodies.checked_frame(*link) for link in self.links})
 
     def _measured(self) -> tuple[float, np.ndarray]:
         """Length and points of a path with wraps, where pybullet has the bodies now."""
@@ -186,9 +210,30 @@ def checked_path(bodies: Bodies, path: Sequence) -> tuple:
 
 def points_of(bodies: Bodies, path: tuple) -> np.ndarray:
     """(k, 3) points of a path in the world frame [m]."""
-    frames = {key: bodies.checked_frame(*key) for key in {row[:2] for row in path}}
+    return _placed(path, {key: bodies.checked_frame(*key) for key in {row[:2] for row in path}})
+
+
+def line_of(ligament: Ligament, frames: dict) -> np.ndarray:
+    """(..., k, 3) Ligament.line by frames of its links: origin (..., 3), axes (..., 3, 3), by link."""
+    points = _placed(ligament.path, frames)
+    if not ligament.wraps:
+        return points
+    if points.ndim > 2:
+        moments = [
+            {link: (x[row], axes[row]) for link, (x, axes) in frames.items()} for row in range(len(points))
+        ]
+        return np.array([line_of(ligament, moment) for moment in moments])
+    around = []
+    for wrap in ligament.wraps:
+        origin, axes = frames[wrap.bodyUniqueId, wrap.linkIndex]
+        shape = 0, _KINDS.index(wrap.kind), wrap.radii
+        around.append((*shape, origin + axes @ wrap.position, axes @ wrap.axes))
+    return trace_path(points, around)
+
+
+def _placed(path: tuple, frames: dict) -> np.ndarray:
     places = [(*frames[body, link], np.array(at)) for body, link, at in path]
-    return np.array([origin + axes @ at for origin, axes, at in places])
+    return np.stack([origin + axes @ at for origin, axes, at in places], axis=-2)
 
 
 def path_length(points: np.ndarray) -> float:
@@ -215,8 +260,8 @@ def wrap_arguments(bodies: Bodies, wraps: tuple[Wrap, ...]) -> list[tuple]:
     return [
         (
             bodies.slot(wrap.bodyUniqueId, wrap.linkIndex),
-            wrap.kind == "cylinder",
-            wrap.radius,
+            _KINDS.index(wrap.kind),
+            wrap.radii,
             wrap.position,
             wrap.axes,
         )

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from . import checks
 from .errors import InvalidType, NotCopied
-from .ligament import Ligament
+from .ligament import Ligament, line_of
 from .recording import CONTACTS, HOLDS, LigamentTrack, LinkTrack, Recording, TendonTrack, TunnelTrack
 from .reports import KINDS
 from .tendon import Tendon
@@ -385,7 +385,7 @@ def _link_tracks(frames, bodies: _Bodies, shapes_of) -> tuple[LinkTrack, ...]:
 
 
 def _ligament_tracks(frames, links: tuple[LinkTrack, ...]) -> tuple[LigamentTrack, ...]:
-    """Forces as they were read; the points of the paths where the links were."""
+    """Forces as they were read; the lines where the links were."""
     rows: dict[Ligament, list] = {}
     for k, frame in enumerate(frames):
         for slot, force in frame.moment[4].tolist():
@@ -394,16 +394,16 @@ def _ligament_tracks(frames, links: tuple[LinkTrack, ...]) -> tuple[LigamentTrac
     tracks = []
     for ligament, of_it in rows.items():
         numbers, forces = (np.array(column) for column in zip(*of_it, strict=True))
-        points = [_points(known[body, link], numbers, local) for body, link, local in ligament.path]
-        forces = forces.astype(np.float32)
-        tracks.append(LigamentTrack(ligament.name, numbers, np.stack(points, axis=1), forces))
+        moved = {link: _frames(known[link], numbers) for link in ligament.links}
+        lines = line_of(ligament, moved).astype(np.float32)
+        tracks.append(LigamentTrack(ligament.name, numbers, lines, forces.astype(np.float32)))
     return tuple(tracks)
 
 
-def _points(track: LinkTrack, numbers, local) -> np.ndarray:
-    """(k, 3) where a point of a link's frame was in the frames (k,)."""
+def _frames(track: LinkTrack, numbers) -> tuple[np.ndarray, np.ndarray]:
+    """Origins (k, 3) and axes (k, 3, 3) of a link in the frames (k,)."""
     rows = np.searchsorted(track.frames, numbers)
-    return track.position[rows] + Rotation.from_quat(track.orientation[rows]).apply(local).astype(np.float32)
+    return track.position[rows].astype(float), Rotation.from_quat(track.orientation[rows]).as_matrix()
 
 
 def _base_frames(poses, position, orientation) -> np.ndarray:

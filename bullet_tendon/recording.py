@@ -69,7 +69,7 @@ class TendonTrack:
 
 @dataclass(frozen=True, eq=False)
 class LigamentTrack:
-    """A ligament in the frames (k,): positions (k, m, 3) of the points of its path [m], force (k,) [N]."""
+    """A ligament in the frames (k,): positions (k, m, 3) of its line [m], force (k,) [N]."""
 
     name: str
     frames: np.ndarray

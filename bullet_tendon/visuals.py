@@ -12,6 +12,7 @@ import pybullet as p
 from . import checks
 from .bodies import client_of
 from .errors import InvalidValue
+from .ligament import line_of
 from .skin import Skin, twist_free_frames
 
 TENDON_COLOR = (0.86, 0.75, 0.55, 1.0)
@@ -140,7 +141,7 @@ class TendonVisual:
 
 
 class LigamentLine:
-    """A ligament for a TendonVisual: positions (k, 3) of its path [m], radius [m], tension (k-1,) [N]."""
+    """A ligament for a TendonVisual: positions (k, 3) of its line [m], radius [m], tension (k-1,) [N]."""
 
     def __init__(self, ligament, frames: dict):
         self._ligament = ligament
@@ -153,8 +154,7 @@ class LigamentLine:
 
     def place(self, frames: dict) -> None:
         """Let it be where the links are; frames: origin (3,) and axes (3, 3) by (bodyUniqueId, linkIndex)."""
-        placed = [(*frames[body, link], np.array(local)) for body, link, local in self._ligament.path]
-        self.positions = np.array([origin + axes @ local for origin, axes, local in placed])
+        self.positions = line_of(self._ligament, frames)
 
 
 class Lines:
@@ -170,7 +170,7 @@ class Lines:
         ligaments = world.ligaments
         if not ligaments:
             return list(world.tendons)
-        keys = {(body, link) for ligament in ligaments for body, link, _ in ligament.path}
+        keys = {link for ligament in ligaments for link in ligament.links}
         frames = {key: world._bodies.frame(*key) for key in keys}
         for gone in self._lines.keys() - set(ligaments):
             del self._lines[gone]

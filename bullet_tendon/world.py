@@ -391,7 +391,8 @@ class TendonWorld(NotCopied):
         Args:
             bodyUniqueId: the body.
             linkIndex: the link, -1 for the base.
-            shape: ("sphere", radius) or ("cylinder", radius) [m]. A cylinder has no ends.
+            shape: ("sphere", radius), ("cylinder", radius) or ("ellipsoid", (a, b, c)) [m], with the
+                semi-axes along x, y and z, at most 10 times as long as each other. A cylinder has no ends.
             position: (3,) of its centre, in the link's URDF frame [m].
             orientation: quaternion (x, y, z, w) in that frame; a cylinder's axis is its z.
 

@@ -1,10 +1,12 @@
-"""Ligaments that wrap around spheres and cylinders: length, direction, balance."""
+"""Ligaments that wrap around spheres, cylinders and ellipsoids: length, direction, balance."""
 
 import math
 
 import numpy as np
 import pybullet as p
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
@@ -49,12 +51,118 @@ def test_it_takes_the_shortest_way(make_world, client, kind):
     assert len(ligament.points) == 2
 
 
-@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+AXES = (0.016, 0.021, 0.03)
+
+
+def around(world, client, radii, a, b):
+    """A ligament from a to b around an ellipsoid at the origin."""
+    ends = [body(client, 1.0, at) for at in (a, b)]
+    wrap = world.add_wrap(body(client, 0), -1, ("ellipsoid", radii), (0, 0, 0))
+    path = [(end, -1, (0, 0, 0)) for end in ends]
+    return world.add_ligament(path, bt.Material(stiffness=1e3), wraps=[wrap])
+
+
+def test_an_ellipsoid_with_equal_axes_is_a_sphere(make_world, client):
+    a, b = np.array([0.03, 0.012, 0.01]), np.array([-0.028, 0.01, -0.02])
+    line = around(make_world(), client, (0.02, 0.02, 0.02), a, b)
+    assert line.length == pytest.approx(shortest("sphere", 0.02, a, b), rel=1e-9)
+
+
+@pytest.mark.parametrize("flatness", [1.5, 3.0, 8.0])
+def test_around_an_ellipsoid_it_is_a_geodesic_without_kinks(make_world, client, flatness):
+    """The straight parts touch, and scipy's solution of the geodesic from one ends in the other."""
+    world, rng, wrapped = make_world(), np.random.default_rng(3), 0
+    for _ in range(40):
+        radii = 0.02 * flatness ** rng.uniform(-0.5, 0.5, 3)
+        a, b = (
+            radii * v / np.linalg.norm(v) * (1.02 + rng.exponential(0.5)) for v in rng.normal(size=(2, 3))
+        )
+        line = around(world, client, tuple(radii), a, b)
+        points = line.points
+        if len(points) == 2:
+            straight = a + np.linspace(0, 1, 2001)[:, None] * (b - a)
+            assert ((straight / radii) ** 2).sum(axis=1).min() > 1 - 1e-6
+            continue
+        wrapped += 1
+        arc = line.length - np.linalg.norm(points[1] - a) - np.linalg.norm(b - points[2])
+        weights = 1 / radii**2
+        comes, goes = ((v / np.linalg.norm(v)) for v in (points[1] - a, b - points[2]))
+
+        def geodesic(_, state, w=weights):
+            x, t = state[:3], state[3:]
+            return [*t, *(-(w @ t**2) / (w**2 @ x**2) * w * x)]
+
+        found = solve_ivp(geodesic, (0, arc), [*points[1], *comes], method="DOP853", rtol=1e-12, atol=1e-14)
+        assert weights @ points[1] ** 2 == pytest.approx(1, abs=1e-9)
+        assert (weights * points[1]) @ comes == pytest.approx(0, abs=1e-8 / radii.min())
+        assert found.y[:3, -1] == pytest.approx(points[2], abs=1e-8 * radii.max())
+        assert found.y[3:, -1] == pytest.approx(goes, abs=2e-7)
+    assert wrapped > 10
+
+
+def shortest_outside(radii, a, b, count=16):
+    """Length of the shortest polyline whose points are outside of an ellipsoid, by SLSQP from four starts."""
+    straight = np.linspace(a, b, count + 2)[1:-1]
+    along = (b - a) / np.linalg.norm(b - a)
+    aside = np.cross(along, [0.3, -0.5, 0.8])
+    best = np.inf
+    for angle in np.linspace(0, 2 * np.pi, 4, endpoint=False):
+        push = Rotation.from_rotvec(angle * along).apply(aside / np.linalg.norm(aside))
+        start = straight + np.sin(np.linspace(0, np.pi, count + 2))[1:-1, None] * 1.2 * radii.max() * push
+
+        def squares(x):
+            steps = np.diff(np.vstack([a, x.reshape(-1, 3), b]), axis=0)
+            return (steps**2).sum() * 1e3, (2e3 * (steps[:-1] - steps[1:])).ravel()
+
+        outside = {
+            "type": "ineq",
+            "fun": lambda x: (x.reshape(-1, 3) ** 2 / radii**2).sum(axis=1) - 1,
+            "jac": lambda x: np.array(
+                [np.eye(count)[k][:, None] * (2 * v / radii**2) for k, v in enumerate(x.reshape(-1, 3))]
+            ).reshape(count, -1),
+        }
+        found = minimize(squares, start.ravel(), jac=True, method="SLSQP", constraints=outside)
+        line = np.vstack([a, found.x.reshape(-1, 3), b])
+        if found.success:
+            best = min(best, np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    return best
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_around_an_ellipsoid_it_is_the_shortest_way(make_world, client, seed):
+    """Beside a polyline of 17 chords, which cut corners by (turn of a chord)^2/24."""
+    rng = np.random.default_rng(seed)
+    radii = 0.02 * 2.5 ** rng.uniform(-0.5, 0.5, 3)
+    a = radii * 1.4 * np.array([0.8, 0.5, -0.4])
+    b = radii * 1.3 * np.array([-0.9, 0.2, 0.5])
+    line = around(make_world(), client, tuple(radii), a, b)
+    assert len(line.points) == 4
+    assert line.length == pytest.approx(shortest_outside(radii, a, b), rel=5e-3)
+
+
+def test_the_line_to_draw_lies_on_the_surface(make_world, client):
+    world = make_world()
+    a, b = np.array([0.03, 0.012, 0.012]), np.array([-0.028, 0.01, -0.02])
+    for shape in (("sphere", 0.018), ("cylinder", 0.018), ("ellipsoid", AXES)):
+        wrap = world.add_wrap(body(client, 0), -1, shape, (0, 0, 0))
+        path = [(body(client, 1.0, at), -1, (0, 0, 0)) for at in (a, b)]
+        line = world.add_ligament(path, bt.Material(stiffness=1e3), wraps=[wrap])
+        radii = wrap.radii if shape[0] != "cylinder" else np.array([0.018, 0.018, np.inf])
+        on = line.line[1:-1]
+        assert len(on) > 6
+        assert ((on / radii) ** 2).sum(axis=1) == pytest.approx(1, abs=1e-8)
+        drawn = np.linalg.norm(np.diff(line.line, axis=0), axis=1).sum()
+        assert line.length * 0.999 < drawn < line.length
+        assert line.line[[1, -2]] == pytest.approx(line.points[[1, -2]], abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder", "ellipsoid"])
 def test_the_gradient_is_the_derivative_of_the_length(make_world, client, kind):
     world = make_world()
     stand = body(client, 1.0)
     ends = [body(client, 1.0, at) for at in ((0.03, 0.012, 0.01), (-0.028, 0.01, -0.02))]
-    wrap = world.add_wrap(stand, -1, (kind, 0.02), (0.001, 0.002, 0), (0.1, 0.2, 0, 1))
+    size = AXES if kind == "ellipsoid" else 0.02
+    wrap = world.add_wrap(stand, -1, (kind, size), (0.001, 0.002, 0), (0.1, 0.2, 0, 1))
     path = [(end, -1, (0.001, 0.002, 0.003)) for end in ends]
     ligament = world.add_ligament(path, bt.Material(stiffness=1e3), rest_length=0.06, wraps=[wrap])
     world.step()
@@ -95,7 +203,13 @@ def test_two_weights_balance_over_a_pulley(make_world, client):
 def test_bad_wraps_are_refused(make_world, client):
     world = make_world()
     stand, other = body(client, 0), body(client, 1.0, (0.1, 0, 0))
-    for shape in (("cone", 0.01), ("sphere", 0), ("sphere", -1)):
+    for shape in (
+        ("cone", 0.01),
+        ("sphere", 0),
+        ("ellipsoid", (1, 1)),
+        ("ellipsoid", (1, 1, 0)),
+        ("ellipsoid", (11, 1, 1)),
+    ):
         with pytest.raises(bt.InvalidValue):
             world.add_wrap(stand, -1, shape, (0, 0, 0))
     with pytest.raises(bt.InvalidType):

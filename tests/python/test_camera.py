@@ -257,6 +257,24 @@ def test_ligaments_are_seen_along_their_paths_and_follow_their_bodies(make_world
         assert -3 not in camera.segmentation()
 
 
+def test_ligaments_are_seen_along_their_wraps(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    stand = p.createMultiBody(0, physicsClientId=client)
+    ball = p.createMultiBody(1.0, basePosition=(0.06, 0, -0.015), physicsClientId=client)
+    wrap = world.add_wrap(stand, -1, ("ellipsoid", (0.04, 0.08, 0.03)), (0, 0, 0))
+    path = [(stand, -1, (-0.06, 0, -0.015)), (ball, -1, (0, 0, 0))]
+    ligament = world.add_ligament(path, ROPE, wraps=[wrap])
+    with view.Camera(world, 320, 240, **FACING) as camera:
+        seen = camera.segmentation()
+        top = ligament.line[np.abs(ligament.line[:, 2]).argmax()]
+        assert abs(top[2]) > 0.028
+        row, column = pixel(camera, top)
+        assert (seen[row - 1 : row + 2, column - 1 : column + 2] == -2).any()
+        row, column = pixel(camera, np.array((0, 0, -0.015)))
+        assert not (seen[row - 1 : row + 2, column - 1 : column + 2] == -2).any()
+
+
 def test_a_client_without_tendons():
     client = BulletClient(p.DIRECT)
     body = box(client._client, [0.02, 0.02, 0.02], (0, 0, 0))

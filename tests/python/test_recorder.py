@@ -210,6 +210,25 @@ def test_ligaments_are_recorded_with_their_forces_and_paths(make_world):
     assert track.force.max() > 0.1
 
 
+def test_ligaments_are_recorded_along_their_wraps(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    stand, ball = (p.createMultiBody(mass, shape, -1, at, physicsClientId=client) for mass, at in
+                   ((0.0, (0, 0, 0)), (1.0, (-0.028, 0.01, -0.02))))  # fmt: skip
+    wraps = [world.add_wrap(stand, -1, ("ellipsoid", (0.016, 0.02, 0.024)), (0, 0, 0), (0, 0.1, 0, 1))]
+    path = [(stand, -1, (0.03, 0.012, 0.01)), (ball, -1, (0, 0, 0))]
+    ligament = world.add_ligament(path, ROPE, rest_length=0.06, wraps=wraps)
+    recorder, seen = bt.Recorder(world, every=3), [ligament.line]
+    for _ in range(6):
+        world.step(3)
+        seen.append(ligament.line)
+    (track,) = recorder.recording.ligaments
+    assert len(ligament.line) > len(ligament.points) == 4
+    np.testing.assert_allclose(track.positions, seen, atol=1e-7)
+    world.remove_ligament(ligament)
+
+
 def test_a_file_gives_the_same_recording(make_world, tmp_path):
     world = make_world(1 / 240, (0, -9.81, 0))
     flags = p.URDF_USE_INERTIA_FROM_FILE

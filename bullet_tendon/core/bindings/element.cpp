@@ -14,22 +14,35 @@ namespace bt {
 
 namespace {
 
-// links (n): slots. locals (n, 3): points in the frames of the links [m]. wraps: (slot, whether it is a
-// cylinder, radius, position, axes by rows), in the frame of its link.
+// wraps: (slot, shape, semi-axes, position, axes by rows), in the frame of its link.
+std::vector<Wrap> wraps_of(const py::list& wraps) {
+  std::vector<Wrap> out;
+  for (const py::handle& of : wraps) {
+    const auto wrap = of.cast<std::tuple<int, int, Array, Array, Array>>();
+    out.push_back({std::get<0>(wrap),
+                   static_cast<WrapShape>(std::get<1>(wrap)),
+                   {rotation(std::get<4>(wrap).data()), vec(std::get<3>(wrap))},
+                   vec(std::get<2>(wrap))});
+  }
+  return out;
+}
+
+// links (n): slots. locals (n, 3): points in the frames of the links [m].
 int add_ligament(World& w, const Ints& links, const Array& locals, double rest, const Material& material,
                  const py::list& wraps) {
   const std::vector<Vec3> points = points_of(locals);
   std::vector<PathPoint> path;
   for (size_t i = 0; i < points.size(); ++i) path.push_back({links.data()[i], points[i]});
-  std::vector<Wrap> around;
-  for (const py::handle& of : wraps) {
-    const auto wrap = of.cast<std::tuple<int, bool, double, Array, Array>>();
-    around.push_back({std::get<0>(wrap),
-                      std::get<1>(wrap) ? WrapShape::cylinder : WrapShape::sphere,
-                      {rotation(std::get<4>(wrap).data()), vec(std::get<3>(wrap))},
-                      std::get<2>(wrap)});
-  }
-  return w.add_ligament(std::make_unique<Ligament>(path, around, material, rest));
+  return w.add_ligament(std::make_unique<Ligament>(path, wraps_of(wraps), material, rest));
+}
+
+// Points of a path through these points, those along wraps included; wraps in the same axes.
+Array trace_path(const Array& points, const py::list& wraps) {
+  const std::vector<Vec3> path = points_of(points);
+  const std::vector<Wrap> around = wraps_of(wraps);
+  std::vector<Vec3> out{path.front()};
+  for (size_t i = 0; i + 1 < path.size(); ++i) trace(around, path[i], path[i + 1], out);
+  return rows_of(out);
 }
 
 Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.all().at(slot); }
@@ -116,6 +129,7 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
 }  // namespace
 
 void bind_distance_grid(py::module_& m) {
+  m.def("trace_path", &trace_path);
   py::class_<SignedDistance>(m, "SignedDistance")
       .def(py::init(&distance_of))
       .def_property_readonly("open", &SignedDistance::open)
@@ -173,7 +187,7 @@ void bind_world_elements(GuardedWorld& world) {
       .def("ligament_points",
            [](const World& w, int slot) {
              std::vector<Vec3> points;
-             const double length = ligament_of(w, slot).length_at(w.scene.links, &points);
+             const double length = ligament_of(w, slot).length_at(w.scene.links, points);
              return py::make_tuple(length, rows_of(points));
            })
       .def("ligament_rest", [](const World& w, int slot) { return ligament_of(w, slot).rest; })

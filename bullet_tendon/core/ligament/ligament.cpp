@@ -43,24 +43,43 @@ int Ligament::place_of(int link) const {
   return place;
 }
 
-double Ligament::length_at(const std::vector<Link>& links, std::vector<Vec3>* points) const {
-  double sum = 0;
-  auto at = [&](const PathPoint& p) { return to_world(links[p.link].pose, p.local); };
-  if (points) points->push_back(at(path_[0]));
+// Calls visit(part, wrap, p, q, way) for each part of the path from p to q, with the way around the first
+// wrap that is in its way; way.touches: there is one. near: geodesics of a way nearby, by part and wrap.
+template <class PointAt, class FrameAt, class Visit>
+void Ligament::each_part(PointAt point, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const {
   for (size_t i = 0; i + 1 < path_.size(); ++i) {
-    const Vec3 p = at(path_[i]), q = at(path_[i + 1]);
-    Wrapped around;
-    for (size_t w = 0; w < wraps_.size() && !around.touches; ++w) {
-      const Pose& pose = links[wraps_[w].link].pose;
-      around = wrap_around(wraps_[w],
-                           {pose.rotation * wraps_[w].local.rotation, to_world(pose, wraps_[w].local.origin)},
-                           p, q);
+    const Vec3 p = point(i), q = point(i + 1);
+    Wrapped way;
+    size_t w = 0;
+    for (; w < wraps_.size(); ++w) {
+      way = wrap_around(wraps_[w], frame(w), p, q, near[i * wraps_.size() + w]);
+      if (way.touches) break;
     }
-    sum += around.touches ? norm(around.first - p) + around.arc + norm(q - around.last) : norm(q - p);
-    if (points && around.touches) points->insert(points->end(), {around.first, around.last});
-    if (points) points->push_back(q);
+    visit(i, w, p, q, way);
   }
+}
+
+double Ligament::measure(const std::vector<Link>& links, std::vector<Geodesic>& near,
+                         std::vector<Vec3>* points) const {
+  auto point = [&](size_t i) { return to_world(links[path_[i].link].pose, path_[i].local); };
+  auto frame = [&](size_t w) {
+    const Pose& pose = links[wraps_[w].link].pose;
+    return Pose{pose.rotation * wraps_[w].local.rotation, to_world(pose, wraps_[w].local.origin)};
+  };
+  near.assign(wraps_.size() * (path_.size() - 1), {});
+  if (points) points->push_back(point(0));
+  double sum = 0;
+  each_part(point, frame, near, [&](size_t, size_t, Vec3 p, Vec3 q, const Wrapped& way) {
+    sum += way.touches ? norm(way.first - p) + way.arc + norm(q - way.last) : norm(q - p);
+    if (points && way.touches) points->insert(points->end(), {way.first, way.last});
+    if (points) points->push_back(q);
+  });
   return sum;
+}
+
+double Ligament::length_at(const std::vector<Link>& links, std::vector<Vec3>& points) const {
+  std::vector<Geodesic> near;
+  return measure(links, near, &points);
 }
 
 void Ligament::begin(const std::vector<Link>& links, double h) {
@@ -77,9 +96,9 @@ void Ligament::begin(const std::vector<Link>& links, double h) {
   for (size_t w = 0; w < wraps_.size(); ++w) {
     const Link& link = links[wraps_[w].link];
     wrap_frames_[w] = {link.pose.rotation * wraps_[w].local.rotation, link.arm_of(wraps_[w].local.origin)};
-    act(place_of(wraps_[w].link), wrap_frames_[w].origin + Vec3{wraps_[w].radius, 0, 0});
+    act(place_of(wraps_[w].link), wrap_frames_[w].origin + Vec3{wraps_[w].radii.x, 0, 0});
   }
-  start_length_ = length_at(links);
+  start_length_ = measure(links, near_, nullptr);
   if (memory.empty()) return;
   if (!begun) {
     begun = true;
@@ -170,22 +189,19 @@ void Ligament::find_length(const std::vector<LinkEnd>& ends) {
     const Vec3 arm = end.rotation * arms_[i];
     return Node{of_point_[i], arm, end.centre + arm};
   };
-  for (size_t i = 0; i + 1 < path_.size(); ++i) {
-    const Node from = node(i), to = node(i + 1);
-    Wrapped around;
-    for (size_t w = 0; w < wraps_.size() && !around.touches; ++w) {
-      const LinkEnd& end = ends[wraps_[w].link];
-      around =
-          wrap_around(wraps_[w], {end.rotation * wrap_frames_[w].rotation, end.at(wrap_frames_[w].origin)},
-                      from.point, to.point);
-      if (!around.touches) continue;
-      const int touched = place_of(wraps_[w].link);
-      length_now_ += around.arc;
-      add_straight(from, {touched, around.first - end.centre, around.first});
-      add_straight({touched, around.last - end.centre, around.last}, to);
-    }
-    if (!around.touches) add_straight(from, to);
-  }
+  auto frame = [&](size_t w) {
+    const LinkEnd& end = ends[wraps_[w].link];
+    return Pose{end.rotation * wrap_frames_[w].rotation, end.at(wrap_frames_[w].origin)};
+  };
+  each_part([&](size_t i) { return node(i).point; }, frame, near_,
+            [&](size_t i, size_t w, Vec3, Vec3, const Wrapped& way) {
+              if (!way.touches) return add_straight(node(i), node(i + 1));
+              const int touched = place_of(wraps_[w].link);
+              const Vec3 centre = ends[wraps_[w].link].centre;
+              length_now_ += way.arc;
+              add_straight(node(i), {touched, way.first - centre, way.first});
+              add_straight({touched, way.last - centre, way.last}, node(i + 1));
+            });
 }
 
 void Ligament::evaluate(const std::vector<LinkEnd>& ends) {

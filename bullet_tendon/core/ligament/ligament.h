@@ -61,8 +61,9 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   void evaluate(const std::vector<LinkEnd>& ends) override;
   void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
   void accept() override;
-  // Length of the path where the links are now [m], and its points, those on wraps included.
-  double length_at(const std::vector<Link>& links, std::vector<Vec3>* points = nullptr) const;
+  // Length of the path where the links are now [m], and its points, those where it meets and leaves wraps
+  // included.
+  double length_at(const std::vector<Link>& links, std::vector<Vec3>& points) const;
 
  private:
   // Derivatives of the length by the twists of the touched links.
@@ -76,6 +77,10 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   double elastic_at(double length) const;
   void find_tension();
   void find_length(const std::vector<LinkEnd>& ends);
+  template <class PointAt, class FrameAt, class Visit>
+  void each_part(PointAt point, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const;
+  double measure(const std::vector<Link>& links, std::vector<Geodesic>& near,
+                 std::vector<Vec3>* points) const;
   // A point of the path, or one where it meets a wrap.
   struct Node {
     int touched;
@@ -98,6 +103,7 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   // length of the path at its start; its length [s].
   std::vector<Vec3> arms_;
   std::vector<Pose> wrap_frames_;
+  std::vector<Geodesic> near_;  // of the last evaluation, by part of the path and wrap
   double start_length_ = 0, h_ = 0;
   Relaxation relaxation_;
   double recalled_ = 0;  // [N]

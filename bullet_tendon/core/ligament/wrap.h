@@ -1,28 +1,33 @@
-// A surface of a link that the path of a ligament wraps around: a sphere, or a cylinder without ends.
+// A surface of a link that the path of a ligament wraps around: a sphere, a cylinder without ends, or an
+// ellipsoid.
 //
 // Between two points outside, the shortest way around it is straight to a point of the surface, along a
 // geodesic, and straight again. Without friction the tension is the same everywhere, and the gradient of the
 // length by the places of points and surface is that of the two straight parts: the points of the surface
 // are where the length is least, so that their change adds nothing. Around a sphere the geodesic is an arc of
 // a great circle in the plane of both points and the centre. Around a cylinder it is a helix: the way across
-// the axis is that around a circle, and the way along the axis is in proportion to it.
+// the axis is that around a circle, and the way along the axis is in proportion to it. Around an ellipsoid it
+// is found by Newton's method (ligament/geodesic.h).
 //
 // Where the straight line between the points begins to touch, the arc has no length: the length of the path
 // and its gradient are continuous there. Of two ways around, the shorter one is taken.
 #pragma once
+#include <vector>
+
+#include "ligament/geodesic.h"
 #include "math/rotation.h"
 
 namespace bt {
 
-enum class WrapShape { sphere, cylinder };
+enum class WrapShape { sphere, cylinder, ellipsoid };
 
 // What does not change of it. A wrap belongs to the ligaments that were made with it, and holds nothing that
 // a step changes.
 struct Wrap {
   int link = -1;  // slot
   WrapShape shape = WrapShape::sphere;
-  Pose local;         // its frame in that of the link; the axis of a cylinder is z
-  double radius = 0;  // [m]
+  Pose local;  // its frame, in that of the link; the axis of a cylinder is z
+  Vec3 radii;  // semi-axes [m]; that of a cylinder along z does not count
 };
 
 // The way around, in the world or whichever axes the points are in: where it meets and leaves the surface,
@@ -34,7 +39,13 @@ struct Wrapped {
 };
 
 // From p to q, with the frame of the wrap in the same axes. It does not touch where the straight line passes
-// by, or where an end is inside.
-Wrapped wrap_around(const Wrap& wrap, const Pose& frame, Vec3 p, Vec3 q);
+// by, or where an end is inside. near: the geodesic of a way nearby around an ellipsoid, in the frame of the
+// wrap; it becomes that of this way.
+Wrapped wrap_around(const Wrap& wrap, const Pose& frame, Vec3 p, Vec3 q, Geodesic& near);
+
+// Appends kTraced points of the way from p to q around the first of the wraps that is in its way, q included.
+// The wraps' frames are in the axes of the points.
+constexpr int kTraced = 18;
+void trace(const std::vector<Wrap>& wraps, Vec3 p, Vec3 q, std::vector<Vec3>& points);
 
 }  // namespace bt

@@ -67,7 +67,7 @@ struct StateFields {
   BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction, start_slope, end_slope)
   BT_FIELDS(StepRecord, dt, gravity)
   BT_FIELDS(PathPoint, link, local)
-  BT_FIELDS(Wrap, link, shape, local, radius)
+  BT_FIELDS(Wrap, link, shape, local, radii)
   BT_FIELDS(LigamentModel, rest, tension)
   BT_FIELDS(Tissue, weights, times, most_force, most_strain)
   BT_FIELDS(LigamentState, length, force, unrelaxed, memory, begun, ruptured)
