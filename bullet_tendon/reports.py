@@ -92,8 +92,8 @@ class StepReport:
             contacts were not looked for. "woken": tendons at rest were reached. "step_weights": tendons that
             press on each other had other methods. "joint_stops": joint limits act otherwise than predicted.
             "body_rotation": a body turns far. "released": a body was released, or pulled by something that
-            was not predicted: this step or the previous one was solved again; iterations and linear_solves
-            include that.
+            was not predicted: this step or the previous one was solved again; iterations, linear_solves
+            and the other reasons include that.
         over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged
             is then False.
         tolerance: what the residual was to reach; None of methods that do not iterate.
@@ -163,7 +163,9 @@ class StepReport:
         """
         self.iterations += core.iterations
         self.counts["linear_solves"] += core.counts()["linear_solves"]
-        self.reasons["released"] = self.reasons.get("released", 0) + 1
+        for name, count in (*zip(REASONS, core.reasons, strict=True), ("released", 1)):
+            if count:
+                self.reasons[name] = self.reasons.get(name, 0) + count
         self.over_budget |= core.over_budget
         self.converged &= core.converged or not solved
 

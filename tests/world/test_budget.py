@@ -12,6 +12,7 @@ import pytest
 from link_scenes import free_ball, hinged
 
 import bullet_tendon as bt
+from bullet_tendon.reports import REASONS
 
 # Linear solutions of the substep in which the budget ends: up to four iterations, each again where the matrix
 # is not definite, and the same once more where the substep is halved.
@@ -189,14 +190,16 @@ def test_the_work_of_a_step_that_is_solved_again_is_told(make_world, client, mon
     def solve(*args, original=stepper._solve):
         solved = original(*args)
         found = stepper._core.report()
-        before.append((found.iterations, found.counts()["linear_solves"]))
+        before.append((found.iterations, found.counts()["linear_solves"], found.reasons))
         return solved
 
     monkeypatch.setattr(stepper, "_solve", solve)
     world.step()
-    ((iterations, solves),) = before
+    ((iterations, solves, reasons),) = before
     assert iterations > 0
     assert world.report.reasons["released"] == 1
+    for name, count in zip(REASONS, reasons, strict=True):
+        assert world.report.reasons.get(name, 0) >= count, name
     assert world.report.iterations >= iterations
     assert world.report.counts["linear_solves"] >= solves
     world.step()

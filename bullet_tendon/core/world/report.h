@@ -38,6 +38,9 @@ struct Report {
   int coarse_tendon = -1;    // slot of a tendon of which a turn has to be reported; -1: none
   // Adds the report of a solved substep.
   void take(const Report& part);
+  void add(const ReasonCounts& more) {
+    for (size_t i = 0; i < reasons.size(); ++i) reasons[i] += more[i];
+  }
 };
 
 }  // namespace bt

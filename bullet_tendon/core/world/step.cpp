@@ -67,7 +67,7 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
   }
   if (step_.failed) {
     step_.report.take(step_.attempt);
-    step_.report.reasons = step_.substeps.reasons();
+    step_.report.add(step_.substeps.reasons());
   } else {
     finish_step_of_world();
   }
@@ -100,10 +100,13 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   wake_disturbed(dt);
   join_step();
   if (scene.has_elements()) count_touches();
-  const int iterations = step_.resolved ? step_.report.iterations : 0;
-  if (step_.resolved) step_.substeps.repeat(Reason::released);
-  step_.report = Report{};
-  step_.report.iterations = iterations;
+  Report fresh;
+  if (step_.resolved) {
+    step_.substeps.repeat(Reason::released);
+    fresh.iterations = step_.report.iterations;
+    fresh.reasons = step_.report.reasons;
+  }
+  step_.report = fresh;
   step_.stop_changes = 0;
 }
 
@@ -330,7 +333,7 @@ void World::leave_rest() {
 
 void World::finish_step_of_world() {
   step_.report.substeps = step_.substeps.taken();
-  step_.report.reasons = step_.substeps.reasons();
+  step_.report.add(step_.substeps.reasons());
   step_.report.linear_solves = step_.budget.spent();
   step_.report.over_budget = step_.budget.refused();
   step_.report.converged &= !step_.report.over_budget;
