@@ -229,7 +229,8 @@ class Fixation(NotCopied):
 class Bundle:
     """Strands that work side by side, such as the four of a hamstring graft.
 
-    strands: tendons of one world. Raises InvalidType or InvalidValue.
+    strands: tendons of one world. pull and fix share what they are given evenly among the strands, as
+    hardware does that holds all of them. Raises InvalidType or InvalidValue.
 
     Example:
         >>> bundle = bt.Bundle([tendon])
@@ -267,6 +268,49 @@ class Bundle:
     def elongation(self) -> float:
         """Length beyond the rest length, the mean of the strands [m]."""
         return float(np.mean([strand.length - strand.rest_length for strand in self.strands]))
+
+    def pull(self, particle: int, force: float, bodyUniqueId: int, linkIndex: int, position) -> tuple:
+        """Pull all strands by one tensioner: Tendon.pull of each, with an equal share of `force` [N].
+
+        Returns the Tensioners in the order of the strands. Raises as Tendon.pull; then nothing has changed.
+
+        Example:
+            >>> devices = bt.Bundle([tendon]).pull(-1, 80, ball, -1, (0, 0, -0.05))
+            >>> [device.force for device in devices]
+            [80.0]
+        """
+        share = checks.number("force", force, at_least=0) / len(self.strands)
+        return self._each(lambda strand: strand.pull(particle, share, bodyUniqueId, linkIndex, position))
+
+    def fix(self, where, *place, length=None, stiffness=None, slip_load=None) -> tuple:
+        """Fix all strands by one piece of hardware: Tendon.fix of each, with equal shares of its strength.
+
+        stiffness [N/m], slip_load [N]: of the hardware, None for the published ones; other arguments as in
+        Tendon.fix. Returns the Fixations in the order of the strands. Raises as Tendon.fix; then nothing has
+        changed.
+
+        Example:
+            >>> [button] = bt.Bundle([tendon]).fix(-1, ball, -1, (0, 0, -0.01), "button", stiffness=2e5)
+            >>> button.slip_load
+            958.0
+        """
+        if not place:
+            raise InvalidValue("place", place, "the name of the hardware at the end")
+        strength = _strength(place[-1], stiffness, slip_load)
+        shares = dict(zip(("stiffness", "slip_load"), np.array(strength) / len(self.strands), strict=True))
+        return self._each(lambda strand: strand.fix(where, *place, length=length, **shares))
+
+    def _each(self, hold) -> tuple:
+        """hold(strand) of all strands, or of none where one is refused."""
+        made = []
+        try:
+            for strand in self.strands:
+                made.append(hold(strand))
+        except BaseException:
+            for handle in made:
+                handle.release()
+            raise
+        return tuple(made)
 
 
 def fix_at(tendon, particle, bodyUniqueId, linkIndex, position, kind, stiffness, slip_load) -> Fixation:

@@ -113,14 +113,18 @@ class KneeRig:
             self.close()
             raise
 
-    def flex(self, angle: float, increment: float = INCREMENT) -> None:
+    def flex(self, angle: float, increment: float = INCREMENT, duration: float | None = None) -> None:
         """Turn the femur to a flexion [rad] and hold it there, between -0.2 and 2.6.
 
-        It goes there by increments [rad], under the present load, and settles after each but the last. Raises
-        InvalidType or InvalidValue.
+        It goes there by increments [rad], under the present load, and settles after each but the last. With a
+        duration [s] it turns at an even rate in that time instead, one step after the other, as tendons in
+        its tunnels need it. Raises InvalidType or InvalidValue.
         """
         angle = checks.number("angle", angle, at_least=-0.2, at_most=2.6)
         increment = checks.number("increment", increment, above=0)
+        if duration is not None:
+            self._turn_in(checks.number("duration", duration, above=0), angle)
+            return
         way = angle - self._flexion
         count = max(1, int(np.ceil(abs(way) / increment - 1e-9)))
         for k in range(1, count + 1):
@@ -160,15 +164,17 @@ class KneeRig:
         """Let the knee come to rest under the load; whether it did within `max_steps` steps.
 
         tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. The equilibrium is
-        found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
-        taken, and motion is stopped whenever the kinetic energy has passed a maximum (kinetic damping,
-        Cundall), beside what implicit Euler damps. No time is meant to pass. It gives up after 20 steps that
-        were not solved, as where the tibia is dislocated. Raises InvalidType, InvalidValue or StepFailed.
+        found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, or tendons
+        are in the world, steps are taken, and motion is stopped whenever the kinetic energy has passed a
+        maximum (kinetic damping, Cundall), beside what implicit Euler damps. No time is meant to pass. It
+        gives up after 20 steps that were not solved, as where the tibia is dislocated. Raises InvalidType,
+        InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
         self._stop()
-        self._relax(tolerance)
+        if not self.world.tendons:  # friction makes the end depend on the way
+            self._relax(tolerance)
         step, last, before, unsolved = LONGEST, 0.0, self._joints(), 0
         try:
             for _ in range(max_steps):
@@ -327,6 +333,12 @@ class KneeRig:
         self._flexion = float(flexion)
         turn = p.getQuaternionFromEuler((0, 0, self._flexion))
         p.resetBasePositionAndOrientation(self.femur[0], (0, 0, 0), turn, self.client)
+
+    def _turn_in(self, duration: float, angle: float) -> None:
+        start, steps = self._flexion, max(1, round(duration / self.time_step))
+        for k in range(1, steps + 1):
+            self._turn(start + (angle - start) * k / steps)
+            self.step()
 
     def _relax(self, tolerance: float) -> None:
         """Put the tibia where the load is balanced. It stays where that is not found."""

@@ -1,6 +1,6 @@
 """Makes the pictures of the READMEs anew, and tells which are older than the code that draws them.
 
-python -m bullet_tendon.scenarios.make_pictures                  those of scenarios, a minute
+python -m bullet_tendon.scenarios.make_pictures                  those of scenarios, some minutes
 python -m bullet_tendon.scenarios.make_pictures --benchmarks     those of benchmarks, hours
 python -m bullet_tendon.scenarios.make_pictures wrap_condyle     single ones
 
@@ -26,7 +26,7 @@ from bullet_tendon.scenarios.benchmarks import harness
 from bullet_tendon import view
 
 FOLDER = Path(__file__).resolve().parent / "pictures"
-SCENARIOS = ("graft_passage", "super_elasticity", "tendon_finger", "wrap_condyle")
+SCENARIOS = ("acl_reconstruction", "graft_passage", "super_elasticity", "tendon_finger", "wrap_condyle")
 BENCHMARKS = ("coupling", "haptic", "multibody", "work_precision")
 TASKS = {  # and the modules that their pictures come from, beside those of all tasks
     "GraftPassage": ("graft_passage",),

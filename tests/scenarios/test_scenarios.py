@@ -9,6 +9,7 @@ import numpy as np
 import pybullet as p
 import pytest
 from bullet_tendon.scenarios import (
+    acl_reconstruction,
     hanging_weight,
     knee_laxity,
     measure,
@@ -231,6 +232,7 @@ SHORTENED = [
     (knee_laxity, {}),
     (passive_flexion, {"INCREMENT": 15}),
     (tunnel_placement, {"DEEP": (0.2, 0.4), "LOW": (0.06, 0.5)}),
+    (acl_reconstruction, {"ANGLES": (30,), "DRAWERS": (90.0,), "CYCLES": 1}),
 ]
 
 
@@ -240,9 +242,23 @@ def test_scenario_holds_its_own_check(module, changes, monkeypatch):
 
 
 COMPARE_METHODS = {"table1", "step_limit", "super_elasticity"}
+TAKE_MINUTES = {"acl_reconstruction"}
 
 
-@pytest.mark.parametrize("name", sorted(runner.known().keys() - COMPARE_METHODS))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(TAKE_MINUTES))
+def test_whole_scenario_holds_its_own_check(name):
+    outcome = runner.run(runner.known()[name])
+    assert outcome.checks and not outcome.failed and not outcome.failure and not outcome.cut
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in TAKE_MINUTES else name
+        for name in sorted(runner.known().keys() - COMPARE_METHODS)
+    ],
+)
 def test_scenario_holds_its_own_check_by_bdf2(name):
     outcome = runner.run(runner.known()[name], Options(integrator="bdf2"))
     assert outcome.scene.world.options.integrator == "bdf2"

@@ -257,3 +257,57 @@ def test_what_is_refused_changes_nothing(client):
     assert p.getNumBodies(client) == count
     assert not tendon.holds
     assert not world.ligaments
+
+
+def strands_in_bore(client, count=3):
+    """A world, a bundle of strands side by side in a bore, the bore, and the bone."""
+    world = bt.TendonWorld(client)
+    bone = block(client, 0, (0, 0, 0))
+    tunnel = world.add_tunnel(bone, -1, (0, 0, -0.015), (0, 0, 0.015), 0.004, friction=0.0)
+    places = [(1.8e-3 * np.cos(a), 1.8e-3 * np.sin(a)) for a in 2 * np.pi * np.arange(count) / count]
+    strands = [
+        world.add_tendon([(x, y, -0.05), (x, y, 0.017)], 1.2e-3, GRAFT, 15, f"strand {k}")
+        for k, (x, y) in enumerate(places)
+    ]
+    return world, bt.Bundle(strands), tunnel, bone
+
+
+def test_one_screw_shares_its_strength_among_the_strands(client):
+    world, bundle, tunnel, _ = strands_in_bore(client)
+    hands = [strand.grip(0) for strand in bundle.strands]
+    screws = bundle.fix(tunnel, "screw", stiffness=3e5, slip_load=60.0)
+    assert [screw.stiffness for screw in screws] == pytest.approx([1e5] * 3)
+    for _ in range(480):
+        for hand in hands:
+            hand.target = hand.target - (0, 0, 0.005 * STEP)
+        world.step()
+    assert sum(hand.force[2] for hand in hands) == pytest.approx(60.0, rel=0.01)
+    assert sum(screw.force for screw in screws) == pytest.approx(60.0, rel=0.01)
+    assert all(screw.slip > 1e-3 for screw in screws)
+
+
+def test_one_tensioner_pulls_all_strands_with_its_force(client):
+    world, bundle, _, bone = strands_in_bore(client)
+    hands = [strand.grip(-1) for strand in bundle.strands]
+    devices = bundle.pull(0, 90.0, bone, -1, (0, 0, -0.09))
+    world.step(240)
+    assert [device.force for device in devices] == pytest.approx([30.0] * 3)
+    assert sum(np.linalg.norm(hand.force) for hand in hands) == pytest.approx(90.0, rel=0.01)
+    assert bundle.shares == pytest.approx([1 / 3] * 3, abs=1e-3)
+
+
+def test_a_bundle_that_cannot_be_held_is_not_held_at_all(client):
+    world, bundle, tunnel, bone = strands_in_bore(client)
+    bundle.strands[2].grip(-1)
+    bodies = p.getNumBodies(client)
+    for refused in (
+        lambda: bundle.fix(-1, bone, -1, (0, 0, 0.05), "button", stiffness=1e5),
+        lambda: bundle.pull(-1, 10.0, bone, -1, (0, 0, 0.05)),
+        lambda: bundle.pull(0, -1.0, bone, -1, (0, 0, 0.05)),
+        lambda: bundle.fix(tunnel, "nail"),
+        lambda: bundle.fix(tunnel),
+    ):
+        with pytest.raises(bt.TendonError):
+            refused()
+    assert [len(strand.holds) for strand in bundle.strands] == [0, 0, 1]
+    assert p.getNumBodies(client) == bodies and not world.ligaments
