@@ -78,7 +78,8 @@ class KneeRig:
     poisson, thickness: of the cartilage, as in TendonWorld.add_cartilage. Raises InvalidType or InvalidValue.
 
     world: the TendonWorld; client: pybullet's; femur, tibia: (bodyUniqueId, linkIndex); strands: the files'
-    rows by name; ligaments: handles by strand's name; cartilage: the handle. The client is closed by close(),
+    rows by name; ligaments: handles by strand's name; cartilage: the handle; unsettled: how often settle has
+    failed. The client is closed by close(),
     or at the end of a with block.
     """
 
@@ -102,6 +103,7 @@ class KneeRig:
         self.strands = {strand.name: strand for strand in read_strands("ligaments", ligaments)}
         self.time_step = checks.number("time_step", time_step, above=0)
         foundation = {"modulus": modulus, "poisson": poisson, "thickness": thickness}
+        self.unsettled = 0
         self._owns_client = world is None
         self.client: int = p.connect(p.GUI if gui else p.DIRECT) if world is None else world.physicsClientId
         try:
@@ -131,6 +133,13 @@ class KneeRig:
             self._turn(angle - way * (count - k) / count)
             if k < count:
                 self.settle()
+
+    def turn(self, angle: float) -> None:
+        """Turn the femur to a flexion [rad] at once and hold it there, between -0.2 and 2.6.
+
+        For motion step by step; `flex` goes there through equilibria. Raises InvalidType or InvalidValue.
+        """
+        self._turn(checks.number("angle", angle, at_least=-0.2, at_most=2.6))
 
     def load(
         self,
@@ -189,7 +198,7 @@ class KneeRig:
                     return True
                 unsolved += not self.world.report.converged
                 if unsolved >= 20:
-                    return False
+                    break
                 before, energy = after, INERTIA @ now**2
                 if not whole and step > SHORTEST:
                     # The forces of a step that is divided are means of several places.
@@ -203,6 +212,7 @@ class KneeRig:
         finally:
             p.setTimeStep(self.time_step, self.client)
             self._stop()
+        self.unsettled += 1
         return False
 
     @property

@@ -22,6 +22,17 @@ TENSION, FIXED_AT = 80.0, np.radians(20.0)  # N; flexion at which the graft is f
 # Slope of a four-strand hamstring graft, in the law of the preset "hamstring_graft" [N].
 SLOPE, TOE = 1.5e9 * 57e-6, 0.03
 DRAWER = 90.0  # N
+ANGLES = 0, 15, 30, 60, 90  # degrees, at which a reconstruction is tested
+# Ranges from which reconstructions are drawn: place of the femoral mouth on Bernard's grid, shifts of the
+# tibial tunnel [m], tension at fixation [N], slope of the graft's law [N].
+PLAN = {
+    "deep": (0.20, 0.45),
+    "low": (0.06, 0.50),
+    "forward": (-0.004, 0.004),
+    "lateral": (-0.003, 0.003),
+    "tension": (20.0, 120.0),
+    "slope": (0.6 * SLOPE, 1.2 * SLOPE),
+}
 # Blumensaat's line of the project's femur: a point of it [mm], and its direction to the rear, in the x-y
 # plane.
 ROOF = np.array([10.0, -10.0])
@@ -111,22 +122,18 @@ def _lateral_condyle() -> tuple[tuple[float, float], float]:
 def virtual_reconstruction(case: dict, rng) -> dict:
     """One reconstruction of the project's knee, as a function for bullet_tendon.sweep.
 
-    case: angles [degrees], and any of deep, low (of the femoral mouth on Bernard's grid), tension [N], slope
-    [N]; what is missing is drawn from rng. Returns them, with drawer [mm] and internal rotation under 5 N m
-    [degrees] by angle, and the most force of the graft [N].
+    case: angles [degrees], and any of PLAN; what is missing is drawn from rng. Returns them, with drawer [mm]
+    and internal rotation under 5 N m [degrees] by angle, the most force of the graft [N], and whether the
+    knee came to rest every time.
     """
-    drawn = {
-        "deep": rng.uniform(0.20, 0.45),
-        "low": rng.uniform(0.15, 0.50),
-        "tension": rng.uniform(20.0, 120.0),
-        "slope": SLOPE * rng.uniform(0.6, 1.2),
-    }
+    drawn = {name: rng.uniform(*span) for name, span in PLAN.items()}
     plan = {name: float(case.get(name, value)) for name, value in drawn.items()}
     with KneeRig() as rig:
         femoral = on_bernards_grid(plan["deep"], plan["low"])
-        graft = reconstruct(rig, femoral, tension=plan["tension"], slope=plan["slope"])
+        tibial = np.array(TIBIAL) + [plan["forward"], 0.0, plan["lateral"]]
+        graft = reconstruct(rig, femoral, tibial, tension=plan["tension"], slope=plan["slope"])
         drawers, rotations, forces = [], [], [graft.force]
-        for angle in np.radians(case.get("angles", (0, 15, 30, 60, 90))):
+        for angle in np.radians(case.get("angles", ANGLES)):
             drawers.append(1e3 * drawer(rig, angle))
             rested = rig.coordinates.internal_rotation
             rig.load(internal=5.0)
@@ -135,4 +142,5 @@ def virtual_reconstruction(case: dict, rng) -> dict:
             forces.append(graft.force)
             rig.load()
             rig.settle()
-    return {**plan, "drawer": drawers, "rotation": rotations, "force": max(forces)}
+        at_rest = rig.unsettled == 0
+    return {**plan, "drawer": drawers, "rotation": rotations, "force": max(forces), "at_rest": at_rest}

@@ -35,6 +35,7 @@ NAMES = [
     "peers",
     "recorder",
     "speed",
+    "whole_knee",
     "work_precision",
 ]
 

@@ -286,7 +286,11 @@ void bind_terms(py::module_& testing) {
     std::vector<LinkEnd> ends;
     for (const Link& link : w.scene.links) ends.push_back({link.centre, {}});
     cartilage.begin(w.scene.links, 1);
-    for (int k = 0; k < times; ++k) cartilage.evaluate(ends);
+    const int moved = cartilage.link_b();
+    for (int k = 0; k < times; ++k) {
+      ends[moved].centre.x += 1e-15;  // else the last pressures would be taken
+      cartilage.evaluate(ends);
+    }
   });
   testing.def("cartilage_term", [](World& w, int slot, const Array& moves, double h) {
     return element_term(w, *w.scene.cartilages.all().at(slot), moves, h);

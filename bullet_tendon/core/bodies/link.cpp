@@ -74,6 +74,12 @@ Vec3 Link::displaced(Vec3 arm) const {
 
 Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
 
+Twist Link::response(const GeneralizedBody& m) const {
+  dense::Numbers y;
+  dense::multiply_transposed(m.root, m.observer.forces(), y);
+  return times(root, y);
+}
+
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
 Twist Link::spin_of(const dense::Numbers& y) const { return times(through(), y); }

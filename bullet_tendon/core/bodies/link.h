@@ -94,6 +94,8 @@ struct Link {
   Vec3 displaced(Vec3 arm) const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
+  // Acceleration by the generalized forces of the last step.
+  Twist response(const GeneralizedBody& m) const;
   // Twist by the unknowns, or by their change, divided by s.
   Twist twist_of(const dense::Numbers& y) const;
   // The same; if the link rotates far, the angular part is the change of theta.

@@ -49,12 +49,6 @@ Rot3 times(double s, const Rot3& a) { return {s * a.r0, s * a.r1, s * a.r2}; }
 
 }  // namespace
 
-struct Cartilage::Sums {
-  Vec3 force;     // on B [N]
-  Rot3 products;  // sum of x f^T
-  std::array<double, 36> matrix;
-};
-
 Cartilage::Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int link_b,
                      FoundationSurface triangles, const FoundationSurface& points,
                      const CartilageModel& model)
@@ -97,11 +91,13 @@ std::vector<std::pair<int, double>> Cartilage::facing(const std::vector<Link>& l
   return out;
 }
 
-double Cartilage::motion(const std::vector<Link>& links, double h) const {
+double Cartilage::motion(const std::vector<Link>& links, double h, double enough) const {
   const Link &a = links[link_a_], &b = links[link_b_];
   const double turn = h * norm(b.spin - a.spin);
-  double most = 0;
   auto moved = [&](Vec3 at) { return norm(b.drift(at, h) - a.drift(at, h)); };
+  const double bound = moved(to_world(b.pose, tree_.centre())) + turn * tree_.radius();
+  if (bound <= enough) return bound;
+  double most = 0;
   tree_.each(
       [&](Vec3 centre, double radius) {
         const Vec3 at = to_world(b.pose, centre);
@@ -126,6 +122,7 @@ uint64_t Cartilage::mark() const {
 }
 
 void Cartilage::begin(const std::vector<Link>& links, double h) {
+  if (model_.damping > 0) is_evaluated_ = false;  // the rates are those of this substep
   h_ = h;
   for (int side : {0, 1}) {
     const Link& link = links[side == 0 ? link_a_ : link_b_];
@@ -227,21 +224,29 @@ void Cartilage::evaluate(const std::vector<LinkEnd>& ends) {
   frame_a_ = end_of(0, ends[link_a_]);
   centres_[0] = ends[link_a_].centre;
   centres_[1] = ends[link_b_].centre;
-  potential_ = stiffest_ = largest_ = 0;
-  pressed_.clear();
-  find_behind(relative(frame_a_, end_of(1, ends[link_b_])));
-  for (const DistanceGrid::Behind& at : behind_)
-    if (at.distance < 0) press(at);
-  Sums sums;
-  add_up(pressed_, points_.areas, sums);
-  matrix_ = sums.matrix;
-  give_wrenches(sums);
+  const Frame b = relative(frame_a_, end_of(1, ends[link_b_]));
+  // Iterates that differ in the tendons alone have the same pressures.
+  if (!is_evaluated_ || !same(b, evaluated_)) {
+    evaluated_ = b;
+    is_evaluated_ = true;
+    find_pressures();
+  }
+  give_wrenches();
 }
 
-void Cartilage::give_wrenches(const Sums& sums) {
-  const Rot3& xf = sums.products;
+void Cartilage::find_pressures() {
+  potential_ = stiffest_ = largest_ = 0;
+  pressed_.clear();
+  find_behind(evaluated_);
+  for (const DistanceGrid::Behind& at : behind_)
+    if (at.distance < 0) press(at);
+  add_up(pressed_, points_.areas, sums_);
+}
+
+void Cartilage::give_wrenches() {
+  const Rot3& xf = sums_.products;
   const Vec3 about_origin{xf.r1.z - xf.r2.y, xf.r2.x - xf.r0.z, xf.r0.y - xf.r1.x};  // sum of x x f
-  const Vec3 force = frame_a_.rotation * sums.force, moment = frame_a_.rotation * about_origin;
+  const Vec3 force = frame_a_.rotation * sums_.force, moment = frame_a_.rotation * about_origin;
   // Sum of r f^T with r from A's origin, in the world's axes: R (sum x f^T) R^T.
   const Rot3 products = frame_a_.rotation * xf * transposed(frame_a_.rotation);
   for (int side : {0, 1}) {
@@ -259,9 +264,9 @@ void Cartilage::add_stiffness(std::vector<LinkPair>& pairs, bool) const {
   const Shift shifts[2] = {{frame_a_.rotation, centres_[0] - frame_a_.origin},
                            {frame_a_.rotation, centres_[1] - frame_a_.origin}};
   const Shift &first = shifts[place_[0]], &second = shifts[place_[1]];
-  transform(first, matrix_, first, 1, pairs[pair(0, 0)]);
-  transform(first, matrix_, second, -1, pairs[pair(0, 1)]);
-  transform(second, matrix_, second, 1, pairs[pair(1, 1)]);
+  transform(first, sums_.matrix, first, 1, pairs[pair(0, 0)]);
+  transform(first, sums_.matrix, second, -1, pairs[pair(0, 1)]);
+  transform(second, sums_.matrix, second, 1, pairs[pair(1, 1)]);
 }
 
 void Cartilage::accept() {

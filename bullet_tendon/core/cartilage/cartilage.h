@@ -68,8 +68,8 @@ class Cartilage : public Element, public CartilageState {
   std::vector<std::pair<int, double>> facing(const std::vector<Link>& links,
                                              const std::vector<Vec3>& normals) const;
   // Largest motion of points of B relative to A within h, of those that may reach A in it, without the forces
-  // of elements [m].
-  double motion(const std::vector<Link>& links, double h) const;
+  // of elements [m]; or a bound of it, where that is at most `enough`.
+  double motion(const std::vector<Link>& links, double h, double enough) const;
   // Tells surfaces apart.
   uint64_t mark() const;
 
@@ -80,10 +80,7 @@ class Cartilage : public Element, public CartilageState {
 
  private:
   // A link's frame, where its mesh is; or that of B in A's.
-  struct Frame {
-    Rot3 rotation;
-    Vec3 origin;
-  };
+  using Frame = Pose;
   // A pressed point.
   struct Pressed {
     int point;
@@ -99,7 +96,11 @@ class Cartilage : public Element, public CartilageState {
     std::vector<Vec3> centres;
   };
   // Sums over pressed points, in the frame of A, about its origin.
-  struct Sums;
+  struct Sums {
+    Vec3 force;     // on B [N]
+    Rot3 products;  // sum of x f^T
+    std::array<double, 36> matrix{};
+  };
   friend void add_up(const std::vector<Pressed>& pressed, const std::vector<double>& areas, Sums& sums);
 
   static Frame relative(const Frame& a, const Frame& b);
@@ -109,7 +110,8 @@ class Cartilage : public Element, public CartilageState {
   void list_near(const Frame& b);
   void press(const DistanceGrid::Behind& behind);
   Frame end_of(int side, const LinkEnd& end) const;
-  void give_wrenches(const Sums& sums);
+  void find_pressures();
+  void give_wrenches();
 
   int link_a_, link_b_;
   std::shared_ptr<const DistanceGrid> grid_;
@@ -122,12 +124,14 @@ class Cartilage : public Element, public CartilageState {
   std::vector<double> start_depths_;  // of damped cartilage [m]
   // Of the last evaluation.
   NearList near_;
+  Frame evaluated_;  // of B in that of A
+  bool is_evaluated_ = false;
   std::vector<DistanceGrid::Behind> behind_;
   std::vector<Pressed> pressed_;
-  std::array<double, 36> matrix_;  // in the frame of A
-  Frame frame_a_;                  // in the world
-  Vec3 centres_[2];                // of mass of the links
-  int place_[2];                   // among the touched links
+  Sums sums_;
+  Frame frame_a_;    // in the world
+  Vec3 centres_[2];  // of mass of the links
+  int place_[2];     // among the touched links
 };
 
 }  // namespace bt

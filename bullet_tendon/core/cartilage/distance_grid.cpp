@@ -14,6 +14,9 @@ namespace {
 constexpr int kBrick = 8;                // cells along the side of a brick
 constexpr int kBorder = 3;               // cells around the box of the mesh
 constexpr double kHalfDiagonal = 0.867;  // half of the diagonal of a cube of side 1, rounded up
+// Of a spacing, by which the splines may be below the distance at a crease [-]. Smaller: points there jump
+// from no depth to this. Larger: more points are evaluated that are not behind.
+constexpr double kOvershoot = 0.15;
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
 
 // Weights of the four nodes around a point, and their derivatives, at the fraction t of its cell.
@@ -127,6 +130,12 @@ DistanceGrid::DistanceGrid(const std::vector<double>& numbers) {
   find_mark();
 }
 
+// Whether the cell of a point, by its coordinates in cells, has all nodes around it.
+BT_WITHIN inline bool DistanceGrid::is_within(Vec3 cells) const {
+  return cells.x >= 1 && cells.y >= 1 && cells.z >= 1 && cells.x < n_[0] - 2 && cells.y < n_[1] - 2 &&
+         cells.z < n_[2] - 2;
+}
+
 double DistanceGrid::bound(Vec3 x, double radius) const {
   const Vec3 size = spacing_ * Vec3{double(n_[0] - 1), double(n_[1] - 1), double(n_[2] - 1)};
   const Vec3 off = highest(highest(origin_ - x, x - origin_ - size), Vec3{});
@@ -143,19 +152,20 @@ double DistanceGrid::bound(Vec3 x, double radius) const {
   return of_bricks_[brick(i, j, k)] - slope_ * (norm(x - centre) + radius);
 }
 
-// Whether the cell of a point, by its coordinates in cells, has all nodes around it.
-bool DistanceGrid::is_within(Vec3 cells) const {
-  return cells.x >= 1 && cells.y >= 1 && cells.z >= 1 && cells.x < n_[0] - 2 && cells.y < n_[1] - 2 &&
-         cells.z < n_[2] - 2;
-}
-
-bool DistanceGrid::may_be_behind(Vec3 x) const {
+BT_WITHIN inline bool DistanceGrid::is_near(Vec3 x) const {
   const Vec3 cells = inverse_ * (x - origin_);
   if (!is_within(cells)) return false;
   const int i = static_cast<int>(cells.x), j = static_cast<int>(cells.y), k = static_cast<int>(cells.z);
-  return known_[brick((i - 1) / kBrick, (j - 1) / kBrick, (k - 1) / kBrick)] &&
-         nearest(cells) < kHalfDiagonal * slope_ * spacing_;
+  if (!known_[brick((i - 1) / kBrick, (j - 1) / kBrick, (k - 1) / kBrick)]) return false;
+  // The distance at the nearest node, of which that at the point differs by its way from there at most.
+  const int a = static_cast<int>(cells.x + 0.5), b = static_cast<int>(cells.y + 0.5),
+            c = static_cast<int>(cells.z + 0.5);
+  const double beyond = inverse_ * values_[node(a, b, c)] - kOvershoot;
+  const Vec3 off = cells - Vec3{double(a), double(b), double(c)};
+  return beyond <= 0 || beyond * beyond <= slope_ * slope_ * dot(off, off);
 }
+
+bool DistanceGrid::may_be_behind(Vec3 x) const { return is_near(x); }
 
 // The value at the nearest node of a point, by its coordinates in cells. It is at most half of the diagonal
 // of a cell away.
@@ -200,7 +210,7 @@ BT_VECTOR void find_behind(const DistanceGrid& grid, const Rot3& turn, Vec3 shif
                            const std::vector<Vec3>& points, std::vector<DistanceGrid::Behind>& out) {
   for (size_t i = 0; i < points.size(); ++i) {
     const Vec3 x = turn * points[i] + shift;
-    if (!grid.may_be_behind(x)) continue;
+    if (!grid.is_near(x)) continue;
     const DistanceGrid::Sample found = grid.interpolate(x);
     out.push_back({static_cast<int>(i), x, found.distance, found.gradient});
   }

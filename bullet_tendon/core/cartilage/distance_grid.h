@@ -53,6 +53,7 @@ class DistanceGrid {
  private:
   void size(const Box& box);
   bool is_within(Vec3 cells) const;
+  bool is_near(Vec3 x) const;
   double nearest(Vec3 cells) const;
   Sample interpolate(Vec3 x) const;
   friend void find_behind(const DistanceGrid& grid, const Rot3& turn, Vec3 shift,

@@ -137,8 +137,8 @@ void World::limit_motion_of_cartilage() {
   if (step_.whole) return;
   for (const auto& cartilage : scene.cartilages.all()) {
     if (!cartilage) continue;
-    const double motion = cartilage->motion(scene.links, step_.context.dt);
     const double most = kLayerShare * cartilage->grid().depth();
+    const double motion = cartilage->motion(scene.links, step_.context.dt, most);
     if (motion > most) step_.motion_limit = std::min(step_.motion_limit, most / motion);
   }
 }

@@ -131,6 +131,7 @@ void World::predict() {
     aim_grips(*c, step_.substeps.share_left());
     begin_step(*c, step_.context);
     c->predict();
+    expect_carried(*c);
   }
   begin_elements();
   find_bores();
@@ -347,6 +348,20 @@ void World::finish_step_of_world() {
   step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),
                                       [](auto& c) { return c && c->sleeping_island >= 0; });
   fall_asleep();
+}
+
+// Predicts particles on bodies with elements where these are under the forces of the last step, which are also
+// the first guess of the solution (solver/body_schur.cpp): elements hold a loaded body.
+void World::expect_carried(Tendon& c) {
+  for (const Anchor& h : c.anchors) {
+    if (!h.moves) continue;
+    const Link& link = scene.links[h.link];
+    const GeneralizedBody& m = scene.bodies[link.body];
+    if (!m.turning.elements || static_cast<int>(m.observer.forces().size()) != m.n()) continue;
+    const double reach = step_.context.reach;
+    const Vec3 moved = (reach * reach) * link.response(m).at(to_world(link.pose, h.local) - link.centre);
+    if (norm(moved) <= c.shortest_rest()) c.predicted.set(h.particle, h.aim + moved);
+  }
 }
 
 // Sets the targets of attached particles. A target is the attached point on the link, predicted without the

@@ -250,6 +250,7 @@ class World {
   // because tendons that exert forces on each other must have the same step weight.
   void interrupt();
   void aim_attachments(Tendon& c);
+  void expect_carried(Tendon& c);
   // world/step.cpp
   void start_budget(DistanceOracle& oracle);
   void begin_step_of_world(double dt, Vec3 gravity, bool whole);
