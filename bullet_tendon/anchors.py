@@ -35,6 +35,16 @@ class _Anchor(NotCopied):
         self._number = number
         self._released = False
 
+    def __repr__(self) -> str:
+        kind, of = type(self).__name__, f"particle {self.particle} of {self._tendon.name!r}"
+        if self.released:
+            return f"<{kind} of {of}, released>"
+        force = ", ".join(f"{part:.4g}" for part in self.force)
+        return f"<{kind} of {of}{self._holder()}: force ({force}) N>"
+
+    def _holder(self) -> str:
+        return ""
+
     @property
     def released(self) -> bool:
         """True once release() was called, or the tendon was removed."""
@@ -105,6 +115,9 @@ class Attachment(_Anchor):
         """(3,) its point in the link's URDF frame [m]."""
         return self._position.copy()
 
+    def _holder(self) -> str:
+        return f" at body {self.bodyUniqueId}, link {self.linkIndex}"
+
     def _settings(self) -> dict:
         where = {"bodyUniqueId": self.bodyUniqueId, "linkIndex": self.linkIndex}
         return {**super()._settings(), **where, "position": self.position}
@@ -138,6 +151,9 @@ class Grip(_Anchor):
         self._damping = damping
         self._max_force = max_force
         self.target = target
+
+    def _holder(self) -> str:
+        return ", slipping" if self.slipping else ""
 
     @property
     def stiffness(self) -> float | None:

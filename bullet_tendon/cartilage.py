@@ -112,6 +112,13 @@ class Cartilage(NotCopied):
         self.link_slots = frozenset(bodies.slot(*link) for link in links)
         self.removed = False
 
+    def __repr__(self) -> str:
+        if self.removed:
+            return f"<Cartilage {self.name!r}, removed>"
+        between = " and ".join(f"body {body}, link {link}" for body, link in (self.first, self.second))
+        pressed = f"{1e6 * self.area:.4g} mm^2 pressed by {np.linalg.norm(self.wrench[:3]):.4g} N"
+        return f"<Cartilage {self.name!r} between {between}: {pressed}>"
+
     @property
     def regions(self) -> tuple[Region, ...]:
         """One for each connected patch of B, in the order of their first triangles."""

@@ -35,6 +35,7 @@ def summary(world) -> str:
     parts = [f"{_count(len(world.tendons), 'tendon')} ({_count(particles, 'particle')})"]
     parts += [_count(len(world.tunnels), "tunnel")] if world.tunnels else []
     parts += [_count(len(world.ligaments), "ligament")] if world.ligaments else []
+    parts += [_count(len(world.cartilages), "cartilage")] if world.cartilages else []
     obstacles = len(world._obstacles.listing())
     parts += [_count(obstacles, "obstacle link")] if obstacles else []
     return f"<TendonWorld of client {world.physicsClientId}: {', '.join(parts)}>"
@@ -65,7 +66,7 @@ def _settings(world) -> list[str]:
 
 
 def _contents(world) -> list[str]:
-    lines = [f"  {part!r}" for part in (*world.tendons, *world.tunnels, *world.ligaments)]
+    lines = [f"  {part!r}" for part in (*world.tendons, *world.tunnels, *world.ligaments, *world.cartilages)]
     for body, link, *numbers in world._obstacles.listing():
         kinds = sorted({world._obstacles.shapes[number].kind for number in numbers})
         friction = world._obstacles.friction[body, link]

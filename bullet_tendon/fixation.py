@@ -114,6 +114,11 @@ class Tensioner(NotCopied):
         self._node.ligament.set_tension(force)
         self.released = False
 
+    def __repr__(self) -> str:
+        state = "released" if self.released else f"{self.force:.4g} N"
+        where = f"body {self.bodyUniqueId}, link {self.linkIndex}"
+        return f"<Tensioner between particle {self.particle} and {where}: {state}>"
+
     @property
     def force(self) -> float:
         """The tension [N]; it can be set, >= 0. Zero after the release."""
@@ -171,6 +176,12 @@ class Fixation(NotCopied):
             raise
         self._first = [node.ligament.rest_length for node in self._nodes]
         tendon._world._fixations.append(self)
+
+    def __repr__(self) -> str:
+        if self.released:
+            return f"<Fixation by {self.kind}, released>"
+        held, force = _listed(self.particles), f"{self.force:.4g} of {self.slip_load:.4g} N"
+        return f"<Fixation of {held} by {self.kind}: {force}, slipped by {1e3 * self.slip:.3g} mm>"
 
     @property
     def force(self) -> float:
@@ -247,6 +258,10 @@ class Bundle:
         for strand in self.strands:
             if not isinstance(strand, Tendon):
                 raise InvalidType("strands", strand, "tendons")
+
+    def __repr__(self) -> str:
+        shares = ", ".join(f"{100 * share:.0f}" for share in self.shares)
+        return f"<Bundle of {len(self.strands)} strands: {self.force:.4g} N, shares {shares} %>"
 
     @property
     def forces(self) -> np.ndarray:
@@ -348,6 +363,11 @@ def fix_in(tendon, tunnel, kind, length, stiffness, slip_load) -> Fixation:
     points = {i: tunnel.start + local[i] + BEARING * outward for i in held}
     bone = tunnel.bodyUniqueId, tunnel.linkIndex
     return Fixation(tendon, kind, stiffness, slip_load, bone, points)
+
+
+def _listed(particles: tuple) -> str:
+    first, *more = particles
+    return f"{1 + len(more)} particles" if more else f"particle {first}"
 
 
 def _strength(kind, stiffness, slip_load) -> tuple[float, float]:

@@ -42,6 +42,10 @@ class Wrap(NotCopied):
     position: np.ndarray
     orientation: np.ndarray
 
+    def __repr__(self) -> str:
+        sizes = ", ".join(f"{1e3 * size:.3g}" for size in np.atleast_1d(self.radius))
+        return f"<Wrap, {self.kind} of {sizes} mm on body {self.bodyUniqueId}, link {self.linkIndex}>"
+
     @property
     def radii(self) -> np.ndarray:
         """(3,) its semi-axes [m]. Along z, a cylinder has none: the number is its radius there, too."""
@@ -105,6 +109,19 @@ class Ligament(NotCopied):
         self.links = {*(row[:2] for row in path), *((wrap.bodyUniqueId, wrap.linkIndex) for wrap in wraps)}
         self.link_slots = frozenset(bodies.slot(*link) for link in self.links)
         self.removed = False
+
+    def __repr__(self) -> str:
+        if self.removed:
+            return f"<Ligament {self.name!r}, removed>"
+        try:
+            length = f"{1e3 * self.length:.4g} mm long"
+        except UnknownId:
+            length = "of a body that was removed"
+        parts = [f"{length} (rest {1e3 * self.rest_length:.4g} mm)", f"force {self.force:.4g} N"]
+        parts += ["with wraps"] if self.wraps else []
+        parts += ["ruptured"] if self.ruptured else []
+        parts += [] if self.tension is None else [f"under a tension of {self.tension:.4g} N"]
+        return f"<Ligament {self.name!r}: {', '.join(parts)}>"
 
     @property
     def force(self) -> float:

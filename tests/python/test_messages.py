@@ -69,6 +69,40 @@ def test_everything_is_told_in_one_line(make_world):
     assert repr(tendon) == "<Tendon 'rope', removed>"
 
 
+def test_what_holds_and_joins_is_told_in_one_line(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    stand, body = box(world), p.createMultiBody(1.0, basePosition=(0, 0, 0.2), physicsClientId=client)
+    tendon = world.add_tendon([(0, 0, 0.01), (0.1, 0, 0.01)], 0.002, STEEL, 11, "rope")
+    hand, knot = tendon.grip(0), tendon.attach(-1, body, -1, (0.1, 0, -0.19))
+    assert repr(hand) == "<Grip of particle 0 of 'rope': force (0, 0, 0) N>"
+    assert repr(knot) == f"<Attachment of particle 10 of 'rope' at body {body}, link -1: force (0, 0, 0) N>"
+    wrap = world.add_wrap(stand, -1, ("ellipsoid", (0.01, 0.02, 0.03)), (0.2, 0, 0))
+    assert repr(wrap) == f"<Wrap, ellipsoid of 10, 20, 30 mm on body {stand}, link -1>"
+    line = world.add_ligament([(stand, -1, (0, 0, 0)), (body, -1, (0, 0, 0))], STEEL, 0.2, "line", [wrap])
+    assert repr(line) == "<Ligament 'line': 230 mm long (rest 200 mm), force 0 N, with wraps>"
+    line.set_tension(5)
+    assert repr(line).endswith("under a tension of 5 N>")
+    lower = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * 0.02
+    sides = (stand, -1, (lower, [(0, 1, 2), (0, 2, 3)])), (body, -1, (lower, [(0, 2, 1), (0, 3, 2)]))
+    with pytest.warns(bt.CartilageWarning):
+        pad = world.add_cartilage(*sides, name="pad")
+    between = f"body {stand}, link -1 and body {body}, link -1"
+    assert repr(pad) == f"<Cartilage 'pad' between {between}: 0 mm^2 pressed by 0 N>"
+    assert "1 ligament, 1 cartilage" in repr(world)
+    for part in (line, pad):
+        assert repr(part) in world.describe()
+    button = tendon.fix(5, body, -1, (0, 0, -0.1), "button", stiffness=1e5)
+    assert repr(button) == "<Fixation of particle 5 by button: 0 of 958 N, slipped by 0 mm>"
+    device = tendon.pull(6, 20, body, -1, (0, 0, -0.1))
+    assert repr(device) == f"<Tensioner between particle 6 and body {body}, link -1: 20 N>"
+    assert repr(bt.Bundle([tendon, tendon])) == "<Bundle of 2 strands: 0 N, shares 0, 0 %>"
+    device.release(), button.release(), hand.release()
+    assert "released" in repr(device) and "released" in repr(button) and "released" in repr(hand)
+    world.remove_ligament(line), world.remove_cartilage(pad)
+    assert repr(line) == "<Ligament 'line', removed>" and repr(pad) == "<Cartilage 'pad', removed>"
+
+
 def test_materials_that_differ_are_told_differently_to_the_last_digit():
     base = {"stiffness": 1e4 / 3, "exponent": 2.0, "toe_strain": 0.03, "tension_only": True}
     others = [
