@@ -239,8 +239,7 @@ class Material:
             if value is True:
                 parts.append(field.name)
             elif value != field.default or field.name in _TOLD:
-                number = value if isinstance(value, str) else _shortest(value)
-                parts.append(f"{field.name} {number} {_UNITS.get(field.name, '')}".rstrip())
+                parts.append(f"{field.name} {_told(value)} {_UNITS.get(field.name, '')}".rstrip())
         return f"<Material: {', '.join(parts)}>"
 
     @property
@@ -256,8 +255,18 @@ _UNITS = {
     "shear_stiffness": "N",
     "bending_stiffness": "N m^2",
     "density": "kg/m^3",
+    "rupture_force": "N",
 }
 _TOLD = ("stiffness", "exponent", "damping", "density", "friction")
+
+
+def _told(value) -> str:
+    """A value of a material: a name, a number, or terms (g, t) of the relaxation."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple):
+        return " + ".join(f"{_shortest(share)} in {_shortest(time)} s" for share, time in value)
+    return _shortest(value)
 
 
 def _shortest(value: float) -> str:

@@ -63,6 +63,8 @@ def test_everything_is_told_in_one_line(make_world):
     assert repr(STEEL) == (
         "<Material: stiffness 10000 N, exponent 1, damping 1 N s, density 1120 kg/m^3, friction 0.3>"
     )
+    tissue = bt.Material(stiffness=1e4, relaxation=((0.2, 0.1), (0.1, 20)), rupture_force=500)
+    assert "relaxation 0.2 in 0.1 s + 0.1 in 20 s, rupture_force 500 N>" in repr(tissue)
     told = repr(world.report)
     assert told.startswith("<StepReport: converged by ") and " us (sense " in told and "\n" not in told
     world.remove_tendon(tendon)
