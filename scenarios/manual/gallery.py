@@ -25,6 +25,7 @@ RECIPES = (
     "ligament_with_slack",
     "pretension_and_fixation",
     "multi_strand_graft",
+    "tissue_over_time",
     "cartilage_of_my_joint",
     "laxity_of_my_knee",
     "tendon_over_pulley",

@@ -182,6 +182,32 @@ def test_free_bodies_keep_their_momentum(make_world, client):
     assert pulled >= 10
 
 
+@pytest.mark.parametrize("share", [1, 2, 4])
+def test_forces_are_on_the_line_at_the_end_of_a_step(make_world, client, share):
+    """A step changes the angular momentum by h (x_a - x_b) x F, with the centres of mass x at its start."""
+    dt = 1 / 240 / share
+    world = make_world(dt)
+    masses, bodies = (1.0, 0.3), (block(client, 1.0), block(client, 0.3, (0.1, 0.02, 0.1)))
+    path = [(body, -1, (0, 0, 0)) for body in bodies]
+    world.add_ligament(path, bt.Material.ligament(1e4, damping=10.0), rest_length=0.14)
+    p.resetBaseVelocity(bodies[1], (0.2, -0.4, 0.3), (0, 0, 0), client)
+    lost, first = 0.0, None
+    for _ in range(120 * share):
+        before = [np.array(p.getBasePositionAndOrientation(body, client)[0]) for body in bodies]
+        speeds = [np.array(p.getBaseVelocity(body, client)[0]) for body in bodies]
+        start = sum(m * np.cross(x, v) for m, x, v in zip(masses, before, speeds, strict=True))
+        first = start if first is None else first
+        world.step()
+        after = [np.array(p.getBasePositionAndOrientation(body, client)[0]) for body in bodies]
+        speeds = [np.array(p.getBaseVelocity(body, client)[0]) for body in bodies]
+        end = sum(m * np.cross(x, v) for m, x, v in zip(masses, after, speeds, strict=True))
+        force = np.array(world.wrench(bodies[0])[:3])
+        np.testing.assert_allclose(np.cross(after[0] - after[1], force), 0, atol=1e-12)
+        np.testing.assert_allclose(end - start, dt * np.cross(before[0] - before[1], force), atol=1e-12)
+        lost += end - start
+    assert np.linalg.norm(lost) < 0.1 / share * np.linalg.norm(first)
+
+
 def test_a_line_turns_a_hinge_by_its_lever(make_world, client):
     """A set tension against a motor that holds a joint: the torque is the tension times the lever."""
     world = make_world()

@@ -115,6 +115,9 @@ def test_materials_that_differ_are_told_differently_to_the_last_digit():
         {**base, "bending_stiffness": 1e-9},
         {**base, "shear_stiffness": 1.0},
         {**base, "friction": 0.0},
+        {**base, "relaxation": ((0.1, 2.0),)},
+        {**base, "relaxation": ((0.1, 2.0000000000000004),)},
+        {**base, "rupture_force": 1e3},
     ]
     told = [repr(bt.Material(**one)) for one in (base, *others)]
     assert len(set(told)) == len(told)

@@ -54,6 +54,22 @@ def test_ligament_with_slack(run):
         assert force == pytest.approx(blankevoort(length / 0.032 - 1), rel=1e-3)
 
 
+def test_tissue_over_time(run):
+    """Relaxation by its convolution, hysteresis as it was measured, rupture at the published load."""
+    got = run("tissue_over_time")
+    material, held = got["material"], np.array(got["held"])
+    ramp = np.arange(25) / 240
+    elastic = material.stiffness * (0.01 * np.minimum(1, ramp / 0.1)) ** 2  # within the toe
+    steps = np.diff(elastic)
+    for at in (24, 240, 2400):
+        late = (at + 1) / 240 - ramp[:-1] - 0.5 / 240  # in the middle of each step of the ramp
+        relaxed = sum(g * (1 - np.exp(-late / time)) for g, time in material.relaxation)
+        assert held[at] == pytest.approx((steps * (1 - relaxed)).sum(), rel=2e-3)
+    assert 0.06 < got["loss"] < 0.11
+    assert got["strength"] == pytest.approx(2422, rel=1e-3)
+    assert size(got["hand"].force) < 1
+
+
 def test_cartilage_of_my_joint(run):
     """The elastic foundation under a sphere: force pi K R d^2, area 2 pi R d, greatest pressure K d."""
     got = run("cartilage_of_my_joint")

@@ -120,8 +120,12 @@ void Tendon::rupture() {
   torn.push_back(worst);
   share_out();
   for (SpringSet* s : {&structure, &shear})
-    for (int k = std::max(0, worst + 1 - s->reach); k < std::min(s->count, worst + 1); ++k)
+    for (int k = std::max(0, worst + 1 - s->reach); k < std::min(s->count, worst + 1); ++k) {
       s->lambda[k] = s->elastic[k] = s->slope[k] = 0;
+      if (!tissue.relaxes()) continue;
+      s->unrelaxed[k] = 0;
+      std::fill_n(s->memory.begin() + k * tissue.weights.size(), tissue.weights.size(), 0.0);
+    }
   smooth = false;
 }
 
