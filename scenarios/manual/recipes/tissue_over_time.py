@@ -71,6 +71,7 @@ while not graft.ruptured:
     strength = graft.tension.max()
     strain += 1e-5
     stretch(strain)
+
 world.step(60)
 print(f"{strength:.0f} N before it ruptured in segment {graft.ruptured_segments[0]}")
 print(f"{np.linalg.norm(hand.force):.1f} N in the hand after that")
