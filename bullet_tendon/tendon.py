@@ -137,7 +137,7 @@ class Tendon(NotCopied):
 
     @property
     def energy(self) -> float:
-        """Elastic and kinetic energy [J]. Of a material that relaxes: elastic as if nothing had relaxed."""
+        """Elastic and kinetic energy [J]; of what relaxes, that of the tensions that are left."""
         return self._core.energy(self._alive())
 
     @property

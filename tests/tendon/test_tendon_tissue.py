@@ -62,6 +62,17 @@ def world_time(world):
     return world.counted * 1e-4
 
 
+def test_the_energy_of_a_linear_law_is_that_of_the_springs_of_maxwell(make_world):
+    """Held at a strain that was there at once: K l s^2/2 (g_0 + sum g_i exp(-2 t/t_i))."""
+    world = make_world(0.05)
+    tendon, _, _ = strip(world, bt.Material(stiffness=2e3, relaxation=TERMS), rest_length=LENGTH / 1.02)
+    for step in range(60):
+        t = 0.05 * step
+        left = 1 - sum(g * (1 - np.exp(-2 * t / time)) for g, time in TERMS)
+        assert tendon.energy == pytest.approx(2e3 * LENGTH / 1.02 * 0.02**2 / 2 * left, rel=1e-6)
+        world.step()
+
+
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_creep_is_that_of_the_inverse(make_world, integrator):
     """A constant force on one term: the elastic tension creeps as that of a standard linear solid."""

@@ -168,11 +168,9 @@ Geodesic moved(const Geodesic& g, const Joint& at, const Change& by, double shar
 
 GeodesicEnd end_of(const Geodesic& g, Vec3 w) {
   State s{g.start, g.direction, 1, 0, 0, 1};
-  // The curvature is at most w_max/sqrt(w_min): taken where it starts, and along it from step to step.
   double left = g.length;
   for (int i = 0; i < kMostSteps && left > 0; ++i) {
-    const double square = dot(times(w, s.x), times(w, s.x));
-    const double curvature = std::max({w.x, w.y, w.z}) / std::sqrt(square);
+    const double curvature = std::max({w.x, w.y, w.z}) / norm(times(w, s.x));  // at most
     const double h = i + 1 == kMostSteps ? left : std::min(left, kTurnOfStep / curvature);
     step(s, w, h);
     left -= h;

@@ -307,6 +307,24 @@ void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Re
   }
 }
 
+double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue) {
+  const size_t terms = tissue.weights.size();
+  double sum = 0;
+  for (int k = 0; k < s.count; ++k) {
+    const double strain = s.length[k] * s.inverse_rest[k] - 1, K = s.stiffness[k];
+    if (K == 0) continue;
+    double f, slope, share = 1, each = 0;
+    elastic_any(law, strain, f, slope);
+    for (size_t i = 0; i < terms; ++i) {
+      const double g = tissue.weights[i], part = s.memory[k * terms + i] + g * (K * f - s.unrelaxed[k]);
+      each += g * elastic_energy(law, strain_of<0>(law, std::fabs(part) / (g * K)));
+      share -= g;
+    }
+    sum += K * s.rest[k] * (share * elastic_energy(law, strain) + each);
+  }
+  return sum;
+}
+
 BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
   const double *inverse = s.inverse_rest.data(), *slope = s.elastic_slope.data(), *damping = s.damping.data();
   const double *damping_slope = s.damping_slope.data(), *force = s.force.data();

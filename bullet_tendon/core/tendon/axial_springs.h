@@ -135,6 +135,10 @@ void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Re
 double stored_energy(const SpringSet& s, const Law& law);
 double stored_energy(const SpringSet& s, const Law& law, int k, double length);
 
+// Elastic energy [J] of springs that relax, at the lengths last measured: that of springs of g_0 K, and of
+// springs of g_i K whose tensions are m_i. For a linear law these are the springs of Maxwell's model.
+double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue);
+
 // A copy of the multipliers of a tendon.
 struct Multipliers {
   std::vector<double> lambda[2], elastic[2];  // of structure and shear springs [N]

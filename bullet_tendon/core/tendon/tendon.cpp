@@ -267,10 +267,8 @@ double Tendon::energy() const {
   for (const SpringSet* own : {&structure, &shear}) {
     if (own->count == 0) continue;
     s = *own;
-    s.share = 1;
-    std::fill(s.recalled.begin(), s.recalled.end(), 0.0);
     measure(s, x);
-    sum += stored_energy(s, material.law);
+    sum += s.memory.empty() ? stored_energy(s, material.law) : kept_energy(s, material.law, material.tissue);
   }
   sum += bending_energy(*this, x);
   for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));

@@ -136,7 +136,7 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void guess_multipliers(Vec3 gravity);
   // The tension of each segment k: the sum of the forces of the springs that cross it [N].
   void tension(std::vector<double>& out) const;
-  double energy() const;  // elastic, as if nothing had relaxed, and kinetic [J]
+  double energy() const;  // elastic and kinetic [J]
   // Computes the spring constants from rest lengths, material and torn segments.
   void share_out();
 

@@ -4,7 +4,8 @@
 //
 //   T_v(t) = int G(t - u) dT_e/du du,     G(t) = g_0 + sum g_i exp(-t/t_i),   g_0 = 1 - sum g_i.
 //
-// Where T_e changes linearly within a substep of h, the parts m_i of T_v = g_0 T_e + sum m_i change exactly by
+// Where T_e changes linearly within a substep of h, the parts m_i of T_v = g_0 T_e + sum m_i change exactly
+// by
 //
 //   m_i <- e_i m_i + g_i a_i (T_e - T_e0),   e_i = exp(-h/t_i),   a_i = (1 - e_i) t_i/h.
 //
@@ -12,8 +13,8 @@
 //
 //   share = g_0 + sum g_i a_i,     recalled = sum (e_i m_i - g_i a_i T_e0).
 //
-// A memory that begins takes the present tension to have come at once, m_i = g_i T_e. What ends a substep beyond its
-// largest tension or strain is ruptured.
+// A memory that begins takes the present tension to have come at once, m_i = g_i T_e. What ends a substep
+// beyond its largest tension or strain is ruptured.
 #pragma once
 #include <algorithm>
 #include <cmath>
