@@ -96,11 +96,11 @@ def _in_world(world, body, links, link, xyz) -> np.ndarray:
 def _material(path, tendon: TendonElement) -> Material:
     where = f"<tendon name='{tendon.name}'>"
     try:
-        if isinstance(tendon.material, str):
-            return Material.preset(tendon.material)
+        if "name" in tendon.material:
+            return Material.preset(**tendon.material)
         return Material(**tendon.material)
     except InvalidValue as problem:
-        attribute = "preset" if isinstance(tendon.material, str) else problem.argument
+        attribute = "preset" if problem.argument == "name" else problem.argument
         raise UrdfError(path, where + " <material>", attribute, problem.value, problem.allowed) from None
 
 

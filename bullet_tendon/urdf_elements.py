@@ -27,11 +27,11 @@ import numpy as np
 
 from .errors import InvalidType, UrdfError
 
-MATERIAL_POSITIVE = ("stiffness", "toe_strain", "density")
+MATERIAL_POSITIVE = ("stiffness", "toe_strain", "density", "rupture_force", "rupture_strain")
 MATERIAL_AT_LEAST = {"exponent": 1.0, "damping_exponent": 1.0} | dict.fromkeys(
     ("damping", "shear_stiffness", "bending_stiffness", "friction"), 0.0
 )
-MATERIAL_ATTRIBUTES = (*MATERIAL_POSITIVE, *MATERIAL_AT_LEAST, "tension_only", "damping_form")
+MATERIAL_ATTRIBUTES = (*MATERIAL_POSITIVE, *MATERIAL_AT_LEAST, "tension_only", "damping_form", "relaxation")
 FLAGS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -59,7 +59,7 @@ class TendonElement:
     points: tuple[tuple[str | None, np.ndarray], ...]
     radius: float
     particles: int | None
-    material: dict | str
+    material: dict
     attachments: tuple[int, ...] = ()
 
 
@@ -154,10 +154,11 @@ def _point(element: "_Element", links):
     return link, position, attach
 
 
-def _material(element: "_Element") -> dict | str:
+def _material(element: "_Element") -> dict:
+    """Arguments of Material, or of Material.preset where it has a name."""
     if "preset" in element.node.attrib:
-        element.expect(("preset",), ())
-        return element.text("preset")
+        element.expect(("preset", "tissue"), ())
+        return {"name": element.text("preset"), "tissue": element.flag("tissue")}
     element.expect(MATERIAL_ATTRIBUTES, ())
     element.text("stiffness")  # the one that has no sensible default
     given = element.node.attrib.keys()
@@ -168,6 +169,8 @@ def _material(element: "_Element") -> dict | str:
         keywords["tension_only"] = element.flag("tension_only")
     if "damping_form" in given:
         keywords["damping_form"] = element.text("damping_form")
+    if "relaxation" in given:
+        keywords["relaxation"] = element.pairs("relaxation")
     return keywords
 
 
@@ -237,6 +240,13 @@ class _Element:
         if text not in FLAGS:
             self.fail(attribute, text, "true or false")
         return FLAGS[text]
+
+    def pairs(self, attribute: str) -> tuple[tuple[float, float], ...]:
+        text = self.text(attribute)
+        values = [_float(word) for word in text.split()]
+        if len(values) % 2 or not all(map(math.isfinite, values)):
+            self.fail(attribute, text, "pairs of finite numbers")
+        return tuple(zip(values[::2], values[1::2], strict=True))
 
     def point(self, attributes: tuple) -> np.ndarray:
         """xyz as (3,) [m], read-only."""

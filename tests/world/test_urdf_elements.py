@@ -64,15 +64,18 @@ def test_tendon_comes_out_whole(written):
 
 def test_every_material_keyword_is_read(written):
     values = dict.fromkeys(MATERIAL_ATTRIBUTES, "1.5") | {"tension_only": "false", "damping_form": "axial"}
+    values["relaxation"] = "0.1 0.5  0.2 30"
     attributes = " ".join(f'{name}="{value}"' for name, value in values.items())
     (tendon,) = read_elements(written(_with_material(f"<material {attributes}/>"))).tendons
     numbers = dict.fromkeys(MATERIAL_ATTRIBUTES, 1.5)
-    assert tendon.material == numbers | {"tension_only": False, "damping_form": "axial"}
+    terms = ((0.1, 0.5), (0.2, 30.0))
+    assert tendon.material == numbers | {"tension_only": False, "damping_form": "axial", "relaxation": terms}
 
 
-def test_preset_is_handed_on(written):
-    (tendon,) = read_elements(written(_with_material('<material preset="hamstring_graft"/>'))).tendons
-    assert tendon.material == "hamstring_graft"
+@pytest.mark.parametrize(("more", "tissue"), [("", False), (' tissue="true"', True)])
+def test_preset_is_handed_on(written, more, tissue):
+    (tendon,) = read_elements(written(_with_material(f'<material preset="hamstring_graft"{more}/>'))).tendons
+    assert tendon.material == {"name": "hamstring_graft", "tissue": tissue}
 
 
 def test_order_is_kept_and_other_elements_are_ignored(written):
@@ -171,6 +174,8 @@ WRONG_TENDONS = [
     ('exponent="2"', 'density="-1"', "density", "<material>"),
     ('exponent="2"', 'damping="nan"', "damping", "<material>"),
     ('exponent="2"', 'toe_strain="0"', "toe_strain", "<material>"),
+    ('exponent="2"', 'relaxation="0.1"', "relaxation", "<material>"),
+    ('exponent="2"', 'rupture_force="0"', "rupture_force", "<material>"),
     ('tension_only="true"', 'tension_only="2"', "tension_only", "<material>"),
     ('damping_form="axial"', 'damping_form=""', "damping_form", "<material>"),
 ]
