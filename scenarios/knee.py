@@ -259,8 +259,13 @@ class KneeRig:
         """(5,) positions of knee_files.JOINTS [m, rad], for place()."""
         return self._joints()
 
-    def place(self, joints) -> None:
-        """Put the tibia where `joints` (5,) were read, at rest. Raises InvalidType or InvalidValue."""
+    def place(self, joints, flexion: float | None = None) -> None:
+        """Put the tibia where `joints` (5,) were read, at rest, and the femur at a flexion [rad], if given.
+
+        Raises InvalidType or InvalidValue.
+        """
+        if flexion is not None:
+            self._turn(checks.number("flexion", flexion, at_least=-0.2, at_most=2.6))
         for joint, position in enumerate(checks.vector("joints", joints, len(JOINTS))):
             p.resetJointState(self.tibia[0], joint, float(position), 0.0, self.client)
 

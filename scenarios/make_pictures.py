@@ -30,9 +30,11 @@ SCENARIOS = ("acl_reconstruction", "graft_passage", "super_elasticity", "tendon_
 BENCHMARKS = ("coupling", "haptic", "multibody", "work_precision")
 TASKS = {  # and the modules that their pictures come from, beside those of all tasks
     "GraftPassage": ("graft_passage",),
+    "GraftTension": ("graft_tension", "knee_task"),
     "KnotTie": ("knot_tie",),
     "PulleyLift": ("pulley_lift",),
     "TendonFinger": ("tendon_finger",),
+    "TunnelPlacement": ("tunnel_placement", "knee_task"),
     "learning": ("search",),
 }
 KEYWORD = b"bullet_tendon"

@@ -6,6 +6,8 @@ outer end of the tibial tunnel. It slides over the mouths without friction. That
 enough for maps and sweeps. Friction in the tunnels and the hardware of Tendon.fix are left out.
 """
 
+import functools
+
 import numpy as np
 from bullet_tendon.urdf.femur_field import femur, notch, sagittal_profile
 
@@ -65,11 +67,20 @@ def reconstruct(
     rig.load()
     rig.flex(fixed_at)
     rig.settle()
+    fix(graft, slope)
+    rig.settle()
+    return graft
+
+
+def fix(graft: bt.Ligament, slope: float) -> None:
+    """Fix a graft where it is, under the tension that is set: from now on its law decides.
+
+    slope [N]: of its law, Material.ligament with the toe TOE. Nothing moves.
+    """
+    tension = graft.tension
     strain = tension / slope + TOE / 2 if tension > slope * TOE / 2 else np.sqrt(2 * TOE * tension / slope)
     graft.rest_length = graft.length / (1 + strain)
     graft.set_tension(None)
-    rig.settle()
-    return graft
 
 
 def drawer(rig: KneeRig, angle: float, zero: float | None = None, force: float = DRAWER) -> float:
@@ -109,6 +120,7 @@ def on_bernards_grid(deep: float, low: float) -> tuple[np.ndarray, np.ndarray]:
     return mouth, mouth + np.subtract(FEMORAL[1], FEMORAL[0])
 
 
+@functools.cache
 def _lateral_condyle() -> tuple[tuple[float, float], float]:
     """Its extent along Blumensaat's line, from ROOF (first, last), and its height from that line [mm]."""
     x, y = np.meshgrid(np.linspace(-35, 45, 321), np.linspace(-35, 25, 241), indexing="ij")

@@ -20,6 +20,8 @@ TASKS = {
     "PulleyLift": ("pulley_lift", 120),
     "TendonFinger": ("tendon_finger", 288),
     "KnotTie": ("knot_tie", 20),
+    "GraftTension": ("graft_tension", 24),
+    "TunnelPlacement": ("tunnel_placement", 1),
 }
 
 

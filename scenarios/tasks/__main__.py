@@ -128,7 +128,7 @@ def draw_episode(path: str, task: str, policy: str, seed: int) -> None:
         rate = env.unwrapped.metadata["render_fps"]
         run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed, watch)
     times = np.arange(len(images)) / rate
-    moments = np.linspace(0, len(images) - 1, MOMENTS).astype(int)
+    moments = np.unique(np.linspace(0, len(images) - 1, MOMENTS).astype(int))
     shown = [(f"{times[moment]:.1f} s", images[moment]) for moment in moments]
     curve = {"x": times, "y": np.array(rewards), "label": "reward so far"}
     view.figure(path, shown, [curve], xlabel="time [s]", ylabel="reward so far", title=f"{task}, {policy}")

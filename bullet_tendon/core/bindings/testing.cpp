@@ -395,8 +395,8 @@ py::list sparse_solutions(const py::list& systems) {
   return out;
 }
 
-// Eight right-hand sides (n, 3, 8) of a system as in sparse_solutions: solutions (n, 3, 8) of all at once, and
-// those of one after the other.
+// Eight right-hand sides (n, 3, 8) of a system as in sparse_solutions: solutions (n, 3, 8) of all at once,
+// and those of one after the other.
 py::tuple sparse_columns(const Ints& pairs, const Array& diagonal, const Array& beside, const Array& right) {
   SparseFactor factor;
   const SparseFactor::Edges edges = edges_of(pairs);
