@@ -84,7 +84,7 @@ REFUSED = {
     "grip.max_force": lambda s: setattr(s.grip, "max_force", 10.0),
     "grip.direction": lambda s: setattr(s.grip, "direction", [1, 0, 0]),
 }
-THERE = {"ends", "points", "length", "strain"}  # where links are now is pybullet's
+THERE = {"ends", "points", "line", "length", "strain"}  # where links are now is pybullet's
 READ = {
     "save_state": lambda s: s.world.save_state(),
     "snapshot": lambda s: s.world.snapshot(),

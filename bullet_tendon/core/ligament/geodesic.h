@@ -11,7 +11,12 @@
 //
 // The shortest way from p to q around an ellipsoid is straight to P on the surface, a geodesic to Q, and
 // straight again, without a kink at P and Q (Scholz et al. 2015). Where the geodesic starts, in which
-// direction and how far it goes are four numbers, found by Newton's method with J.
+// direction and how far it goes are four numbers, found by Newton's method. Where the start moves by ds along
+// the geodesic and by du aside (b), turns by dv, and the geodesic gets longer by dl, its end moves by
+//
+//   (ds + dl) t + (J_1 du + J_2 dv) b,      and turns by      J_1' du + J_2' dv,
+//
+// with J_1 of the parallel neighbours and J_2 of those at an angle.
 #pragma once
 #include "math/rotation.h"
 
