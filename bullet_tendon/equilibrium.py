@@ -39,7 +39,8 @@ _SHORTEST = 1e-3  # share of a step below which it is not shortened further
 _LEVER = 0.03  # m: torques count as forces at this arm
 _OF_RADIUS = 0.5  # that what tendons can touch moves in a step
 _INNER = 0.1  # of the tolerance, to which tendons are brought to rest at each place
-_INNER_STEPS = 60
+_INNER_STEPS = 200  # the most at one place
+_MEAN_STEPS = 15  # the most at each place in the mean
 _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
 
@@ -92,16 +93,17 @@ class HeldTendons:
         self._gravity, self.solid = gravity, solid
         self.farthest = _OF_RADIUS * min(tendon.radius for tendon in tendons)
 
-    def begin(self, slots: list[int]) -> None:
-        self._slots = slots
+    def begin(self, slots: list[int], places: int) -> None:
+        self._slots, self._most = slots, _INNER_STEPS + _MEAN_STEPS * places
         self._core.want_tendon_stiffness(slots)
 
     def end(self) -> None:
         self._core.want_tendon_stiffness([])
 
     def settle(self, tolerance: float) -> bool:
-        """Bring them to rest among the bodies; whether they are."""
-        return self._relaxation.follow(self._gravity, _INNER * tolerance, _INNER_STEPS)
+        """Bring them to rest among the bodies; whether they are, within the steps that are left."""
+        left = min(_INNER_STEPS, self._most - self._relaxation.taken)
+        return left > 0 and self._relaxation.follow(self._gravity, _INNER * tolerance, left)
 
     def wrenches(self) -> np.ndarray:
         """(k, 6) on the links of the slots, about their centres of mass."""
@@ -291,7 +293,7 @@ class Equilibrium:
         start = self._place()
         self._tolerance = tolerance
         if self.tendons is not None:
-            self.tendons.begin(self.slots)
+            self.tendons.begin(self.slots, max_steps)
         try:
             found, steps, residual = self._descend(tolerance, max_steps)
         except BaseException:

@@ -42,6 +42,7 @@ class Relaxation:
         self._stepper, self._states, self._readouts, self._bodies = stepper, states, readouts, bodies
         self._tendons, self._alone = tendons, alone
         self._last_dt = _FIRST  # of the last step of `follow` [s]
+        self.taken = 0  # steps so far
 
     def run(self, tolerance: float, max_steps: int) -> None:
         """See TendonWorld.relax."""
@@ -86,6 +87,7 @@ class Relaxation:
         iterations, residual, settled = 0, np.inf, not start
         for _ in range(max_steps):
             self._last_dt = dt
+            self.taken += 1
             before = {t: t.positions for t in start}
             if not stepper.hold(dt, gravity):
                 return None, iterations, residual

@@ -173,17 +173,16 @@ class KneeRig:
         """Let the knee come to rest under the load; whether it did within `max_steps` steps.
 
         tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. The equilibrium is
-        found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, or tendons
-        are in the world, steps are taken, and motion is stopped whenever the kinetic energy has passed a
-        maximum (kinetic damping, Cundall), beside what implicit Euler damps. No time is meant to pass. It
-        gives up after 20 steps that were not solved, as where the tibia is dislocated. Raises InvalidType,
-        InvalidValue or StepFailed.
+        found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
+        taken, and motion is stopped whenever the kinetic energy has passed a maximum (kinetic damping,
+        Cundall), beside what implicit Euler damps. No time is meant to pass. Friction of tendons makes the
+        end depend on the way. It gives up after 20 steps that were not solved, as where the tibia is
+        dislocated. Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
         self._stop()
-        if not self.world.tendons:  # friction makes the end depend on the way
-            self._relax(tolerance)
+        self._relax(tolerance)
         step, last, before, unsolved = LONGEST, 0.0, self._joints(), 0
         try:
             for _ in range(max_steps):
@@ -356,11 +355,18 @@ class KneeRig:
             self.step()
 
     def _relax(self, tolerance: float) -> None:
-        """Put the tibia where the load is balanced. It stays where that is not found."""
+        """Put the tibia where the load is balanced. It stays where that is not found.
+
+        Bodies that tendons are attached to, as by hardware, are free as well.
+        """
+        bones = self.femur[0], self.tibia[0]
+        held = {getattr(hold, "bodyUniqueId", bones[0]) for t in self.world.tendons for hold in t.holds}
+        others = sorted(body for body in held - {*bones} if p.getDynamicsInfo(body, -1, self.client)[0] > 0)
+        free = [self.tibia[0], *others]
         loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads()]
         largest = TYPICAL
         for _ in range(2):
-            self.world.relax(tolerance / largest, MOST_RELAXATIONS, bodies=[self.tibia[0]], forces=loads)
+            self.world.relax(tolerance / largest, MOST_RELAXATIONS, bodies=free, forces=loads)
             if not self.world.report.converged:
                 return
             # The tolerance is of the largest force, which is known only now.

@@ -91,10 +91,11 @@ std::vector<std::pair<int, double>> Cartilage::facing(const std::vector<Link>& l
   return out;
 }
 
-double Cartilage::motion(const std::vector<Link>& links, double h, double enough) const {
+double Cartilage::motion(const std::vector<Link>& links, const Twist& of_a, const Twist& of_b,
+                         double enough) const {
   const Link &a = links[link_a_], &b = links[link_b_];
-  const double turn = h * norm(b.spin - a.spin);
-  auto moved = [&](Vec3 at) { return norm(b.drift(at, h) - a.drift(at, h)); };
+  const double turn = norm(of_b.angular - of_a.angular);
+  auto moved = [&](Vec3 at) { return norm(of_b.at(at - b.centre) - of_a.at(at - a.centre)); };
   const double bound = moved(to_world(b.pose, tree_.centre())) + turn * tree_.radius();
   if (bound <= enough) return bound;
   double most = 0;

@@ -67,9 +67,9 @@ class Cartilage : public Element, public CartilageState {
   // normals and the gradient of the distance. normals: of all triangles.
   std::vector<std::pair<int, double>> facing(const std::vector<Link>& links,
                                              const std::vector<Vec3>& normals) const;
-  // Largest motion of points of B relative to A within h, of those that may reach A in it, without the forces
-  // of elements [m]; or a bound of it, where that is at most `enough`.
-  double motion(const std::vector<Link>& links, double h, double enough) const;
+  // Largest motion of points of B relative to A, of those that may reach A in it, where the links move by
+  // these displacements and rotations [m]; or a bound of it, where that is at most `enough`.
+  double motion(const std::vector<Link>& links, const Twist& of_a, const Twist& of_b, double enough) const;
   // Tells surfaces apart.
   uint64_t mark() const;
 

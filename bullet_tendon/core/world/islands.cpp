@@ -131,16 +131,37 @@ void World::list_elements(IslandElements& elements) {
   }
 }
 
-// A triangle that moves through the depth to which the distance is known, within one substep, would be lost
-// behind the surface.
+// A point that moves through the depth to which the distance is known, within one substep, would be lost
+// behind the surface. A load that elements hold moves nothing: where its prediction would, the motion counts
+// that follows under the forces of the last step, and at least that with the present velocities.
 void World::limit_motion_of_cartilage() {
   if (step_.whole) return;
+  const double h = step_.context.dt;
+  auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
+  auto present = [&](const Link& l) { return Twist{h * l.now_velocity, h * l.now_spin}; };
+  auto held = [&](const Link& l) {
+    Twist twist = drift(l);
+    if (!l.yields() || !knows_last_forces(scene.bodies[l.body])) return twist;
+    const Twist response = l.response(scene.bodies[l.body]);
+    const double square = step_.context.reach * step_.context.reach;
+    return Twist{twist.linear + square * response.linear, twist.angular + square * response.angular};
+  };
   for (const auto& cartilage : scene.cartilages.all()) {
     if (!cartilage) continue;
     const double most = kLayerShare * cartilage->grid().depth();
-    const double motion = cartilage->motion(scene.links, step_.context.dt, most);
-    if (motion > most) step_.motion_limit = std::min(step_.motion_limit, most / motion);
+    auto motion = [&](auto of) {
+      return cartilage->motion(scene.links, of(scene.links[cartilage->link_a()]),
+                               of(scene.links[cartilage->link_b()]), most);
+    };
+    double least = motion(drift);
+    if (least > most) least = std::min(least, std::max(motion(held), motion(present)));
+    if (least > most) step_.motion_limit = std::min(step_.motion_limit, most / least);
   }
+}
+
+// Of a body that elements hold, the generalized forces of the last step.
+bool World::knows_last_forces(const GeneralizedBody& m) {
+  return m.turning.elements && static_cast<int>(m.observer.forces().size()) == m.n();
 }
 
 void World::accept_elements() {

@@ -350,14 +350,14 @@ void World::finish_step_of_world() {
   fall_asleep();
 }
 
-// Predicts particles on bodies with elements where these are under the forces of the last step, which are also
-// the first guess of the solution (solver/body_schur.cpp): elements hold a loaded body.
+// Predicts particles on bodies with elements where these are under the forces of the last step, which are
+// also the first guess of the solution (solver/body_schur.cpp): elements hold a loaded body.
 void World::expect_carried(Tendon& c) {
   for (const Anchor& h : c.anchors) {
     if (!h.moves) continue;
     const Link& link = scene.links[h.link];
     const GeneralizedBody& m = scene.bodies[link.body];
-    if (!m.turning.elements || static_cast<int>(m.observer.forces().size()) != m.n()) continue;
+    if (!knows_last_forces(m)) continue;
     const double reach = step_.context.reach;
     const Vec3 moved = (reach * reach) * link.response(m).at(to_world(link.pose, h.local) - link.centre);
     if (norm(moved) <= c.shortest_rest()) c.predicted.set(h.particle, h.aim + moved);

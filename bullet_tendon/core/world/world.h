@@ -356,6 +356,7 @@ class World {
   void list_elements(IslandElements& elements);
   void accept_elements();
   void limit_motion_of_cartilage();
+  static bool knows_last_forces(const GeneralizedBody& m);
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
