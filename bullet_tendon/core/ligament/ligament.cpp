@@ -43,33 +43,37 @@ int Ligament::place_of(int link) const {
   return place;
 }
 
-// Calls visit(part, wrap, p, q, way) for each part of the path from p to q, with the way around the first
-// wrap that is in its way; way.touches: there is one. near: geodesics of a way nearby, by part and wrap.
-template <class PointAt, class FrameAt, class Visit>
-void Ligament::each_part(PointAt point, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const {
+// Calls visit(wrap, from, to, way) for each part of the path between the nodes that node(i) gives, with the
+// way around the first wrap that is in its way; way.touches: there is one. near: geodesics of a way nearby,
+// by part and wrap.
+template <class NodeAt, class FrameAt, class Visit>
+void Ligament::each_part(NodeAt node, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const {
+  auto from = node(0);
   for (size_t i = 0; i + 1 < path_.size(); ++i) {
-    const Vec3 p = point(i), q = point(i + 1);
+    const auto to = node(i + 1);
     Wrapped way;
     size_t w = 0;
     for (; w < wraps_.size(); ++w) {
-      way = wrap_around(wraps_[w], frame(w), p, q, near[i * wraps_.size() + w]);
+      way = wrap_around(wraps_[w], frame(w), from.point, to.point, near[i * wraps_.size() + w]);
       if (way.touches) break;
     }
-    visit(i, w, p, q, way);
+    visit(w, from, to, way);
+    from = to;
   }
 }
 
 double Ligament::measure(const std::vector<Link>& links, std::vector<Geodesic>& near,
                          std::vector<Vec3>* points) const {
-  auto point = [&](size_t i) { return to_world(links[path_[i].link].pose, path_[i].local); };
+  auto node = [&](size_t i) { return Node{0, {}, to_world(links[path_[i].link].pose, path_[i].local)}; };
   auto frame = [&](size_t w) {
     const Pose& pose = links[wraps_[w].link].pose;
     return Pose{pose.rotation * wraps_[w].local.rotation, to_world(pose, wraps_[w].local.origin)};
   };
   near.assign(wraps_.size() * (path_.size() - 1), {});
-  if (points) points->push_back(point(0));
+  if (points) points->push_back(node(0).point);
   double sum = 0;
-  each_part(point, frame, near, [&](size_t, size_t, Vec3 p, Vec3 q, const Wrapped& way) {
+  each_part(node, frame, near, [&](size_t, const Node& from, const Node& to, const Wrapped& way) {
+    const Vec3 p = from.point, q = to.point;
     sum += way.touches ? norm(way.first - p) + way.arc + norm(q - way.last) : norm(q - p);
     if (points && way.touches) points->insert(points->end(), {way.first, way.last});
     if (points) points->push_back(q);
@@ -193,15 +197,14 @@ void Ligament::find_length(const std::vector<LinkEnd>& ends) {
     const LinkEnd& end = ends[wraps_[w].link];
     return Pose{end.rotation * wrap_frames_[w].rotation, end.at(wrap_frames_[w].origin)};
   };
-  each_part([&](size_t i) { return node(i).point; }, frame, near_,
-            [&](size_t i, size_t w, Vec3, Vec3, const Wrapped& way) {
-              if (!way.touches) return add_straight(node(i), node(i + 1));
-              const int touched = place_of(wraps_[w].link);
-              const Vec3 centre = ends[wraps_[w].link].centre;
-              length_now_ += way.arc;
-              add_straight(node(i), {touched, way.first - centre, way.first});
-              add_straight({touched, way.last - centre, way.last}, node(i + 1));
-            });
+  each_part(node, frame, near_, [&](size_t w, const Node& from, const Node& to, const Wrapped& way) {
+    if (!way.touches) return add_straight(from, to);
+    const int touched = place_of(wraps_[w].link);
+    const Vec3 centre = ends[wraps_[w].link].centre;
+    length_now_ += way.arc;
+    add_straight(from, {touched, way.first - centre, way.first});
+    add_straight({touched, way.last - centre, way.last}, to);
+  });
 }
 
 void Ligament::evaluate(const std::vector<LinkEnd>& ends) {

@@ -77,8 +77,8 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   double elastic_at(double length) const;
   void find_tension();
   void find_length(const std::vector<LinkEnd>& ends);
-  template <class PointAt, class FrameAt, class Visit>
-  void each_part(PointAt point, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const;
+  template <class NodeAt, class FrameAt, class Visit>
+  void each_part(NodeAt node, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const;
   double measure(const std::vector<Link>& links, std::vector<Geodesic>& near,
                  std::vector<Vec3>* points) const;
   // A point of the path, or one where it meets a wrap.
