@@ -111,3 +111,22 @@ def test_a_contact_that_ends_takes_its_force_along(make_world):
         gained = suture.masses @ (suture.velocities - before) / 0.002055
         given = load - hand.force - sum(world.wrench(plate)[:3] for plate in plates)
         assert np.abs(gained - given).max() < 1e-9
+
+
+def test_a_weight_let_go_moves_as_it_does_alone(make_world, client):
+    """Histories begin island by island: another weight on a tendon of its own changes no bit."""
+
+    def let_go(beside):
+        p.resetSimulation(physicsClientId=client)
+        world = make_world(gravity=(0, 0, -9.81), integrator="bdf2")
+        for x, mass, stretch in (((0.5, 0.5, 1.0),) if beside else ()) + ((0.0, 0.3, 1.05),):
+            end = (x, 0, -0.1 * stretch)
+            body = p.createMultiBody(mass, basePosition=end, physicsClientId=client)
+            p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+            material = bt.Material(stiffness=3e3, damping=1)
+            tendon = world.add_tendon([(x, 0, 0), end], 1e-3, material, 10, rest_length=0.1)
+            tendon.grip(0), tendon.attach(-1, body)
+        world.step(30)
+        return tendon.positions
+
+    assert np.array_equal(let_go(False), let_go(True))

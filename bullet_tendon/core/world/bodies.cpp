@@ -106,13 +106,13 @@ void World::find_unknowns() {
                     scene.bodies[scene.links[contact.link].body].unknowns.any;
 }
 
-// Joins the islands of tendons and elements that touch the same body with unknowns.
+// Finds the island of each body that is touched. Tendons and elements that touch the same body with unknowns
+// are in one island.
 void World::find_bodies() {
   islands_.touches.assign(scene.bodies.size(), -1);
   each_touch([&](int body, int node) {
-    if (!scene.bodies[body].unknowns.any) return;
     if (islands_.touches[body] < 0) islands_.touches[body] = node;
-    join_islands(islands_.touches[body], node);
+    if (scene.bodies[body].unknowns.any) join_islands(islands_.touches[body], node);
   });
 }
 
