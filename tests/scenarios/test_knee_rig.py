@@ -209,6 +209,7 @@ def test_what_cannot_be_a_knee_is_refused(tmp_path):
         for call in (
             lambda: rig.flex(3.0),
             lambda: rig.flex(float("nan")),
+            lambda: rig.turn(3.0),
             lambda: rig.load(anterior=float("inf")),
             lambda: rig.load(point=(0, 0)),
             lambda: rig.settle(tolerance=0.0),
