@@ -19,6 +19,7 @@ from bullet_tendon import checks
 from bullet_tendon.errors import InvalidValue
 from bullet_tendon.view import PALETTE
 
+from .extensor import Extensor
 from .knee_files import JOINTS, bone_paths, read_strands, tibia_urdf
 
 TOE_STRAIN = 0.06  # up to which the law of a strand is a parabola (Blankevoort and Huiskes 1991) [-]
@@ -104,6 +105,8 @@ class KneeRig:
         self.time_step = checks.number("time_step", time_step, above=0)
         foundation = {"modulus": modulus, "poisson": poisson, "thickness": thickness}
         self.unsettled = 0
+        self._is_own = bones is None and cartilage is None
+        self._extensor: Extensor | None = None
         self._owns_client = world is None
         self.client: int = p.connect(p.GUI if gui else p.DIRECT) if world is None else world.physicsClientId
         try:
@@ -162,6 +165,22 @@ class KneeRig:
         self._force = np.array(values[:3])
         self._moment = np.array([-values[3], values[4], 0.0])
         self._point = point
+
+    def quadriceps(self, force: float) -> None:
+        """Pull with a force of the quadriceps [N], from now on; of the project's own knee alone.
+
+        The first call adds a patella with its tendon (extensor.py), which glides on the femur's cartilage.
+        The knee is to be flexed by at most 20 degrees then, and by at most 90 under the pull. Raises
+        InvalidType or InvalidValue.
+        """
+        force = checks.number("force", force, at_least=0)
+        if self._extensor is None:
+            if not self._is_own:
+                raise InvalidValue("force", force, "given to the project's own knee: others have no patella")
+            if self._flexion > np.radians(20.0) + 1e-9:
+                raise InvalidValue("force", force, "first given at 20 degrees of flexion or less")
+            self._extensor = Extensor(self)
+        self._extensor.pull(force)
 
     def step(self, n: int = 1) -> None:
         """n steps of the world, under the load."""
@@ -232,12 +251,17 @@ class KneeRig:
 
     @property
     def forces(self) -> GroupForces:
-        """Tension of each group that was not cut, and the cartilage's force, as "cartilage" [N]."""
+        """Tension of each group that was not cut, and the cartilage's force, as "cartilage" [N].
+
+        With a quadriceps also "PT" (patellar tendon), "quadriceps" and "patellofemoral" (cartilage).
+        """
         found = GroupForces()
         for name, ligament in self.ligaments.items():
             group = self.strands[name].group
             found[group] = found.get(group, 0.0) + ligament.force
         found["cartilage"] = float(np.linalg.norm(self.cartilage.wrench[:3]))
+        if self._extensor is not None:
+            found.update(self._extensor.forces)
         return found
 
     def cut(self, group: str) -> None:
@@ -362,7 +386,8 @@ class KneeRig:
         bones = self.femur[0], self.tibia[0]
         held = {getattr(hold, "bodyUniqueId", bones[0]) for t in self.world.tendons for hold in t.holds}
         others = sorted(body for body in held - {*bones} if p.getDynamicsInfo(body, -1, self.client)[0] > 0)
-        free = [self.tibia[0], *others]
+        patella = [] if self._extensor is None else [self._extensor.patella]
+        free = [self.tibia[0], *others, *patella]
         loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads()]
         largest = TYPICAL
         for _ in range(2):
