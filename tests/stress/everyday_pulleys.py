@@ -141,19 +141,26 @@ class Sticks:
         self.held &= bool(max(first, last) <= self.limit * min(first, last))
 
 
+def half_lengths(tendon) -> np.ndarray:
+    """(2,) lengths up to the middle particle, and from there [m]."""
+    lengths = np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1)
+    return np.add.reduceat(lengths, [0, len(lengths) // 2])
+
+
 def follows(scene, hinge, tendon, a):
     """A wheel that a tendon sticks to has turned by the tendon's way over R + r.
 
-    Both ends' ways differ by what the tendon has stretched in between. A hundredth: the first order in time.
+    An end's way differs from that by what the tendon has stretched up to the wheel. A hundredth: the first
+    order in time.
     """
-    ends = tendon.positions[[0, -1]]
+    ends, halves = tendon.positions[[0, -1]], half_lengths(tendon)
     begun = angle(scene, hinge)
 
     def check():
         moved = tendon.positions[[0, -1], 2] - ends[:, 2]
         turned = (angle(scene, hinge) - begun) * -a
-        middle, spread = (moved[0] - moved[1]) / 2, abs(moved[0] + moved[1])
-        allowed = spread + abs(middle) * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
+        middle, stretched = (moved[0] - moved[1]) / 2, np.abs(half_lengths(tendon) - halves).sum()
+        allowed = stretched + abs(middle) * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
         scene.near("way of the wheel's rim [m]", turned, middle, absolute=allowed)
 
     return check
