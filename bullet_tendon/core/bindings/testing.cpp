@@ -413,8 +413,7 @@ py::tuple sparse_columns(const Ints& pairs, const Array& diagonal, const Array& 
   Array alone({py::ssize_t{n}, py::ssize_t{3}, py::ssize_t{kLanes}});
   for (int lane = 0; lane < kLanes; ++lane) {
     std::vector<Vec3> one(n);
-    for (int i = 0; i < n; ++i)
-      one[i] = {right.at(i, 0, lane), right.at(i, 1, lane), right.at(i, 2, lane)};
+    for (int i = 0; i < n; ++i) one[i] = {right.at(i, 0, lane), right.at(i, 1, lane), right.at(i, 2, lane)};
     factor.solve(one);
     for (int i = 0; i < n; ++i) {
       alone.mutable_at(i, 0, lane) = one[i].x;
