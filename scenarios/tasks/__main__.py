@@ -6,6 +6,7 @@ python -m bullet_tendon.scenarios.tasks GraftPassage --train graft_passage.npz -
 """
 
 import argparse
+import itertools
 import json
 import sys
 from importlib.resources import files
@@ -23,6 +24,7 @@ from .policies import POLICIES, make_policy, module_of
 from .search import search
 
 MOMENTS = 5  # of an episode, in a picture
+PIXELS = 384  # width and height of their images
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -118,18 +120,25 @@ def _sentence(record: dict) -> str:
 
 def draw_episode(path: str, task: str, policy: str, seed: int) -> None:
     """A picture of an episode: images of moments, above the reward so far (needs the extra `view`)."""
-    images, rewards = [], []
+    rewards: list[float] = []
+    images: list[np.ndarray] = []
 
-    def watch(env: gymnasium.Env, reward: float) -> None:
-        images.append(env.render())
-        rewards.append(reward)
-
-    with gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0", render_mode="rgb_array") as env:
-        rate = env.unwrapped.metadata["render_fps"]
+    def run(watch) -> None:
         run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed, watch)
-    times = np.arange(len(images)) / rate
-    moments = np.unique(np.linspace(0, len(images) - 1, MOMENTS).astype(int))
-    shown = [(f"{times[moment]:.1f} s", images[moment]) for moment in moments]
+
+    def look(_, __) -> None:
+        if next(steps) in moments:
+            images.append(camera.image())
+
+    with gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0") as env:
+        run(lambda _, reward: rewards.append(reward))
+        moments = np.unique(np.linspace(0, len(rewards) - 1, MOMENTS).astype(int)).tolist()
+        steps = itertools.count()
+        camera = view.Camera(env.unwrapped.world, PIXELS, PIXELS, **env.unwrapped.camera)
+        run(look)
+        camera.close()
+        times = np.arange(len(rewards)) / env.unwrapped.metadata["render_fps"]
+    shown = [(f"{times[moment]:.1f} s", image) for moment, image in zip(moments, images, strict=True)]
     curve = {"x": times, "y": np.array(rewards), "label": "reward so far"}
     view.figure(path, shown, [curve], xlabel="time [s]", ylabel="reward so far", title=f"{task}, {policy}")
 
