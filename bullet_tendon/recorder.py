@@ -4,6 +4,7 @@ Owns: the frames, until they are a Recording. Goes with no room of the core. A f
 arrays: what they mean is worked out when somebody asks for the recording.
 """
 
+import sys
 from collections.abc import Callable
 from os import PathLike
 from typing import NamedTuple
@@ -25,10 +26,30 @@ _FRAME_BYTES = 1200  # of a frame beside its arrays
 _LEAST_MEMORY = 1_000_000
 
 
+class _Blocks(NamedTuple):
+    """What the core says of a moment: see `moment` in core/bindings/world.cpp."""
+
+    shapes: np.ndarray
+    energies: np.ndarray
+    anchors: np.ndarray
+    contacts: np.ndarray
+    ligaments: np.ndarray
+
+
 class _Frame:
-    """One moment, as it was read. layout: what the rows of `core.moment` are about; poses: by body."""
+    """One moment, as it was read. layout: what `moment`, of the core, is about; poses: by body."""
 
     __slots__ = ("bytes", "layout", "moment", "poses", "scalars", "step", "time")
+
+    @property
+    def blocks(self) -> _Blocks:
+        """`moment` as arrays: (k,), (t,), (a, 6), (c, 14) and (l, 2)."""
+        found, start = [], 0
+        for shape in ((-1,), (-1,), (-1, 6), (-1, 14), (-1, 2)):
+            count = int.from_bytes(self.moment[start : start + 4], sys.byteorder)
+            found.append(np.frombuffer(self.moment, np.float32, count, start + 4).reshape(shape))
+            start += 4 + 4 * count
+        return _Blocks(*found)
 
 
 class _Layout(NamedTuple):
@@ -218,8 +239,7 @@ class Recorder(NotCopied):
             self._look()
         frame.layout = self._layout
         frame.poses = self._seen.poses()
-        poses = 8 * sum(map(len, frame.poses.values()))
-        frame.bytes = sum(part.nbytes for part in frame.moment) + poses + _FRAME_BYTES
+        frame.bytes = len(frame.moment) + 8 * sum(map(len, frame.poses.values())) + _FRAME_BYTES
         return frame
 
     def _look(self) -> None:
@@ -323,8 +343,8 @@ def _recording(recorder: Recorder) -> Recording:
 def _tendon_tracks(frames) -> dict[Tendon, TendonTrack]:
     rows: dict[Tendon, list] = {}
     for k, frame in enumerate(frames):
-        shapes = frame.layout.shapes(frame.moment[0].ravel())
-        for (tendon, *_), shape, energy in zip(frame.layout.tendons, shapes, frame.moment[1], strict=True):
+        shapes, energies = frame.layout.shapes(frame.blocks.shapes), frame.blocks.energies
+        for (tendon, *_), shape, energy in zip(frame.layout.tendons, shapes, energies, strict=True):
             rows.setdefault(tendon, []).append((k, *shape, energy))
     return {
         tendon: TendonTrack(tendon.name, tendon.radius, *map(np.array, zip(*of_it, strict=True)))
@@ -333,11 +353,11 @@ def _tendon_tracks(frames) -> dict[Tendon, TendonTrack]:
 
 
 def _contact_table(frames, order: dict[Tendon, int]) -> np.ndarray:
-    counts = [len(frame.moment[3]) for frame in frames]
+    counts = [len(frame.blocks.contacts) for frame in frames]
     table = np.zeros(sum(counts), CONTACTS)
     table["frame"] = np.repeat(np.arange(len(frames)), counts)
     for frame, part in zip(frames, _parts(table, counts), strict=True):
-        rows = frame.moment[3]
+        rows = frame.blocks.contacts
         tendon, segment, _, link, kind = rows[:, :5].astype(int).T
         part["tendon"], part["segment"] = frame.layout.numbers(order)[tendon], segment
         part["bodyUniqueId"], part["linkIndex"] = frame.layout.bodies(link).T
@@ -354,14 +374,15 @@ def _parts(table: np.ndarray, counts: list[int]) -> list[np.ndarray]:
 
 
 def _hold_table(frames, order: dict[Tendon, int]) -> np.ndarray:
-    counts = [len(frame.moment[2]) for frame in frames]
+    counts = [len(frame.blocks.anchors) for frame in frames]
     table = np.zeros(sum(counts), HOLDS)
     table["frame"] = np.repeat(np.arange(len(frames)), counts)
     for frame, part in zip(frames, _parts(table, counts), strict=True):
-        tendon, particle, link = frame.moment[2][:, :3].astype(int).T
+        anchors = frame.blocks.anchors
+        tendon, particle, link = anchors[:, :3].astype(int).T
         part["tendon"], part["particle"] = frame.layout.numbers(order)[tendon], particle
         part["bodyUniqueId"], part["linkIndex"] = frame.layout.bodies(link).T
-        part["force"] = frame.moment[2][:, 3:]
+        part["force"] = anchors[:, 3:]
     return table
 
 
@@ -388,7 +409,7 @@ def _ligament_tracks(frames, links: tuple[LinkTrack, ...]) -> tuple[LigamentTrac
     """Forces as they were read; the lines where the links were."""
     rows: dict[Ligament, list] = {}
     for k, frame in enumerate(frames):
-        for slot, force in frame.moment[4].tolist():
+        for slot, force in frame.blocks.ligaments.tolist():
             rows.setdefault(frame.layout.ligaments[int(slot)], []).append((k, force))
     known = {(track.bodyUniqueId, track.linkIndex): track for track in links}  # a ligament's bodies stay
     tracks = []

@@ -3,8 +3,10 @@
 
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -167,25 +169,17 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                time_budget};
 }
 
-using Floats = py::array_t<float>;
-
-Floats floats_of(const std::vector<float>& values, int columns) {
-  const py::ssize_t rows = static_cast<py::ssize_t>(values.size()) / columns;
-  Floats out({rows, static_cast<py::ssize_t>(columns)});
-  std::copy(values.begin(), values.end(), out.mutable_data());
-  return out;
-}
-
 void append(std::vector<float>& out, Vec3 v) {
   for (double part : {v.x, v.y, v.z}) out.push_back(static_cast<float>(part));
 }
 
-// What a recorder keeps of a moment, for little: of all tendons by slot, positions (n, 3) and tension (n-1),
-// one after the other (1, k); energies (1, tendons); anchors (a, 6): tendon, particle, link (-1: a grip),
-// force; contacts (c, 14), as contacts() has them; and ligaments (l, 2): slot, force.
-py::tuple moment(const World& w) {
-  std::vector<float> shapes, anchors, contacts;
-  std::vector<double> energies, tension;
+// What a recorder keeps of a moment, in one object, which costs least. It has blocks, each the number of its
+// floats (int32) and these (float32): of all tendons by slot, positions (n, 3) and tension (n-1), one after
+// the other; energies (tendons); anchors (a, 6): tendon, particle, link (-1: a grip), force; contacts (c,
+// 14), as contacts() has them; and ligaments (l, 2): slot, force.
+py::bytes moment(const World& w) {
+  std::vector<float> shapes, energies, anchors, contacts, ligaments;
+  std::vector<double> tension;
   shapes.reserve(1024);
   contacts.reserve(1024);
   for (size_t slot = 0; slot < w.scene.tendons.size(); ++slot) {
@@ -194,7 +188,7 @@ py::tuple moment(const World& w) {
     for (int i = 0; i < tendon->x.size(); ++i) append(shapes, tendon->x.at(i));
     tendon->tension(tension);
     shapes.insert(shapes.end(), tension.begin(), tension.end());
-    energies.push_back(tendon->energy());
+    energies.push_back(static_cast<float>(tendon->energy()));
     for (const Anchor& anchor : tendon->anchors) {
       for (int number : {static_cast<int>(slot), anchor.particle, anchor.link})
         anchors.push_back(static_cast<float>(number));
@@ -208,14 +202,17 @@ py::tuple moment(const World& w) {
     append(contacts, c.normal);
     append(contacts, {c.distance, c.normal_force, c.friction_force});
   }
-  std::vector<float> ligaments;
   const auto& all = w.scene.ligaments.all();
   for (size_t slot = 0; slot < all.size(); ++slot)
     if (all[slot])
       ligaments.insert(ligaments.end(), {static_cast<float>(slot), static_cast<float>(all[slot]->force)});
-  const int length = static_cast<int>(shapes.size());
-  return py::make_tuple(floats_of(shapes, length ? length : 1), copy_of(energies), floats_of(anchors, 6),
-                        floats_of(contacts, 14), floats_of(ligaments, 2));
+  std::string out;
+  for (const auto* block : {&shapes, &energies, &anchors, &contacts, &ligaments}) {
+    const auto count = static_cast<int32_t>(block->size());
+    out.append(reinterpret_cast<const char*>(&count), sizeof count);
+    out.append(reinterpret_cast<const char*>(block->data()), block->size() * sizeof(float));
+  }
+  return out;
 }
 
 }  // namespace
