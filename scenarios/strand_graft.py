@@ -12,6 +12,7 @@ import bullet_tendon as bt
 from bullet_tendon import checks
 
 from . import measure
+from .graft_passage import arc_lengths, points_at
 from .knee import INERTIA, KneeRig
 from .reconstruction import FEMORAL, SLOPE, TIBIAL, TOE
 
@@ -94,13 +95,13 @@ class StrandGraft:
         outward = measure.unit(self._ways()[0, 0] - self._ways()[0, 1])
         for strand in self.bundle.strands:
             strand.set_force(-1, HELD_BACK * outward)
-        length = _arc(self._ways().mean(axis=0))[-1]
+        length = arc_lengths(self._ways().mean(axis=0))[-1]
         steps = int(np.ceil(length / (SPEED * self.rig.time_step)))
         for k in range(1, steps + 1):
             ways = self._ways()  # the tibia is free
-            arc = _arc(ways.mean(axis=0))
+            arc = arc_lengths(ways.mean(axis=0))
             for hand, way in zip(hands, ways, strict=True):
-                hand.target = [np.interp(arc[-1] * k / steps, arc, way[:, c]) for c in range(3)]
+                hand.target = points_at(way, arc, arc[-1] * k / steps)
             self.rig.step()
             watch(k / steps)
         for hand in hands:
@@ -166,11 +167,6 @@ def come_to_rest(rig: KneeRig) -> bool:
                 return True
         last, total = total, 0.0
     return False
-
-
-def _arc(way) -> np.ndarray:
-    """(m,) arc length of each point of a polyline (m, 3) [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
 
 
 def _nearest(strand, point) -> int:
