@@ -69,7 +69,7 @@ class KneeTask(Task):
         way = flexion - self.flexion
         count = max(1, int(np.ceil(abs(way) / INCREMENT - 1e-9)))
         for k in range(1, count + 1):
-            self.rig.flex(self.flexion + way * k / count, increment=np.pi)
+            self.rig.turn(self.flexion + way * k / count)
             rests = self.rig.settle(max_steps=MOST_STEPS)
         self.flexion = flexion
         return rests
