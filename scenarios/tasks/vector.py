@@ -62,7 +62,8 @@ class TaskVector(gymnasium.vector.VectorEnv):
             for part in self._slices
         ]
         if processes > 1:
-            self._shares = [RemoteShare(multiprocessing.get_context(context), s) for s in self._shares]
+            start = multiprocessing.get_context(context)
+            self._shares = [RemoteShare(start, share) for share in self._shares]
         try:
             spaces = self._ask("build")[0]
         except BaseException:
