@@ -101,3 +101,59 @@ def test_a_single_blow_is_not_taken_for_a_lasting_push(make_world, client, gravi
         world.step()
         off.append(misfit(t, tie, client))
     assert max(off) <= 1e-3 * thrown
+
+
+SLIDER = """<robot name="slider"><link name="base"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="carriage"><inertial><mass value="2"/>
+<inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="rail" type="prismatic"><parent link="base"/><child link="carriage"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" velocity="100"/></joint></robot>"""
+
+
+def slider(client, folder):
+    (folder / "slider.urdf").write_text(SLIDER)
+    body = p.loadURDF(str(folder / "slider.urdf"), useFixedBase=True, physicsClientId=client)
+    p.changeDynamics(body, 0, **UNDAMPED, jointDamping=0, physicsClientId=client)
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    return body, 0
+
+
+@pytest.mark.parametrize("line", ["tendon", "ligament"])
+@pytest.mark.parametrize("kind", ["free", "articulated"])
+@pytest.mark.parametrize("loaded_by", ["gravity", "force"])
+def test_a_weight_in_balance_hangs_still_in_steps_that_are_divided(
+    make_world, client, tmp_path, line, kind, loaded_by
+):
+    """A fast tendon elsewhere has the steps divided. What holds the weight carries exactly its load."""
+    mass, pull = 2.0, 19.62
+    world = make_world(DT, gravity=(0, 0, -pull / mass if loaded_by == "gravity" else 0))
+    body, link = (
+        slider(client, tmp_path) if kind == "articulated" else (off_centre(client, mass, (0, 0, 0)), -1)
+    )
+    if line == "tendon":
+        cord = world.add_tendon([[0, 0, 0.2], [0, 0, 0]], 0.002, CORD, 4)
+        cord.grip(0)
+        tie = cord.attach(-1, body, link, (0, 0, 0))
+    else:
+        post = p.createMultiBody(0, basePosition=(0, 0, 0.2), physicsClientId=client)
+        law = bt.Material.ligament(3e3, 0.06)
+        cord = world.add_ligament([(post, -1, (0, 0, 0)), (body, link, (0, 0, 0))], law, 0.2)
+    load = [(body, link, (0, 0, -pull), (0, 0, 0), p.LINK_FRAME)] if loaded_by == "force" else []
+    world.relax(1e-9, bodies=[body], forces=load)
+    half = [0.1, 0.1, 1e-3]
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, -1, (1, 0, 0), physicsClientId=client), friction=0.0)
+    shot = world.add_tendon([[1, 0, 0.006], [1.03, 0, 0.006]], 0.002, CORD, 4)
+    for _ in range(12):
+        place = [[1 + 0.01 * k, 0, 0.006] for k in range(4)]
+        shot.set_positions(place, np.tile([0, 0, -20.0], (4, 1)))
+        for told in load:
+            world.apply_external_force(*told)
+        world.step()
+        assert world.report.counts["substeps"] > 1
+        held = tie.force[2] if line == "tendon" else cord.force
+        assert held == pytest.approx(pull, rel=1e-6)
+        state = p.getLinkState(body, 0, 1, physicsClientId=client)[6] if link == 0 else None
+        velocity = p.getBaseVelocity(body, client)[0] if state is None else state
+        assert np.abs(velocity).max() <= 1e-7

@@ -112,14 +112,28 @@ void GeneralizedBody::act(double dt, bool whole) {
   observer.act(forces, work_.known, dt);
 }
 
-void GeneralizedBody::push(const Numbers& impulse) {
-  for (int i = 0; i < n(); ++i) pushed_[i] += impulse[i];
-  push_by(impulse);
+void GeneralizedBody::begin_step() {
+  pushed_.assign(n(), 0.0);
+  in_substep_.clear();
 }
 
-void GeneralizedBody::push_by(const Numbers& impulse) {
-  dense::respond(root, impulse, work_.half, work_.known);
-  for (int i = 0; i < n(); ++i) change[i] += work_.known[i];
+void GeneralizedBody::push(const Numbers& impulse, double h) {
+  in_substep_ = impulse;
+  for (int i = 0; i < n(); ++i) {
+    pushed_[i] += impulse[i];
+    in_substep_[i] /= h;
+  }
+}
+
+// What else acts does so evenly over the step, as the tendons do: what is in balance does not move.
+void GeneralizedBody::begin_substep(double before, double at_end) {
+  changed.assign(n(), 0.0);
+  if (dense::dot(pushed_, pushed_) > 0) dense::respond(root, pushed_, work_.half, changed);
+  changes_to = changed;
+  for (int i = 0; i < n(); ++i) {
+    changed[i] += before * change[i];
+    changes_to[i] += at_end * change[i];
+  }
 }
 
 }  // namespace bt

@@ -83,7 +83,10 @@ struct GeneralizedBody {
   Observer observer;
   BodyHistory history;
   Numbers root;    // E, reduced by the stops that act in this step
-  Numbers change;  // predicted change of the rates in this step, by all but the tendons and by past substeps
+  Numbers change;  // predicted change of the rates in the whole step, by all but the tendons
+  // Change of the rates since the step began, at the start and at the end of the substep, without the forces
+  // of the tendons in it (begin_substep).
+  Numbers changed, changes_to;
   Numbers forces;  // generalized forces of the tendons in this step
   BodyTurning turning;
   int touches = 0;          // number of attachments and contacts of tendons
@@ -128,8 +131,14 @@ struct GeneralizedBody {
   // Determines the stops that act under these forces of the tendons. Returns whether they are other ones than
   // before.
   bool settle_stops(const Numbers& forces, double dt);
-  // Applies a generalized impulse.
-  void push(const Numbers& impulse);
+  // Forgets the substeps.
+  void begin_step();
+  // Sets `changed` and `changes_to`. before, at_end: shares of the step that are over then [-].
+  void begin_substep(double before, double at_end);
+  // Adds the generalized impulse of a substep of h [s].
+  void push(const Numbers& impulse, double h);
+  // Generalized forces of the tendons in the last substep, or in the last step; empty: not known.
+  const Numbers& last_forces() const { return in_substep_.empty() ? observer.forces() : in_substep_; }
 
  private:
   // Largest change in a sweep over the stops: of a rate [m/s], [rad/s], and as a share of the rates involved.
@@ -158,7 +167,6 @@ struct GeneralizedBody {
   bool choose_stops(const Numbers& forces, double dt);
   void stop();
   void take_away();
-  void push_by(const Numbers& impulse);
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   Numbers stopped_by_;     // acceleration by pybullet's stops in the last step
   std::vector<Stop> stops_;
@@ -166,6 +174,7 @@ struct GeneralizedBody {
   Numbers pushes_;        // lambda of all stops, of the last evaluation
   Numbers unstopped_;     // change without stops and without tendons
   Numbers pushed_;        // impulses of the tendons in past substeps
+  Numbers in_substep_;    // generalized forces of the tendons in the last substep; empty: it is the first
   Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
   bool rested_ = false;   // contacts stopped it in the last step
   bool slipped_ = false;  // it passed through contacts

@@ -20,30 +20,47 @@ Twist times(const dense::Numbers& a, const dense::Numbers& x) {
 
 }  // namespace
 
-void Link::follow(const GeneralizedBody& m) {
-  const dense::Numbers& d = m.change;
+Twist Link::rates_after(const dense::Numbers& d) const {
   const Twist more = jacobian.empty() ? Twist{{d[0], d[1], d[2]}, {d[3], d[4], d[5]}} : times(jacobian, d);
-  velocity = now_velocity + more.linear;
-  spin = now_spin + more.angular;
+  return {now_velocity + more.linear, now_spin + more.angular};
+}
+
+// pybullet moves a link by the length of a step times its velocity v at the end. If the step ended at the
+// time t, the link would have moved by t v(t). In a substep it moves by t1 v1 - t0 v0.
+void Link::begin_substep(const GeneralizedBody* m, double before, double at_end) {
+  Twist start{velocity, spin};
+  if (m) {
+    start = rates_after(m->changed);
+    const Twist end = rates_after(m->changes_to);
+    const double late = before / (at_end - before);
+    velocity = end.linear + late * (end.linear - start.linear);
+    spin = end.angular + late * (end.angular - start.angular);
+  }
+  turned = {};
+  turned.begun = before * start.angular;
+  turned.more = (at_end - before) * spin;
 }
 
 void Link::go_with(const GeneralizedBody& m) {
-  follow(m);
+  const Twist end = rates_after(m.change);
+  velocity = end.linear;
+  spin = end.angular;
   if (jacobian.empty())
     root = m.root;
   else
     dense::product(m.n(), jacobian, m.root, root);
 }
 
-void Link::advance_to(double time) {
+void Link::advance_to(const GeneralizedBody* m, double time) {
   const Vec3 arm = transposed_times(start_pose.rotation, start_pose.origin - start_centre);
-  const double angle = time * norm(spin);
+  const Twist rates = m ? rates_after(m->changes_to) : Twist{velocity, spin};
+  const double angle = time * norm(rates.angular);
   pose.rotation = start_pose.rotation;
   if (angle > 0 && jacobian.empty())
-    pose.rotation = rotation_of_step(time * spin) * pose.rotation;
+    pose.rotation = rotation_of_step(time * rates.angular) * pose.rotation;
   else if (angle > 0)
-    pose.rotation = rotation_about(unit_or(spin, {0, 0, 1}), angle) * pose.rotation;
-  centre = start_centre + time * velocity;
+    pose.rotation = rotation_about(unit_or(rates.angular, {0, 0, 1}), angle) * pose.rotation;
+  centre = start_centre + time * rates.linear;
   pose.origin = centre + pose.rotation * arm;
 }
 
@@ -76,7 +93,7 @@ Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.ra
 
 Twist Link::response(const GeneralizedBody& m) const {
   dense::Numbers y;
-  dense::multiply_transposed(m.root, m.observer.forces(), y);
+  dense::multiply_transposed(m.root, m.last_forces(), y);
   return times(root, y);
 }
 

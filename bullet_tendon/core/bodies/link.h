@@ -32,17 +32,18 @@ struct Link {
   Pose start_pose;  // pose and centre at the start of the step
   Vec3 start_centre;
   Vec3 now_velocity, now_spin;  // at the start of the step [m/s], [rad/s]
-  Vec3 velocity, spin;          // predicted for the end of the step, without the tendons [m/s], [rad/s]
-  Vec3 curving;                 // acceleration of its centre of mass by its joints' present rates [m/s^2]
-  int body = -1;                // -1: tendons do not move it
-  bool yielded = false;         // tendons could move it in the last step
-  bool moved = false;           // its pose has changed, or it has a velocity, since the last step began
-  dense::Numbers jacobian;      // J (6 n); empty: the identity, of a free rigid body
-  dense::Numbers root;          // J E (6 n)
-  Wrench wrench;                // of the tendons in the finished substeps, averaged over the step
-  Wrench part;                  // contribution of the substep that was solved last
-  Wrench solved;                // mean in the last substep that converged
-  Wrench correction;            // of an iterate that is not a solution (solver/body_schur.h)
+  // Mean in the substep, without the forces of the tendons in it [m/s], [rad/s].
+  Vec3 velocity, spin;
+  Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
+  int body = -1;            // -1: tendons do not move it
+  bool yielded = false;     // tendons could move it in the last step
+  bool moved = false;       // its pose has changed, or it has a velocity, since the last step began
+  dense::Numbers jacobian;  // J (6 n); empty: the identity, of a free rigid body
+  dense::Numbers root;      // J E (6 n)
+  Wrench wrench;            // of the tendons in the finished substeps, averaged over the step
+  Wrench part;              // contribution of the substep that was solved last
+  Wrench solved;            // mean in the last substep that converged
+  Wrench correction;        // of an iterate that is not a solution (solver/body_schur.h)
   // In a solution with unknowns of its body:
   dense::Numbers reached;  // J E Q (6 freedom)
   // Displacement by the unknowns, displacement by their last change, wrench of the residual.
@@ -53,9 +54,9 @@ struct Link {
   bool rests() const { return !yields() && norm(now_velocity) == 0 && norm(now_spin) == 0; }
   // Updates `moved`. Call it after the link was read and before start_pose is set.
   void note_motion();
-  // Sets velocity and spin by the predicted change of the body's rates.
-  void follow(const GeneralizedBody& m);
-  // The same, and sets `root`.
+  // Sets velocity, spin and what it has turned, in a substep between these times since the step began [s].
+  void begin_substep(const GeneralizedBody* m, double before, double at_end);
+  // Sets velocity and spin to those predicted for the end of the step, and `root`.
   void go_with(const GeneralizedBody& m);
   // J E Q, or with the angular part of theta if the link rotates far.
   const dense::Numbers& through() const { return turned.far ? root : reached; }
@@ -64,8 +65,10 @@ struct Link {
   // Derivative of the displacement of the point at the arm, along one axis of space, by the body's
   // coordinates y (n), without s.
   dense::Numbers motion_of(int direction, Vec3 arm) const;
-  // Sets the pose at `time` [s] after the start of the step, with the predicted velocity and spin.
-  void advance_to(double time);
+  // Sets the pose to that at the end of the substep, `time` [s] after the start of the step.
+  void advance_to(const GeneralizedBody* m, double time);
+  // Velocity and spin after a change of the body's rates.
+  Twist rates_after(const dense::Numbers& change) const;
   // Where a frame that is fixed to the link is after dt, without the tendons.
   Pose ahead(const Pose& frame, double dt) const {
     const Rot3 turn = rotation_about(unit_or(spin, {0, 0, 1}), dt * norm(spin));
@@ -94,7 +97,7 @@ struct Link {
   Vec3 displaced(Vec3 arm) const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
-  // Acceleration by the generalized forces of the last step.
+  // Acceleration by the last generalized forces of the tendons.
   Twist response(const GeneralizedBody& m) const;
   // Twist by the unknowns, or by their change, divided by s.
   Twist twist_of(const dense::Numbers& y) const;

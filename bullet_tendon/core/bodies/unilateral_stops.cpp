@@ -147,7 +147,7 @@ void GeneralizedBody::find_stops(double dt) {
   work_.through.clear();
   work_.within.clear();
   unstopped_ = change;
-  pushed_.assign(n(), 0.0);
+  begin_step();
   doubted_.resize(n());
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
@@ -251,7 +251,6 @@ const GeneralizedBody::Numbers& GeneralizedBody::rates_with(const Numbers& by_ro
 // stopped would move it, free, by far more than they last.
 void GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   work_.direction = forces;
-  for (int i = 0; i < n(); ++i) work_.direction[i] -= pushed_[i] / dt;
   const Numbers& reached = rates_with(root, change, dt);
   for (size_t a = 0; a < stops_.size(); ++a)
     stops_[a].admitted = stops_[a].wanted > -kFastest || stops_[a].acts || rate_along(a, reached) < -kFastest;
@@ -324,7 +323,6 @@ void GeneralizedBody::stop() {
   for (const Stop& s : stops_)
     if (s.acts) work_.missing.push_back(s.missing);
   if (!work_.missing.empty()) take_away();
-  if (dense::dot(pushed_, pushed_) > 0) push_by(pushed_);
 }
 
 // Collects S E in work_.half and S R S^T in work_.within_acting, of the active stops.

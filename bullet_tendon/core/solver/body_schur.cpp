@@ -79,14 +79,14 @@ void place(Island& island) {
   });
 }
 
-// The generalized forces of the last step are the first guess for this step.
+// The last generalized forces are the first guess.
 void guess(const Island& island, GeneralizedBody& m) {
   m.unknowns.y.assign(m.unknowns.freedom, 0.0);
   m.unknowns.dy.assign(m.unknowns.freedom, 0.0);
   m.unknowns.residual.assign(m.unknowns.freedom, 0.0);
-  if (static_cast<int>(m.observer.forces().size()) != m.n()) return;
+  if (static_cast<int>(m.last_forces().size()) != m.n()) return;
   dense::Numbers all;
-  dense::multiply_transposed(m.root, m.observer.forces(), all);
+  dense::multiply_transposed(m.root, m.last_forces(), all);
   if (m.unknowns.freedom == m.n())
     m.unknowns.y = all;
   else

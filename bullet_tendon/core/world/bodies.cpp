@@ -240,13 +240,29 @@ void World::act_on_bodies() {
     if (m.n() > 0) m.act(step_.substeps.step(), step_.substeps.taken() == 1);
 }
 
-// Adds the impulse of the solved substep to the bodies' rates for the following substeps.
+// The body of a link that tendons move, else null.
+const GeneralizedBody* World::body_of(const Link& l) const {
+  return l.yields() ? &scene.bodies[l.body] : nullptr;
+}
+
+// Predicts the bodies and their links in the substep, without its forces of the tendons.
+void World::lead_bodies() {
+  for (GeneralizedBody& m : scene.bodies)
+    if (m.n() > 0 && !step_.whole)
+      m.begin_substep(step_.substeps.share_before(), step_.substeps.share_at_end());
+  const double end = step_.substeps.end();
+  for (Link& l : scene.links) l.begin_substep(body_of(l), end - step_.context.dt, end);
+}
+
+// Adds the impulse of the solved substep to the bodies' rates, and moves their links to its end.
 void World::push_bodies() {
   sum_forces(step_.substeps.step(), [](const Link& l) { return l.part; });
-  for (GeneralizedBody& m : scene.bodies)
-    if (m.n() > 0) m.push(m.forces);
-  for (Link& l : scene.links)
-    if (l.yields()) l.follow(scene.bodies[l.body]);
+  for (GeneralizedBody& m : scene.bodies) {
+    if (m.n() == 0 || step_.whole) continue;
+    m.push(m.forces, step_.context.dt);
+    m.begin_substep(step_.substeps.share_before(), step_.substeps.share_at_end());
+  }
+  for (Link& l : scene.links) l.advance_to(body_of(l), step_.substeps.end());
 }
 
 void World::sense(double dt, Vec3 gravity, bool held) {

@@ -159,9 +159,11 @@ void World::limit_motion_of_cartilage() {
   }
 }
 
-// Of a body that elements hold, the generalized forces of the last step.
-bool World::knows_last_forces(const GeneralizedBody& m) {
-  return m.turning.elements && static_cast<int>(m.observer.forces().size()) == m.n();
+// Of a body that elements hold, the generalized forces of the last step; in a step that is divided, those of
+// the last substep.
+bool World::knows_last_forces(const GeneralizedBody& m) const {
+  const bool continues = m.turning.elements || step_.substeps.taken() > 0;
+  return continues && static_cast<int>(m.last_forces().size()) == m.n();
 }
 
 void World::accept_elements() {

@@ -6,12 +6,12 @@
 // Contacts that exist in both detections keep their multipliers, and the solution is the starting guess. The
 // new region includes the active contacts of the solution, so that two detections cannot alternate.
 //
-// Each substep is a complete implicit step with its own contacts. Links move with their predicted velocities
-// and with the velocities that earlier substeps added, both from the start of the step: pybullet moves a link
-// by the step length times its velocity at the end of the step. The wrenches on links are averaged over the
-// substeps, so that impulses are exact. A penetration depth at the start of a substep is corrected in
-// proportion to the substep's share of the remaining step. Otherwise a short substep would turn the depth
-// into a very large velocity.
+// Each substep is a complete implicit step with its own contacts. A link is where pybullet would have it if
+// the step ended with the substep: at the time since the step began, times its velocity. Known forces and
+// those of earlier substeps have changed that velocity in proportion to their time. The wrenches on links are
+// averaged over the substeps, so that impulses are exact. A penetration depth at the start of a substep is
+// corrected in proportion to the substep's share of the remaining step. Otherwise a short substep would turn
+// the depth into a very large velocity.
 //
 // When a substep is solved again, only the multipliers are restored. The state changes only in take_substep.
 #include <algorithm>
@@ -92,7 +92,10 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.slots.clear();
   for (Link& l : scene.links) l.wrench = {};
   history_.may_resolve = !whole && any_moved();
-  for (GeneralizedBody& m : scene.bodies) m.turning.far = m.turning.elements = false;
+  for (GeneralizedBody& m : scene.bodies) {
+    m.turning.far = m.turning.elements = false;
+    m.begin_step();
+  }
   if (history_.may_resolve) {
     history_.start->sensed_links = scene.links;
     history_.start->sensed_bodies = scene.bodies;
@@ -120,11 +123,7 @@ void World::predict() {
   find_point_masses();
   for (GeneralizedBody& m : scene.bodies) m.unknowns.y.clear();
   step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
-  for (Link& l : scene.links) {
-    l.turned = {};
-    l.turned.begun = (step_.substeps.end() - step_.context.dt) * l.spin;
-    l.turned.more = step_.context.dt * l.spin;
-  }
+  lead_bodies();
   for (Tendon* c : step_.slots) {
     if (!c) continue;
     aim_attachments(*c);
@@ -314,7 +313,6 @@ void World::take_substep() {
   if (after_substep) after_substep();
   if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();
-  for (Link& l : scene.links) l.advance_to(step_.substeps.end());
   step_.substeps.accept();
   for (Tendon* c : step_.slots)
     if (c) c->keep_multipliers(c->start_multipliers);
@@ -350,8 +348,9 @@ void World::finish_step_of_world() {
   fall_asleep();
 }
 
-// Predicts particles on bodies with elements where these are under the forces of the last step, which are
-// also the first guess of the solution (solver/body_schur.cpp): elements hold a loaded body.
+// Predicts particles on bodies where these are under the last forces, if these are known well: elements hold
+// a loaded body, and forces go on from substep to substep. They are also the first guess of the solution
+// (solver/body_schur.cpp).
 void World::expect_carried(Tendon& c) {
   for (const Anchor& h : c.anchors) {
     if (!h.moves) continue;

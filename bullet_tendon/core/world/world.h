@@ -246,6 +246,8 @@ class World {
   // Predicts the motion of a body, and of its links, in this step.
   void predict(int body);
   void lead_links(int body);
+  const GeneralizedBody* body_of(const Link& l) const;
+  void lead_bodies();
   // Restarts two-step methods in all tendons, because the motion of a link is discontinuous. All restart,
   // because tendons that exert forces on each other must have the same step weight.
   void interrupt();
@@ -356,7 +358,7 @@ class World {
   void list_elements(IslandElements& elements);
   void accept_elements();
   void limit_motion_of_cartilage();
-  static bool knows_last_forces(const GeneralizedBody& m);
+  bool knows_last_forces(const GeneralizedBody& m) const;
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
