@@ -227,7 +227,7 @@ class Bodies:
             if torque is not None:
                 p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
         for body in self._generalized():
-            body.apply_limits(self._core)
+            body.apply_joint_forces(self._core)
 
     def apply_external_force(self, body: int, link: int, force, point, in_link: bool) -> None:
         """Put a force [N] of the user on a link for pybullet's next step, and tell the next reads of it.

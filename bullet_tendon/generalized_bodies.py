@@ -80,8 +80,11 @@ class RigidBody:
         """Its motion right after pybullet's step; whether it seems to have been released."""
         return core.sample_link(self.slot, read_link(self.body, self.link, self.client)[2])
 
-    def apply_limits(self, core) -> None:
-        """It has no joints."""
+    def apply_joint_forces(self, core) -> None:
+        """It has no joints. Put on it what the gyroscopic torque lacks."""
+        torque = core.free_torque(self.slot)
+        if any(torque):
+            p.applyExternalTorque(self.body, self.link, torque, p.WORLD_FRAME, self.client)
 
     def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user at a world point, once the body was read."""
@@ -141,11 +144,13 @@ class JointedBody:
         motion = p.getBaseVelocity(body, client)
         return core.sample_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
 
-    def apply_limits(self, core) -> None:
-        """Stop joints at limits that they would pass in this step: pybullet acts on them only behind."""
+    def apply_joint_forces(self, core) -> None:
+        """Put on joints what stops them at limits in this step, and what the forces of the motion lack."""
         frame, client = p.WORLD_FRAME, self.client
-        for link, parent, force, point, torque in core.limit_forces(self.slot, self._tree):
+        for link, parent, force, point, torque in core.joint_forces(self.slot, self._tree):
             for on, sign in ((link, 1), (parent, -1)):
+                if on < -1:  # the world, of which a floating base has its freedom
+                    continue
                 p.applyExternalForce(self.body, on, [sign * f for f in force], point, frame, client)
                 p.applyExternalTorque(self.body, on, [sign * t for t in torque], frame, client)
         for joint, change in core.limit_shifts(self.slot, self._tree):

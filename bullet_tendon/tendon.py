@@ -137,7 +137,7 @@ class Tendon(NotCopied):
 
     @property
     def energy(self) -> float:
-        """Elastic and kinetic energy [J]; of what relaxes, that of the tensions that are left."""
+        """Elastic energy, and kinetic energy of `velocities` [J]; of what relaxes, that of what is left."""
         return self._core.energy(self._alive())
 
     @property

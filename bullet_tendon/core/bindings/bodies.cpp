@@ -48,6 +48,7 @@ bool is_finite(const World& w, int slot) {
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
   const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
+  const Vec3 before = m.rates.size() == 6 ? Vec3{m.rates[3], m.rates[4], m.rates[5]} : w;
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.external.clear();
   m.history.possible = falls;
@@ -62,10 +63,13 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
                           {turning.xy, turning.yy, turning.yz},
                           {turning.xz, turning.yz, turning.zz}};
   m.by_motion.assign(6, 0.0);
+  m.motion_shift.clear();
   if (falls && inertia.x > 0 && inertia.y > 0 && inertia.z > 0) {  // the gyroscopic torque
     const Sym3 moments = inertia.x * outer(axes.r0) + inertia.y * outer(axes.r1) + inertia.z * outer(axes.r2);
     const Vec3 gyroscopic = -(turning * cross(w, moments * w));
     m.by_motion = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
+    const Vec3 now = 1.5 * w - 0.5 * before, shift = cross(w, moments * w) - cross(now, moments * now);
+    m.motion_shift = {0, 0, 0, shift.x, shift.y, shift.z};
   }
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
@@ -203,9 +207,23 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
+// Sets what the forces of the motion at the velocity now differ by from those at the mean velocity of the
+// last step. before: that of the step before it (dofs). Damping of joints stays explicit.
+void find_motion_shift(GeneralizedBody& m, const Articulated& body, const dense::Numbers& before) {
+  const std::size_t n = m.rates.size();
+  m.motion_shift.assign(n, 0.0);
+  if (before.size() != n) return;
+  dense::Numbers now(n), behind(n);
+  for (std::size_t i = 0; i < n; ++i) now[i] = 1.5 * m.rates[i] - 0.5 * before[i];
+  body.inertial_force(now.data(), m.motion_shift.data());
+  body.inertial_force(m.rates.data(), behind.data());
+  for (std::size_t i = 0; i < n; ++i) m.motion_shift[i] -= behind[i];
+}
+
 void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
+  const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
   place(body, reading, places);
   body.mass_matrix(mass.data());
@@ -221,6 +239,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   body.velocity_force(m.rates.data(), moving.data());
   dense::multiply(m.free, moving, m.by_motion);
   body.limits(places.data(), m.limits);
+  find_motion_shift(m, body, before);
 }
 
 // Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
@@ -248,7 +267,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
   m.external.clear();
-  m.history.possible = false;
+  m.history.possible = true;
   read_dynamics(m, body, reading);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
@@ -261,11 +280,9 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
     set_motion(l, body, reading, m.rates);
   }
-  if (w.scene.has_elements()) {
-    std::vector<Vec3> curvings;
-    body.curvings(m.rates.data(), curvings);
-    for (std::size_t i = 0; i < slots.size(); ++i) w.scene.links[slots[i]].curving = curvings[links[i]];
-  }
+  std::vector<Vec3> curvings;
+  body.curvings(m.rates.data(), curvings);
+  for (std::size_t i = 0; i < slots.size(); ++i) w.scene.links[slots[i]].curving = curvings[links[i]];
   return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 
@@ -431,10 +448,15 @@ void bind_world_bodies(GuardedWorld& world) {
                  free.push_back(static_cast<int>(i));
              return free;
            })
-      .def("limit_forces",
+      .def("free_torque",
+           [](const World& w, int body) {
+             const dense::Numbers& forces = w.scene.bodies[body].joint_forces;
+             return forces.size() < 6 ? tuple(Vec3{}) : py::make_tuple(forces[3], forces[4], forces[5]);
+           })
+      .def("joint_forces",
            [](const World& w, int body, const Articulated& tree) {
              py::list out;
-             const dense::Numbers& forces = w.scene.bodies[body].limit_forces;
+             const dense::Numbers& forces = w.scene.bodies[body].joint_forces;
              for (size_t dof = 0; dof < forces.size(); ++dof) {
                if (forces[dof] == 0) continue;
                const Articulated::JointForce f = tree.force_of(static_cast<int>(dof), forces[dof]);

@@ -152,7 +152,12 @@ std::vector<Articulated::Motion> Articulated::motions_at(const double* rates) co
 }
 
 void Articulated::velocity_force(const double* rates, double* out) const {
-  for (int k = 0; k < dofs(); ++k) out[k] = -twists_[k].damping * rates[k];
+  inertial_force(rates, out);
+  for (int k = 0; k < dofs(); ++k) out[k] -= twists_[k].damping * rates[k];
+}
+
+void Articulated::inertial_force(const double* rates, double* out) const {
+  std::fill(out, out + dofs(), 0.0);
   const std::vector<Motion> motions = motions_at(rates);
   for (size_t l = 0; l < links_.size(); ++l) {
     const Placed& link = links_[l];
@@ -190,6 +195,7 @@ void Articulated::limits(const double* places, std::vector<double>& out) const {
 Articulated::JointForce Articulated::force_of(int dof, double amount) const {
   const Twist& t = twists_[dof];
   const Vec3 linear = t.slides ? t.velocity : Vec3{};
+  if (t.carried == 0) return {0, -1, amount * linear, base_at_, amount * t.spin};
   return {t.carried, joints_[t.carried - 1].parent, amount * linear, base_at_ + links_[t.carried].joint,
           amount * t.spin};
 }

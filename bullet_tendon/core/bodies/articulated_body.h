@@ -49,17 +49,19 @@ class Articulated {
   void weight(double* out) const;
   // out (dofs, dofs): the sum of J^T diag(m 1, I) J over the links.
   void mass_matrix(double* out) const;
-  // rates (dofs). out (dofs): the generalized force that the motion causes by itself: minus the velocity
-  // terms sum J^T (m a, I dw/dt + w x I w) at constant rates (Featherstone 2008, section 5.3: centrifugal,
-  // Coriolis and gyroscopic), minus the damping of the joints, explicit as pybullet applies it.
+  // rates (dofs). out (dofs): minus the velocity terms sum J^T (m a, I dw/dt + w x I w) at constant rates
+  // (Featherstone 2008, section 5.3: centrifugal, Coriolis and gyroscopic).
+  void inertial_force(const double* rates, double* out) const;
+  // The generalized force that the motion causes by itself: the same, minus the damping of the joints,
+  // explicit as pybullet applies it.
   void velocity_force(const double* rates, double* out) const;
   // out, by link: acceleration of its centre of mass at constant rates [m/s^2].
   void curvings(const double* rates, std::vector<Vec3>& out) const;
   // out: coordinate, side and depth (bodies/body_response.h) of both limits of all joints. places: as in
   // `place`.
   void limits(const double* places, std::vector<double>& out) const;
-  // What acts on a link at a point, and reversed on its parent, if a force or torque acts on the degree of
-  // freedom of a hinge or slider.
+  // What acts on a link at a point, and reversed on its parent, if a force or torque acts on a degree of
+  // freedom. parent -1: of a floating base.
   struct JointForce {
     int link, parent;
     Vec3 force, point, torque;

@@ -1,7 +1,6 @@
 #include "bodies/body_history.h"
 
 #include <algorithm>
-#include <cstddef>
 
 #include "bodies/body_response.h"
 
@@ -17,40 +16,41 @@ constexpr double kSuddenly = 0.3;
 }  // namespace
 
 void BodyHistory::forget() {
-  mean.clear();
   known.clear();
-  applied.clear();
-  given.clear();
   dt = 0;
-  smooth = admitted = continues = false;
+  smooth = able = admitted = continues = false;
 }
 
 void BodyHistory::begin(double step, bool whole) {
   admitted = whole;
   continues = whole && smooth && dt == step;
-  given.clear();
-  if (!continues) return;
-  given.resize(mean.size());
-  for (std::size_t i = 0; i < mean.size(); ++i) given[i] = 2.0 / 9 * mean[i] + steady_share / 3 * applied[i];
 }
 
-void BodyHistory::finish(const Numbers& forces, double step, bool whole) {
-  mean = forces;
-  for (std::size_t i = 0; continues && i < mean.size(); ++i)
-    mean[i] = 1.5 * forces[i] - 0.5 * steady_share * applied[i];
-  applied = forces;
+void BodyHistory::finish(double step, bool whole) {
   steady_share = 1;
   dt = whole ? step : 0;
 }
 
-void GeneralizedBody::continue_history(double dt, Vec3 gravity, bool whole) {
-  if (!history.possible || may_stop() || observer.held() || observer.is_surprised(unforced()))
-    return history.forget();
-  predict(dt, gravity);
-  history.smooth &= !is_jerked();
+bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
+  if (!history.asked) {
+    const bool stopped = limits.empty() ? may_stop() : is_stopped();
+    history.able = history.possible && !stopped && !observer.held() && !observer.is_surprised(unforced());
+    history.smooth &= history.able && !is_jerked();
+    history.asked = true;
+  }
+  if (history.continues) predict(dt, gravity);  // without what its history gave
+  if (!history.able) {
+    history.forget();
+    return false;
+  }
   history.begin(dt, whole);
-  if (!history.continues) return;
-  dense::respond(root, history.given, work_.half, work_.known);
+  return history.continues;
+}
+
+void GeneralizedBody::continue_history(const Numbers& given, double dt) {
+  work_.missing = given;
+  for (int i = 0; i < n() && !motion_shift.empty(); ++i) work_.missing[i] += motion_shift[i];
+  dense::respond(root, work_.missing, work_.half, work_.known);
   for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   for (double& e : root) e *= history.share();
 }
@@ -63,6 +63,7 @@ double GeneralizedBody::energy_of(const Numbers& acceleration) {
 
 GeneralizedBody::Numbers GeneralizedBody::known_acceleration() {
   Numbers acceleration = known_in_step_;
+  for (int i = 0; i < n() && by_motion.size() == acceleration.size(); ++i) acceleration[i] -= by_motion[i];
   if (!external.empty()) {
     dense::multiply(free, external, work_.known);
     for (int i = 0; i < n(); ++i) acceleration[i] += work_.known[i];

@@ -99,15 +99,17 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
 }
 
 void GeneralizedBody::act(double dt, bool whole) {
-  if (history.admitted && history.coupled)
-    history.finish(forces, dt, whole);
-  else
-    history.forget();
   stopped_by_.assign(n(), 0.0);
-  limit_forces.assign(n(), 0.0);
+  joint_forces.assign(n(), 0.0);
   limit_shifts.clear();
   if (is_stopped()) share_stops(dt);
-  work_.known = limit_forces;
+  if (history.continues && !motion_shift.empty())
+    for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
+  if (history.admitted && history.coupled && !is_stopped())
+    history.finish(dt, whole);
+  else
+    history.forget();
+  work_.known = joint_forces;
   for (int i = 0; i < n() && !external.empty(); ++i) work_.known[i] += external[i];
   observer.act(forces, work_.known, dt);
 }

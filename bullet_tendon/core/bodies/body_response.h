@@ -72,8 +72,13 @@ struct GeneralizedBody {
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
   // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
   Numbers by_motion;
-  Numbers limits;        // (coordinate, side, depth) of every limit; side 1: it pushes upwards
-  Numbers limit_forces;  // generalized, of limits that joints would pass in this step (n)
+  // Generalized forces of its motion at the velocity at the start of the step, less those at the mean
+  // velocity of the last step, which pybullet applies (n); empty: not known.
+  Numbers motion_shift;
+  Numbers limits;  // (coordinate, side, depth) of every limit; side 1: it pushes upwards
+  // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
+  // pass in this step, and of motion_shift.
+  Numbers joint_forces;
   // Coordinate and change of every joint that is moved to just behind its limit before this step.
   std::vector<std::pair<int, double>> limit_shifts;
   Numbers external;  // generalized forces that the user has told for this step (n); empty: none
@@ -113,13 +118,15 @@ struct GeneralizedBody {
   void add_external(const Numbers& force);
   // Predicts its motion in the step.
   void predict(double dt, Vec3 gravity);
-  // Determines whether it continues by BDF2 in a step that may be `whole`, not divided, and what its history
-  // gives to the prediction. E is then scaled by b/dt, because the end forces act by b^2.
-  void continue_history(double dt, Vec3 gravity, bool whole);
+  // Determines whether it continues by BDF2 in a step that may be `whole`, not divided.
+  bool begin_history(double dt, Vec3 gravity, bool whole);
+  // Adds what its history gives (generalized force) to the prediction. E is scaled by b/dt, because the end
+  // forces act by b^2.
+  void continue_history(const Numbers& given, double dt);
   // Energies of the changes of velocity by the known forces of the step before and by all forces of the last
   // step [J].
   std::pair<double, double> energies_of_change(double dt);
-  // Acceleration by the known forces of this step: of gravity, motion and the user (n).
+  // Acceleration by gravity and by the forces of the user in this step (n).
   Numbers known_acceleration();
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).
   bool sample(const Numbers& after);

@@ -84,6 +84,12 @@ LinkEnd Link::end(double dt, double time) const {
   return end;
 }
 
+Vec3 Link::ahead_of(Vec3 local, double dt) const {
+  const Vec3 p = to_world(pose, local);
+  if (!ends_known) return p + drift(p, dt);
+  return centre + dt * velocity + (0.5 * dt * dt) * curving + held_arm_of(local);
+}
+
 Vec3 Link::displaced(Vec3 arm) const {
   if (!turned.far) return given.at(arm);
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);

@@ -19,6 +19,26 @@ struct Wrench {
 inline Wrench operator+(const Wrench& a, const Wrench& b) { return {a.force + b.force, a.torque + b.torque}; }
 inline Wrench operator*(double s, const Wrench& a) { return {s * a.force, s * a.torque}; }
 
+// Of the tendons on a link, if its body has a history (bodies/body_history.h): G and F of the last step, and
+// what they give to F in this step. A body that turns far answers to Q^T (r' x f) (bodies/finite_rotation.h),
+// which is the torque r' x f turned back by half of the rotation. G is that of r' x f. What it exceeds Q^T by
+// is taken from the last step.
+struct WrenchHistory {
+  Wrench mean, applied, given;
+  Vec3 excess;      // sum of r' x f - Q^T (r' x f) at the end of the last step [N m]
+  Vec3 excess_now;  // and of this one
+
+  void begin(double steady_share) {
+    given = (2.0 / 9) * mean + (steady_share / 3) * applied + Wrench{{}, (4.0 / 9) * excess};
+  }
+  void finish(const Wrench& wrench, bool continues, double steady_share) {
+    mean = continues ? 1.5 * wrench + (-0.5 * steady_share) * applied : wrench;
+    mean.torque += continues ? (2.0 / 3) * (excess_now - excess) : excess_now;
+    applied = wrench;
+    excess = excess_now;
+  }
+};
+
 // Where a link is at the end of a substep, at the present iterate.
 struct LinkEnd {
   Vec3 centre;    // centre of mass [m]
@@ -36,14 +56,17 @@ struct Link {
   Vec3 velocity, spin;
   Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
   int body = -1;            // -1: tendons do not move it
+  bool ends_known = false;  // forces of attachments act where their points are predicted to end
+  Rot3 to_end;              // rotation to the predicted end of the substep, if they do; else none
   bool yielded = false;     // tendons could move it in the last step
   bool moved = false;       // its pose has changed, or it has a velocity, since the last step began
   dense::Numbers jacobian;  // J (6 n); empty: the identity, of a free rigid body
   dense::Numbers root;      // J E (6 n)
-  Wrench wrench;            // of the tendons in the finished substeps, averaged over the step
-  Wrench part;              // contribution of the substep that was solved last
-  Wrench solved;            // mean in the last substep that converged
-  Wrench correction;        // of an iterate that is not a solution (solver/body_schur.h)
+  WrenchHistory history;
+  Wrench wrench;      // of the tendons in the finished substeps, averaged over the step
+  Wrench part;        // contribution of the substep that was solved last
+  Wrench solved;      // mean in the last substep that converged
+  Wrench correction;  // of an iterate that is not a solution (solver/body_schur.h)
   // In a solution with unknowns of its body:
   dense::Numbers reached;  // J E Q (6 freedom)
   // Displacement by the unknowns, displacement by their last change, wrench of the residual.
@@ -77,6 +100,8 @@ struct Link {
   // Where it is at the end of a substep of dt, which ends `time` after the start of the step [s], by the
   // unknowns of its body. Links of bodies that turn far are where they turn to.
   LinkEnd end(double dt, double time) const;
+  // Where the point of an attachment is after dt, without the tendons.
+  Vec3 ahead_of(Vec3 local, double dt) const;
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].
@@ -88,6 +113,9 @@ struct Link {
   }
   // From the centre of mass to a point of the link's frame, at the start of the substep.
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
+  // The same of an attachment. On an articulated body with a history it is that of the predicted end, to
+  // which the force belongs.
+  Vec3 held_arm_of(Vec3 local) const { return to_end * arm_of(local); }
   // The arm at the end of the substep.
   Vec3 now(Vec3 arm) const { return turned.rotation * arm; }
   // Sets the finite rotation from a share of the predicted one and from the unknowns.

@@ -12,13 +12,13 @@
 //
 // pybullet acts on a joint limit only once the joint has passed it: what tendons throw would go on beyond it
 // for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
-// is applied together with the wrenches of the tendons, to both links of the joint (limit_forces). A joint
+// is applied together with the wrenches of the tendons, to both links of the joint (joint_forces). A joint
 // that touches its limit is moved to just behind it instead (limit_shifts), because pybullet's own stop knows
-// what contacts and motors do in the step. It needs limit_forces too where it falls short: pybullet cuts off
+// what contacts and motors do in the step. It needs joint_forces too where it falls short: pybullet cuts off
 // rates before its stops act, and ends its sweeps over several stops early.
 //
 // The cut-off itself would leave the other joints of a chain without its reactions. A joint is therefore
-// stopped at a rate below it, by limit_forces.
+// stopped at a rate below it, by joint_forces.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -67,7 +67,7 @@ constexpr double kDeepBehind = 0.04;
 // Depth to which a joint is taken that would pass its limit: from then on pybullet acts [rad], [m].
 constexpr double kReached = 1e-6;
 // Way to the limit below which a joint touches it [rad], [m]. Larger: joints are moved visibly. Smaller: the
-// noise of pybullet's contacts lifts a joint that rests on its limit, and limit_forces stop it again.
+// noise of pybullet's contacts lifts a joint that rests on its limit, and joint_forces stop it again.
 constexpr double kTouching = 1e-5;
 
 // Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit,
@@ -283,7 +283,7 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
 // cut off a rate before they act, or end its sweeps over them too early.
 bool GeneralizedBody::pybullet_falls_short(double dt) {
   work_.direction = forces;
-  for (int i = 0; i < n(); ++i) work_.direction[i] += limit_forces[i];
+  for (int i = 0; i < n(); ++i) work_.direction[i] += joint_forces[i];
   for (double rate : rates_with(observer.root(), unstopped_, dt))
     if (std::fabs(rate) >= kMostRate) return true;
   const size_t m = stops_.size();
@@ -306,10 +306,10 @@ void GeneralizedBody::share_stops(double dt) {
       if ((stops_[a].ahead > kTouching) == ahead)
         for (int i = 0; i < n(); ++i) sum[i] += pushes_[a] / dt * directions_[a * n() + i];
   };
-  add(true, limit_forces);
+  add(true, joint_forces);
   const bool all = !limits.empty() && !observer.held() && pybullet_falls_short(dt);
   work_.direction.assign(n(), 0.0);
-  add(false, all ? limit_forces : work_.direction);
+  add(false, all ? joint_forces : work_.direction);
   dense::respond(observer.root(), work_.direction, work_.half, stopped_by_);
   for (size_t a = 0; a < stops_.size(); ++a)
     if (const Stop& s = stops_[a]; pushes_[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)

@@ -39,7 +39,7 @@ void each_carried(Island& island, Do what) {
     for (const Anchor& h : c->anchors)
       if (h.moves) {
         Link& link = (*island.bodies.links)[h.link];
-        what(*c, h, link, link.arm_of(h.local));
+        what(*c, h, link, link.held_arm_of(h.local));
       }
 }
 
@@ -367,7 +367,7 @@ BT_WITHIN inline void each_carried_column(Island& island, Do what) {
     for (const Anchor& h : island.tendons[k]->anchors)
       if (h.moves) {
         const Link& link = (*island.bodies.links)[h.link];
-        what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.arm_of(h.local)));
+        what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.held_arm_of(h.local)));
       }
 }
 

@@ -271,7 +271,8 @@ double Tendon::energy() const {
     sum += s.memory.empty() ? stored_energy(s, material.law) : kept_energy(s, material.law, material.tissue);
   }
   sum += bending_energy(*this, x);
-  for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(v.at(i), v.at(i));
+  const Field& velocities = user_velocities();
+  for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(velocities.at(i), velocities.at(i));
   return sum;
 }
 

@@ -43,7 +43,7 @@ struct TendonState {
   // >= 0: asleep, with all tendons of the same number (world/sleeping.cpp).
   int sleeping_island = -1;
   std::vector<int> torn;  // segments that have ruptured
-  uint64_t touching = 0;  // hash of the contacts with bodies
+  uint64_t touching = 0;  // hash of the contacts that have a force
   bool touched = false;   // a contact exerted a force on it in the last step
   // The last step was solved together with bodies that have a history: mean_velocities are then
   // those that correspond to the bodies' (u of bodies/body_history.h).

@@ -80,7 +80,7 @@ void World::find_central_bodies() {
   for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
       if (const Anchor& h = c->anchors[i]; h.link >= 0)
-        act(scene.links[h.link], scene.links[h.link].arm_of(h.local));
+        act(scene.links[h.link], scene.links[h.link].held_arm_of(h.local));
   for (const Contact& contact : contacts_.all)
     if (contact.link >= 0) act(scene.links[contact.link], contact.arm);
   scene.each_element([&](const Element& element) {
@@ -140,7 +140,7 @@ void World::narrow_bodies() {
         const Anchor& anchor = c->anchors[h];
         if (anchor.link < 0 || islands_.solid[anchor.link] || !scene.links[anchor.link].yields()) continue;
         const Link& link = scene.links[anchor.link];
-        what(link, 3, to_world(link.pose, anchor.local) - link.centre);
+        what(link, 3, link.held_arm_of(anchor.local));
       }
   };
   for (GeneralizedBody& m : scene.bodies) {
@@ -196,7 +196,7 @@ bool World::find_turning() {
   for (const Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
       if (const Anchor& h = c->anchors[i]; h.link >= 0)
-        add_pull(h.link, scene.links[h.link].arm_of(h.local), h.force);
+        add_pull(h.link, scene.links[h.link].held_arm_of(h.local), h.force);
   for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.force.mean);
   bool any = false;
   for (const Link& l : scene.links) {
@@ -222,6 +222,7 @@ bool World::settle_stops() {
         !scene.bodies[m].settle_stops(scene.bodies[m].forces, step_.substeps.step()))
       continue;
     other = true;
+    scene.bodies[m].history.able &= !scene.bodies[m].is_stopped();
     lead_links(static_cast<int>(m));
   }
   step_.stop_changes += other;
@@ -231,9 +232,10 @@ bool World::settle_stops() {
 // Applies the mean forces of the whole step to the bodies.
 void World::act_on_bodies() {
   for (Link& l : scene.links) {
-    if (!l.yields() || !scene.bodies[l.body].history.continues) continue;
-    const dense::Numbers& given = scene.bodies[l.body].history.given;
-    l.wrench = l.wrench + Wrench{{given[0], given[1], given[2]}, {given[3], given[4], given[5]}};
+    if (!l.yields()) continue;
+    const BodyHistory& history = scene.bodies[l.body].history;
+    if (history.continues) l.wrench = l.wrench + l.history.given;
+    l.history.finish(l.wrench, history.continues, history.steady_share);
   }
   sum_forces(1, [](const Link& l) { return l.wrench; });
   for (GeneralizedBody& m : scene.bodies)

@@ -178,8 +178,6 @@ void require_body(const GeneralizedBody& body) {
   for (size_t k = 0; k + 2 < body.limits.size(); k += 3)
     sizes.fit &= body.limits[k] >= 0 && body.limits[k] < body.rates.size();
   const BodyHistory& history = body.history;
-  for (const auto* wrench : {&history.mean, &history.applied})
-    sizes.fit &= history.dt == 0 || wrench->size() == body.rates.size();
   sizes.fit &= history.known.empty() || history.known.size() == body.rates.size();
   require(sizes.fit, kSizes);
 }

@@ -298,9 +298,11 @@ void World::remember() {
     if (c) c->touched = false;
   for (const Contact& contact : contacts_.all) {
     if (contact.normal_force.value <= 0) continue;
-    step_.slots[contact.a.tendon]->touched = true;
-    if (contact.b.tendon >= 0) step_.slots[contact.b.tendon]->touched = true;
-    if (contact.link >= 0) contacts_.touching[contact.a.tendon] += hash_of(contact.key);
+    for (const int tendon : {contact.a.tendon, contact.b.tendon}) {
+      if (tendon < 0) continue;
+      step_.slots[tendon]->touched = true;
+      contacts_.touching[tendon] += hash_of(contact.key);
+    }
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
     contacts_.memory.push_back({contact.key, contact.normal_force.value,
                                 std::min(contact.normal_force.value, contact.normal_force.lambda_previous),

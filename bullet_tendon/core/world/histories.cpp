@@ -1,8 +1,8 @@
-// BDF2 of tendons together with the free rigid bodies that they act on (bodies/body_history.h).
+// BDF2 of tendons together with the bodies that they act on (bodies/body_history.h).
 //
 // What acts on each other continues by BDF2 together, or takes implicit Euler together: only then are
-// impulses equal and opposite. Articulated bodies, and bodies that something else holds, have no history. A
-// tendon that acts on one of them takes implicit Euler, and so does the rest of its island.
+// impulses equal and opposite. Bodies that something else holds or stops have no history. A tendon that acts
+// on one of them takes implicit Euler, and so does the rest of its island.
 #include "world/world.h"
 
 namespace bt {
@@ -59,9 +59,25 @@ void World::continue_histories() {
       history.forget();
       continue;
     }
-    scene.bodies[m].continue_history(step_.substeps.step(), step_.context.gravity, step_.substeps.is_whole());
+    continue_history(static_cast<int>(m));
     lead_links(static_cast<int>(m));
   }
+}
+
+void World::continue_history(int body) {
+  GeneralizedBody& m = scene.bodies[body];
+  const double dt = step_.substeps.step();
+  const bool continues = m.begin_history(dt, step_.context.gravity, step_.substeps.is_whole());
+  dense::Numbers given(m.n());
+  for (Link& l : scene.links) {
+    if (l.body != body) continue;
+    l.ends_known = m.history.admitted && !l.jacobian.empty();
+    l.to_end = l.ends_known ? rotation_of_step(dt * l.spin) : Rot3{};
+    if (!continues) continue;
+    l.history.begin(m.history.steady_share);
+    l.add_generalized(l.jacobian, {l.history.given.force, l.history.given.torque}, given);
+  }
+  if (continues) m.continue_history(given, dt);
 }
 
 // Determines which tendons are solved together with bodies that have a history. A body has none where

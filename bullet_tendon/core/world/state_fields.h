@@ -43,12 +43,13 @@ struct StateFields {
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, held_, released_, sampled_)
-  BT_FIELDS(BodyHistory, possible, smooth, mean, applied, known, steady_share, dt)
+  BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, external,
             contacts, contacts_known, observer, history, root, change, touches, turning.far, stopped_by_,
             stops_, directions_, pushes_, unstopped_, pushed_, doubted_, rested_, slipped_)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, body,
-            yielded, moved, jacobian, root, wrench.force, wrench.torque, solved.force, solved.torque)
+            yielded, moved, jacobian, root, history.mean.force, history.mean.torque, history.applied.force,
+            history.applied.torque, history.excess, wrench.force, wrench.torque, solved.force, solved.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
   BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, given_force, h_eff,
             tangent_anchor, normal)

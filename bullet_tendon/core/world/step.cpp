@@ -95,6 +95,11 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   for (GeneralizedBody& m : scene.bodies) {
     m.turning.far = m.turning.elements = false;
     m.begin_step();
+    m.history.asked = false;
+  }
+  for (Link& l : scene.links) {
+    l.ends_known = false;
+    l.to_end = {};
   }
   if (history_.may_resolve) {
     history_.start->sensed_links = scene.links;
@@ -257,12 +262,16 @@ void World::inherit_multipliers() {
 // Computes what this substep adds to the step's mean wrenches on links.
 void World::measure_wrenches() {
   const double share = step_.substeps.share();
-  for (Link& l : scene.links) l.part = share * l.correction;
+  for (Link& l : scene.links) {
+    l.part = share * l.correction;
+    l.history.excess_now = {};
+  }
   auto push = [&](Link& link, Vec3 given, Vec3 end, Vec3 arm) {
     const double two_step = link.yields() ? scene.bodies[link.body].history.share() : 1;
     const Vec3 force = two_step < 1 ? two_step * two_step * end : given;
     link.part.force += share * force;
     link.part.torque += share * link.torque_of(force, arm);
+    if (link.turned.far) link.history.excess_now += cross(link.now(arm), end) - link.torque_of(end, arm);
   };
   for (Contact& contact : contacts_.all) {
     contact.force.given = given(*step_.slots[contact.a.tendon], contact.force.mean, contact.force.last_given);
@@ -274,7 +283,7 @@ void World::measure_wrenches() {
       const Anchor& h = c->anchors[i];
       if (h.link < 0) continue;
       Link& link = scene.links[h.link];
-      push(link, given(*c, h.mean_force, h.step_force), h.force, link.arm_of(h.local));
+      push(link, given(*c, h.mean_force, h.step_force), h.force, link.held_arm_of(h.local));
     }
   if (step_.whole) return;
   scene.each_element([&](const Element& element) {
@@ -374,7 +383,7 @@ void World::aim_attachments(Tendon& c) {
     if (h.link < 0) continue;
     const Link& link = scene.links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.aim = p + link.drift(p, step_.context.dt);
+    h.aim = link.ahead_of(h.local, step_.context.dt);
     h.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
     h.rigid = !link.yields() || !scene.bodies[link.body].point_mass;
     h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;

@@ -276,6 +276,7 @@ class World {
   template <class Do>
   void each_lost_contact(Do what);
   void continue_histories();
+  void continue_history(int body);
   void find_couplings();
   // Gives what acts on each other the same step weight, so that impulses are equal and opposite. true: a step
   // weight has changed.
