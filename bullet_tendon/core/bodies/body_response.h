@@ -94,8 +94,7 @@ struct GeneralizedBody {
   Numbers changed, changes_to;
   Numbers forces;  // generalized forces of the tendons in this step
   BodyTurning turning;
-  int touches = 0;          // number of attachments and contacts of tendons
-  bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
+  int touches = 0;  // number of attachments and contacts of tendons
   BodyUnknowns unknowns;
 
   // Coordinates whose limits act in this step.

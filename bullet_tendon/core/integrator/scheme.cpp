@@ -26,8 +26,7 @@ constexpr double kCreep = 1e-3;
 namespace {
 
 bool moves_body(const Tendon& c) {
-  return std::any_of(c.anchors.begin(), c.anchors.end(),
-                     [](const Anchor& h) { return h.link >= 0 && (h.moves || !h.rigid); });
+  return std::any_of(c.anchors.begin(), c.anchors.end(), [](const Anchor& h) { return h.moves; });
 }
 
 }  // namespace
