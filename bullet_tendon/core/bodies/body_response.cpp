@@ -41,7 +41,7 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
 
 void GeneralizedBody::sense() {
   if (observer.has_acted()) doubt_stops();
-  const bool jointed = !limits.empty(), stops_known = !contacts.empty() && !slipped_;
+  const bool jointed = !limits.empty(), stops_known = !contacts.empty() && !stops_.slipped;
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
   const double noise = is_stopped() ? kSolverNoise : 0;

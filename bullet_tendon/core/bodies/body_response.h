@@ -37,6 +37,18 @@ struct Stop {
   double ahead = 0;
 };
 
+// The stops of a body in this step.
+struct BodyStops {
+  using Numbers = dense::Numbers;
+  std::vector<Stop> all;
+  Numbers directions;    // D (n in each row)
+  Numbers pushes;        // lambda of all stops, of the last evaluation
+  Numbers unstopped;     // change of the rates without stops and without tendons
+  Numbers doubted;       // by coordinate, not 0: it passed the limit that pybullet reports
+  bool rested = false;   // contacts stopped the body in the last step
+  bool slipped = false;  // it passed through contacts
+};
+
 // The unknowns of a body in the solution of an island.
 struct BodyUnknowns {
   using Numbers = dense::Numbers;
@@ -100,11 +112,11 @@ struct GeneralizedBody {
   // Coordinates whose limits act in this step.
   std::vector<int> stopped() const {
     std::vector<int> coordinates;
-    for (const Stop& s : stops_)
+    for (const Stop& s : stops_.all)
       if (s.acts && s.coordinate >= 0) coordinates.push_back(s.coordinate);
     return coordinates;
   }
-  bool may_stop() const { return !stops_.empty(); }
+  bool may_stop() const { return !stops_.all.empty(); }
   bool is_stopped() const;
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
@@ -175,15 +187,9 @@ struct GeneralizedBody {
   void take_away();
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   Numbers stopped_by_;     // acceleration by pybullet's stops in the last step
-  std::vector<Stop> stops_;
-  Numbers directions_;    // D (n in each row)
-  Numbers pushes_;        // lambda of all stops, of the last evaluation
-  Numbers unstopped_;     // change without stops and without tendons
-  Numbers pushed_;        // impulses of the tendons in past substeps
-  Numbers in_substep_;    // generalized forces of the tendons in the last substep; empty: it is the first
-  Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
-  bool rested_ = false;   // contacts stopped it in the last step
-  bool slipped_ = false;  // it passed through contacts
+  BodyStops stops_;
+  Numbers pushed_;      // impulses of the tendons in past substeps
+  Numbers in_substep_;  // generalized forces of the tendons in the last substep; empty: it is the first
   BodyWorkspace work_;
   friend struct StateFields;  // world/state_fields.h
 };

@@ -89,32 +89,32 @@ double rate_at_contact(double distance, double dt) {
 // pybullet reports limits as they were loaded, even after changeDynamics, and contacts for longer than they
 // exist. A limit or contact that the body passed through is ignored.
 void GeneralizedBody::doubt_stops() {
-  doubted_.resize(n());
-  if (contacts.empty()) slipped_ = false;
-  rested_ = false;
-  for (size_t k = 0; k < stops_.size(); ++k) {
-    const Stop& s = stops_[k];
+  stops_.doubted.resize(n());
+  if (contacts.empty()) stops_.slipped = false;
+  stops_.rested = false;
+  for (size_t k = 0; k < stops_.all.size(); ++k) {
+    const Stop& s = stops_.all[k];
     if (!s.acts) continue;
     const bool went_on = rate_along(k, rates) - s.wanted < -kLeastStopped * s.held_back;
-    if (s.coordinate < 0) rested_ = !went_on || rested_;
+    if (s.coordinate < 0) stops_.rested = !went_on || stops_.rested;
     if (!went_on || s.wanted == -kFastest) continue;
     stopped_by_.clear();
-    (s.coordinate >= 0 ? doubted_[s.coordinate] = 1 : slipped_ = true);
+    (s.coordinate >= 0 ? stops_.doubted[s.coordinate] = 1 : stops_.slipped = true);
   }
 }
 
 bool GeneralizedBody::is_stopped() const {
-  return std::any_of(stops_.begin(), stops_.end(), [](const Stop& s) { return s.acts; });
+  return std::any_of(stops_.all.begin(), stops_.all.end(), [](const Stop& s) { return s.acts; });
 }
 
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
-  return is_stopped() || slipped_ || observer.held() || observer.is_new() || norm(gravity) == 0 ||
+  return is_stopped() || stops_.slipped || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
 }
 
 double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
-  const double* direction = &directions_[stop * of.size()];
+  const double* direction = &stops_.directions[stop * of.size()];
   double sum = 0;
   for (size_t i = 0; i < of.size(); ++i) sum += direction[i] * of[i];
   return sum;
@@ -136,59 +136,59 @@ void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
   }
   if (!(dense::dot(work_.half, work_.half) > least)) return;
   const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
-  stops_.push_back({wanted, wanted - foreseen, 0, coordinate, false, true, ahead});
-  directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
+  stops_.all.push_back({wanted, wanted - foreseen, 0, coordinate, false, true, ahead});
+  stops_.directions.insert(stops_.directions.end(), work_.direction.begin(), work_.direction.end());
   work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
 }
 
 void GeneralizedBody::find_stops(double dt) {
-  stops_.clear();
-  directions_.clear();
+  stops_.all.clear();
+  stops_.directions.clear();
   work_.through.clear();
   work_.within.clear();
-  unstopped_ = change;
+  stops_.unstopped = change;
   begin_step();
-  doubted_.resize(n());
+  stops_.doubted.resize(n());
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
     const double depth = limits[s + 2];
-    const double wanted = doubted_[i] != 0 ? -kFastest : std::max(-kFastest, rate_at_limit(depth, dt));
+    const double wanted = stops_.doubted[i] != 0 ? -kFastest : std::max(-kFastest, rate_at_limit(depth, dt));
     work_.direction.assign(n(), 0.0);
     work_.direction[i] = limits[s + 1];
     add_stop(wanted, i, wanted > -kFastest ? -depth : kFastest);
   }
-  for (size_t c = 0; c < contacts.size() && !slipped_; c += 7) {
+  for (size_t c = 0; c < contacts.size() && !stops_.slipped; c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
     // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, rates);
-    add_stop(rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
+    add_stop(stops_.rested ? now : rate_at_contact(contacts[c + 6], dt), -1);
   }
 }
 
 // Computes lambda by projected Gauss-Seidel, starting from the last lambda, and by pivoting if that is slow.
 void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
-  const size_t m = stops_.size();
+  const size_t m = stops_.all.size();
   if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
   dense::multiply_transposed(observer.root(), forces, work_.half);
   dense::multiply(work_.through, work_.half, work_.given);
   work_.left.resize(m);
   work_.whole.resize(m);
   for (size_t a = 0; a < m; ++a) {
-    work_.left[a] = stops_[a].missing - dt * work_.given[a];
-    work_.whole[a] = std::fabs(stops_[a].missing) + std::fabs(dt * work_.given[a]);
+    work_.left[a] = stops_.all[a].missing - dt * work_.given[a];
+    work_.whole[a] = std::fabs(stops_.all[a].missing) + std::fabs(dt * work_.given[a]);
   }
-  if (pushes_.size() != m) pushes_.assign(m, 0.0);
+  if (stops_.pushes.size() != m) stops_.pushes.assign(m, 0.0);
   for (int sweep = 0; sweep < kStopSweeps; ++sweep)
-    if (sweep_stops(pushes_, false).share <= kStopSettled) return;
+    if (sweep_stops(stops_.pushes, false).share <= kStopSettled) return;
   pivot_stops();
 }
 
 // Principal pivoting (Murty 1974): one stop, the first that pulls or is violated, changes sides at a time.
 // Where the response to the stops is singular this can go in circles; then lambda stays that of the sweeps.
 void GeneralizedBody::pivot_stops() {
-  const size_t m = stops_.size();
+  const size_t m = stops_.all.size();
   std::vector<char> acts(m);
-  for (size_t a = 0; a < m; ++a) acts[a] = pushes_[a] > 0;
+  for (size_t a = 0; a < m; ++a) acts[a] = stops_.pushes[a] > 0;
   for (size_t pivot = 0; pivot < kPivotsPerStop * m; ++pivot) {
     std::vector<size_t> acting;
     for (size_t a = 0; a < m; ++a)
@@ -205,10 +205,10 @@ void GeneralizedBody::pivot_stops() {
     size_t wrong = m;
     for (size_t a = 0; a < m && wrong == m; ++a) {
       const bool violated = work_.left[a] - pushed_along(a, all) > kStopSettled * work_.whole[a];
-      if (acts[a] ? all[a] < 0 : stops_[a].admitted && violated) wrong = a;
+      if (acts[a] ? all[a] < 0 : stops_.all[a].admitted && violated) wrong = a;
     }
     if (wrong == m) {
-      pushes_ = all;
+      stops_.pushes = all;
       return;
     }
     acts[wrong] ^= 1;
@@ -225,13 +225,13 @@ double GeneralizedBody::pushed_along(size_t stop, const Numbers& pushes) const {
 
 // One sweep of projected Gauss-Seidel over the stops.
 GeneralizedBody::Sweep GeneralizedBody::sweep_stops(Numbers& pushes, bool backwards) const {
-  const size_t m = stops_.size();
+  const size_t m = stops_.all.size();
   Sweep most;
   for (size_t k = 0; k < m; ++k) {
     const size_t a = backwards ? m - 1 - k : k;
     const double left = work_.left[a] - pushed_along(a, pushes);
     const double before = pushes[a], own = work_.within[a * m + a];
-    pushes[a] = stops_[a].admitted ? std::max(0.0, before + left / own) : 0.0;
+    pushes[a] = stops_.all[a].admitted ? std::max(0.0, before + left / own) : 0.0;
     const double rate = own * std::fabs(pushes[a] - before);
     most.rate = std::max(most.rate, rate);
     if (work_.whole[a] > 0) most.share = std::max(most.share, rate / work_.whole[a]);
@@ -252,19 +252,20 @@ const GeneralizedBody::Numbers& GeneralizedBody::rates_with(const Numbers& by_ro
 void GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   work_.direction = forces;
   const Numbers& reached = rates_with(root, change, dt);
-  for (size_t a = 0; a < stops_.size(); ++a)
-    stops_[a].admitted = stops_[a].wanted > -kFastest || stops_[a].acts || rate_along(a, reached) < -kFastest;
+  for (size_t a = 0; a < stops_.all.size(); ++a)
+    stops_.all[a].admitted =
+        stops_.all[a].wanted > -kFastest || stops_.all[a].acts || rate_along(a, reached) < -kFastest;
 }
 
 // Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
-  const size_t m = stops_.size();
+  const size_t m = stops_.all.size();
   bool other = false;
   admit_stops(forces, dt);
   find_pushes(forces, dt);
   for (size_t a = 0; a < m; ++a) {
-    Stop& s = stops_[a];
-    s.held_back = pushes_[a] * work_.within[a * m + a];
+    Stop& s = stops_.all[a];
+    s.held_back = stops_.pushes[a] * work_.within[a * m + a];
     // It acts if it changes the rate by more than rounding.
     const bool acts = s.held_back > kRoundingShare * work_.whole[a];
     other |= std::exchange(s.acts, acts) != acts;
@@ -273,7 +274,7 @@ bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
 }
 
 bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
-  if (stops_.empty() || static_cast<int>(forces.size()) != n()) return false;
+  if (stops_.all.empty() || static_cast<int>(forces.size()) != n()) return false;
   if (!choose_stops(forces, dt)) return false;
   stop();
   return true;
@@ -284,14 +285,14 @@ bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
 bool GeneralizedBody::pybullet_falls_short(double dt) {
   work_.direction = forces;
   for (int i = 0; i < n(); ++i) work_.direction[i] += joint_forces[i];
-  for (double rate : rates_with(observer.root(), unstopped_, dt))
+  for (double rate : rates_with(observer.root(), stops_.unstopped, dt))
     if (std::fabs(rate) >= kMostRate) return true;
-  const size_t m = stops_.size();
+  const size_t m = stops_.all.size();
   Numbers pushes(m);
   double change = kMostRate;
   for (int sweep = 0; sweep < kPybulletSweeps && change > kSolverResidual; ++sweep)
     change = sweep_stops(pushes, sweep % 2 == 0).rate;
-  for (size_t a = 0; a < m; ++a) pushes[a] -= pushes_[a];
+  for (size_t a = 0; a < m; ++a) pushes[a] -= stops_.pushes[a];
   for (size_t a = 0; a < m; ++a)
     if (std::fabs(pushed_along(a, pushes)) > kSolverNoise) return true;
   return false;
@@ -302,25 +303,26 @@ bool GeneralizedBody::pybullet_falls_short(double dt) {
 void GeneralizedBody::share_stops(double dt) {
   find_pushes(forces, dt);
   const auto add = [&](bool ahead, Numbers& sum) {
-    for (size_t a = 0; a < stops_.size(); ++a)
-      if ((stops_[a].ahead > kTouching) == ahead)
-        for (int i = 0; i < n(); ++i) sum[i] += pushes_[a] / dt * directions_[a * n() + i];
+    for (size_t a = 0; a < stops_.all.size(); ++a)
+      if ((stops_.all[a].ahead > kTouching) == ahead)
+        for (int i = 0; i < n(); ++i) sum[i] += stops_.pushes[a] / dt * stops_.directions[a * n() + i];
   };
   add(true, joint_forces);
   const bool all = !limits.empty() && !observer.held() && pybullet_falls_short(dt);
   work_.direction.assign(n(), 0.0);
   add(false, all ? joint_forces : work_.direction);
   dense::respond(observer.root(), work_.direction, work_.half, stopped_by_);
-  for (size_t a = 0; a < stops_.size(); ++a)
-    if (const Stop& s = stops_[a]; pushes_[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
-      limit_shifts.push_back({s.coordinate, -directions_[a * n() + s.coordinate] * (s.ahead + kReached)});
+  for (size_t a = 0; a < stops_.all.size(); ++a)
+    if (const Stop& s = stops_.all[a]; stops_.pushes[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
+      limit_shifts.push_back(
+          {s.coordinate, -stops_.directions[a * n() + s.coordinate] * (s.ahead + kReached)});
 }
 
 void GeneralizedBody::stop() {
-  change = unstopped_;
+  change = stops_.unstopped;
   root = observer.root();
   work_.missing.clear();
-  for (const Stop& s : stops_)
+  for (const Stop& s : stops_.all)
     if (s.acts) work_.missing.push_back(s.missing);
   if (!work_.missing.empty()) take_away();
 }
@@ -329,13 +331,13 @@ void GeneralizedBody::stop() {
 void GeneralizedBody::gather_acting() {
   work_.half.clear();
   work_.within_acting.clear();
-  const size_t m = stops_.size();
+  const size_t m = stops_.all.size();
   for (size_t a = 0; a < m; ++a) {
-    if (!stops_[a].acts) continue;
+    if (!stops_.all[a].acts) continue;
     work_.half.insert(work_.half.end(), work_.through.begin() + a * n(),
                       work_.through.begin() + (a + 1) * n());
     for (size_t b = 0; b < m; ++b)
-      if (stops_[b].acts) work_.within_acting.push_back(work_.within[a * m + b]);
+      if (stops_.all[b].acts) work_.within_acting.push_back(work_.within[a * m + b]);
   }
 }
 

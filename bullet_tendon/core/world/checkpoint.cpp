@@ -158,11 +158,11 @@ struct SizesOfBody {
         fit &= size % 3 == 0;
       else if (field == "contacts")
         fit &= size % 7 == 0;
-      else if (field == "directions_")
+      else if (field == "directions")
         fit &= n == 0 ? size == 0 : size % n == 0;
       else if (field == "external" || field == "mean" || field == "applied")
         fit &= size == 0 || size == n;
-      else if (field != "pushes_" && field != "doubted_")
+      else if (field != "pushes" && field != "doubted")
         fit &= fits(value, n);
     } else if constexpr (std::is_same_v<T, std::vector<Stop>>) {
       for (const Stop& stop : value) fit &= stop.coordinate == -1 || within(stop.coordinate, n);
