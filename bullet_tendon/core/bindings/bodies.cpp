@@ -103,7 +103,7 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
 // Takes its velocity and spin right after a step. Returns whether it was released.
 bool sample_link(World& w, int slot, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.sample(slot, {v.x, v.y, v.z, s.x, s.y, s.z});
+  return w.scene.bodies[slot].sample({v.x, v.y, v.z, s.x, s.y, s.z});
 }
 
 using Links = std::vector<std::pair<int, int>>;
@@ -291,7 +291,7 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
                  const py::tuple& joints) {
   std::vector<double> rates, places;
   read_joints(body, motion, joints, rates, places);
-  return w.sample(slot, rates);
+  return w.scene.bodies[slot].sample(rates);
 }
 
 // A force of the user at a world point of any link of a body, in this step. tree: as it was read.
@@ -413,6 +413,11 @@ py::list pushes(const World& w) {
   return out;
 }
 
+bool any_held(const World& w) {
+  return std::any_of(w.scene.bodies.begin(), w.scene.bodies.end(),
+                     [](const GeneralizedBody& m) { return m.observer.held(); });
+}
+
 }  // namespace
 
 void bind_world_bodies(GuardedWorld& world) {
@@ -420,12 +425,12 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("sense",
            [](World& w, double dt, const py::tuple& gravity, bool held) {
              w.sense(dt, vector(gravity.ptr()), held);
-             return w.any_held() || !w.released_bodies().empty() || !w.pulled_bodies().empty();
+             return any_held(w) || !w.released_bodies().empty() || !w.pulled_bodies().empty();
            })
       .def("released_bodies", &World::released_bodies)
       .def("rewind", &World::rewind)
       .def("pulled_bodies", &World::pulled_bodies)
-      .def("any_held", &World::any_held)
+      .def("any_held", &any_held)
       .def("held_bodies",
            [](const World& w) {
              std::vector<int> held;

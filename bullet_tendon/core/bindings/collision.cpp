@@ -87,7 +87,7 @@ void set_mouths(World& w, int slot, const Array& centres, const Array& slopes) {
 // points (k, 3), in the link's frame.
 py::array_t<bool> is_drilled(const World& w, int slot, const Array& points) {
   const Field at = field_of(points);
-  const Bore bore = w.bore_in_link(slot);
+  const Bore bore = w.scene.bore_in_link(slot);
   py::array_t<bool> found(at.size());
   for (int i = 0; i < at.size(); ++i) found.mutable_at(i) = bore.removes(at.at(i));
   return found;
@@ -121,9 +121,18 @@ void bind_world_collision(GuardedWorld& world) {
       .def("is_drilled", &is_drilled)
       .def("remove_tunnel", &World::remove_tunnel)
       .def("forget_contacts", &World::forget_contacts)
-      .def("set_collides", &World::set_collides)
-      .def("set_tendons_collide", &World::set_tendons_collide)
-      .def("set_link_collides", &World::set_link_collides)
+      .def("set_collides",
+           [](World& w, int c, bool collides) {
+             w.filter_contacts({c}, [&](CollisionFilter& f) { f.set_inert(c, !collides); });
+           })
+      .def("set_tendons_collide",
+           [](World& w, int a, int b, bool collide) {
+             w.filter_contacts({a, b}, [&](CollisionFilter& f) { f.set_tendons(a, b, collide); });
+           })
+      .def("set_link_collides",
+           [](World& w, int c, int link, bool collides) {
+             w.filter_contacts({c}, [&](CollisionFilter& f) { f.set_link(c, link, collides); });
+           })
       .def("collides", [](World& w, int c) { return !w.scene.filter.is_inert(c); })
       .def("link_collides", [](World& w, int c, int link) { return w.scene.filter.meets_link(c, link); })
       .def("contacts", &contacts);

@@ -33,7 +33,7 @@ int add_ligament(World& w, const Ints& links, const Array& locals, double rest, 
   const std::vector<Vec3> points = points_of(locals);
   std::vector<PathPoint> path;
   for (size_t i = 0; i < points.size(); ++i) path.push_back({links.data()[i], points[i]});
-  return w.add_ligament(std::make_unique<Ligament>(path, wraps_of(wraps), material, rest));
+  return w.add_element(w.scene.ligaments, std::make_unique<Ligament>(path, wraps_of(wraps), material, rest));
 }
 
 // Points of a path through these points, those along wraps included; wraps in the same axes.
@@ -64,8 +64,9 @@ int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const Arra
   FoundationSurface triangles{
       points_of(centres), list_of(areas), {regions.data(), regions.data() + regions.size()}};
   const FoundationSurface points = merged(triangles, points_of(normals), resolution);
-  return w.add_cartilage(std::make_unique<Cartilage>(link_a, grid, link_b, std::move(triangles), points,
-                                                     CartilageModel{foundation, damping}));
+  return w.add_element(w.scene.cartilages,
+                       std::make_unique<Cartilage>(link_a, grid, link_b, std::move(triangles), points,
+                                                   CartilageModel{foundation, damping}));
 }
 
 Cartilage& cartilage_of(const World& w, int slot) { return *w.scene.cartilages.all().at(slot); }
@@ -164,11 +165,11 @@ void bind_distance_grid(py::module_& m) {
 void bind_world_elements(GuardedWorld& world) {
   world.def("has_elements", [](const World& w) { return w.scene.has_elements(); })
       .def("add_ligament", &add_ligament)
-      .def("remove_ligament", &World::remove_ligament)
+      .def("remove_ligament", [](World& w, int slot) { w.remove_element(w.scene.ligaments, slot); })
       .def("element_terms", &element_terms)
       .def("forbid_resolve", &World::forbid_resolve)
       .def("add_cartilage", &add_cartilage)
-      .def("remove_cartilage", &World::remove_cartilage)
+      .def("remove_cartilage", [](World& w, int slot) { w.remove_element(w.scene.cartilages, slot); })
       .def("pressed_regions", &pressed_regions)
       .def("cartilage_depths",
            [](const World& w, int slot) { return copy_of(cartilage_of(w, slot).depths(w.scene.links)); })

@@ -121,7 +121,7 @@ bool hold(World& w, double dt, const py::tuple& gravity, const py::object& sense
 
 // (6 k, 6 k); None where the last step that held the bodies has not found it.
 py::object tendon_stiffness(const World& w) {
-  const TendonStiffness& found = w.tendon_stiffness();
+  const TendonStiffness& found = w.stiffness;
   if (!found.known) return py::none();
   const auto n = static_cast<py::ssize_t>(6 * found.links.size());
   return Array({n, n}, found.matrix.data());
@@ -224,7 +224,7 @@ void bind_world_world(GuardedWorld& world) {
       .def("apply", &apply)
       .def("hold", &hold)
       .def("want_tendon_stiffness",
-           [](World& w, const std::vector<int>& links) { w.want_tendon_stiffness(links); })
+           [](World& w, const std::vector<int>& links) { w.stiffness = {links, {}, false}; })
       .def("tendon_stiffness", &tendon_stiffness)
       .def("coarse_turn",
            [](World& w, int tendon) {

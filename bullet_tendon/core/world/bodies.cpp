@@ -270,8 +270,6 @@ void World::sense(double dt, Vec3 gravity, bool held) {
     if (l.yields()) l.go_with(scene.bodies[l.body]);
 }
 
-bool World::sample(int body, const dense::Numbers& rates) { return scene.bodies[body].sample(rates); }
-
 void World::predict(int body) {
   if (scene.bodies[body].n() == 0) return;
   scene.bodies[body].predict(step_.context.dt, step_.context.gravity);
@@ -281,12 +279,6 @@ void World::predict(int body) {
 void World::lead_links(int body) {
   for (Link& l : scene.links)
     if (l.body == body) l.go_with(scene.bodies[body]);
-}
-
-bool World::any_held() const {
-  for (const GeneralizedBody& m : scene.bodies)
-    if (m.observer.held()) return true;
-  return false;
 }
 
 void World::finish_resolve() {

@@ -142,7 +142,7 @@ bool World::feels(int tendon, int slot, double dt) const {
   }
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!scene.tunnel_alive[t] || scene.tunnels[t].link != slot) continue;
-    const Box box = bore_in_link(static_cast<int>(t)).box;
+    const Box box = scene.bore_in_link(static_cast<int>(t)).box;
     if (is_near(c, link.pose, link, dt, box.lo, box.hi, skin)) return true;
   }
   return false;

@@ -202,7 +202,7 @@ std::optional<Reason> World::solve_islands() {
   step_.failed = !finite;
   if (step_.failed) return {};
   if (may_detect && predict_at_solution()) return Reason::left_prediction;
-  if (step_.whole && !stiffness_.links.empty()) find_tendon_stiffness();
+  if (step_.whole && !stiffness.links.empty()) find_tendon_stiffness();
   return {};
 }
 

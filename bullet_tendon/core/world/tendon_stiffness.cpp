@@ -47,14 +47,14 @@ bool World::linearise_tendons(Island& island) {
 
 // The links and bodies of the world are those of the linearisation meanwhile.
 void World::find_tendon_stiffness() {
-  const int count = static_cast<int>(stiffness_.links.size());
+  const int count = static_cast<int>(stiffness.links.size());
   std::vector<GeneralizedBody> bodies;
   for (int k = 0; k < count; ++k) bodies.push_back(body_of_one_link(k));
   std::swap(bodies, scene.bodies);
   const std::vector<Link> links = scene.links;
   for (Link& link : scene.links) link.body = -1;
   for (int k = 0; k < count; ++k) {
-    Link& link = scene.links[stiffness_.links[k]];
+    Link& link = scene.links[stiffness.links[k]];
     link.body = k;
     link.jacobian.clear();
     dense::set_identity(kTwist, link.root);
@@ -82,11 +82,11 @@ void World::find_tendon_stiffness() {
   island.bodies.links = &scene.links;
   island.bodies.reach = 1;
   island.bodies.freedom = kTwist * count;
-  island.bodies.carried = stiffness_.links;
+  island.bodies.carried = stiffness.links;
   for (int k = 0; k < count; ++k) island.bodies.indices.push_back(k);
-  stiffness_.known = linearise_tendons(island);
-  stiffness_.matrix = island.bodies.corner;
-  for (int k = 0; k < island.bodies.freedom; ++k) stiffness_.matrix[k * island.bodies.freedom + k] -= 1;
+  stiffness.known = linearise_tendons(island);
+  stiffness.matrix = island.bodies.corner;
+  for (int k = 0; k < island.bodies.freedom; ++k) stiffness.matrix[k * island.bodies.freedom + k] -= 1;
   for (Tendon* c : island.tendons)
     for (Anchor& anchor : c->anchors) anchor.moves = false;
   for (Contact& contact : contacts_.all) contact.moves = false;

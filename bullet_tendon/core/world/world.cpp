@@ -98,8 +98,6 @@ void World::set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]
   forget_planes();
 }
 
-Bore World::bore_in_link(int slot) const { return in_world(scene.tunnels[slot], Pose{}); }
-
 void World::remove_tunnel(int slot) {
   wake_all();
   take(scene.tunnels, scene.tunnel_alive, slot);
@@ -111,39 +109,6 @@ void World::remove_tunnel(int slot) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
            (k.kind == ContactKind::mouth && k.other / 2 == slot);
   });
-}
-
-int World::add_ligament(std::unique_ptr<Ligament> ligament) {
-  for (const TouchedLink& touched : ligament->touched()) ensure_link(touched.link);
-  history_.may_resolve = false;
-  const int slot = scene.ligaments.add(std::move(ligament));
-  pair_elements();
-  return slot;
-}
-
-void World::remove_ligament(int slot) {
-  history_.may_resolve = false;
-  scene.ligaments.remove(slot);
-  pair_elements();
-}
-
-int World::add_cartilage(std::unique_ptr<Cartilage> cartilage) {
-  for (const TouchedLink& touched : cartilage->touched()) ensure_link(touched.link);
-  history_.may_resolve = false;
-  const int slot = scene.cartilages.add(std::move(cartilage));
-  pair_elements();
-  return slot;
-}
-
-void World::remove_cartilage(int slot) {
-  history_.may_resolve = false;
-  scene.cartilages.remove(slot);
-  pair_elements();
-}
-
-void World::pair_elements() {
-  scene.element_pairs.all.clear();
-  scene.each_element([&](Element& element) { scene.element_pairs.include(element); });
 }
 
 template <class Which>
@@ -159,28 +124,12 @@ void World::forget_memory_of(int tendon) {
   });
 }
 
-void World::set_collides(int tendon, bool collides) {
-  wake_tendon(tendon);
-  scene.filter.set_inert(tendon, !collides);
-  forget_excluded();
-}
-
-void World::set_tendons_collide(int a, int b, bool collide) {
-  wake_tendon(a);
-  wake_tendon(b);
-  scene.filter.set_tendons(a, b, collide);
-  forget_excluded();
-}
-
-void World::set_link_collides(int tendon, int link, bool collides) {
-  wake_tendon(tendon);
-  scene.filter.set_link(tendon, link, collides);
-  forget_excluded();
-}
-
 // Deletes what is remembered of contacts that the filter excludes. The last step is not solved again, because
 // it had other contacts.
-void World::forget_excluded() {
+void World::filter_contacts(std::initializer_list<int> tendons,
+                            const std::function<void(CollisionFilter&)>& change) {
+  for (int tendon : tendons) wake_tendon(tendon);
+  change(scene.filter);
   history_.may_resolve = false;
   detection_.broad_phase.clear();
   forget_memory([&](const ContactKey& k) {

@@ -10,9 +10,11 @@
 #pragma once
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "cartilage/cartilage.h"
@@ -61,6 +63,13 @@ struct Scene {
       if (cartilage) what(static_cast<Element&>(*cartilage));
   }
   bool has_elements() const { return !ligaments.all().empty() || !cartilages.all().empty(); }
+  // Lists the pairs of links that elements touch together.
+  void pair_elements() {
+    element_pairs.all.clear();
+    each_element([&](Element& element) { element_pairs.include(element); });
+  }
+  // The bore of a tunnel, in its link's frame.
+  Bore bore_in_link(int tunnel) const { return in_world(tunnels[tunnel], Pose{}); }
 };
 
 // One step, and the substep that is being solved.
@@ -148,6 +157,7 @@ class World {
   mutable std::recursive_mutex mutex;
   Options options;
   Scene scene;
+  TendonStiffness stiffness;
 
   // Creates the slot of a link. Until the link is read from pybullet, it does not move.
   void ensure_link(int link);
@@ -159,19 +169,25 @@ class World {
   // Where the axis of a tunnel meets its mouths' planes [m], and the slopes of these (Rim), in its link's
   // frame.
   void set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]);
-  // The bore of a tunnel, in its link's frame.
-  Bore bore_in_link(int slot) const;
   void remove_tunnel(int slot);
-  int add_ligament(std::unique_ptr<Ligament> ligament);
-  void remove_ligament(int slot);
-  int add_cartilage(std::unique_ptr<Cartilage> cartilage);
-  void remove_cartilage(int slot);
-  // Lists the pairs of links that elements touch together.
-  void pair_elements();
-  // Whether a tendon makes contacts: at all; with another tendon or (a == b) with itself; with a link.
-  void set_collides(int tendon, bool collides);
-  void set_tendons_collide(int a, int b, bool collide);
-  void set_link_collides(int tendon, int link, bool collides);
+  // Of scene.ligaments or scene.cartilages.
+  template <class Kind>
+  int add_element(ElementSlots<Kind>& slots, std::unique_ptr<Kind> element) {
+    for (const TouchedLink& touched : element->touched()) ensure_link(touched.link);
+    forbid_resolve();
+    const int slot = slots.add(std::move(element));
+    scene.pair_elements();
+    return slot;
+  }
+  template <class Kind>
+  void remove_element(ElementSlots<Kind>& slots, int slot) {
+    forbid_resolve();
+    slots.remove(slot);
+    scene.pair_elements();
+  }
+  // Changes scene.filter by change(filter) for these tendons.
+  void filter_contacts(std::initializer_list<int> tendons,
+                       const std::function<void(CollisionFilter&)>& change);
   // Deletes contacts, contact memory, cached planes and tunnel membership of a tendon that the user has
   // moved.
   void forget_contacts(int tendon);
@@ -187,9 +203,6 @@ class World {
   // bodies `pulled` are predicted with their observed motion. false: the step cannot be solved again, and
   // only the released bodies have changed.
   bool rewind(const std::vector<int>& pulled);
-  bool any_held() const;
-  // Records the rates of a body after a step. Returns whether the body appears to have been released.
-  bool sample(int body, const dense::Numbers& rates);
   // Treats the body as free: nothing but the tendons holds it.
   void let_go(int body);
   // Ends the correction of the last step, in which the caller set the rates of bodies. That step is not
@@ -206,9 +219,6 @@ class World {
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // The last step that was not `whole`.
   const StepRecord& last_step() const { return history_.last_step; }
-  // Of which links steps that hold the bodies find the stiffness by tendons, and what the last one has found.
-  void want_tendon_stiffness(const std::vector<int>& links) { stiffness_ = {links, {}, false}; }
-  const TendonStiffness& tendon_stiffness() const { return stiffness_; }
   // Called after every substep, for tests.
   std::function<void()> after_substep;
 
@@ -238,7 +248,6 @@ class World {
   template <class Which>
   void forget_memory(Which which);
   void forget_memory_of(int tendon);
-  void forget_excluded();
   void forget_planes();
   bool any_moved() const;
   double pulled_away(const Tendon& c, const Anchor& anchor) const;
@@ -369,7 +378,6 @@ class World {
   ContactSet contacts_;
   SleepState sleep_;
   IslandSet islands_;
-  TendonStiffness stiffness_;
   History history_;
 };
 
