@@ -115,26 +115,27 @@ void GeneralizedBody::act(double dt, bool whole) {
 }
 
 void GeneralizedBody::begin_step() {
-  pushed_.assign(n(), 0.0);
-  in_substep_.clear();
+  substep.pushed.assign(n(), 0.0);
+  substep.last_forces.clear();
 }
 
 void GeneralizedBody::push(const Numbers& impulse, double h) {
-  in_substep_ = impulse;
+  substep.last_forces = impulse;
   for (int i = 0; i < n(); ++i) {
-    pushed_[i] += impulse[i];
-    in_substep_[i] /= h;
+    substep.pushed[i] += impulse[i];
+    substep.last_forces[i] /= h;
   }
 }
 
 // What else acts does so evenly over the step, as the tendons do: what is in balance does not move.
 void GeneralizedBody::begin_substep(double before, double at_end) {
-  changed.assign(n(), 0.0);
-  if (dense::dot(pushed_, pushed_) > 0) dense::respond(root, pushed_, work_.half, changed);
-  changes_to = changed;
+  substep.changed.assign(n(), 0.0);
+  if (dense::dot(substep.pushed, substep.pushed) > 0)
+    dense::respond(root, substep.pushed, work_.half, substep.changed);
+  substep.changes_to = substep.changed;
   for (int i = 0; i < n(); ++i) {
-    changed[i] += before * change[i];
-    changes_to[i] += at_end * change[i];
+    substep.changed[i] += before * change[i];
+    substep.changes_to[i] += at_end * change[i];
   }
 }
 

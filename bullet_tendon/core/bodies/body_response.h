@@ -49,6 +49,16 @@ struct BodyStops {
   bool slipped = false;  // it passed through contacts
 };
 
+// A body in a substep (begin_substep).
+struct BodySubstep {
+  using Numbers = dense::Numbers;
+  // Change of the rates since the step began, at the start and at the end of the substep, without the forces
+  // of the tendons in it.
+  Numbers changed, changes_to;
+  Numbers pushed;       // impulses of the tendons in past substeps
+  Numbers last_forces;  // generalized, of the tendons in the last substep; empty: it is the first
+};
+
 // The unknowns of a body in the solution of an island.
 struct BodyUnknowns {
   using Numbers = dense::Numbers;
@@ -101,9 +111,7 @@ struct GeneralizedBody {
   BodyHistory history;
   Numbers root;    // E, reduced by the stops that act in this step
   Numbers change;  // predicted change of the rates in the whole step, by all but the tendons
-  // Change of the rates since the step began, at the start and at the end of the substep, without the forces
-  // of the tendons in it (begin_substep).
-  Numbers changed, changes_to;
+  BodySubstep substep;
   Numbers forces;  // generalized forces of the tendons in this step
   BodyTurning turning;
   int touches = 0;  // number of attachments and contacts of tendons
@@ -156,7 +164,9 @@ struct GeneralizedBody {
   // Adds the generalized impulse of a substep of h [s].
   void push(const Numbers& impulse, double h);
   // Generalized forces of the tendons in the last substep, or in the last step; empty: not known.
-  const Numbers& last_forces() const { return in_substep_.empty() ? observer.forces() : in_substep_; }
+  const Numbers& last_forces() const {
+    return substep.last_forces.empty() ? observer.forces() : substep.last_forces;
+  }
 
  private:
   // Largest change in a sweep over the stops: of a rate [m/s], [rad/s], and as a share of the rates involved.
@@ -188,8 +198,6 @@ struct GeneralizedBody {
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   Numbers stopped_by_;     // acceleration by pybullet's stops in the last step
   BodyStops stops_;
-  Numbers pushed_;      // impulses of the tendons in past substeps
-  Numbers in_substep_;  // generalized forces of the tendons in the last substep; empty: it is the first
   BodyWorkspace work_;
   friend struct StateFields;  // world/state_fields.h
 };

@@ -30,8 +30,8 @@ Twist Link::rates_after(const dense::Numbers& d) const {
 void Link::begin_substep(const GeneralizedBody* m, double before, double at_end) {
   Twist start{velocity, spin};
   if (m) {
-    start = rates_after(m->changed);
-    const Twist end = rates_after(m->changes_to);
+    start = rates_after(m->substep.changed);
+    const Twist end = rates_after(m->substep.changes_to);
     const double late = before / (at_end - before);
     velocity = end.linear + late * (end.linear - start.linear);
     spin = end.angular + late * (end.angular - start.angular);
@@ -53,7 +53,7 @@ void Link::go_with(const GeneralizedBody& m) {
 
 void Link::advance_to(const GeneralizedBody* m, double time) {
   const Vec3 arm = transposed_times(start_pose.rotation, start_pose.origin - start_centre);
-  const Twist rates = m ? rates_after(m->changes_to) : Twist{velocity, spin};
+  const Twist rates = m ? rates_after(m->substep.changes_to) : Twist{velocity, spin};
   const double angle = time * norm(rates.angular);
   pose.rotation = start_pose.rotation;
   if (angle > 0 && jacobian.empty())
