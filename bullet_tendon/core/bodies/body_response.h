@@ -114,7 +114,8 @@ struct GeneralizedBody {
   BodySubstep substep;
   Numbers forces;  // generalized forces of the tendons in this step
   BodyTurning turning;
-  int touches = 0;  // number of attachments and contacts of tendons
+  int touches = 0;          // number of attachments and contacts of tendons
+  bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;
 
   // Coordinates whose limits act in this step.

@@ -26,7 +26,8 @@ constexpr double kCreep = 1e-3;
 namespace {
 
 bool moves_body(const Tendon& c) {
-  return std::any_of(c.anchors.begin(), c.anchors.end(), [](const Anchor& h) { return h.moves; });
+  return std::any_of(c.anchors.begin(), c.anchors.end(),
+                     [](const Anchor& h) { return h.link >= 0 && (h.moves || !h.rigid); });
 }
 
 }  // namespace

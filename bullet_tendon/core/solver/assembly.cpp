@@ -346,7 +346,7 @@ namespace {
 // The anchor of a particle, if it is an attachment or a rigid grip.
 const Anchor* fixed_anchor(const Tendon& c, int particle) {
   for (const Anchor& h : c.anchors)
-    if (h.rigid && h.particle == particle) return &h;
+    if ((h.rigid || h.link >= 0) && h.particle == particle) return &h;
   return nullptr;
 }
 

@@ -43,6 +43,27 @@ void World::count_touches() {
   });
 }
 
+// Marks point masses: free rigid bodies with one attachment, at the centre of mass, and without contacts,
+// shapes or tunnels.
+void World::find_point_masses() {
+  count_touches();
+  for (GeneralizedBody& m : scene.bodies) m.point_mass = false;
+  if (options.integrator == Integrator::explicit_euler) return;
+  for (const Tendon* c : step_.slots)
+    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
+      const Anchor& h = c->anchors[i];
+      if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) continue;
+      GeneralizedBody& m = scene.bodies[scene.links[h.link].body];
+      if (!scene.links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped())
+        continue;
+      const double share = m.history.share(), of_mass = 3 * share * share * m.free[0],
+                   of_point =
+                       trace(scene.links[h.link].mobility(to_world(scene.links[h.link].pose, h.local)));
+      // At the centre of mass, rotation adds nothing but rounding to the mobility.
+      m.point_mass = of_point - of_mass <= kRoundingShare * of_mass;
+    }
+}
+
 // Marks free rigid bodies on which attachments and elements act at the centre of mass alone, such as the node
 // between a tendon and its fixation. Without contacts, shapes or tunnels, no torque acts on them.
 void World::find_central_bodies() {
@@ -67,12 +88,12 @@ void World::find_central_bodies() {
   });
 }
 
-// All bodies that tendons touch are unknowns of an implicit step.
+// All bodies that tendons touch, except point masses, are unknowns of an implicit step.
 void World::find_unknowns() {
   count_touches();
   find_central_bodies();
   for (GeneralizedBody& m : scene.bodies)
-    m.unknowns.any = m.touches > 0 && options.integrator != Integrator::explicit_euler;
+    m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Link& l : scene.links) {
     l.correction = {};
     l.turned.far = false;

@@ -125,6 +125,7 @@ void World::predict() {
   step_.detections = 0;
   continue_histories();
   find_turning();
+  find_point_masses();
   for (GeneralizedBody& m : scene.bodies) m.unknowns.y.clear();
   step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
   lead_bodies();
@@ -373,8 +374,10 @@ void World::expect_carried(Tendon& c) {
 
 // Sets the targets of attached particles. A target is the attached point on the link, predicted without the
 // tendon forces of this substep. The unknowns of the body move the point from there (solver/body_schur.cpp).
-// Explicit steps have no body unknowns. If pybullet moved the body differently from the prediction in the
-// last step, the distance between particle and point is closed evenly over the substeps.
+// A point mass has no unknowns: with s^2 = (time from the start of the step to the end of the substep)
+// (length of the substep), the force F moves the mass m by s^2 F/m. Therefore a spring of stiffness m/s^2
+// holds the particle. Explicit steps have no body unknowns. If pybullet moved the body differently from the
+// prediction in the last step, the distance between particle and point is closed evenly over the substeps.
 void World::aim_attachments(Tendon& c) {
   for (Anchor& h : c.anchors) {
     if (h.link < 0) continue;
@@ -382,7 +385,12 @@ void World::aim_attachments(Tendon& c) {
     const Vec3 p = to_world(link.pose, h.local);
     h.aim = link.ahead_of(h.local, step_.context.dt);
     h.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
-    h.moves = link.yields() && options.integrator != Integrator::explicit_euler;
+    h.rigid = !link.yields() || !scene.bodies[link.body].point_mass;
+    h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;
+    if (!h.rigid) {
+      const double reach = step_.context.reach, share = scene.bodies[link.body].history.share();
+      h.stiffness = identity(1 / (share * share * reach * reach * scene.bodies[link.body].free[0]));
+    }
   }
 }
 

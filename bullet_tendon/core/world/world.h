@@ -297,6 +297,7 @@ class World {
   template <class Do>
   void each_touch(Do what) const;
   void count_touches();
+  void find_point_masses();
   void find_unknowns();
   void find_bodies();
   void narrow_bodies();
