@@ -302,7 +302,7 @@ void World::take_substep() {
   measure_wrenches();
   for (Link& l : scene.links) {
     l.wrench = l.wrench + l.part;
-    if (step_.attempt.converged) l.solved = (1 / share) * l.part;
+    if (step_.attempt.converged) l.solved = (1 / step_.substeps.share_at_end()) * l.wrench;
   }
   for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
