@@ -63,11 +63,12 @@ struct BodySubstep {
 struct BodyUnknowns {
   using Numbers = dense::Numbers;
   bool any = false;
-  int freedom = 0;          // number of unknowns
-  Numbers basis;            // Q^T (freedom n), where freedom < n
-  Numbers y, dy, residual;  // z, its change, and its residual
-  int first = 0;            // index of the first one among the body unknowns of the island
-  double lever = 0;         // largest |B| of its touched points
+  int freedom = 0;         // number of unknowns
+  Numbers basis;           // Q^T (freedom n), where freedom < n
+  Numbers y, residual;     // z, and its residual
+  Numbers dy, correction;  // change of z, and its second-order correction (solver/arc.cpp)
+  int first = 0;           // index of the first one among the body unknowns of the island
+  double lever = 0;        // largest |B| of its touched points
 };
 
 // Workspace. Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.

@@ -147,23 +147,27 @@ void place_bodies(Island& island) {
   if (!island.bodies.indices.empty()) place(island);
 }
 
-void advance_bodies(Island& island, double alpha) {
+void advance_bodies(Island& island, double alpha, double second) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
-    for (int k = 0; k < m.unknowns.freedom; ++k) m.unknowns.y[k] += alpha * m.unknowns.dy[k];
+    BodyUnknowns& of = m.unknowns;
+    for (int k = 0; k < of.freedom; ++k) of.y[k] += alpha * of.dy[k];
+    for (int k = 0; second != 0 && k < of.freedom; ++k) of.y[k] += second * of.correction[k];
   });
   place(island);
 }
 
-void move_bodies(Island& island, double share, Which x) {
+void move_bodies(Island& island, double share, Which x, dense::Numbers BodyUnknowns::* change) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
+    dense::Numbers& of = m.unknowns.*change;
+    of.resize(m.unknowns.freedom);
     for (int k = 0; k < m.unknowns.freedom; ++k)
-      m.unknowns.dy[k] = share * island.bodies.corner_side[m.unknowns.first + k];
+      of[k] = share * island.bodies.corner_side[m.unknowns.first + k];
   });
   for (int l : island.bodies.carried) {
     Link& link = (*island.bodies.links)[l];
-    link.stepped = scaled(reach_of(island), link.twist_of((*island.bodies.all)[link.body].unknowns.dy));
+    link.stepped = scaled(reach_of(island), link.twist_of((*island.bodies.all)[link.body].unknowns.*change));
   }
   carry_steps(island, x);
 }
@@ -239,9 +243,12 @@ void correct_wrenches(Island& island) {
   }
 }
 
-double body_slope(const Island& island) {
+double body_slope(const Island& island, double second) {
   double sum = 0;
-  each_body(island, [&](const GeneralizedBody& m) { sum += dense::dot(m.unknowns.residual, m.unknowns.dy); });
+  each_body(island, [&](const GeneralizedBody& m) {
+    sum += dense::dot(m.unknowns.residual, m.unknowns.dy);
+    if (second != 0) sum += second * dense::dot(m.unknowns.residual, m.unknowns.correction);
+  });
   return sum;
 }
 

@@ -16,12 +16,14 @@ void place_bodies(Island& island);
 double body_potential(const Island& island);
 // Sets the wrenches that are missing from the forces of the iterate to move bodies by y (Link::correction).
 void correct_wrenches(Island& island);
-// Adds alpha dy to y.
-void advance_bodies(Island& island, double alpha);
-// The bodies' part of r.d, the slope along the step.
-double body_slope(const Island& island);
-// Sets dy = share * corner_side, and the resulting displacements of the carried particles, in x.
-void move_bodies(Island& island, double share, Which x);
+// Adds alpha dy + second correction to y.
+void advance_bodies(Island& island, double alpha, double second = 0);
+// The bodies' part of r.(d + second c), with the step d and its correction c.
+double body_slope(const Island& island, double second);
+// Sets dy, or another change of y, to share * corner_side, and x to the resulting displacements of the
+// carried particles.
+void move_bodies(Island& island, double share, Which x,
+                 dense::Numbers BodyUnknowns::* change = &BodyUnknowns::dy);
 // Add loads to the links: the force [N] of a contact, and the forces on carried particles.
 void load_body(Island& island, const Contact& contact, Vec3 force);
 void load_carried(Island& island, Which forces);

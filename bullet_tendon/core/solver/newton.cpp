@@ -275,30 +275,21 @@ bool find_step(Solution& s, const Assembly& a) {
   return solve_linear(island, s.context, true);
 }
 
-// r.d, the directional derivative of the incremental potential along the step.
-double slope_along(Island& island) {
-  double sum = body_slope(island);
-  for (Tendon* c : island.tendons) sum += inner(c->residual, c->dx);
-  return sum;
-}
-
-void advance(Island& island, double alpha) {
-  for (Tendon* c : island.tendons) c->advance(alpha);
-  advance_bodies(island, alpha);
-}
-
-// Advances to a point where the slope has at least halved, by regula falsi. It uses slopes only, because
-// differences of the potential would suffer from cancellation.
-void line_search(Island& island) {
-  const double start = slope_along(island);
+// Advances along the arc to a point where the slope has at least halved, by regula falsi. It uses slopes
+// only, because differences of the potential would suffer from cancellation.
+void line_search(Solution& s, double residual) {
+  Island& island = s.island;
+  island.curved = false;
+  const double start = slope_along_arc(island, 0);
+  find_correction(island, s.options(), residual);
   // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
   double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
   for (int trial = 0; trial < kMostTrials; ++trial) {
-    advance(island, alpha - at);
+    advance_along_arc(island, at, alpha);
     at = alpha;
     Assembly a = residual_of(island, true, true);
     measure_residual(island, a);
-    const double slope = slope_along(island);
+    const double slope = slope_along_arc(island, alpha);
     const bool finite = std::isfinite(slope);
     if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
     if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
@@ -315,10 +306,10 @@ void line_search(Island& island) {
   }
 }
 
-void take_step(Solution& s) {
+void take_step(Solution& s, double residual) {
   Island& island = s.island;
   if (s.descends) {
-    line_search(island);
+    line_search(s, residual);
     for (Tendon* c : island.tendons)
       for (Anchor& h : c->anchors) h.slips = h.exceeds_limit(h.raw);
     // The normal force of a direct contact is that before the line search. Its limit is kept.
@@ -329,7 +320,8 @@ void take_step(Solution& s) {
   carry_springs(island);
   predict_contacts(island);
   predict_anchors(island);
-  advance(island, 1);
+  island.curved = false;
+  advance_along_arc(island, 0, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
   // lengths of segments.
   if (!s.turns || touches(island)) return;
@@ -406,7 +398,7 @@ void iterate(Solution& s) {
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) break;
-    take_step(s);
+    take_step(s, a.residual);
   }
   if (island.result.converged || island.result.left_predicted_region || s.changed) return;
   island.result.converged = is_negligible(s);

@@ -46,6 +46,22 @@ void multiply(Island& island);
 // small share of `enough` [N] are neglected.
 void solve_limits(Island& island, const StepContext& context, double enough);
 
+// The arc on which a Newton step moves the iterate (solver/arc.cpp):
+//
+//   x(alpha) = x + alpha d + alpha^2 c,     0 <= alpha <= 1
+//
+// d: tendon.dx and dy of the bodies; c: their corrections, zero unless island.curved.
+
+// Computes c from d, by the factors of the last solution, where it matters beside the residual [N] of the
+// iterate. Afterwards the residual of tendons and bodies and the steps of links are undefined.
+void find_correction(Island& island, const Options& options, double residual);
+
+// Moves the iterate from x(from) to x(to), with its bodies and the particles that they carry.
+void advance_along_arc(Island& island, double from, double to);
+
+// r . dx/dalpha at the iterate x(alpha): the derivative of the incremental potential along the arc.
+double slope_along_arc(const Island& island, double alpha);
+
 // Removes the energy that a step of implicit Euler created from tendon.v_new. Returns how much of it remains
 // [J], without the work of contacts that correct depth.
 double project_energy(Island& island, Vec3 gravity);

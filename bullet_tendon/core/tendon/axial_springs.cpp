@@ -285,6 +285,29 @@ BT_VECTOR void carry(SpringSet& s, const Law& law, const Field& dx) {
   }
 }
 
+BT_VECTOR double find_curvature_forces(SpringSet& s, const Field& dx) {
+  const int m = s.count, reach = s.reach;
+  const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
+  const double *ux = dx[0], *uy = dx[1], *uz = dx[2], *slope = s.slope.data();
+  const double *len = s.length.data(), *rest = s.rest.data();
+  double* force = s.force.data();
+#pragma GCC ivdep
+  for (int k = 0; k < m; ++k) {
+    const double ex = ux[k + reach] - ux[k], ey = uy[k + reach] - uy[k], ez = uz[k + reach] - uz[k];
+    const double along = nx[k] * ex + ny[k] * ey + nz[k] * ez;
+    const double px = ex - along * nx[k], py = ey - along * ny[k], pz = ez - along * nz[k];
+    const double least = kRoundingShare * rest[k];
+    force[k] = 0.5 * slope[k] * (px * px + py * py + pz * pz) / (len[k] > least ? len[k] : least);
+  }
+  for (int c = 0; c < 3; ++c) {
+    const double* n = s.direction[c];
+    double* f = s.vector[c];
+#pragma GCC ivdep
+    for (int k = 0; k < m; ++k) f[k] = force[k] * n[k];
+  }
+  return largest_of(force, m);
+}
+
 void begin_relaxation(SpringSet& s, const Relaxation& relaxation) {
   const size_t terms = s.memory.size() / std::max(1, s.count);
   s.share = relaxation.share();

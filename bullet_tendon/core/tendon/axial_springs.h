@@ -122,6 +122,10 @@ void start_matrix(const SpringSet& structure, const SpringSet& shear, const std:
 void scatter_blocks(const SpringSet& s, Band& matrix);
 // Sets T_e and T to the forces that the linearisation predicts after the displacements dx.
 void carry(SpringSet& s, const Law& law, const Field& dx);
+// Sets the forces and their vectors to those of the elongations |d_across|^2/(2 len) that rotation by the
+// displacements dx causes, at the slopes of the linearisation (solver/arc.cpp). Returns the largest force
+// [N].
+double find_curvature_forces(SpringSet& s, const Field& dx);
 // Largest sum of axial and transverse stiffness of a spring at the current state [N/m]. b: step weight [s].
 double largest_stiffness(SpringSet& s, const Law& law, double b);
 // Begins a substep in which springs relax: computes share and recalled.

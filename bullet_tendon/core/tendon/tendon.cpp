@@ -18,9 +18,9 @@ constexpr double kSpread = 1e-6;
 
 Tendon::Tendon(const std::vector<Vec3>& points, double radius_, double friction_, const Material& material_)
     : radius(radius_), friction(friction_), material(material_), n_(static_cast<int>(points.size())) {
-  for (Field* f : {&x, &v, &force, &x_before, &v_before, &x_new, &dx, &residual, &v_new, &displacement,
-                   &inertial_displacement, &cg_remainder, &cg_preconditioned, &cg_direction, &cg_image,
-                   &column, &solved, &predicted})
+  for (Field* f : {&x, &v, &force, &x_before, &v_before, &x_new, &dx, &correction, &residual, &v_new,
+                   &displacement, &inertial_displacement, &cg_remainder, &cg_preconditioned, &cg_direction,
+                   &cg_image, &column, &solved, &predicted})
     f->resize(n_);
   for (int i = 0; i < n_; ++i) x.set(i, points[i]);
   // A smaller share would be lost in rounding, and its strain at any force would be unbounded.
@@ -164,13 +164,20 @@ void Tendon::place_anchors() {
     if (h.rigid) place(h.particle, h.aim);
 }
 
-BT_VECTOR void Tendon::advance(double alpha) {
+BT_VECTOR void Tendon::advance(double alpha, double second) {
   for (int k = 0; k < 3; ++k) {
     double *u = displacement[k], *at = x_new[k];
     const double *d = dx[k], *start = x[k];
 #pragma GCC ivdep
     for (int i = 0; i < n_; ++i) {
       u[i] += alpha * d[i];
+      at[i] = start[i] + u[i];
+    }
+    if (second == 0) continue;
+    const double* c = correction[k];
+#pragma GCC ivdep
+    for (int i = 0; i < n_; ++i) {
+      u[i] += second * c[i];
       at[i] = start[i] + u[i];
     }
   }

@@ -73,7 +73,8 @@ struct TendonWorkspace : PredictedRegion {
   Field displacement, x_new;
   Field v_new;                  // at the end of the substep [m/s]
   Field inertial_displacement;  // y - x, the displacement without forces of springs and contacts [m]
-  Field dx, residual, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved;
+  Field dx, correction;         // solver/arc.cpp [m]
+  Field residual, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved;
   Band matrix;
   BandFactor factor;
   Planes inverse_blocks;
@@ -105,12 +106,12 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   const Field& user_velocities() const { return with_body ? mean_velocities : v; }
   Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
   // These three change displacement and x_new: of a particle by `by`, of a particle to the position `at`, of
-  // all particles by alpha dx.
+  // all particles by alpha dx + second correction.
   void move(int particle, Vec3 by);
   void place(int particle, Vec3 at);
   // Places the particles of rigid anchors at their targets.
   void place_anchors();
-  void advance(double alpha);
+  void advance(double alpha, double second = 0);
   // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
   bool is_torn(int segment) const { return std::find(torn.begin(), torn.end(), segment) != torn.end(); }
