@@ -2,11 +2,16 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cmath>
+#include <random>
 #include <tuple>
 #include <vector>
 
 #include "bindings/arrays.h"
 #include "bodies/finite_rotation.h"
+#include "solver/assembly.h"
+#include "solver/body_schur.h"
+#include "solver/solver.h"
 
 namespace bt {
 
@@ -269,7 +274,90 @@ py::tuple finite_rotation_term(const Array& begun, const Array& by, const Array&
 
 }  // namespace
 
+namespace {
+
+// Newton's linear model of an island, for tests: a random force g on particles and bodies is solved for by
+// the matrix at the solution. The iterate moves along the result, and the residual has to change by -g.
+class ModelCheck {
+ public:
+  explicit ModelCheck(Island& island) : island_(island) {}
+
+  // The largest error of the change, relative to the largest g, where particles move by at most `move` [m] to
+  // both sides. Negative: the matrix is indefinite.
+  double error(const StepContext& context, double move) {
+    island_.curved = false;
+    evaluate();
+    assemble(island_, Linearisation::multiplier, false, false);
+    if (!solve_linear(island_, context, false)) return -1;
+    draw_forces();
+    const std::vector<double> forces = residuals();
+    solve_again(island_, context.options, &Tendon::residual, &Tendon::dx);
+    combine(island_, -1, &Tendon::dx, 0, &Tendon::dx);
+    move_bodies(island_, -1, &Tendon::dx);
+    double most = 0;
+    for (const Tendon* c : island_.tendons) most = std::max(most, c->dx.largest());
+    const double by = move / most;
+    const std::vector<double> ahead = residuals_at(0, by), behind = residuals_at(by, -by);
+    residuals_at(-by, 0);
+    double error = 0, largest = 0;
+    for (size_t k = 0; k < forces.size(); ++k) {
+      error = std::max(error, std::fabs((ahead[k] - behind[k]) / (2 * by) + forces[k]));
+      largest = std::max(largest, std::fabs(forces[k]));
+    }
+    return error / largest;
+  }
+
+ private:
+  void evaluate() {
+    Assembly a = residual_of(island_, false);
+    measure_residual(island_, a);
+  }
+
+  void draw_forces() {
+    auto draw = [this] { return std::uniform_real_distribution<double>(-1, 1)(random_); };
+    for (Tendon* c : island_.tendons)
+      for (int i = 0; i < c->n(); ++i) c->residual.set(i, {draw(), draw(), draw()});
+    project_anchors(island_, &Tendon::residual);
+    for (int m : island_.bodies.indices) {
+      BodyUnknowns& of = (*island_.bodies.all)[m].unknowns;
+      for (double& r : of.residual) r = of.lever * draw();
+    }
+  }
+
+  // Of all particles and bodies [N].
+  std::vector<double> residuals() const {
+    std::vector<double> all;
+    for (const Tendon* c : island_.tendons)
+      for (int i = 0; i < c->n(); ++i)
+        for (const double r : {c->residual[0][i], c->residual[1][i], c->residual[2][i]}) all.push_back(r);
+    for (int m : island_.bodies.indices) {
+      const BodyUnknowns& of = (*island_.bodies.all)[m].unknowns;
+      for (const double r : of.residual) all.push_back(r / of.lever);
+    }
+    return all;
+  }
+
+  std::vector<double> residuals_at(double from, double to) {
+    advance_along_arc(island_, from, to);
+    evaluate();
+    return residuals();
+  }
+
+  Island& island_;
+  std::mt19937 random_{1};
+};
+
+}  // namespace
+
 void bind_terms(py::module_& testing) {
+  // Calls `found` with the error of the linear model of each island after its solution.
+  testing.def("watch_models", [](World& w, double move, py::object found) {
+    w.after_solution = [=](Island& island, const StepContext& context) {
+      const double error = ModelCheck(island).error(context, move);
+      py::gil_scoped_acquire lock;
+      found(error);
+    };
+  });
   testing.def("grip_term", &grip_term);
   testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);

@@ -368,6 +368,25 @@ BT_WITHIN inline void couple_pair(const Contact& contact, Panel& a, Panel& b) {
   pull_back(b, contact.b, pull);
 }
 
+// The same for the sliding-point terms of such a contact. Those within one tendon are in its band.
+BT_WITHIN inline void couple_pair_sliding_terms(const Contact& contact, Panel& a, Panel& b) {
+  const int i = contact.a.first, j = contact.b.first;
+  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
+    const Vec3* term = contact.geometry.sliding_term[k];
+    Eight at_end, of_a{}, of_b{};
+    for (int e : {0, 1}) {
+      dot(contact.geometry.sliding_share[k] * term[e], a.moves.at(i + e), &at_end);
+      of_a += at_end;
+      dot(contact.geometry.sliding_share[k] * term[2 + e], b.moves.at(j + e), &at_end);
+      of_b += at_end;
+    }
+    for (int e : {0, 1}) {
+      add(a.pulls.at(i + e), &of_b, term[e]);
+      add(b.pulls.at(j + e), &of_a, term[2 + e]);
+    }
+  }
+}
+
 template <class Do>
 BT_WITHIN inline void each_carried_column(Island& island, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
@@ -471,7 +490,10 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     Border& a = border_of(island, contact->a);
     if (contact->b.tendon >= 0) {
       Border& b = border_of(island, contact->b);
-      if (a.carried || b.carried) couple_pair(*contact, a.panels[p], b.panels[p]);
+      if (a.carried || b.carried) {
+        couple_pair(*contact, a.panels[p], b.panels[p]);
+        couple_pair_sliding_terms(*contact, a.panels[p], b.panels[p]);
+      }
     }
     if (!contact->moves) continue;
     LinkColumns& link = island.bodies.of_links[contact->link];

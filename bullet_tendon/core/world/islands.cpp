@@ -179,6 +179,7 @@ bool World::solve_each_island() {
   for (Island& g : islands_.all) {
     if (g.tendons.empty() && g.elements.all.empty()) continue;
     bt::solve(g, step_.context);
+    if (after_solution) after_solution(g, step_.context);
     if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
     finite &= g.result.finite;
     step_.unconverged |= !g.result.converged && !g.result.left_predicted_region;

@@ -219,8 +219,9 @@ class World {
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // The last step that was not `whole`.
   const StepRecord& last_step() const { return history_.last_step; }
-  // Called after every substep, for tests.
+  // Called after every substep, and after every solution of an island, for tests.
   std::function<void()> after_substep;
+  std::function<void(Island&, const StepContext&)> after_solution;
 
   // Converts all state (listed in world/state_fields.h) to bytes and back. If the bytes are not a state of a
   // world with the same objects, restore throws StateMismatch and changes nothing.

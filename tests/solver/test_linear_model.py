@@ -1,0 +1,54 @@
+"""The linear model of Newton's method against differences of forces: particles, bodies, contacts together.
+
+A random force g is solved for by the matrix at a step's solution. The iterate then moves along the result, to
+both sides, and the forces have to change by -g.
+"""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+from bullet_tendon._core import testing
+
+MOVE = 1e-8  # m; farther, third derivatives show; less far, the rounding of stiff springs
+
+
+def errors_of(world, steps):
+    """Errors of all solutions in so many steps, relative to the largest g; -1: the matrix is indefinite."""
+    errors = []
+    testing.watch_models(world._core, MOVE, errors.append)
+    for _ in range(steps):
+        world.step()
+    assert len(errors) >= steps
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("mass", [0, 0.05])
+def test_crossed_strands_that_a_body_carries(make_world, client, mass):
+    """Segments that touch and end on a body: its motion slides and turns their contact."""
+    world = make_world(1 / 240, gravity=(0, 0, -9.81))
+    body = p.createMultiBody(mass, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.03, 0.01, 0.005]))
+    law = bt.Material(stiffness=500.0, density=1100.0, friction=0.0)
+    for side in (-1, 1):
+        foot, top = np.array([0.02 * side, 6e-4 * side, 0.006]), np.array([-0.02 * side, 6e-4 * side, 0.046])
+        t = world.add_tendon([top, foot], 5e-4, law, particles=3)
+        t.attach(-1, body)
+        t.grip(0, target=top - [0, 2e-3 * side, 0])
+    errors = errors_of(world, 30)
+    assert len(world.contacts) > 0
+    assert np.median(errors) <= 1e-5
+
+
+def test_a_held_bore_and_its_mouth(make_world):
+    """The contact point slides along its segment and around the edge of the mouth."""
+    world = make_world(1 / 240)
+    block = p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.02, 0.02]))
+    world.add_tunnel(block, -1, (0, 0, -0.02), (0, 0, 0.02), 0.004)
+    law = bt.Material(stiffness=2000.0, density=1100.0, friction=0.0)
+    t = world.add_tendon([[0, 0, -0.05], [0, 0, 0.02], [0.03, 0, 0.04]], 0.0015, law, particles=24)
+    t.grip(0)
+    t.grip(-1, target=(0.034, 0, 0.04))
+    errors = errors_of(world, 20)
+    assert len(world.contacts) > 0
+    assert np.median(errors) <= 1e-5
