@@ -121,9 +121,13 @@ class StrandGraft:
         place = tibial.start + TENSIONER * measure.unit(tibial.start - tibial.end)
         self.tensioners = self.bundle.pull(-1, tension, tibial.bodyUniqueId, tibial.linkIndex, place)
 
-    def fix(self) -> None:
-        """Hold the strands in the tibial tunnel by a screw, and take the tensioner off."""
-        self.screws = self.bundle.fix(self.tunnels[0], "screw", length=SCREW)
+    def fix(self, stiffness: float | None = None) -> None:
+        """Hold the strands in the tibial tunnel by a screw, and take the tensioner off.
+
+        stiffness [N/m] of the screw; None: the published one. The screw takes no load until the tensioner is
+        off. Then it yields until its force is the tension that is left.
+        """
+        self.screws = self.bundle.fix(self.tunnels[0], "screw", length=SCREW, stiffness=stiffness)
         for device in self.tensioners:
             device.release()
         self.tensioners = ()

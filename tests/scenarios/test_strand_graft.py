@@ -81,6 +81,33 @@ def test_a_drawer_tightens_the_graft_and_leaves_it(fixed):
     assert rig.coordinates.anterior == pytest.approx(rested, abs=5e-4)
 
 
+@pytest.mark.parametrize("stiffness, least, most", [(1e7, 0.99, 1.01), (None, 0.6, 0.8)])
+def test_the_screw_alone_takes_tension_when_the_tensioner_goes(stiffness, least, most):
+    """A rigid screw keeps the tension. The published one yields by its load over its stiffness."""
+    with KneeRig() as rig:
+        rig.cut("ACL")
+        rig.flex(FLEXION)
+        rig.settle()
+        graft = StrandGraft(rig)
+        graft.pass_through()
+        graft.pull(80.0)
+        assert come_to_rest(rig)
+        tension = graft.force
+        screwed = [list(strand.positions) for strand in graft.bundle.strands]
+        graft.fix(stiffness)
+        axis = np.subtract(*graft.tunnels[0].ends[::-1])
+        axis /= np.linalg.norm(axis)
+        placed = rig.joints
+        assert come_to_rest(rig)
+        assert least * tension < graft.force < most * tension
+        if stiffness is None:
+            return
+        for strand, screw, before in zip(graft.bundle.strands, graft.screws, screwed, strict=True):
+            moved = [(strand.positions[k] - before[k]) @ axis for k in screw.particles]
+            assert np.abs(moved).max() < 2e-5
+        assert np.abs(rig.joints - placed)[[0, 1, 3]].max() < 2e-5
+
+
 def test_what_cannot_be_a_graft_is_refused():
     with KneeRig() as rig:
         for bad in ({"radius": 0.0}, {"radius": float("nan")}, {"slope": -1.0}):
