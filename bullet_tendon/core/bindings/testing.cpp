@@ -272,10 +272,6 @@ py::tuple finite_rotation_term(const Array& begun, const Array& by, const Array&
                         rows_of({{k.xx, k.xy, k.xz}, {k.xy, k.yy, k.yz}, {k.xz, k.yz, k.zz}}));
 }
 
-}  // namespace
-
-namespace {
-
 // Newton's linear model of an island, for tests: a random force g on particles and bodies is solved for by
 // the matrix at the solution. The iterate moves along the result, and the residual has to change by -g.
 class ModelCheck {

@@ -2,9 +2,10 @@
 //
 // A linear solution moves particles along straight lines. Therefore a segment of length l that rotates by
 // the angle phi becomes l phi^2/2 too long. In a stiff tendon this is nearly all of the next residual,
-// because a micrometre changes the force by newtons: full steps diverge, and a line search takes very short
-// steps (the Maratos effect: Nocedal and Wright 2006, section 15.5). The correction moves the particles to
-// where these elongations cause no forces, by the same matrix A:
+// because a micrometre changes the force by newtons, and a line search takes very short steps (the Maratos
+// effect: Nocedal and Wright 2006, section 15.5). Full steps without contacts keep all lengths instead
+// (tendon/segment_rotation.cpp). The correction moves the particles to where these elongations cause no
+// forces, by the same matrix A:
 //
 //   A c = -f,     f: the forces s |d_across|^2/(2 l) of all springs along their directions
 //
@@ -23,8 +24,8 @@ namespace bt {
 namespace {
 
 // Largest force of the elongations by rotation, relative to the largest residual, below which a step is not
-// corrected [-]. Larger: iterations near the solution converge more slowly. Smaller: more of them are
-// corrected, at the cost of a solution by given factors, without effect.
+// corrected [-]. Larger: a descent takes more steps. Smaller: more of them are corrected, at the cost of a
+// solution by given factors, without effect.
 constexpr double kCurved = 0.1;
 
 // residual = the forces of the elongations by rotation. Returns the largest one [N].

@@ -279,7 +279,6 @@ bool find_step(Solution& s, const Assembly& a) {
 // only, because differences of the potential would suffer from cancellation.
 void line_search(Solution& s, double residual) {
   Island& island = s.island;
-  island.curved = false;
   const double start = slope_along_arc(island, 0);
   find_correction(island, s.options(), residual);
   // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
@@ -308,6 +307,7 @@ void line_search(Solution& s, double residual) {
 
 void take_step(Solution& s, double residual) {
   Island& island = s.island;
+  island.curved = false;
   if (s.descends) {
     line_search(s, residual);
     for (Tendon* c : island.tendons)
@@ -320,7 +320,6 @@ void take_step(Solution& s, double residual) {
   carry_springs(island);
   predict_contacts(island);
   predict_anchors(island);
-  island.curved = false;
   advance_along_arc(island, 0, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
   // lengths of segments.
