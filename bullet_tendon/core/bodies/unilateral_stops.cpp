@@ -147,7 +147,6 @@ void GeneralizedBody::find_stops(double dt) {
   work_.through.clear();
   work_.within.clear();
   stops_.unstopped = change;
-  begin_step();
   stops_.doubted.resize(n());
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);

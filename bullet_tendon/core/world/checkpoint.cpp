@@ -160,7 +160,7 @@ struct SizesOfBody {
         fit &= size % 7 == 0;
       else if (field == "directions")
         fit &= n == 0 ? size == 0 : size % n == 0;
-      else if (field == "external" || field == "mean" || field == "applied")
+      else if (field == "external")
         fit &= size == 0 || size == n;
       else if (field != "pushes" && field != "doubted")
         fit &= fits(value, n);

@@ -330,7 +330,7 @@ void World::take_substep() {
 }
 
 // Leaves out the rest of a step whose budget is exhausted: the tendons stay where they are, with their
-// velocities, and the last wrenches that were solved act on the links for that time.
+// velocities, and the last mean wrenches that were solved act on the links for that time.
 void World::leave_rest() {
   const double rest = 1 - step_.substeps.share_before();
   for (Link& l : scene.links) l.wrench = l.wrench + rest * l.solved;
