@@ -220,7 +220,8 @@ void find_motion_shift(GeneralizedBody& m, const Articulated& body, const dense:
   for (std::size_t i = 0; i < n; ++i) m.motion_shift[i] -= behind[i];
 }
 
-void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading) {
+// continues: BDF2 may continue its motion.
+void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading, bool continues) {
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
@@ -239,7 +240,10 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   body.velocity_force(m.rates.data(), moving.data());
   dense::multiply(m.free, moving, m.by_motion);
   body.limits(places.data(), m.limits);
-  find_motion_shift(m, body, before);
+  if (continues)
+    find_motion_shift(m, body, before);
+  else
+    m.motion_shift.clear();
 }
 
 // Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
@@ -268,7 +272,8 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   GeneralizedBody& m = w.scene.bodies[slots[0]];
   m.external.clear();
   m.history.possible = true;
-  read_dynamics(m, body, reading);
+  const bool continues = is_second_order(w.options.integrator);
+  read_dynamics(m, body, reading, continues);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.scene.links[slots[i]];
@@ -280,9 +285,11 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
     set_motion(l, body, reading, m.rates);
   }
-  std::vector<Vec3> curvings;
-  body.curvings(m.rates.data(), curvings);
-  for (std::size_t i = 0; i < slots.size(); ++i) w.scene.links[slots[i]].curving = curvings[links[i]];
+  if (continues || w.scene.has_elements()) {
+    std::vector<Vec3> curvings;
+    body.curvings(m.rates.data(), curvings);
+    for (std::size_t i = 0; i < slots.size(); ++i) w.scene.links[slots[i]].curving = curvings[links[i]];
+  }
   return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 
