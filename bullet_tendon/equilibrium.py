@@ -9,9 +9,11 @@ elements on the links, the Jacobians J_l, gravity and the forces F of the user, 
 
 vanishes. Newton's matrix is sum J^T K J, with K of the elements, to which a symmetric rank-one update adds
 what the steps so far have shown of the rest: the curvature of cartilage, and the change of the Jacobians
-(Conn, Gould and Toint 1991). A step is limited in length and shortened until f along the step no longer
-points back, or the potential falls; negative curvature is reversed. Forces that follow a link have no
-potential. Their work in a step is that of the mean of both ends.
+(Conn, Gould and Toint 1991). Where Newton's matrix by itself foresees a step better, what was learned before
+is forgotten: a tendon has become taut, or a contact has changed. A step is limited in length along each
+principal direction of the matrix, and shortened until f along the step no longer points back, or the
+potential falls; negative curvature is reversed. Forces that follow a link have no potential. Their work in a
+step is that of the mean of both ends.
 
 Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
@@ -324,7 +326,10 @@ class Equilibrium:
             share, after = self._advance(at, step)
             if after is not None:
                 moved = share * step
-                learned += _rank_one(moved, at.force - after.force - (after.matrix + learned) @ moved)
+                missed = at.force - after.force - after.matrix @ moved
+                if np.linalg.norm(scale * missed) < np.linalg.norm(scale * (missed - learned @ moved)):
+                    learned[:] = 0
+                learned += _rank_one(moved, missed - learned @ moved)
             at = after
         return False, max_steps, float(residual)
 
@@ -376,11 +381,17 @@ class Equilibrium:
 
 
 def _newton_step(matrix, force, scale) -> np.ndarray:
-    """The step of a matrix whose negative and tiny curvatures are replaced, limited in length."""
+    """The step of a matrix whose negative and tiny curvatures are replaced, limited in length.
+
+    Each principal direction has a limit of its own: along one in which hardly anything resists, such as the
+    spin of a weight about the tendon on which it hangs, the step is long and tells nothing about others.
+    """
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2 * np.outer(scale, scale))
     values = np.maximum(np.abs(values), _STIFFEST * max(np.abs(values).max(), 1.0))
-    step = scale * (vectors @ ((vectors.T @ (scale * force)) / values))
-    return step * min(1.0, _FARTHEST / max(np.abs(step).max(), 1e-300))
+    along = vectors * scale[:, None]
+    most = _FARTHEST / np.abs(along).max(axis=0)
+    step = along @ np.clip((along.T @ force) / values, -most, most)
+    return step * min(1.0, _FARTHEST / np.abs(step).max()) if step.any() else step
 
 
 def _cross(a, b) -> list:
