@@ -81,10 +81,7 @@ class RigidBody:
         return core.sample_link(self.slot, read_link(self.body, self.link, self.client)[2])
 
     def apply_joint_forces(self, core) -> None:
-        """It has no joints. Put on it what the gyroscopic torque lacks."""
-        torque = core.free_torque(self.slot)
-        if any(torque):
-            p.applyExternalTorque(self.body, self.link, torque, p.WORLD_FRAME, self.client)
+        """It has no joints."""
 
     def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user at a world point, once the body was read."""

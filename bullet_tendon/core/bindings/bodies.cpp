@@ -400,21 +400,30 @@ Array wrenches(const World& w) {
   return out;
 }
 
-// Slot, force, point and torque about the point of every link that yields and has a wrench. The torque is
-// None where the wrench is a single force, as from one attachment: where both are orthogonal.
+// What pybullet is given on a link: the wrench of the tendons, and on a rigid body what else it is given.
+Wrench push_on(const World& w, const Link& l) {
+  const dense::Numbers& f = w.scene.bodies[l.body].joint_forces;
+  if (!l.jacobian.empty() || f.size() != 6) return l.wrench;
+  return l.wrench + Wrench{{f[0], f[1], f[2]}, {f[3], f[4], f[5]}};
+}
+
+// Slot, force, point and torque about the point of every link that yields and is given a wrench. The torque
+// is None where the wrench is a single force, as from one attachment: where both are orthogonal.
 py::list pushes(const World& w) {
   py::list out;
   for (std::size_t i = 0; i < w.scene.links.size(); ++i) {
     const Link& l = w.scene.links[i];
-    const double force = norm(l.wrench.force), torque = norm(l.wrench.torque);
-    if (!l.yields() || !(force > 0 || torque > 0)) continue;
-    if (std::fabs(dot(l.wrench.force, l.wrench.torque)) <= kRoundingShare * force * torque && force > 0) {
+    if (!l.yields()) continue;
+    const Wrench push = push_on(w, l);
+    const double force = norm(push.force), torque = norm(push.torque);
+    if (!(force > 0 || torque > 0)) continue;
+    if (std::fabs(dot(push.force, push.torque)) <= kRoundingShare * force * torque && force > 0) {
       // Of unit vectors: the product of tiny forces and torques would underflow.
-      const Vec3 arm = (torque / force) * cross(unit_or(l.wrench.force, {}), unit_or(l.wrench.torque, {}));
+      const Vec3 arm = (torque / force) * cross(unit_or(push.force, {}), unit_or(push.torque, {}));
       const Vec3 point = l.start_centre + arm;
-      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(point), py::none()));
+      out.append(py::make_tuple(i, tuple(push.force), tuple(point), py::none()));
     } else {
-      out.append(py::make_tuple(i, tuple(l.wrench.force), tuple(l.start_centre), tuple(l.wrench.torque)));
+      out.append(py::make_tuple(i, tuple(push.force), tuple(l.start_centre), tuple(push.torque)));
     }
   }
   return out;
@@ -459,11 +468,6 @@ void bind_world_bodies(GuardedWorld& world) {
                if (w.scene.links[i].yields() && !w.scene.bodies[w.scene.links[i].body].observer.held())
                  free.push_back(static_cast<int>(i));
              return free;
-           })
-      .def("free_torque",
-           [](const World& w, int body) {
-             const dense::Numbers& forces = w.scene.bodies[body].joint_forces;
-             return forces.size() < 6 ? tuple(Vec3{}) : py::make_tuple(forces[3], forces[4], forces[5]);
            })
       .def("joint_forces",
            [](const World& w, int body, const Articulated& tree) {

@@ -15,6 +15,10 @@ namespace {
 // the arm r. Larger: attached points lag behind, and the swing of light bodies on taut tendons grows.
 // Smaller: the swing of a body that hangs on an arm is damped.
 constexpr double kFarTurn = 0.1;
+// A body is owed no motion if its rates differ from those that it was left with by more than this share of
+// them, as velocities whose energies are compared [-]. Larger: what was stopped starts again. Smaller: pushes
+// of pybullet that are not known end a motion.
+constexpr double kElsewhere = 0.5;
 
 }  // namespace
 
@@ -46,7 +50,32 @@ void GeneralizedBody::sense() {
   const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
   const double noise = is_stopped() ? kSolverNoise : 0;
   observer.observe(rates, free, unforced(), {alone, jointed, stops_known, noise});
+  take_owed();
   contacts_known = false;
+}
+
+// A body that has other rates than it was left with was stopped, or set by the user.
+void GeneralizedBody::take_owed() {
+  bool owes = left_out.kept.size() == rates.size();
+  if (owes) {
+    work_.half = rates;
+    for (int i = 0; i < n(); ++i) work_.half[i] -= left_out.kept[i];
+    owes = energy_of(work_.half) <= kElsewhere * kElsewhere * energy_of(left_out.kept);
+  }
+  if (!owes) left_out.owed.assign(n(), 0.0);
+  left_out.kept.clear();
+}
+
+void GeneralizedBody::leave_out(double share, double dt) {
+  left_out.kept.resize(n());
+  for (int i = 0; i < n(); ++i) {
+    const double rate = rates[i] + substep.changed[i], known = change[i] - left_out.owed[i];
+    left_out.kept[i] = share * rate;
+    left_out.force[i] = (left_out.kept[i] - rates[i] - known) / dt;
+    left_out.owed[i] = (1 - share) * rate;
+  }
+  dense::solve(observer.free_root(), left_out.force);
+  for (int i = 0; i < n(); ++i) left_out.force[i] -= substep.pushed[i] / dt;
 }
 
 void GeneralizedBody::widen(Numbers direction) {
@@ -75,7 +104,11 @@ void GeneralizedBody::add_external(const Numbers& force) {
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
   known_in_step_ = known(gravity);
   change = known_in_step_;
-  for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
+  left_out.owed.resize(n());
+  left_out.force.resize(n());
+  for (int i = 0; i < n(); ++i) change[i] = left_out.owed[i] + dt * (change[i] + observer.push()[i]);
+  for (int i = 0; i < n(); ++i) left_out.force[i] = left_out.owed[i] / dt;
+  dense::solve(observer.free_root(), left_out.force);
   root = observer.root();
   if (!external.empty()) {
     dense::respond(root, external, work_.half, work_.known);
@@ -102,7 +135,10 @@ void GeneralizedBody::act(double dt, bool whole) {
   stopped_by_.assign(n(), 0.0);
   joint_forces.assign(n(), 0.0);
   limit_shifts.clear();
+  for (int i = 0; i < n(); ++i) forces[i] += left_out.force[i];
   if (is_stopped()) share_stops(dt);
+  for (int i = 0; i < n(); ++i) forces[i] -= left_out.force[i];
+  for (int i = 0; i < n(); ++i) joint_forces[i] += left_out.force[i];
   if (history.continues && !motion_shift.empty())
     for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
   if (history.admitted && history.coupled && !is_stopped())
@@ -117,6 +153,8 @@ void GeneralizedBody::act(double dt, bool whole) {
 void GeneralizedBody::begin_step() {
   substep.pushed.assign(n(), 0.0);
   substep.last_forces.clear();
+  left_out.owed.resize(n());
+  left_out.force.resize(n());
 }
 
 void GeneralizedBody::push(const Numbers& impulse, double h) {
@@ -127,15 +165,17 @@ void GeneralizedBody::push(const Numbers& impulse, double h) {
   }
 }
 
-// What else acts does so evenly over the step, as the tendons do: what is in balance does not move.
+// What else acts does so evenly over the step, as the tendons do: what is in balance does not move. The
+// motion that is owed is there from the start.
 void GeneralizedBody::begin_substep(double before, double at_end) {
   substep.changed.assign(n(), 0.0);
   if (dense::dot(substep.pushed, substep.pushed) > 0)
     dense::respond(root, substep.pushed, work_.half, substep.changed);
   substep.changes_to = substep.changed;
   for (int i = 0; i < n(); ++i) {
-    substep.changed[i] += before * change[i];
-    substep.changes_to[i] += at_end * change[i];
+    const double owed = left_out.owed[i];
+    substep.changed[i] += owed + before * (change[i] - owed);
+    substep.changes_to[i] += owed + at_end * (change[i] - owed);
   }
 }
 

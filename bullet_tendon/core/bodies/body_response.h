@@ -59,6 +59,17 @@ struct BodySubstep {
   Numbers last_forces;  // generalized, of the tendons in the last substep; empty: it is the first
 };
 
+// Motion that a step over budget leaves out. The tendons end after a share s of the step, in which they moved
+// the body by s dt times its rates. pybullet moves it by dt times its rates at the end of the step. Therefore
+// these are s times those that were solved, and the next step begins with the others. Otherwise the body
+// would be moved beyond its solution by (1 - s) dt times its rates, which is unstable on a stiff tendon.
+struct MotionLeftOut {
+  using Numbers = dense::Numbers;
+  Numbers owed;   // change of the rates with which this step begins (n)
+  Numbers kept;   // rates at the end of a step that left motion out; empty: it left none out
+  Numbers force;  // generalized, on pybullet's body in this step: of both
+};
+
 // The unknowns of a body in the solution of an island.
 struct BodyUnknowns {
   using Numbers = dense::Numbers;
@@ -100,7 +111,7 @@ struct GeneralizedBody {
   Numbers motion_shift;
   Numbers limits;  // (coordinate, side, depth) of every limit; side 1: it pushes upwards
   // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
-  // pass in this step, and of motion_shift.
+  // pass in this step, of motion_shift and of left_out.
   Numbers joint_forces;
   // Coordinate and change of every joint that is moved to just behind its limit before this step.
   std::vector<std::pair<int, double>> limit_shifts;
@@ -113,6 +124,7 @@ struct GeneralizedBody {
   Numbers root;    // E, reduced by the stops that act in this step
   Numbers change;  // predicted change of the rates in the whole step, by all but the tendons
   BodySubstep substep;
+  MotionLeftOut left_out;
   Numbers forces;  // generalized forces of the tendons in this step
   BodyTurning turning;
   int touches = 0;          // number of attachments and contacts of tendons
@@ -163,6 +175,8 @@ struct GeneralizedBody {
   void begin_step();
   // Sets `changed` and `changes_to`. before, at_end: shares of the step that are over then [-].
   void begin_substep(double before, double at_end);
+  // Ends its motion in a step of dt [s] after this share of the step [-].
+  void leave_out(double share, double dt);
   // Adds the generalized impulse of a substep of h [s].
   void push(const Numbers& impulse, double h);
   // Generalized forces of the tendons in the last substep, or in the last step; empty: not known.
@@ -180,6 +194,8 @@ struct GeneralizedBody {
   double energy_of(const Numbers& acceleration);
   // Whether the known forces differ suddenly from those of the last step.
   bool is_jerked();
+  // Determines the motion that the last step owes to this one.
+  void take_owed();
   const Numbers& unforced();
   void doubt_stops();
   void find_stops(double dt);

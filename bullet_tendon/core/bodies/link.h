@@ -65,7 +65,6 @@ struct Link {
   WrenchHistory history;
   Wrench wrench;      // of the tendons in the finished substeps, averaged over the step
   Wrench part;        // contribution of the substep that was solved last
-  Wrench solved;      // mean of the last step up to its last substep that converged
   Wrench correction;  // of an iterate that is not a solution (solver/body_schur.h)
   // In a solution with unknowns of its body:
   dense::Numbers reached;  // J E Q (6 freedom)

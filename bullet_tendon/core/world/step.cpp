@@ -300,10 +300,7 @@ void World::take_substep() {
   step_.report.take(step_.attempt);
   const double share = step_.substeps.share();
   measure_wrenches();
-  for (Link& l : scene.links) {
-    l.wrench = l.wrench + l.part;
-    if (step_.attempt.converged) l.solved = (1 / step_.substeps.share_at_end()) * l.wrench;
-  }
+  for (Link& l : scene.links) l.wrench = l.wrench + l.part;
   for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
       Anchor& h = c->anchors[i];
@@ -329,14 +326,15 @@ void World::take_substep() {
   predict();
 }
 
-// Leaves out the rest of a step whose budget is exhausted: the tendons stay where they are, with their
-// velocities, and the last mean wrenches that were solved act on the links for that time.
+// Leaves out the rest of a step whose budget is exhausted: tendons, and bodies on which they act, stay where
+// they are, and keep their velocities for the next step. Reported forces are means over the time before.
 void World::leave_rest() {
-  const double rest = 1 - step_.substeps.share_before();
-  for (Link& l : scene.links) l.wrench = l.wrench + rest * l.solved;
+  const double share = step_.substeps.share_before();
+  for (GeneralizedBody& m : scene.bodies)
+    if (m.n() > 0 && m.touches > 0) m.leave_out(share, step_.substeps.step());
   for (Tendon* c : step_.slots)
     for (size_t i = 0; c && i < c->anchors.size(); ++i)
-      c->anchors[i].sum_force += rest * c->anchors[i].last_mean;
+      c->anchors[i].sum_force = (1 / share) * c->anchors[i].sum_force;
 }
 
 void World::finish_step_of_world() {
