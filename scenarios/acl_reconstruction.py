@@ -12,7 +12,7 @@ import numpy as np
 
 from .knee import KneeRig
 from .scene import Check, Scene
-from .strand_graft import StrandGraft, come_to_rest
+from .strand_graft import StrandGraft
 
 ANGLES = 0, 15, 30, 60, 90  # degrees
 DRAWERS = 90.0, 134.0  # N
@@ -99,10 +99,10 @@ def _reconstruct(scene, progress) -> None:
 
     graft.pass_through(watch)
     graft.pull(TENSION)
-    h.at_rest &= come_to_rest(h.rig)
+    h.at_rest &= h.rig.come_to_rest()
     scene.measure("tension", graft.force, "N")
     graft.fix()
-    h.at_rest &= come_to_rest(h.rig)
+    h.at_rest &= h.rig.come_to_rest()
     scene.measure("tension, screwed", graft.force, "N")
     scene.mark(f"fixed at {FIXED_AT:.0f} degrees, under {graft.force:.0f} N")
     for _ in progress(range(CYCLES), "flexing"):
@@ -110,7 +110,7 @@ def _reconstruct(scene, progress) -> None:
             h.rig.flex(np.radians(angle), duration=HALF_CYCLE)
             h.flexion = angle
     _flex(scene, FIXED_AT)
-    h.at_rest &= come_to_rest(h.rig)
+    h.at_rest &= h.rig.come_to_rest()
     scene.measure("tension after the cycles", graft.force, "N")
 
 
@@ -166,7 +166,7 @@ def _load(scene, **load) -> None:
 
 def _settled(scene):
     h = scene.handles
-    h.at_rest &= come_to_rest(h.rig) if h.graft else h.rig.settle()
+    h.at_rest &= h.rig.come_to_rest() if h.graft else h.rig.settle()
     return h.rig.coordinates
 
 

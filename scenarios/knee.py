@@ -25,14 +25,21 @@ from .knee_files import JOINTS, bone_paths, read_strands, tibia_urdf
 TOE_STRAIN = 0.06  # up to which the law of a strand is a parabola (Blankevoort and Huiskes 1991) [-]
 LOADED_AT = (0.0, -0.1, 0.0)  # m, of the tibia
 INCREMENT = np.radians(5.0)  # of flexion, after which the knee is settled on its way
+TOLERANCE = 1e-3  # of the unbalanced force where the knee has settled [N]
 ARM = 0.1  # of the couple that makes a moment [m]
 # Of JOINTS: mass or inertia [kg, kg m^2], and the arm at which a moment counts as a force [m].
 INERTIA = np.array([2.7, 2.7, 0.1, 2.7, 0.0045])
 LEVER = np.array([1.0, 1.0, 0.1, 1.0, 0.1])
 LONGEST, SHORTEST = 1 / 120, 1 / 1920  # steps while the knee settles [s]
+MOST_STEPS, MOST_WAITED = 500, 360  # in which the knee settles; in which it comes to rest
+# Steps that were not solved, after which a knee is given up, as where the tibia is dislocated. Each has used up
+# the budget of a step.
+MOST_UNSOLVED = 5
 TYPICAL = 1e3  # N: forces in a knee
 MOST_RELAXATIONS = 60  # steps of Newton's method
 NEARLY = 1e-6  # motion in a step at rest [m, rad]
+# The mean place of so many steps is that of as many before, to [m] and [rad] of JOINTS.
+WINDOW, SAME_PLACE = 12, np.array([5e-6, 5e-6, 1e-4, 5e-6, 1e-4])
 LINE_RADIUS = 8e-4  # of a strand in pictures [m]
 
 
@@ -51,6 +58,14 @@ class Coordinates(NamedTuple):
     anterior: float
     superior: float
     lateral: float
+
+
+class _Step(NamedTuple):
+    """A step while motion is damped: whether it was solved in one piece, and the tibia's joints in it."""
+
+    whole: bool
+    moved: np.ndarray  # [m, rad]
+    accelerations: np.ndarray  # [m/s^2, rad/s^2]
 
 
 class GroupForces(dict):
@@ -79,9 +94,9 @@ class KneeRig:
     poisson, thickness: of the cartilage, as in TendonWorld.add_cartilage. Raises InvalidType or InvalidValue.
 
     world: the TendonWorld; client: pybullet's; femur, tibia: (bodyUniqueId, linkIndex); strands: the files'
-    rows by name; ligaments: handles by strand's name; cartilage: the handle; unsettled: how often settle has
-    failed. The client is closed by close(),
-    or at the end of a with block.
+    rows by name; ligaments: handles by strand's name; cartilage: the handle; unsettled: how often the knee did
+    not come to rest, in settle, come_to_rest or flex. The client is closed by close(), or at the end of a
+    with block.
     """
 
     def __init__(
@@ -118,24 +133,39 @@ class KneeRig:
             self.close()
             raise
 
-    def flex(self, angle: float, increment: float = INCREMENT, duration: float | None = None) -> None:
+    def flex(
+        self,
+        angle: float,
+        increment: float = INCREMENT,
+        duration: float | None = None,
+        max_steps: int = MOST_STEPS,
+    ) -> bool:
         """Turn the femur to a flexion [rad] and hold it there, between -0.2 and 2.6.
 
-        It goes there by increments [rad], under the present load, and settles after each but the last. With a
-        duration [s] it turns at an even rate in that time instead, one step after the other, as tendons in
-        its tunnels need it. Raises InvalidType or InvalidValue.
+        It goes there by increments [rad], under the present load, and settles after each but the last, in at
+        most `max_steps` steps altogether. From where the knee does not come to rest, the femur is turned the
+        rest of the way at once. Returns whether it came to rest everywhere on the way.
+
+        With a duration [s] it turns at an even rate in that time instead, one step after the other, as
+        tendons in its tunnels need it. Returns whether all steps were solved. Raises InvalidType,
+        InvalidValue or StepFailed.
         """
         angle = checks.number("angle", angle, at_least=-0.2, at_most=2.6)
         increment = checks.number("increment", increment, above=0)
+        left = checks.integer("max_steps", max_steps, at_least=1)
         if duration is not None:
-            self._turn_in(checks.number("duration", duration, above=0), angle)
-            return
+            return self._turn_in(checks.number("duration", duration, above=0), angle)
         way = angle - self._flexion
         count = max(1, int(np.ceil(abs(way) / increment - 1e-9)))
-        for k in range(1, count + 1):
+        for k in range(1, count):
             self._turn(angle - way * (count - k) / count)
-            if k < count:
-                self.settle()
+            at_rest, taken = self._settle(TOLERANCE, left)
+            left -= taken
+            if not at_rest or left == 0:
+                self._turn(angle)
+                return False
+        self._turn(angle)
+        return True
 
     def turn(self, angle: float) -> None:
         """Turn the femur to a flexion [rad] at once and hold it there, between -0.2 and 2.6.
@@ -188,50 +218,38 @@ class KneeRig:
             self._push()
             self._step_world()
 
-    def settle(self, tolerance: float = 1e-3, max_steps: int = 2000) -> bool:
+    def settle(self, tolerance: float = TOLERANCE, max_steps: int = MOST_STEPS) -> bool:
         """Let the knee come to rest under the load; whether it did within `max_steps` steps.
 
         tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. The equilibrium is
         found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
-        taken, and motion is stopped whenever the kinetic energy has passed a maximum (kinetic damping,
-        Cundall), beside what implicit Euler damps. No time is meant to pass. Friction of tendons makes the
-        end depend on the way. It gives up after 20 steps that were not solved, as where the tibia is
-        dislocated. Raises InvalidType, InvalidValue or StepFailed.
+        taken with kinetic damping (Cundall), beside what implicit Euler damps. No time is meant to pass.
+        Friction of tendons makes the end depend on the way. It gives up after 5 steps that were not solved,
+        as where the tibia is dislocated. The work of each is bounded by SolverOptions.max_linear_solves.
+        Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
+        return self._settle(tolerance, checks.integer("max_steps", max_steps, at_least=1))[0]
+
+    def come_to_rest(self, max_steps: int = MOST_WAITED) -> bool:
+        """Let time pass until the tibia stays where it is; whether it did within `max_steps` steps.
+
+        For tendons in the knee: they are led there by steps of `time_step`, with kinetic damping as in
+        settle, and the tibia stays where its mean place in 12 steps is that in the 12 before. Strands in a
+        bore can go to and fro between neighbouring contacts by some newtons, so that no single step is at
+        rest. Raises InvalidType, InvalidValue or StepFailed.
+        """
         max_steps = checks.integer("max_steps", max_steps, at_least=1)
-        self._stop()
-        self._relax(tolerance)
-        step, last, before, unsolved = LONGEST, 0.0, self._joints(), 0
-        try:
-            for _ in range(max_steps):
-                p.setTimeStep(step, self.client)
-                rates = self._joints(velocity=True)
-                self.step()
-                after, now = self._joints(), self._joints(velocity=True)
-                unbalanced = np.abs(INERTIA / LEVER * (now - rates)).max() / step
-                moved = np.abs(after - before).max()
-                whole = not self.world.report.reasons and self.world.report.converged
-                if whole and unbalanced <= tolerance and moved <= NEARLY:
-                    return True
-                unsolved += not self.world.report.converged
-                if unsolved >= 20:
-                    break
-                before, energy = after, INERTIA @ now**2
-                if not whole and step > SHORTEST:
-                    # The forces of a step that is divided are means of several places.
-                    step /= 2
-                    self._stop()
-                    energy = 0.0
-                elif energy < last:
-                    self._stop()
-                    energy = 0.0
-                last = energy
-        finally:
-            p.setTimeStep(self.time_step, self.client)
-            self._stop()
-        self.unsettled += 1
-        return False
+        places: list[np.ndarray] = []
+
+        def stays(_: _Step) -> bool:
+            places.append(self._joints())
+            if len(places) % WINDOW or len(places) < 2 * WINDOW:
+                return False
+            before, now = np.mean(places[-2 * WINDOW : -WINDOW], axis=0), np.mean(places[-WINDOW:], axis=0)
+            return bool((np.abs(now - before) < SAME_PLACE).all())
+
+        return self._damp(stays, max_steps, self.time_step, self.time_step)[0]
 
     @property
     def coordinates(self) -> Coordinates:
@@ -372,11 +390,56 @@ class KneeRig:
         turn = p.getQuaternionFromEuler((0, 0, self._flexion))
         p.resetBasePositionAndOrientation(self.femur[0], (0, 0, 0), turn, self.client)
 
-    def _turn_in(self, duration: float, angle: float) -> None:
-        start, steps = self._flexion, max(1, round(duration / self.time_step))
+    def _turn_in(self, duration: float, angle: float) -> bool:
+        start, steps, solved = self._flexion, max(1, round(duration / self.time_step)), True
         for k in range(1, steps + 1):
             self._turn(start + (angle - start) * k / steps)
             self.step()
+            solved &= self.world.report.converged
+        return solved
+
+    def _settle(self, tolerance: float, max_steps: int) -> tuple[bool, int]:
+        """Whether it came to rest, and the steps that this took."""
+
+        def is_balanced(step: _Step) -> bool:
+            unbalanced = np.abs(INERTIA / LEVER * step.accelerations).max()
+            return step.whole and unbalanced <= tolerance and np.abs(step.moved).max() <= NEARLY
+
+        self._stop()
+        self._relax(tolerance)
+        return self._damp(is_balanced, max_steps, LONGEST, SHORTEST)
+
+    def _damp(self, is_at_rest, max_steps: int, longest: float, shortest: float) -> tuple[bool, int]:
+        """Steps with kinetic damping until is_at_rest(step); whether it was, and the steps taken.
+
+        Motion is stopped whenever the kinetic energy has passed a maximum. Steps [s] are halved where one had
+        to be divided, because its forces are means of several places. At the end nothing moves.
+        """
+        step, last, unsolved = longest, 0.0, 0
+        try:
+            for taken in range(1, max_steps + 1):
+                p.setTimeStep(step, self.client)
+                places, rates = self._joints(), self._joints(velocity=True)
+                self.step()
+                now, report = self._joints(velocity=True), self.world.report
+                whole = report.converged and not report.reasons
+                if is_at_rest(_Step(whole, self._joints() - places, (now - rates) / step)):
+                    return True, taken
+                unsolved += not report.converged
+                if unsolved >= MOST_UNSOLVED:
+                    break
+                energy, divides = INERTIA @ now**2, not whole and step > shortest
+                if divides:
+                    step /= 2
+                if divides or energy < last:
+                    self._stop()
+                    energy = 0.0
+                last = energy
+        finally:
+            p.setTimeStep(self.time_step, self.client)
+            self._stop()
+        self.unsettled += 1
+        return False, taken
 
     def _relax(self, tolerance: float) -> None:
         """Put the tibia where the load is balanced. It stays where that is not found.

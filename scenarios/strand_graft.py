@@ -3,7 +3,7 @@
 The strands of a doubled hamstring graft are laid side by side below the tibial tunnel, each by its own
 tendon. Passing sutures lead them through both tunnels. A button on the femur's cortex holds their leading
 ends by a loop. A tensioner that rests on the tibia pulls at the other ends, until a screw holds them in the
-tibial tunnel. Strands touch each other, the bores and the bones.
+tibial tunnel. Strands touch each other, the bores and the bones. KneeRig.come_to_rest waits for the knee.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from bullet_tendon import checks
 
 from . import measure
 from .graft_passage import arc_lengths, points_at
-from .knee import INERTIA, KneeRig
+from .knee import KneeRig
 from .reconstruction import FEMORAL, SLOPE, TIBIAL, TOE
 
 # Four strands of this radius go into a bore of 2.42 times the radius. Their law is that of 57 mm^2.
@@ -31,9 +31,6 @@ LOOP_STIFFNESS = 500e3  # N/m
 TENSIONER = 0.06  # from the tibial tunnel's outer end [m]
 SCREW = 0.02  # length [m]
 WALL_FRICTION, CHAMFER = 0.5, 0.0005  # as in knee.urdf
-# Rest: the mean place of so many steps is that of as many before, to [m] and [rad].
-WINDOW, SAME_PLACE, SAME_ANGLE = 12, 5e-6, 1e-4
-MOST_STEPS = 360  # in which the knee comes to rest
 
 
 class StrandGraft:
@@ -144,33 +141,6 @@ class StrandGraft:
             offset = place[0] * side + place[1] * np.cross(headings, side)
             ways.append(axis + APART * self._radius * offset)
         return np.array(ways)
-
-
-def come_to_rest(rig: KneeRig) -> bool:
-    """Steps until the tibia stays where it is; whether it did.
-
-    Motion is stopped whenever its energy has passed a maximum, as in KneeRig.settle. Strands in a bore can
-    go to and fro between neighbouring contacts by some newtons. Therefore means over some steps are compared.
-    """
-    energy, total, last = 0.0, 0.0, None
-    for k in range(1, MOST_STEPS + 1):
-        before = rig.joints
-        rig.step()
-        now = rig.joints
-        gained = INERTIA @ (now - before) ** 2 - energy
-        energy += gained
-        if gained < 0:
-            rig.place(now)
-            energy = 0.0
-        total = total + now / WINDOW
-        if k % WINDOW:
-            continue
-        if last is not None:
-            moved = np.abs(total - last)
-            if moved[[0, 1, 3]].max() < SAME_PLACE and moved[[2, 4]].max() < SAME_ANGLE:
-                return True
-        last, total = total, 0.0
-    return False
 
 
 def _nearest(strand, point) -> int:

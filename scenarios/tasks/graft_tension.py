@@ -98,7 +98,8 @@ class GraftTension(KneeTask):
     def observe(self):
         episode = self.episode
         deep, low = episode.site
-        in_front = self.rig.coordinates.anterior - np.interp(self.flexion, KNOWN, self.intact_places)
+        at = self.rig.coordinates
+        in_front = at.anterior - np.interp(at.flexion, KNOWN, self.intact_places)
         return scaled(
             [1e3 * episode.goal - 6.8, episode.pull / 100, episode.flexion / FLEXIONS[1]],
             [(deep - 0.3) / 0.1, (low - 0.35) / 0.15, (episode.slope - 0.9) / 0.3],

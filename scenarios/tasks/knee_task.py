@@ -16,15 +16,16 @@ from .task import Task
 
 LACHMAN = np.radians(30.0)  # flexion at which the drawer is tested
 INCREMENT = np.radians(15.0)  # of flexion, after which the knee comes to rest on its way
-MOST_STEPS = 40  # in which the knee comes to rest; a knee that is too tight for that is given up
+# In which the knee comes to rest on its way, and at its end; one that is too tight for that is given up.
+MOST_STEPS = 40
 START = np.radians(30.0)  # flexion at the beginning of an episode
 
 
 class KneeTask(Task):
     """A knee without its ACL, at rest at 30 degrees.
 
-    rig: the KneeRig; intact_drawer: of the intact knee at 30 degrees [m]; flexion [rad]: of the rig now;
-    graft: the ligament of this episode, or None.
+    rig: the KneeRig; intact_drawer: of the intact knee at 30 degrees [m]; graft: the ligament of this
+    episode, or None.
     """
 
     substeps = 1
@@ -34,7 +35,6 @@ class KneeTask(Task):
     def build(self) -> None:
         p.setGravity(0, 0, 0, self.client)
         self.rig = KneeRig(world=self.world)
-        self.flexion = 0.0
         self.graft: bt.Ligament | None = None
         self.go_to(START)
         self.measure_intact()
@@ -51,7 +51,6 @@ class KneeTask(Task):
         """Put the rig to the beginning of an episode, after its state was restored."""
         self.rig.load()
         self.rig.place(self._rested, START)
-        self.flexion = START
 
     def lay_graft(self, femoral, tibial, slope: float) -> None:
         """Lay the episode's graft, without tension, through tunnels as in reconstruction.reconstruct."""
@@ -66,13 +65,8 @@ class KneeTask(Task):
     def go_to(self, flexion: float) -> bool:
         """Flex the knee without a load; whether it came to rest at the end."""
         self.rig.load()
-        way = flexion - self.flexion
-        count = max(1, int(np.ceil(abs(way) / INCREMENT - 1e-9)))
-        for k in range(1, count + 1):
-            self.rig.turn(self.flexion + way * k / count)
-            rests = self.rig.settle(max_steps=MOST_STEPS)
-        self.flexion = flexion
-        return rests
+        self.rig.flex(flexion, INCREMENT, max_steps=MOST_STEPS)
+        return self.rig.settle(max_steps=MOST_STEPS)
 
     def drawer(self) -> tuple[float, bool]:
         """Way of the tibia under 90 N from where it rests [m], and whether it came to rest."""

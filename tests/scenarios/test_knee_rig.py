@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pybullet as p
 import pytest
-from bullet_tendon.scenarios.knee import KneeRig
-from bullet_tendon.scenarios.reconstruction import FEMORAL, TIBIAL
+from bullet_tendon.scenarios.knee import MOST_UNSOLVED, KneeRig
+from bullet_tendon.scenarios.reconstruction import FEMORAL, SLOPE, TIBIAL, reconstruct
 from knee_oracle import Knee, Pose, Strands, read_obj
 
 import bullet_tendon as bt
@@ -178,6 +178,52 @@ def test_a_graft_of_particles_in_two_tunnels_settles_where_damped_motion_ends():
         assert graft.tension == pytest.approx(tension, rel=0.02)  # friction in the bores remembers the way
 
 
+def count_steps(rig) -> list[bool]:
+    """Of each step from now on, whether it was solved."""
+    solved, take = [], rig.step
+
+    def step(n=1):
+        take(n)
+        solved.append(rig.world.report.converged)
+
+    rig.step = step
+    return solved
+
+
+def test_flexing_settles_on_its_way_within_its_steps():
+    with KneeRig() as rig:
+        solved = count_steps(rig)
+        assert rig.flex(np.radians(30), np.radians(10))  # settles at 10 and 20 degrees
+        assert len(solved) >= 2 and rig.unsettled == 0
+        solved.clear()
+        assert not rig.flex(np.radians(60), np.radians(1), max_steps=2)
+        assert len(solved) == 2
+        assert rig.coordinates.flexion == np.radians(60)
+        assert rig.settle()
+        solved.clear()
+        assert rig.flex(np.radians(50), duration=0.1)
+        assert len(solved) == 24
+
+
+def test_a_knee_out_of_joint_is_given_up():
+    """A graft that pulls with 1,500 N dislocates the tibia, where steps are not solved."""
+    with KneeRig(options=bt.SolverOptions(max_linear_solves=300)) as rig:
+        solved = count_steps(rig)
+        reconstruct(rig, tension=1500.0, fixed_at=np.radians(45), slope=1.2 * SLOPE)
+        assert rig.unsettled > 0
+        given_up = rig.unsettled
+        assert solved.count(False) <= MOST_UNSOLVED * (given_up + 1)
+        solved.clear()
+        assert not rig.flex(np.radians(90), max_steps=3)
+        assert len(solved) <= 3
+        assert rig.coordinates.flexion == np.radians(90)
+        solved.clear()
+        assert not rig.settle(max_steps=4)
+        assert not rig.come_to_rest(max_steps=4)
+        assert len(solved) <= 8
+        assert rig.unsettled >= given_up + 3
+
+
 def test_groups_are_cut_by_the_beginning_of_their_names():
     with KneeRig() as rig:
         assert rig.forces["ACL"] == rig.forces["ACLam"] + rig.forces["ACLpl"]
@@ -212,7 +258,10 @@ def test_what_cannot_be_a_knee_is_refused(tmp_path):
             lambda: rig.turn(3.0),
             lambda: rig.load(anterior=float("inf")),
             lambda: rig.load(point=(0, 0)),
+            lambda: rig.flex(0.1, max_steps=0),
             lambda: rig.settle(tolerance=0.0),
+            lambda: rig.settle(max_steps=0),
+            lambda: rig.come_to_rest(0),
         ):
             with pytest.raises(bt.InvalidValue):
                 call()
