@@ -32,8 +32,8 @@ INERTIA = np.array([2.7, 2.7, 0.1, 2.7, 0.0045])
 LEVER = np.array([1.0, 1.0, 0.1, 1.0, 0.1])
 LONGEST, SHORTEST = 1 / 120, 1 / 1920  # steps while the knee settles [s]
 MOST_STEPS, MOST_WAITED = 500, 360  # in which the knee settles; in which it comes to rest
-# Steps that were not solved, after which a knee is given up, as where the tibia is dislocated. Each has used up
-# the budget of a step.
+# Steps that were not solved, after which a knee is given up, as where the tibia is dislocated. Each has used
+# up the budget of a step.
 MOST_UNSOLVED = 5
 TYPICAL = 1e3  # N: forces in a knee
 MOST_RELAXATIONS = 60  # steps of Newton's method
@@ -94,8 +94,8 @@ class KneeRig:
     poisson, thickness: of the cartilage, as in TendonWorld.add_cartilage. Raises InvalidType or InvalidValue.
 
     world: the TendonWorld; client: pybullet's; femur, tibia: (bodyUniqueId, linkIndex); strands: the files'
-    rows by name; ligaments: handles by strand's name; cartilage: the handle; unsettled: how often the knee did
-    not come to rest, in settle, come_to_rest or flex. The client is closed by close(), or at the end of a
+    rows by name; ligaments: handles by strand's name; cartilage: the handle; unsettled: how often the knee
+    did not come to rest, in settle, come_to_rest or flex. The client is closed by close(), or at the end of a
     with block.
     """
 
