@@ -322,7 +322,10 @@ class Equilibrium:
             residual = np.abs(scale * at.force).max() / max(at.largest, 1e-300)
             if residual <= tolerance:
                 return True, count, float(residual)
-            step = self._shortened(_newton_step(at.matrix + learned, at.force, scale), at)
+            matrix = at.matrix + learned
+            if not (np.isfinite(matrix).all() and np.isfinite(at.force).all()):
+                return False, count, float(residual)
+            step = self._shortened(_newton_step(matrix, at.force, scale), at)
             share, after = self._advance(at, step)
             if after is not None:
                 moved = share * step

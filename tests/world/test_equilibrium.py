@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
+from bullet_tendon.equilibrium import HeldTendons
 
 G = 9.81
 
@@ -152,6 +153,18 @@ def test_what_hangs_on_nothing_is_put_back(make_world, client):
     world.relax(bodies=[body], max_steps=20)
     assert not world.report.converged
     np.testing.assert_allclose(place(body, client), before, atol=1e-12)
+
+
+def test_a_matrix_that_is_not_finite_finds_nothing_and_moves_nothing(make_world, client, monkeypatch):
+    """Such as that of contacts that held particles contradict."""
+    world = make_world(1 / 240, (0, 0, -G))
+    _, *bodies = slung(world, client)
+    stiffness = HeldTendons.stiffness
+    monkeypatch.setattr(HeldTendons, "stiffness", lambda self: math.nan * stiffness(self))
+    before = [place(body, client) for body in bodies]
+    world.relax(bodies=bodies, max_steps=20)
+    assert not world.report.converged
+    np.testing.assert_allclose([place(body, client) for body in bodies], before, atol=1e-12)
 
 
 def test_bad_calls_change_nothing(make_world, client):
