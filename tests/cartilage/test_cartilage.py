@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import point_triangles, torus
 from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
@@ -76,6 +77,34 @@ def test_the_distance_is_exact_for_a_sphere_inside_and_outside():
     points = np.random.default_rng(1).uniform(-0.03, 0.03, (500, 3))
     exact = np.linalg.norm(points, axis=1) - 0.02
     np.testing.assert_allclose(distance(points), exact, atol=0.02 * (np.pi / 60) ** 2 / 4)
+
+
+@pytest.mark.parametrize("count", [3, 5, 11])
+@pytest.mark.parametrize("thin", [1.0, 1e-3])
+def test_the_nearest_point_is_that_of_brute_force(count, thin):
+    """Of closed meshes of 18 to 242 triangles, up to a thousand times longer than wide."""
+    vertices, triangles = torus(0.02, 0.007, count, count)
+    vertices *= (thin, 1.0, 1.0)
+    distance = _core.SignedDistance(vertices, triangles)
+    assert not distance.open
+    rng = np.random.default_rng(count)
+    points = rng.uniform(-0.03, 0.03, (400, 3))
+    points[::2, 0] *= thin
+    exact = [point_triangles(x, vertices[triangles]).min() for x in points]
+    np.testing.assert_allclose(np.abs(distance(points)), exact, rtol=1e-10, atol=1e-15)
+
+
+def test_the_nodes_of_a_grid_have_the_distances():
+    for vertices, triangles in (ball(0.02, 12), cap(0.02, rings=5, turns=11)):
+        distance = _core.SignedDistance(vertices, triangles)
+        numbers = _core.DistanceGrid(distance, 5e-4, 0.005).numbers()
+        origin, spacing = numbers[:3], numbers[3]
+        nodes, bricks = numbers[6:9].astype(int), int(np.prod(numbers[9:12]))
+        values = numbers[12 + 2 * bricks :].reshape(nodes[::-1])
+        k, j, i = np.nonzero(values < 1e300)
+        assert len(i) > 1000
+        places = origin + spacing * np.stack([i, j, k], axis=1)
+        np.testing.assert_allclose(values[k, j, i], distance(places), rtol=1e-12, atol=1e-15)
 
 
 def test_nothing_is_behind_the_border_of_an_open_surface():

@@ -139,7 +139,7 @@ void bind_distance_grid(py::module_& m) {
                        double depth) { return DistanceGrid::nodes_of(d.box(depth), spacing); })
       .def("__call__", [](const SignedDistance& d, const Array& points) {
         std::vector<double> out;
-        for (const Vec3& x : points_of(points)) out.push_back(d(x, HUGE_VAL));
+        for (const Vec3& x : points_of(points)) out.push_back(d(x));
         return copy_of(out);
       });
   py::class_<DistanceGrid, Grid>(m, "DistanceGrid")

@@ -60,15 +60,16 @@ DistanceGrid::DistanceGrid(const SignedDistance& distance, double spacing, doubl
     : spacing_(spacing), depth_(depth), slope_(distance.open() ? std::sqrt(2.0) : 1.0) {
   size(distance.box(depth));
   const double half = kHalfDiagonal * kBrick * spacing;
+  int triangle = 0;  // nearest to the last brick's centre
   for (int k = 0; k < b_[2]; ++k)
     for (int j = 0; j < b_[1]; ++j)
       for (int i = 0; i < b_[0]; ++i) {
         const Vec3 centre =
             origin_ + spacing * Vec3{kBrick * (i + 0.5) + 1, kBrick * (j + 0.5) + 1, kBrick * (k + 0.5) + 1};
-        const double at = of_bricks_[brick(i, j, k)] = distance(centre, kUnknown);
+        const double at = of_bricks_[brick(i, j, k)] = distance(centre, triangle);
         // Points behind the surface need the nodes around their cell.
         const bool near = at - slope_ * (half + 4 * spacing) < 0 && at + slope_ * half > -depth;
-        if (near) fill(distance, i, j, k, at);
+        if (near) fill(distance, i, j, k, triangle);
       }
   find_mark();
 }
@@ -83,20 +84,16 @@ void DistanceGrid::find_mark() {
   }
 }
 
-void DistanceGrid::fill(const SignedDistance& distance, int i, int j, int k, double centre) {
+// triangle: nearest to the centre of the brick. That of a node is often that of the node before it.
+void DistanceGrid::fill(const SignedDistance& distance, int i, int j, int k, int triangle) {
   known_[brick(i, j, k)] = 1;
-  // The nearest point of a node is no farther than that of the centre, and its way from there.
-  const double most = std::fabs(centre) + kHalfDiagonal * (kBrick + 3) * spacing_;
   for (int c = kBrick * k; c < kBrick * (k + 1) + 3; ++c)
-    for (int b = kBrick * j; b < kBrick * (j + 1) + 3; ++b) {
-      double before = most;
+    for (int b = kBrick * j; b < kBrick * (j + 1) + 3; ++b)
       for (int a = kBrick * i; a < kBrick * (i + 1) + 3; ++a) {
         double& value = values_[node(a, b, c)];
         if (value == kUnknown)
-          value = distance(origin_ + spacing_ * Vec3{double(a), double(b), double(c)}, before);
-        before = std::min(most, std::fabs(value) + spacing_);
+          value = distance(origin_ + spacing_ * Vec3{double(a), double(b), double(c)}, triangle);
       }
-    }
 }
 
 std::vector<double> DistanceGrid::numbers() const {

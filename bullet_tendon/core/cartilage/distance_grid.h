@@ -60,7 +60,7 @@ class DistanceGrid {
                           const std::vector<Vec3>& points, std::vector<Behind>& out);
   size_t node(int i, int j, int k) const { return (static_cast<size_t>(k) * n_[1] + j) * n_[0] + i; }
   size_t brick(int i, int j, int k) const { return (static_cast<size_t>(k) * b_[1] + j) * b_[0] + i; }
-  void fill(const SignedDistance& distance, int i, int j, int k, double centre);
+  void fill(const SignedDistance& distance, int i, int j, int k, int triangle);
 
   Vec3 origin_;  // of node (0, 0, 0)
   double spacing_ = 0, inverse_ = 0, depth_ = 0, slope_ = 1;

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "geometry/bounds.h"
+#include "math/simd.h"
 
 namespace bt {
 
@@ -23,8 +24,9 @@ class SignedDistance {
  public:
   using Indices = std::array<int, 3>;
   SignedDistance(std::vector<Vec3> vertices, std::vector<Indices> triangles);
-  // within: a bound that the distance of the nearest point is known not to exceed [m].
-  double operator()(Vec3 x, double within) const;
+  // triangle: one that is likely near, which then becomes the nearest one.
+  double operator()(Vec3 x, int& triangle) const;
+  double operator()(Vec3 x) const;
   bool open() const { return open_; }
   // Around the mesh, and around what is behind an open one down to a depth [m].
   Box box(double depth) const;
@@ -32,11 +34,18 @@ class SignedDistance {
   double volume() const;
 
  private:
-  // Of a binary tree in order of depth first: the first child is the next node.
+  // Of a binary tree in order of depth first: the first child is the next node. Its triangles are between two
+  // planes, at low <= n.x <= high. A leaf has the triangles of one group.
   struct Node {
     Box box;
-    int first = 0, count = 0;  // its triangles; 0: not a leaf
+    Vec3 normal;
+    double low = 0, high = 0;  // [m]
+    int group = -1;            // -1: not a leaf
     int second = -1;           // its other child
+  };
+  // Eight triangles side by side: a corner, and the edges from there to the two others.
+  struct Group {
+    Eight corner[3], one[3], other[3];
   };
   // Pseudonormals of a triangle's features: face; edges opposite to the corners; corners. And which edges and
   // corners are on the border.
@@ -51,13 +60,18 @@ class SignedDistance {
     int triangle, feature;
   };
   int build(int first, int count);
+  void fill_groups();
   void find_features();
   void measure(int triangle, Vec3 x, Found& best) const;
+  static double square_to(const Node& node, Vec3 x);
+  friend void squares_to(const Group& group, Vec3 x, Eight& squares);
+  friend void search(const SignedDistance& mesh, Vec3 x, Found& best);
 
   std::vector<Vec3> vertices_;
   std::vector<Indices> triangles_;
   std::vector<Features> features_;
   std::vector<Node> nodes_;
+  std::vector<Group> groups_;
   bool open_ = false;
 };
 
