@@ -42,21 +42,50 @@ def pixels(points, camera) -> np.ndarray:
     return np.c_[(1 - up) / 2 * HEIGHT, (1 + across) / 2 * WIDTH]
 
 
+def lines(recording) -> list[tuple]:
+    """Tracks of tendons and of ligaments, each with the tensions (frames, segments) [N] of its segments."""
+    found = [(track, track.tension) for track in recording.tendons]
+    for track in recording.ligaments:  # the tension of a ligament is the same all along
+        found.append((track, np.repeat(track.force[:, None], track.positions.shape[1] - 1, axis=1)))
+    return found
+
+
+def in_window(found) -> np.ndarray:
+    """Which of the pixels (m, 2) are in the window, and above the bar."""
+    return (found > 4).all(axis=1) & (found[:, 0] < HEIGHT - BAR) & (found[:, 1] < WIDTH - 4)
+
+
 def places(recording, k) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (m, 2) of segments' middles in the window in frame k, and colours (m, 3) of their tensions."""
-    full = replay._rounded_up(max(track.tension.max() for track in recording.tendons))
+    full = replay._rounded_up(max(tension.max() for _, tension in lines(recording)))
     found, colors = [], []
-    for track in recording.tendons:
+    for track, tension in lines(recording):
         row = np.flatnonzero(track.frames == k)
         if not len(row):
             continue
-        share = np.clip(track.tension[row[0]] / full, 0, 1)[:, None]
+        share = np.clip(tension[row[0]] / full, 0, 1)[:, None]
         line = track.positions[row[0]]
         found.append(pixels((line[1:] + line[:-1]) / 2, recording.camera))
         colors.append((1 - share) * TENDON_COLOR[:3] + share * np.array(TAUT_COLOR[:3]))
     found, colors = np.vstack(found), np.vstack(colors)
-    inside = (found > 4).all(axis=1) & (found[:, 0] < HEIGHT - BAR) & (found[:, 1] < WIDTH - 4)
+    inside = in_window(found)
     return found[inside].astype(int), colors[inside]
+
+
+def places_of_bodies(recording, k) -> np.ndarray:
+    """Pixels (m, 2) in the window of the middles of the bodies' triangles in frame k."""
+    found = [np.zeros((0, 2))]
+    for track in recording.links:
+        row = np.flatnonzero(track.frames == k)
+        if not len(row):
+            continue
+        turn = np.reshape(p.getMatrixFromQuaternion(track.orientation[row[0]].tolist()), (3, 3))
+        for mesh in track.meshes:
+            if mesh.color[3] > 0:
+                middles = mesh.vertices[mesh.triangles].mean(axis=1)
+                found.append(pixels(middles @ turn.T + track.position[row[0]], recording.camera))
+    found = np.vstack(found)
+    return found[in_window(found)].astype(int)
 
 
 def has_color(image, place, color) -> bool:
@@ -69,6 +98,12 @@ def has_color(image, place, color) -> bool:
     return bool(((similar > 0.95) & (strength > 0.25 * np.linalg.norm(hue))).any())
 
 
+def is_drawn(image, place) -> bool:
+    """Whether one of 3 x 3 pixels is not of the white background."""
+    row, column = place
+    return bool((image[row - 1 : row + 2, column - 1 : column + 2] < 250).any())
+
+
 def shown(browser, module, path, options) -> float:
     """Write a scenario's replay, and hold it to the recording; the file's size [bytes]."""
     scene = runner.run(module, options, replay=str(path)).scene
@@ -77,7 +112,7 @@ def shown(browser, module, path, options) -> float:
 
 
 def held_to(browser, recording, path) -> None:
-    """Open a replay: at three moments tendons are where the recording has them; nothing else is opened."""
+    """Open a replay: at three moments all is where the recording has it; nothing else is opened."""
     browser.requests.clear()
     browser.open(path.as_uri(), READY)
     times = browser.value("replay.times")
@@ -87,7 +122,12 @@ def held_to(browser, recording, path) -> None:
         k = int(np.argmin(np.abs(recording.times - moment)))
         found, colors = places(recording, k)
         shown = sum(has_color(image, *one) for one in zip(found, colors, strict=True))
-        assert shown >= 5, f"{shown} of {len(found)}"  # others may be behind a body, or another tendon
+        # Tendons may be behind a body, or another tendon. Ligaments are seen through the translucent bones.
+        assert shown >= (5 if recording.tendons else max(5, 0.9 * len(found))), f"{shown} of {len(found)}"
+        bodies = places_of_bodies(recording, k)
+        drawn = sum(is_drawn(image, place) for place in bodies)
+        # A white body is as white as the background where the light meets it.
+        assert drawn >= 0.9 * len(bodies), f"{drawn} of {len(bodies)}"
     outside = [url for url in browser.requests if not url.startswith(("data:", "blob:"))]
     assert outside == [path.as_uri()]
     assert browser.errors == []
