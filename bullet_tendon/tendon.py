@@ -121,13 +121,17 @@ class Tendon(NotCopied):
 
     @property
     def strain(self) -> np.ndarray:
-        """(n-1,) strain of each segment [-]."""
+        """(n-1,) strain of each segment [-]; 0 of those that have ruptured, which bear nothing."""
         rest = self._core.rest(self._alive())
         return self._segment_lengths() / rest - 1
 
     @property
     def length(self) -> float:
-        """Length of the centreline [m]."""
+        """Length of the centreline [m]; of a ruptured tendon the sum of its parts, without the gaps between.
+
+        The unloaded halves of a segment that has ruptured belong to the parts. So `length` less `rest_length`
+        is the stretch of the parts.
+        """
         return float(self._segment_lengths().sum())
 
     @property
@@ -457,7 +461,12 @@ class Tendon(NotCopied):
         self._core.set_rest(self._slot, moved[order])
 
     def _segment_lengths(self) -> np.ndarray:
-        return np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+        """(n-1,) of ruptured segments the rest length: that of their halves, not of the gap [m]."""
+        lengths = np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+        torn = self.ruptured_segments
+        if torn.size:
+            lengths[torn] = self._core.rest(self._slot)[torn]
+        return lengths
 
     def _in_use(self) -> int:
         """Its slot, for what changes it. Raises UnknownId where it was removed or the client disconnected."""

@@ -168,6 +168,25 @@ def test_it_ruptures_at_its_strain(make_world):
     assert tendon.ruptured and "ruptured" in repr(tendon)
 
 
+@pytest.mark.parametrize("stretch", [0.0, 0.02])
+def test_the_length_of_a_ruptured_tendon_is_that_of_its_parts(make_world, stretch):
+    """However far these are moved apart. One of them is stretched between two hands."""
+    world = make_world(1 / 240)
+    tendon, _, hand = strip(world, bt.Material(stiffness=2e3, damping=1.0, rupture_strain=0.025), particles=7)
+    hand.target = (LENGTH * 1.03, 0, 0)
+    world.step()
+    (torn,) = tendon.ruptured_segments
+    assert torn > 0
+    tendon.grip(int(torn), (LENGTH * torn / 6 * (1 + stretch), 0, 0))
+    for apart in (1.0, 3.0):
+        hand.target = (LENGTH * (1.03 + apart), 0, 0)
+        world.step(480)
+        assert tendon.length - tendon.rest_length == pytest.approx(LENGTH * torn / 6 * stretch, abs=1e-6)
+        assert tendon.rest_length == pytest.approx(LENGTH)
+        assert tendon.strain[torn] == 0 and tendon.strain.max() == pytest.approx(stretch, abs=1e-5)
+    assert np.ptp(tendon.positions[:, 0]) > 3 * LENGTH
+
+
 def test_a_torn_segment_is_no_obstacle(make_world, client):
     """A tendon that tears over a rod falls off it on both sides."""
     import pybullet as p
