@@ -241,9 +241,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 // Friction and normal force act on the centreline, because particles do not spin. On a free body the arm is
 // that of the start of the substep: implicit Euler keeps the angular momentum of both with it. On a link of
 // an articulated body, whose angular momentum its bearing or pybullet's own step changes by more, the arm is
-// that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing. The arms
-// of a body that turns far turn with it (Link::now), but the point of a contact is one in space: the arm is
-// that of the point of the body that comes there. Otherwise a ball that rolls would be driven on.
+// that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing.
 void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
@@ -253,8 +251,6 @@ void World::set_arm(Contact& contact) const {
   // A force without friction passes through the centre of a round surface, wherever it acts.
   if (contact.is_round() && contact.friction.coefficient == 0) contact.arm_end = contact.geometry.rim.centre;
   contact.arm = contact.arm_end - centre;
-  if (link.yields() && scene.bodies[link.body].turning.far)
-    contact.arm = transposed_times(link.turned.predicted(), contact.arm);
 }
 
 void World::add_contact(const Contact& contact) {
