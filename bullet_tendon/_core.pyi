@@ -80,6 +80,7 @@ class Primitive:
     def __call__(
         self, a: ArrayLike, d: ArrayLike, /
     ) -> tuple[float, _Vector, float]: ...  # distance, point, u
+    def curvature(self, point: ArrayLike, normal: ArrayLike, along: ArrayLike, /) -> float: ...
 
 class SignedDistance:
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike, /) -> None: ...

@@ -106,9 +106,44 @@ def test_a_ball_stays_where_it_is_put_on_a_cord(make_world, client, particles, p
     assert p.getBasePositionAndOrientation(body, client)[0][1] == pytest.approx(place, abs=1e-4)
 
 
-def test_a_ball_rolls_on_along_a_cord(make_world, client):
-    """The contact is measured where the ball is now. One that is left behind lets it sink, and pushes it."""
-    world = make_world(1 / 240, (0, 0, -9.81))
-    body = ball_on_a_cord(world, client, 16, 0.0, speed=0.1)
-    world.step(240)
-    assert p.getBaseVelocity(body, client)[0][1] == pytest.approx(0.1, rel=0.05)
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 1000])
+@pytest.mark.parametrize("speed", [0.1, 0.3, 1.0])  # 0.03 to 0.35 rad a step of 1/240 s
+def test_a_ball_rolls_on_along_a_cord(make_world, client, speed, dt, integrator):
+    """The contact is measured where the ball is now. One that is left behind lets it sink, and pushes it.
+
+    Its force acts below the ball, however far the ball turns in a step.
+    """
+    world = make_world(dt, (0, 0, -9.81), integrator=integrator)
+    body = ball_on_a_cord(world, client, 16, -0.1, speed)
+    world.step(round(0.15 / speed / dt))
+    velocity, spin = p.getBaseVelocity(body, client)
+    assert velocity[1] == pytest.approx(speed, rel=0.05)
+    assert -spin[0] * 0.012 == pytest.approx(speed, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt"), [("implicit_euler", 1 / 240), ("bdf2", 1 / 240), ("bdf2", 1 / 1000)]
+)
+def test_a_drum_unwinds_from_a_tendon_as_a_rigid_one_would(make_world, client, dt, integrator):
+    """Two turns of a tendon; in a step of 1/240 s the drum turns by up to 0.2 rad."""
+    world = make_world(dt, (0, 0, -9.81), integrator=integrator)
+    radius, mass, turns = 0.02, 0.1, 2
+    lying = p.getQuaternionFromEuler((math.pi / 2, 0, 0))
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.04, physicsClientId=client)
+    drum = p.createMultiBody(mass, shape, -1, (0, 0, 0), lying, physicsClientId=client)
+    p.changeDynamics(drum, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    world.add_obstacle(drum, friction=0.5)
+    arm, angle = radius + 1e-3, np.linspace(0, -2 * np.pi * turns, 40 * turns)
+    wound = np.c_[arm * np.cos(angle), 0.003 * angle / (2 * np.pi), arm * np.sin(angle)]
+    material = bt.Material(stiffness=5e3, damping=1.0, friction=0.5)
+    t = world.add_tendon([(arm, 0, 0.3), *wound], 1e-3, material, 150)
+    t.grip(0)
+    there = p.invertTransform((0, 0, 0), lying)
+    t.attach(-1, drum, -1, p.multiplyTransforms(*there, wound[-1], (0, 0, 0, 1))[0])
+    time = 0.2
+    world.step(round(time / dt))
+    inertia = p.getDynamicsInfo(drum, -1, client)[2][2]
+    fall = 9.81 / (1 + inertia / (mass * arm**2))
+    (_, _, height), _ = p.getBasePositionAndOrientation(drum, client)
+    assert height == pytest.approx(-0.5 * fall * time * (time + dt), rel=0.015)

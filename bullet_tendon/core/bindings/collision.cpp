@@ -56,7 +56,11 @@ void bind_primitives(py::module_& m) {
   py::class_<Primitive>(m, "Primitive")
       .def(py::init(&primitive_of))
       .def_property_readonly("corner", &corner_of)
-      .def("__call__", &measured_along);
+      .def("__call__", &measured_along)
+      .def("curvature",
+           [](const Primitive& s, const Triple& point, const Triple& normal, const Triple& along) {
+             return s.curvature(vec_of(point), vec_of(normal), vec_of(along));
+           });
 }
 
 namespace {

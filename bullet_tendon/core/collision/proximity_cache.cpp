@@ -273,6 +273,11 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   const double spacing =
       norm(cache.local[std::min(feature % n + 1, n - 1)] - cache.local[std::max(feature % n - 1, 0)]);
   const Vec3 point = cache.entries[feature].now.point, normal = cache.entries[feature].now.normal;
+  if (feature >= n && shape.primitive.is_round()) {
+    const Vec3 along = unit_or(without(cache.local[feature - n + 1] - cache.local[feature - n], normal), {});
+    const double round = shape.primitive.curvature(point, normal, along);
+    if (round > 0) return {point, normal, along, 1 / round};
+  }
   double curvature = 0, nearest = spacing;
   Vec3 along;
   bool found = false;
@@ -289,8 +294,6 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
     nearest = std::min(nearest, length);
     found = true;
   }
-  if (feature >= n && curvature > 0 && shape.primitive.is_round())
-    return {point, normal, along, 1 / curvature};
   const double aside = dot(ahead - point, along), height = dot(ahead - point, normal);
   if (curvature == 0 || 1 + curvature * height <= 0.5) return {point, normal};
   const double most = std::fabs(curvature) * nearest;

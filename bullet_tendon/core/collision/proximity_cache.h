@@ -102,9 +102,9 @@ struct Tangent {
   double radius = 0;   // of its curvature [m]; 0: a plane
 };
 
-// The surface at the predicted position `ahead` of a feature (shape frame). The curvature follows from the
-// planes of the neighbouring features. A segment over a round primitive has the round surface itself, along
-// which its contact point follows; other features have the plane that is tangent there.
+// The surface at the predicted position `ahead` of a feature (shape frame). A segment over a round primitive
+// has the round surface itself, along which its contact point follows. Other features have the plane that is
+// tangent there; the curvature follows from the planes of the neighbouring features.
 Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3 ahead);
 
 // Predicted motion of a particle within the step relative to a link [m].

@@ -10,6 +10,9 @@ namespace bt {
 
 namespace {
 
+// Component of the normal along the axis of a cylinder, below which it is one of its side [-].
+constexpr double kOnSide = 1e-3;
+
 double beyond(double x, double half) { return x > half ? x - half : x < -half ? x + half : 0; }
 double sum_of(Vec3 v) { return std::fabs(v.x) + std::fabs(v.y) + std::fabs(v.z); }
 
@@ -140,6 +143,15 @@ struct AlongPrimitive {
     return best;
   }
 };
+
+double Primitive::curvature(Vec3 point, Vec3 normal, Vec3 along) const {
+  const double all = dot(along, along), x = along.x * along.x, y = along.y * along.y, z = along.z * along.z;
+  if (kind == Kind::cylinder) return std::fabs(normal.z) < kOnSide ? (all - z) / radius : 0;
+  if (growth == 0) return 0;
+  const bool flat_x = std::fabs(point.x) < half.x, flat_y = std::fabs(point.y) < half.y,
+             flat_z = std::fabs(point.z) < half.z;
+  return (all - (flat_x ? x : 0) - (flat_y ? y : 0) - (flat_z ? z : 0)) / growth;
+}
 
 Primitive::Nearest Primitive::nearest(Vec3 a, Vec3 b) const {
   AlongPrimitive along{*this, a, b - a};

@@ -22,6 +22,9 @@ struct Primitive {
   explicit operator bool() const { return kind != Kind::none; }
   bool is_round() const { return kind == Kind::cylinder || (kind == Kind::box && growth > 0); }
   Nearest nearest(Vec3 a, Vec3 b) const;
+  // Curvature of the surface at a point of it, where its normal is `normal`, along a tangential unit vector
+  // [1/m].
+  double curvature(Vec3 point, Vec3 normal, Vec3 along) const;
 
  private:
   friend struct AlongPrimitive;

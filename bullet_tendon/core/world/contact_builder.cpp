@@ -179,9 +179,9 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   const double kept = c.radius + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
-  // The force on a free body acts where its point was at the start (set_arm). A point that follows to the end
-  // would hold back a ball that rolls.
-  const bool is_free = link.yields() && link.jacobian.empty();
+  // The force on a free body that does not turn far acts where its point was at the start (set_arm). A point
+  // that follows to the end would hold back a ball that rolls.
+  const bool is_free = link.yields() && link.jacobian.empty() && !scene.bodies[link.body].turning.far;
   if (surface.radius > 0 && !is_free)
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
                                   cross(surface.normal, surface.along), surface.radius + kept, {}, 0);
@@ -241,16 +241,20 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 // Friction and normal force act on the centreline, because particles do not spin. On a free body the arm is
 // that of the start of the substep: implicit Euler keeps the angular momentum of both with it. On a link of
 // an articulated body, whose angular momentum its bearing or pybullet's own step changes by more, the arm is
-// that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing.
+// that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing. So it is
+// on a free body that turns far: the point that the body had there at the start is elsewhere at the end, and
+// its force would drive on a ball that rolls.
 void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
-  contact.at_start = link.jacobian.empty();
+  const bool far = link.yields() && scene.bodies[link.body].turning.far;
+  contact.at_start = link.jacobian.empty() && !far;
   contact.arm_end = contact.a.of(contact.at_start ? c.x : c.predicted);
   const Vec3 centre = contact.at_start ? link.centre : link.centre + step_.context.dt * link.velocity;
   // A force without friction passes through the centre of a round surface, wherever it acts.
   if (contact.is_round() && contact.friction.coefficient == 0) contact.arm_end = contact.geometry.rim.centre;
   contact.arm = contact.arm_end - centre;
+  if (far) contact.arm = transposed_times(link.turned.predicted(), contact.arm);
 }
 
 void World::add_contact(const Contact& contact) {
