@@ -62,12 +62,24 @@ void GeneralizedBody::take_owed() {
     for (int i = 0; i < n(); ++i) work_.half[i] -= left_out.kept[i];
     owes = energy_of(work_.half) <= kElsewhere * kElsewhere * energy_of(left_out.kept);
   }
-  if (!owes) left_out.owed.assign(n(), 0.0);
+  if (!owes) left_out.owed.clear();
   left_out.kept.clear();
+  left_out.force.clear();
+}
+
+void GeneralizedBody::give_owed(double dt) {
+  left_out.force.resize(n());
+  for (int i = 0; i < n(); ++i) {
+    change[i] += left_out.owed[i];
+    left_out.force[i] = left_out.owed[i] / dt;
+  }
+  dense::solve(observer.free_root(), left_out.force);
 }
 
 void GeneralizedBody::leave_out(double share, double dt) {
   left_out.kept.resize(n());
+  left_out.owed.resize(n());
+  left_out.force.resize(n());
   for (int i = 0; i < n(); ++i) {
     const double rate = rates[i] + substep.changed[i], known = change[i] - left_out.owed[i];
     left_out.kept[i] = share * rate;
@@ -104,11 +116,8 @@ void GeneralizedBody::add_external(const Numbers& force) {
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
   known_in_step_ = known(gravity);
   change = known_in_step_;
-  left_out.owed.resize(n());
-  left_out.force.resize(n());
-  for (int i = 0; i < n(); ++i) change[i] = left_out.owed[i] + dt * (change[i] + observer.push()[i]);
-  for (int i = 0; i < n(); ++i) left_out.force[i] = left_out.owed[i] / dt;
-  dense::solve(observer.free_root(), left_out.force);
+  for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
+  if (!left_out.owed.empty()) give_owed(dt);
   root = observer.root();
   if (!external.empty()) {
     dense::respond(root, external, work_.half, work_.known);
@@ -135,10 +144,13 @@ void GeneralizedBody::act(double dt, bool whole) {
   stopped_by_.assign(n(), 0.0);
   joint_forces.assign(n(), 0.0);
   limit_shifts.clear();
-  for (int i = 0; i < n(); ++i) forces[i] += left_out.force[i];
+  auto add_left_out = [&](double share, Numbers& to) {
+    for (size_t i = 0; i < left_out.force.size(); ++i) to[i] += share * left_out.force[i];
+  };
+  add_left_out(1, forces);
   if (is_stopped()) share_stops(dt);
-  for (int i = 0; i < n(); ++i) forces[i] -= left_out.force[i];
-  for (int i = 0; i < n(); ++i) joint_forces[i] += left_out.force[i];
+  add_left_out(-1, forces);
+  add_left_out(1, joint_forces);
   if (history.continues && !motion_shift.empty())
     for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
   if (history.admitted && history.coupled && !is_stopped())
@@ -153,8 +165,6 @@ void GeneralizedBody::act(double dt, bool whole) {
 void GeneralizedBody::begin_step() {
   substep.pushed.assign(n(), 0.0);
   substep.last_forces.clear();
-  left_out.owed.resize(n());
-  left_out.force.resize(n());
 }
 
 void GeneralizedBody::push(const Numbers& impulse, double h) {
@@ -173,9 +183,12 @@ void GeneralizedBody::begin_substep(double before, double at_end) {
     dense::respond(root, substep.pushed, work_.half, substep.changed);
   substep.changes_to = substep.changed;
   for (int i = 0; i < n(); ++i) {
-    const double owed = left_out.owed[i];
-    substep.changed[i] += owed + before * (change[i] - owed);
-    substep.changes_to[i] += owed + at_end * (change[i] - owed);
+    substep.changed[i] += before * change[i];
+    substep.changes_to[i] += at_end * change[i];
+  }
+  for (size_t i = 0; i < left_out.owed.size(); ++i) {
+    substep.changed[i] += (1 - before) * left_out.owed[i];
+    substep.changes_to[i] += (1 - at_end) * left_out.owed[i];
   }
 }
 

@@ -65,9 +65,9 @@ struct BodySubstep {
 // would be moved beyond its solution by (1 - s) dt times its rates, which is unstable on a stiff tendon.
 struct MotionLeftOut {
   using Numbers = dense::Numbers;
-  Numbers owed;   // change of the rates with which this step begins (n)
+  Numbers owed;   // change of the rates with which this step begins; empty: none
   Numbers kept;   // rates at the end of a step that left motion out; empty: it left none out
-  Numbers force;  // generalized, on pybullet's body in this step: of both
+  Numbers force;  // generalized, on pybullet's body in this step: of both; empty: none
 };
 
 // The unknowns of a body in the solution of an island.
@@ -196,6 +196,8 @@ struct GeneralizedBody {
   bool is_jerked();
   // Determines the motion that the last step owes to this one.
   void take_owed();
+  // Adds that motion to the prediction.
+  void give_owed(double dt);
   const Numbers& unforced();
   void doubt_stops();
   void find_stops(double dt);
