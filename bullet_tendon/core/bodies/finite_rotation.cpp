@@ -76,12 +76,14 @@ Rot3 slowing_rate_of(Vec3 theta) {
 
 Rot3 rotation_of_step(Vec3 theta) { return rotation_by(slowed(theta)); }
 
-Rot3 FiniteRotation::predicted() const { return rotation_of_step(begun + more) * rotation_of_step(-begun); }
+Rot3 FiniteRotation::since_begun(Vec3 theta) const {
+  return rotation_of_step(theta) * rotation_of_step(-begun);
+}
 
 void FiniteRotation::turn_by(double share, Vec3 by) {
   straight = share * more;
   theta = begun + straight + by;
-  rotation = rotation_of_step(theta) * rotation_of_step(-begun);
+  rotation = since_begun(theta);
   rate = rate_of(slowed(theta)) * slowing_rate_of(theta);
 }
 

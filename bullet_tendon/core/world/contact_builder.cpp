@@ -181,7 +181,7 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
   // The force on a free body that does not turn far acts where its point was at the start (set_arm). A point
   // that follows to the end would hold back a ball that rolls.
-  const bool is_free = link.yields() && link.jacobian.empty() && !scene.bodies[link.body].turning.far;
+  const bool is_free = link.yields() && link.jacobian.empty() && !turns_far(link);
   if (surface.radius > 0 && !is_free)
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
                                   cross(surface.normal, surface.along), surface.radius + kept, {}, 0);
@@ -238,6 +238,11 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   recall(contact, held.inertia);
 }
 
+bool World::turns_far(const Link& link) const {
+  const GeneralizedBody* m = body_of(link);
+  return m && m->turning.far;
+}
+
 // Friction and normal force act on the centreline, because particles do not spin. On a free body the arm is
 // that of the start of the substep: implicit Euler keeps the angular momentum of both with it. On a link of
 // an articulated body, whose angular momentum its bearing or pybullet's own step changes by more, the arm is
@@ -247,7 +252,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
 void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
-  const bool far = link.yields() && scene.bodies[link.body].turning.far;
+  const bool far = turns_far(link);
   contact.at_start = link.jacobian.empty() && !far;
   contact.arm_end = contact.a.of(contact.at_start ? c.x : c.predicted);
   const Vec3 centre = contact.at_start ? link.centre : link.centre + step_.context.dt * link.velocity;

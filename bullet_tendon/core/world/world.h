@@ -324,6 +324,7 @@ class World {
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius);
   void finish_pair(Contact& contact);
+  bool turns_far(const Link& link) const;
   void set_arm(Contact& contact) const;
   void add_contact(const Contact& contact);
   void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
