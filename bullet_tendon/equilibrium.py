@@ -330,9 +330,10 @@ class Equilibrium:
             if after is not None:
                 moved = share * step
                 missed = at.force - after.force - after.matrix @ moved
-                if np.linalg.norm(scale * missed) < np.linalg.norm(scale * (missed - learned @ moved)):
-                    learned[:] = 0
-                learned += _rank_one(moved, missed - learned @ moved)
+                still_missed = missed - learned @ moved
+                if np.linalg.norm(scale * missed) < np.linalg.norm(scale * still_missed):
+                    learned[:], still_missed = 0, missed
+                learned += _rank_one(moved, still_missed)
             at = after
         return False, max_steps, float(residual)
 
