@@ -156,7 +156,7 @@ def test_what_hangs_is_held_in_steps_over_budget(make_world, client, stiffness, 
         # A load that begins at once sinks by twice its sag. pybullet's own pushes are known a step later.
         assert speed <= 2.05 * max(load / math.sqrt(spring), load / 240)
         assert np.linalg.norm(grip.force) <= 4 * load
-    assert over > 4
+    assert over > (10 if solves == 40 else 4)
     assert height == pytest.approx(-0.2 - load / spring, abs=2e-5)
     np.testing.assert_allclose(grip.force, [0, 0, -load], rtol=0.02)
 
@@ -177,6 +177,31 @@ def test_motion_that_a_step_over_budget_leaves_out_is_not_lost(make_world, clien
     speed = np.linalg.norm(p.getBaseVelocity(ball, client)[0])
     assert 0.5 * speed**2 + 9.81 * (z + 0.2) == pytest.approx(0.5, rel=0.03)
     assert x > 0
+
+
+def test_motion_of_a_joint_that_is_left_out_is_not_lost(make_world, client, tmp_path):
+    """An arm that swings with a light thread at its tip keeps the energy of its motion and of its height."""
+    world, tangle = tangled(make_world, 25, max_linear_solves=40)
+    arm = hinged(client, tmp_path)
+    p.resetBasePositionAndOrientation(arm, [0, 1, 0], [0, 0, 0, 1], physicsClientId=client)
+    tip = np.array([0.1, 1, 0])
+    thread = world.add_tendon([tip, tip - [0, 0, 0.02]], 2e-4, bt.Material(stiffness=1e3), 5)
+    thread.attach(0, arm, 0, [0.1, 0, 0])
+
+    def energy():
+        angle, rate = p.getJointState(arm, 0, physicsClientId=client)[:2]
+        return 0.5 * (5e-5 + 0.05 * 0.05**2) * rate**2 - 0.05 * 9.81 * 0.05 * math.sin(angle)
+
+    before, over = energy(), 0
+    for _ in range(8):
+        world.step()
+        over += world.report.over_budget
+    assert over == 8
+    assert energy() < 0.1 * before  # it has been slowed down
+    world.remove_tendon(tangle)
+    world.step(2)
+    assert not world.report.over_budget
+    assert energy() == pytest.approx(before, rel=0.03)
 
 
 def test_what_was_stopped_meanwhile_stays(make_world, client):
