@@ -1,4 +1,4 @@
-"""A stiff tendon that stands askew on a plate, pushed at both ends, moves by their work alone."""
+"""Tendons that stand on a plate and are pushed at both ends: stiff ones and slack ones."""
 
 import numpy as np
 import pybullet as p
@@ -88,3 +88,38 @@ def test_a_pushed_end_gains_no_energy(client, make_world, rod, slant):
         work += sum(done)
         turnover += sum(map(abs, done))
         assert t.energy - at_start - work <= 0.01 * turnover + 1e-9
+
+
+# radius, length [m], particles, stiffness, push [N], friction, tilt, time step [s]
+SLACK = [
+    (2.2e-3, 0.017, 55, 446, 0.05, 0.1, 0.05, 1 / 240),
+    (1.13e-3, 0.013, 55, 154, 0.025, 0.6, 0.0, 1 / 63),
+    (2e-3, 0.012, 60, 200, 0.02, 0.0, 0.1, 1 / 240),
+    (2.5e-3, 0.02, 23, 1000, 0.3, 0.5, 0.02, 1 / 100),
+]
+
+
+@pytest.mark.parametrize(("radius", "length", "n", "stiffness", "push", "friction", "tilt", "dt"), SLACK)
+def test_a_slack_tendon_is_pushed_together(
+    client, make_world, radius, length, n, stiffness, push, friction, tilt, dt
+):
+    """Its segments lose their length. What is left of one touches the others at both of its ends."""
+    world = make_world(dt)
+    plate(world, client)
+    way, foot = np.array([np.sin(tilt), 0, np.cos(tilt)]), np.array([0, 0, 1.05 * radius])
+    material = bt.Material(
+        stiffness=stiffness, exponent=2, toe_strain=0.03, tension_only=True, friction=friction
+    )
+    t = world.add_tendon([foot, foot + length * way], radius, material, n)
+    t.set_force(-1, -push * way)
+    t.set_force(0, (0, 0, -push))
+    solves, shortest = 0, np.inf
+    for _ in range(20):
+        world.step()
+        assert world.report.converged
+        solves += world.report.counts["linear_solves"]
+        lengths = np.linalg.norm(np.diff(t.positions, axis=0), axis=1)
+        shortest = min(shortest, lengths.min() / (length / (n - 1)))
+    assert shortest < 0.05
+    assert solves < 20 * 200
+    assert t.positions[:, 2].min() > 0.99 * radius

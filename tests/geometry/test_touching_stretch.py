@@ -38,7 +38,23 @@ def test_segments_that_cross_at_a_wide_angle_touch_at_one_point():
     base = rod(0.0, height=0.0)
     assert len(stretch(rod(0.2), base)[0]) == 2
     assert len(stretch(rod(0.5), base)[0]) == len(stretch(rod(np.pi - 0.5), base)[0]) == 0
-    assert len(stretch(np.zeros((2, 3)), base)[0]) == 0
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-12, 2e-4])
+def test_a_segment_much_shorter_than_the_distance_touches_at_both_ends(length):
+    """In any direction, also where its own nearest point jumps from end to end; in either order."""
+    rng = np.random.default_rng(1)
+    base = rod(0.0, height=0.0)
+    for _ in range(200):
+        middle = np.array([rng.uniform(-8e-3, 8e-3), rng.uniform(-1e-3, 1e-3), 4e-3])
+        way = rng.normal(size=3)
+        half = 0.5 * length / np.linalg.norm(way) * way
+        p = np.array([middle - half, middle + half])
+        found, distance = stretch(p, base)
+        np.testing.assert_array_equal(found[:, 0], [0.0, 1.0])
+        np.testing.assert_allclose(distance, [segment_segments(x, x, *base) for x in p], rtol=1e-9)
+        swapped, _ = stretch(base, p)
+        np.testing.assert_allclose(swapped, found[:, ::-1], atol=1e-12)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.01, 0.1])

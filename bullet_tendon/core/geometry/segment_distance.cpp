@@ -40,14 +40,33 @@ double segment_distance(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1) {
   return norm((1 - u) * p0 + u * p1 - ((1 - w) * q0 + w * q1));
 }
 
+namespace {
+
+// Parameter of the point of start + u way that is nearest to x; any, if the segment has no length.
+double projected(Vec3 x, Vec3 start, Vec3 way) {
+  const double length2 = dot(way, way);
+  return length2 > 0 ? clamp01(dot(x - start, way) / length2) : 0;
+}
+
+}  // namespace
+
 // With the lines of both segments at the distance h, the distance of a point of p from the line of q is
 // sqrt(h^2 + t^2), t its distance from the crossing of the lines times the sine of their angle. So it is at
-// most h + sag where |t| <= sqrt(2 h sag + sag^2).
+// most h + sag where |t| <= sqrt(2 h sag + sag^2). A segment that is not longer than that, with h the
+// distance of the segments, is within that distance as a whole, whatever its direction.
 int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParameters (&ends)[2]) {
   const Vec3 d = p1 - p0, e = q1 - q0, r = p0 - q0;
   const double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), det = dd * ee - de * de;
-  if (dd == 0 || ee == 0 || det > kNearlyParallel * dd * ee) return 0;
-  const double first = clamp01(dot(q0 - p0, d) / dd), second = clamp01(dot(q1 - p0, d) / dd);
+  if (std::min(dd, ee) <= (2 * segment_distance(p0, p1, q0, q1) + sag) * sag) {
+    for (int i : {0, 1}) {
+      const double end = i;
+      ends[i] = dd <= ee ? PairParameters{end, projected(p0 + end * d, q0, e)}
+                         : PairParameters{projected(q0 + end * e, p0, d), end};
+    }
+    return 2;
+  }
+  if (det > kNearlyParallel * dd * ee) return 0;
+  const double first = projected(q0, p0, d), second = projected(q1, p0, d);
   double from = std::min(first, second), to = std::max(first, second);
   if (det > kRoundingShare * dd * ee) {
     const double dr = dot(d, r), er = dot(e, r), crossing = (de * er - ee * dr) / det;
@@ -64,7 +83,7 @@ int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParamet
       to = std::min(to, crossing + limited(after, before) / side);
     }
   }
-  auto on_q = [&](double u) { return clamp01(dot(p0 + u * d - q0, e) / ee); };
+  auto on_q = [&](double u) { return projected(p0 + u * d, q0, e); };
   ends[0] = {from, on_q(from)};
   ends[1] = {to, on_q(to)};
   return to > from ? 2 : 1;
