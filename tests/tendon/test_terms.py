@@ -271,7 +271,7 @@ def agree_on_a_segment(kind, ends, offset, rim, stiffness, multiplier):
     """The contact of a segment with ends (6,): forces and block against the potential N^2/(2k)."""
 
     def term(at):
-        return _core.testing.edge_term(kind, at[:3], at[3:], offset, *rim, stiffness, multiplier)
+        return _core.testing.edge_term(kind, at[:3], at[3:], offset, *rim, stiffness, multiplier, False)
 
     def potential(at):
         return max(0.0, multiplier - stiffness * term(at)[0]) ** 2 / (2 * stiffness)
@@ -294,6 +294,35 @@ def test_edges(steep, seed):
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     agree_on_a_segment(MOUTH, ends, 0.001, rim, stiffness, multiplier)
+
+
+def gap_through_mouth(start, end, steep):
+    """Of a segment that passed through a mouth of radius 2.5 mm and keeps 2 mm from its edge [m]."""
+    rim = np.zeros(3), np.array([0.0, 0, 1]), 2.5e-3, np.array([steep, 0, 0])
+    return _core.testing.edge_term(MOUTH, start, end, 2e-3, *rim, 1e3, 0.0, True)[0]
+
+
+@pytest.mark.parametrize("steep", [0.0, 0.7])
+@pytest.mark.parametrize("end", [(1.9e-3, 0, -0.9e-3), (1.2e-3, 1e-3, -4e-3), (1e-3, 0, 3e-3), (1e-3, 0, 6e-3)])
+def test_the_gap_of_a_segment_through_a_mouth_is_continuous(end, steep):
+    """Its lower end is forced through the wall of the bore, at several depths below the mouth."""
+    for depth in (0.5e-3, 1e-3, 3e-3):
+        ways = np.linspace(1.5e-3, 4e-3, 501)
+        starts = [(x, 0, steep * x - depth) for x in ways]
+        gaps = [gap_through_mouth(np.array(start), np.array(end), steep) for start in starts]
+        if end[2] < 0:
+            assert np.abs(np.diff(gaps)).max() < 2 * 5e-6 * np.hypot(1, steep)
+            continue
+        inside = [start[0] - (start[0] - end[0]) * depth / (end[2] - steep * end[0] + depth) for start in starts]
+        before = np.array(inside) < 2.5e-3
+        assert np.abs(np.diff(gaps)[before[1:]]).max() < 2 * 5e-6 * np.hypot(1, steep)
+
+
+def test_a_segment_that_passes_outside_a_mouth_is_deep():
+    """It is as far within the bone as it is beyond the edge."""
+    start, end = np.array([3e-3, 0, -5e-3]), np.array([3e-3, 0, 5e-3])
+    assert gap_through_mouth(start, end, 0.0) == pytest.approx(-2e-3 - 0.5e-3, abs=1e-9)
+    assert gap_through_mouth(start - [1e-3, 0, 0], end - [1e-3, 0, 0], 0.0) == pytest.approx(-1.5e-3, abs=1e-9)
 
 
 @RANDOM

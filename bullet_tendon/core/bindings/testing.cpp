@@ -180,11 +180,13 @@ Array full_block(const Contact& contact, const double* P, int particles) {
 }
 
 // A segment against the edge of a mouth, or a round bone, at the nearest point of the segment: gap, forces on
-// its ends, and the full block.
+// its ends, and the full block. threads: it passed through the mouth at the start of the step.
 py::tuple edge_term(int kind, const Array& start, const Array& end, double offset, const Array& centre,
-                    const Array& axis, double radius, const Array& slope, double stiffness, double lambda) {
+                    const Array& axis, double radius, const Array& slope, double stiffness, double lambda,
+                    bool threads) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
   contact.geometry.rim = rim_of(vec(centre), vec(axis), radius, vec(slope), 0);
+  contact.geometry.threads_mouth = threads;
   contact.a = {0, 0, 0.5, 0.5};
   const Vec3 a = vec(start), b = vec(end);
   for (int i = 0; i < 50; ++i) contact.follow(a, b);

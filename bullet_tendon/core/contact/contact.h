@@ -60,6 +60,7 @@ struct ContactGeometry {
                                // surface: the circle of its curvature, plus the tendon's radius
   RimPoint edge;               // mouth: the point of its edge, as last evaluated
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
+  bool beyond_edge = false;    // it passes there beyond the edge, within the bone
   Vec3 side;                   // pair: n at the start of the step
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
   bool follows = false;        // pair whose contact points are the present nearest points

@@ -25,8 +25,7 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_
   const RimPoint& edge = geometry.edge;
   const Vec3 from = x - edge.point;
   const double d = norm(from), bend = dot(from, edge.curvature);
-  // A segment through the mouth that is beyond the edge is inside the bone. It is pushed back to the bore.
-  const double sign = geometry.threads_mouth && norm(without(x - rim.centre, rim.axis)) > rim.radius ? -1 : 1;
+  const double sign = geometry.beyond_edge ? -1 : 1;  // a segment within the bone is pushed back to the bore
   geometry.gap = sign * d - geometry.offset;
   if (d > 0) {
     geometry.normal = (sign / d) * from;
@@ -43,6 +42,7 @@ void Contact::follow(Vec3 start, Vec3 end) {
     if (square > 0) a.w1 = std::min(std::max(dot(geometry.rim.centre - start, l) / square, 0.0), 1.0);
   } else {
     a.w1 = slide_to_rim(start, end, a.w1, geometry.rim, geometry.edge);
+    geometry.beyond_edge = geometry.threads_mouth && passes_beyond(geometry.rim, start, end);
   }
   a.w0 = 1 - a.w1;
   geometry.point_shift = (a.w1 - friction.anchored_at) * (end - start);

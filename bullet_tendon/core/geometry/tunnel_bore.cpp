@@ -161,6 +161,13 @@ double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at) {
   return u;
 }
 
+bool passes_beyond(const Rim& rim, Vec3 a, Vec3 b) {
+  const double from = rim.height(a), to = rim.height(b);
+  if (!(from * to < 0)) return false;
+  const Vec3 crossing = a + from / (from - to) * (b - a);
+  return norm(without(crossing - rim.centre, rim.axis)) > rim.radius;
+}
+
 namespace {
 
 // The point of a rim in the direction of p from the axis: near the nearest one, and found at once.

@@ -97,6 +97,8 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& l
 // Parameter in [0, 1] of the point of segment a-b next to u from which the rim is nowhere nearer. at: the
 // point of the rim that was found last.
 double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at);
+// Whether segment a-b passes through the plane of the rim outside of it.
+bool passes_beyond(const Rim& rim, Vec3 a, Vec3 b);
 // Parameter in [0, 1] of the point of segment a-b nearest to the rim.
 double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim);
 

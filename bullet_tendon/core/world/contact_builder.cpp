@@ -647,6 +647,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.geometry.offset = c.radius + scene.tunnels[t].chamfer + options.contact_threshold;
   contact.geometry.threads_mouth =
       (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && rim.height(a) * rim.height(b) < 0;
+  contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
   contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
   contact.friction.relative_start = x + link.drift(x, dt);
