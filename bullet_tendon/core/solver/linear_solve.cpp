@@ -178,7 +178,8 @@ void combine(Island& island, double alpha, Which x, double beta, Which y) {
     for (int k = 0; k < 3; ++k) {
       const double* from = (c->*x)[k];
       double* to = (c->*y)[k];
-      for (int i = 0; i < c->n(); ++i) to[i] = alpha * from[i] + beta * to[i];
+      // What an indefinite matrix left in y may not be finite. Times zero, it would stay there for good.
+      for (int i = 0; i < c->n(); ++i) to[i] = alpha * from[i] + (beta == 0 ? 0 : beta * to[i]);
     }
 }
 
