@@ -81,22 +81,27 @@ def _ways_out(shapes: list[Shape], begin, outwards, farthest: float, radius: flo
     """(k,) lengths of rays from points inside (k, 3) to the surface [m]; None where one is not inside, or
     does not come out within `farthest`.
 
-    Each ray goes on by its depth in the shape that it is deepest in (sphere tracing, Hart 1996).
+    Each ray goes on by its depth in the shape that it is deepest in (sphere tracing, Hart 1996). Open meshes,
+    as scans of a part of a bone are, have no inside: a ray that begins in no other shape goes on to the
+    nearest of them.
     """
     places = [
         ((begin - shape.position) @ shape.rotation, outwards @ shape.rotation, shape) for shape in shapes
     ]
-    inside = np.array([shape.contains(at) for at, _, shape in places])
-    if not len(inside) or not inside.any(0).all():
+    inside = np.array([shape.contains(at) for at, _, shape in places], bool).reshape(-1, len(begin))
+    beside = ~inside.any(0)
+    is_open = [shape.interior is not None and not shape.interior.closed for shape in shapes]
+    if beside.any() and not any(is_open):
         return None
     ways = np.zeros(len(begin))
     going = np.arange(len(begin))
     for _ in range(MARCHES):
-        depth = np.full(len(going), -np.inf)
-        for still, (at, way, shape) in zip(inside, places, strict=True):
-            rows = still[going]
+        depth = np.where(beside[going], np.inf, -np.inf)
+        for still, opened, (at, way, shape) in zip(inside, is_open, places, strict=True):
+            rows = beside[going] if opened else still[going]
             x = at[going[rows]] + ways[going[rows], None] * way
-            depth[rows] = np.maximum(depth[rows], shape.depth(x))
+            nearest = np.minimum if opened else np.maximum
+            depth[rows] = nearest(depth[rows], shape.depth(x))
         ways[going] += np.maximum(depth, 0.0)
         going = going[(depth > ROUNDING * radius) & (ways[going] <= farthest)]
         if not len(going):

@@ -84,6 +84,18 @@ def test_a_mesh_and_a_primitive_have_the_same_mouths():
         np.testing.assert_allclose(found.slopes, exact.slopes, atol=1e-5)
 
 
+def test_an_open_mesh_has_mouths_too():
+    """As a scan of a part of a bone, which has no inside: the lower face is missing."""
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * SIZE
+    faces = shapes.convex_mesh(corners).query.hull.simplices
+    cap = shapes.mesh(corners, faces[~(corners[faces][:, :, 2] < 0).all(1)])
+    assert not cap.interior.closed
+    start, end, way = slanted(0.7, 0.002)
+    found = mouths_of([cap], start, end, BORE)
+    np.testing.assert_allclose(found.centres, [start, 0.5 * SIZE[2] / math.cos(0.7) * way], atol=1e-6)
+    np.testing.assert_allclose(found.slopes, [np.zeros(3), slope_of(0.7, way)], atol=1e-5)
+
+
 @RANDOM
 @given(seed=st.integers(0, 2**32 - 1), steep=st.floats(0.01, 2.0))
 def test_the_distance_from_an_edge_is_the_least(seed, steep):
