@@ -363,3 +363,42 @@ def test_an_end_beside_an_eyelet_does_not_jam_what_runs_in_it(make_world, client
         assert world.report.converged
     assert off_axis(inside).max() <= BORE - RADIUS + 0.02 * RADIUS
     assert np.linalg.norm(hand.force) < 200.0 * 0.03
+
+
+def test_beside_a_bore_what_is_left_of_the_bone_is_felt(make_world, client, tmp_path):
+    """Also where the nearest point of its surface is drilled away, and no mouth fits the bone.
+
+    A bore runs into the edge of a block at 45 degrees. A particle is pressed onto the border that it leaves
+    in the upper face: it rests on it.
+    """
+    cells, size = 80, 0.02
+    u, v = np.meshgrid(np.linspace(-1, 0, cells + 1), np.linspace(-0.5, 0.5, cells + 1), indexing="ij")
+    upper = size * np.stack([u, v, 0 * u], axis=-1).reshape(-1, 3)
+    sides = upper, upper[:, [2, 1, 0]] * (1, -1, 1)
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    a, b, c, d = (n.ravel() for n in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for side in sides for x, y, z in side]
+    lines += [f"f {a} {b} {c}" for k in range(2) for a, b, c in faces + 1 + k * len(upper)]
+    mesh = tmp_path / "block.obj"
+    mesh.write_text("\n".join(lines))
+    shape = p.createCollisionShape(
+        p.GEOM_MESH, fileName=str(mesh), flags=p.GEOM_FORCE_CONCAVE_TRIMESH, physicsClientId=client
+    )
+    block = p.createMultiBody(0, shape, physicsClientId=client)
+    world = make_world(1 / 240)
+    world.add_obstacle(block, friction=0.5, meshes=[str(mesh)])
+    bore, radius = 0.004, 0.0025
+    world.add_tunnel(block, -1, (0.003, 0, 0.003), (-0.013, 0, -0.013), bore)
+    border = np.array([-bore * np.sqrt(2), 0, 0])
+    out = np.array([0.3, 0, 1]) / np.hypot(0.3, 1)
+    start = border + 1.1 * radius * out
+    slack = bt.Material(stiffness=3e3, damping=3.0, friction=1.0, tension_only=True)
+    tendon = world.add_tendon([start, start + 0.03 * out], radius, slack, 2)
+    tendon.grip(1, start + 0.025 * out)
+    tendon.set_force(0, -0.5 * out)
+    world.step(48)
+    away = tendon.positions[0] - border
+    assert away[2] > 0
+    assert np.linalg.norm(away) == pytest.approx(radius, rel=0.005)
+    assert world.report.converged

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "math/rounding.h"
@@ -19,6 +20,9 @@ constexpr double kFresh = 1e-2;
 // Motion of a feature, as a share of its distance, for which its list of triangles is complete [-]. Larger:
 // lists cost more. Smaller: more searches.
 constexpr double kListed = 0.05;
+
+// Bound of a search without one [m].
+constexpr double kAnyDistance = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
@@ -46,26 +50,21 @@ double reach_of(const Tendon& tendon, int i, const Link& link, double dt, double
   return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link, dt);
 }
 
+namespace {
+
+// Whether bone at a point (world) is drilled away [m].
 bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
   return std::any_of(bores.begin(), bores.end(), [&](const Bore& b) { return b.removes(p); });
 }
-
-namespace {
 
 bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
   return lo.x > s.hi.x + reach || lo.y > s.hi.y + reach || lo.z > s.hi.z + reach || hi.x < s.lo.x - reach ||
          hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
 }
 
-Plane plane_at(Vec3 on_feature, Vec3 point, double u, double sign, const Pose& pose,
-               const std::vector<Bore>& bores, Vec3 fallback) {
-  return {point, unit_or(sign * (on_feature - point), fallback), u,
-          in_any_bore(to_world(pose, point), bores)};
-}
-
-Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, const Pose& pose, const std::vector<Bore>& bores,
-               Vec3 fallback) {
-  return plane_at((1 - found.u) * a + found.u * b, found.point, found.u, 1, pose, bores, fallback);
+// Of a mesh, which has no points in holes.
+Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, Vec3 fallback) {
+  return {found.point, unit_or((1 - found.u) * a + found.u * b - found.point, fallback), found.u, false};
 }
 
 // Features beyond their reach make no contact, even if they were measured.
@@ -90,31 +89,36 @@ struct Considering {
         ++counts.skipped;
         return;
       }
-      if (shape.surface ? remeasured(e, query, moved) : link.rests() && still_true(e, query, moved)) {
+      if (context.surface ? remeasured(e, query, moved) : link.rests() && still_true(e, query, moved)) {
         ++counts.reused;
         e.wanted = is_within_reach(e);
         return;
       }
-      if (shape.surface && searched(e, query, moved)) {
+      if (context.surface && searched(e, query, moved)) {
         ++counts.searched;
         e.wanted = is_within_reach(e);
         return;
       }
     }
+    if (shape.surface.get() != context.surface) {
+      ++counts.searched;
+      const Nearest found = context.surface->search(query.a, query.b, kAnyDistance, e.nearby);
+      return answer(query, found.distance, found.point, found.u, pose, context, e);
+    }
     ++counts.queried;
     if (!shape.primitive) return queries.push_back(query);
     const Primitive::Nearest found = shape.primitive.nearest(query.a, query.b);
-    answer(query, found.distance, found.point, found.u, shape, pose, *context.bores, e);
+    answer(query, found.distance, found.point, found.u, pose, context, e);
   }
 
  private:
   bool remeasured(Entry& e, const Query& q, double moved) const {
     auto missing = [&] { return moved > 0.5 * (e.listed - e.distance); };
     if (missing()) return false;
-    if (e.nearby.empty()) e.listed = shape.surface->list(e.a, e.b, e.listed, e.nearby);
+    if (e.nearby.empty()) e.listed = context.surface->list(e.a, e.b, e.listed, e.nearby);
     if (missing()) return false;
-    const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
-    e.now = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
+    const Nearest found = context.surface->nearest(e.nearby, q.a, q.b);
+    e.now = plane_of(found, q.a, q.b, e.asked.normal);
     e.clearance = found.distance;
     return true;
   }
@@ -123,7 +127,7 @@ struct Considering {
   // the same side of the surface if its ends have moved by less than its distance, or have not crossed the
   // surface.
   bool searched(Entry& e, const Query& q, double moved) const {
-    const Surface& surface = *shape.surface;
+    const Surface& surface = *context.surface;
     if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
     const double within =
         (1 + kRoundingShare) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
@@ -134,7 +138,7 @@ struct Considering {
     e.b = q.b;
     e.distance = found.distance;
     e.listed = (1 + 2 * kListed) * found.distance;
-    e.asked = plane_of(found, q.a, q.b, pose, *context.bores, e.asked.normal);
+    e.asked = plane_of(found, q.a, q.b, e.asked.normal);
     e.now = e.asked;
     e.clearance = e.distance;
     return true;
@@ -183,6 +187,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   cache.local = local;
   cache.motion = motion;
   Considering consider{shape, link, pose, context, queries, counts};
+  // In a bore its wall is felt, and before a mouth the edge of that.
   auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
   double before = 0;  // reach of the previous particle [m]
   bool bored_before = false;
@@ -208,8 +213,8 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   }
 }
 
-void answer(const Query& q, double distance, Vec3 point, double u, const Shape& shape, const Pose& pose,
-            const std::vector<Bore>& bores, Entry& e) {
+void answer(const Query& q, double distance, Vec3 point, double u, const Pose& pose,
+            const NearContext& context, Entry& e) {
   const Vec3 nearest = (1 - u) * q.a + u * q.b;
   const double length = norm(nearest - point);
   // A negative distance is valid if its point is at that distance: the penetration depth of a primitive. A
@@ -227,12 +232,14 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Shape& 
   e.age = 0;
   e.a = q.a;
   e.b = q.b;
-  e.asked = plane_at(nearest, point, u, distance < 0 ? -1 : 1, pose, bores, e.asked.normal);
-  if (shape.surface && distance > 0) {
-    e.listed = shape.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
-    const Nearest found = shape.surface->nearest(e.nearby, q.a, q.b);
+  const double sign = distance < 0 ? -1 : 1;
+  e.asked = {point, unit_or(sign * (nearest - point), e.asked.normal), u,
+             !context.surface && in_any_bore(to_world(pose, point), *context.bores)};
+  if (context.surface && distance > 0) {
+    e.listed = context.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
+    const Nearest found = context.surface->nearest(e.nearby, q.a, q.b);
     distance = found.distance;
-    e.asked = plane_of(found, q.a, q.b, pose, bores, e.asked.normal);
+    e.asked = plane_of(found, q.a, q.b, e.asked.normal);
   }
   e.distance = distance;
   e.clearance = std::max(0.0, distance);

@@ -9,7 +9,8 @@
 //            (geometry/triangle_bvh.h); these triangles are measured again. Primitive on a link at rest:
 //            while the error of the plane is below the reuse tolerance. A link that rolls along a segment
 //            leaves the nearest point of the last query behind,
-//   searched mesh: for the nearest triangle; the distance to the last nearest point is an upper bound,
+//   searched mesh: for the nearest triangle; the distance to the last nearest point is an upper bound. A mesh
+//            with bores is what they leave of it, which FCL does not know: it is always searched,
 //   queried  otherwise: where nothing is known, or the feature crosses the surface or has passed through it.
 //            Primitives are measured in closed form here (geometry/primitive_distance.h).
 // All conditions use the present position of the feature. Therefore entries are not restored with a step.
@@ -37,7 +38,7 @@ constexpr double kFarthestMove = 0.9;
 struct Plane {
   Vec3 point, normal;  // shape frame
   double u = 0;        // parameter of the nearest point of a segment [-]
-  bool hole = false;   // the surface point is in a bore, where there is no bone
+  bool hole = false;   // of a primitive: the surface point is in a bore, where there is no bone
 };
 
 struct Entry {
@@ -75,6 +76,7 @@ struct NearCache {
 struct NearContext {
   double dt = 0, threshold = 0, reuse_tolerance = 0;  // [s], [m], [m]
   const std::vector<Bore>* bores = nullptr;           // those of the shape's link
+  const Surface* surface = nullptr;                   // of a mesh: what these bores leave of it; else null
 };
 
 // Appends the queries needed for one tendon and one shape, and marks the entries that need contacts.
@@ -82,9 +84,9 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts);
 
 // Stores the answer to a query: distance [m], nearest surface point (shape frame) and parameter. For a mesh,
-// the distance to the listed triangles replaces it, as between queries.
-void answer(const Query& query, double distance, Vec3 point, double u, const Shape& shape, const Pose& pose,
-            const std::vector<Bore>& bores, Entry& entry);
+// the distance to the listed triangles replaces it, as between queries. pose: of the shape.
+void answer(const Query& query, double distance, Vec3 point, double u, const Pose& pose,
+            const NearContext& context, Entry& entry);
 
 // Lets the list of the triangles near a particle at x (shape frame) hold all that are within reach of it [m].
 void list_within_reach(Entry& entry, Vec3 x, const Surface& surface);
@@ -109,8 +111,6 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
 
 // Predicted motion of a particle within the step relative to a link [m].
 double motion_of(const Tendon& tendon, int particle, const Link& link, double dt);
-// Whether bone at a point (world) is drilled away [m].
-bool in_any_bore(Vec3 point, const std::vector<Bore>& bores);
 // Greatest distance to a link at which a particle can touch it within the step [m].
 double reach_of(const Tendon& tendon, int particle, const Link& link, double dt, double threshold);
 

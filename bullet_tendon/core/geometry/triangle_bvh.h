@@ -55,6 +55,8 @@ class Surface {
   Nearest across_valley(const std::vector<Nearby>& listed, Vec3 x, const Nearest& first, double reach) const;
   // Whether the way from one point to another leads through the surface.
   bool is_between(Vec3 from, Vec3 to) const;
+  // In no order.
+  const std::vector<Triangle>& triangles() const { return triangles_; }
   // Tells surfaces apart.
   uint64_t mark() const { return mark_; }
 

@@ -96,13 +96,13 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
 
 // The plane of the other side, within reach, if a particle is in a valley of a mesh. With one side at a time,
 // it would change sides from step to step, and sink between them.
-std::optional<Plane> across_valley(NearCache& cache, int particle, const Shape& shape) {
+std::optional<Plane> across_valley(NearCache& cache, int particle, const Surface* surface) {
   Entry& e = cache.entries[particle];
   const Vec3 x = cache.local[particle];
   const Nearest first{norm(x - e.now.point), 0, e.now.point};
-  if (!shape.surface || e.inside || first.distance == 0) return {};
-  list_within_reach(e, x, *shape.surface);
-  const Nearest other = shape.surface->across_valley(e.nearby, x, first, e.reach);
+  if (!surface || e.inside || first.distance == 0) return {};
+  list_within_reach(e, x, *surface);
+  const Nearest other = surface->across_valley(e.nearby, x, first, e.reach);
   if (other.distance > e.reach) return {};
   return Plane{other.point, (1 / other.distance) * (x - other.point)};
 }
@@ -340,7 +340,8 @@ void World::bone_contacts() {
       const Link& link = scene.links[shape.link];
       const std::vector<Entry>& entries = detection_.caches[c][s].entries;
       if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
-      const Pose start = in_world(shape, link), end = link.ahead(start, step_.context.dt);
+      const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
+      const Surface* surface = surface_for(*step_.slots[c], static_cast<int>(s));
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
         if (!e.wanted) continue;
@@ -349,16 +350,16 @@ void World::bone_contacts() {
         const SegmentPoint spot = segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u}
                                           : particle_of(*step_.slots[c], tendon, f);
         const Vec3 ahead = to_local(end, spot.of(step_.slots[c]->predicted));
-        const Tangent surface = in_world(tangent_of(detection_.caches[c][s], shape, f, ahead), end);
+        const Tangent beside = in_world(tangent_of(detection_.caches[c][s], shape, f, ahead), end);
         ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
-        const auto other = segment ? std::nullopt : across_valley(detection_.caches[c][s], f, shape);
-        if (other && !in_any_bore(to_world(start, other->point), bores_for(*step_.slots[c], shape.link))) {
+        const auto other = segment ? std::nullopt : across_valley(detection_.caches[c][s], f, surface);
+        if (other) {
           const Tangent side = in_world({other->point, other->normal}, end);
           ContactKey across = key;
-          (last_faced(key, side.normal, surface.normal) ? key : across).end = 1;
+          (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
           bone_contact(spot, across, side);
         }
-        bone_contact(spot, key, surface);
+        bone_contact(spot, key, beside);
       }
     }
   }

@@ -77,6 +77,7 @@ void World::remove_shape(int slot) {
   contacts_.all.clear();
   for (auto& of_tendon : detection_.caches)
     if (slot < static_cast<int>(of_tendon.size())) of_tendon[slot] = NearCache{};
+  if (slot < static_cast<int>(detection_.drilled.size())) detection_.drilled[slot].clear();
   forget_memory([&](const ContactKey& k) { return k.kind == ContactKind::bone && k.other == slot; });
 }
 
@@ -150,6 +151,7 @@ void World::filter_contacts(std::initializer_list<int> tendons,
 // Deletes all cached planes. Surfaces inside a bore are ignored, so that a new set of bores changes the
 // nearest points.
 void World::forget_planes() {
+  detection_.drilled.clear();
   for (auto& tendon_caches : detection_.caches)
     for (auto& cache : tendon_caches) cache.entries.clear();
 }
@@ -193,6 +195,32 @@ const std::vector<Bore>& World::bores_for(const Tendon& c, int link) {
   return detection_.wide_bores;
 }
 
+const Surface* World::surface_for(const Tendon& c, int s) {
+  const Shape& shape = scene.shapes[s];
+  std::vector<int>& wide = detection_.wide_tunnels;
+  wide.clear();
+  for (size_t t = 0; t < scene.tunnels.size(); ++t)
+    if (scene.tunnel_alive[t] && scene.tunnels[t].link == shape.link && scene.tunnels[t].radius > c.radius)
+      wide.push_back(static_cast<int>(t));
+  if (!shape.surface || wide.empty()) return shape.surface.get();
+  detection_.drilled.resize(scene.shapes.size());
+  std::vector<DrilledMesh>& known = detection_.drilled[s];
+  const auto found =
+      std::find_if(known.begin(), known.end(), [&](const DrilledMesh& d) { return d.tunnels == wide; });
+  if (found != known.end()) return found->left.get();
+  const Rot3 turn = transposed(shape.local.rotation);
+  std::vector<Triangle> left = shape.surface->triangles();
+  for (const int t : wide)
+    left = drilled(left, in_world(scene.tunnels[t], {turn, -(turn * shape.local.origin)}));
+  known.push_back({wide, std::make_unique<const Surface>(std::move(left))});
+  return known.back().left.get();
+}
+
+NearContext World::near_context(const Tendon& c, int s) {
+  return {step_.context.dt, options.contact_threshold, options.reuse_tolerance,
+          &bores_for(c, scene.shapes[s].link), surface_for(c, s)};
+}
+
 // Updates the distances of this substep: from the cache or the core where possible, otherwise from the
 // oracle.
 void World::update_proximity(DistanceOracle& oracle) {
@@ -206,11 +234,9 @@ void World::update_proximity(DistanceOracle& oracle) {
         detection_.caches[c][s].entries.clear();
         continue;
       }
-      const NearContext near{step_.context.dt, options.contact_threshold, options.reuse_tolerance,
-                             &bores_for(*scene.tendons[c], scene.shapes[s].link)};
       ask(*scene.tendons[c], static_cast<int>(c), scene.shapes[s], static_cast<int>(s),
-          scene.links[scene.shapes[s].link], near, detection_.caches[c][s], detection_.queries,
-          step_.report.near);
+          scene.links[scene.shapes[s].link], near_context(*scene.tendons[c], static_cast<int>(s)),
+          detection_.caches[c][s], detection_.queries, step_.report.near);
     }
   }
   if (detection_.queries.empty()) return;
@@ -219,8 +245,8 @@ void World::update_proximity(DistanceOracle& oracle) {
     const Query& query = detection_.queries[q];
     const Shape& shape = scene.shapes[query.shape];
     Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
-    answer(query, detection_.distances[q], vec3_at(detection_.points, q), detection_.parameters[q], shape,
-           in_world(shape, scene.links[shape.link]), bores_for(*scene.tendons[query.tendon], shape.link),
+    answer(query, detection_.distances[q], vec3_at(detection_.points, q), detection_.parameters[q],
+           in_world(shape, scene.links[shape.link]), near_context(*scene.tendons[query.tendon], query.shape),
            entry);
   }
 }

@@ -20,6 +20,7 @@
 #include "cartilage/cartilage.h"
 #include "collision/broad_phase.h"
 #include "element/element_set.h"
+#include "geometry/drilled_mesh.h"
 #include "integrator/scheme.h"
 #include "ligament/ligament.h"
 #include "solver/island.h"
@@ -102,8 +103,10 @@ struct Detection {
   std::vector<SegmentPair> pairs;
   std::vector<Bore> bores;  // by tunnel
   std::vector<std::vector<Bore>> bores_by_link;
-  std::vector<Bore> wide_bores;   // of one link, for one tendon
-  std::vector<int> near_tunnels;  // of one tendon
+  std::vector<Bore> wide_bores;                   // of one link, for one tendon
+  std::vector<int> wide_tunnels;                  // the same
+  std::vector<int> near_tunnels;                  // of one tendon
+  std::vector<std::vector<DrilledMesh>> drilled;  // [shape], for each set of bores that tendons may enter
 };
 
 // Contacts of this substep and their memory.
@@ -361,6 +364,10 @@ class World {
 
   // The bores of a link that are wider than the tendon. The others are solid bone for it.
   const std::vector<Bore>& bores_for(const Tendon& c, int link);
+  // What these bores leave of a mesh, in the shape's frame; null of other shapes.
+  const Surface* surface_for(const Tendon& c, int shape);
+  // What the search for distances of a tendon to a shape depends on.
+  NearContext near_context(const Tendon& c, int shape);
   // world/tendon_stiffness.cpp
   void find_tendon_stiffness();
   bool linearise_tendons(Island& island);
