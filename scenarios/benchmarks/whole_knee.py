@@ -14,11 +14,13 @@ drawer load to the next one, and of that without the graft; "cartilage" that of 
 from time import thread_time
 
 import numpy as np
+from bullet_tendon.mesh_files import read_mesh
 from bullet_tendon.scenarios.knee import TOE_STRAIN, KneeRig
+from bullet_tendon.scenarios.knee_files import bone_paths
 from bullet_tendon.scenarios.reconstruction import FEMORAL, TIBIAL
 
 import bullet_tendon as bt
-from bullet_tendon import _core
+from bullet_tendon import _core, shapes
 
 STRANDS, PARTICLES = 76, 60
 GRAFT_RADIUS, TUNNEL_RADIUS, FRICTION = 3.5e-3, 4.5e-3, 0.1  # m, m, -
@@ -83,13 +85,17 @@ def panels(record) -> list[dict]:
 
 
 def whole_knee(graft: bool = True, **rig_arguments) -> tuple[KneeRig, bt.Tendon | None]:
-    """A knee of STRANDS strands at 20 degrees of flexion, and its graft."""
+    """A knee of STRANDS strands at 20 degrees of flexion, and its graft.
+
+    rig_arguments: of KneeRig. The inner mouths of the tunnels are where its bones are nearest to those of
+    knee.urdf; their outer ends are those of knee.urdf.
+    """
     rig = KneeRig(time_step=1 / RATE, **rig_arguments)
     for name in list(rig.ligaments)[: STRANDS - len(rig.ligaments)]:
         _halve(rig, name)
     rig.flex(np.radians(20))
     rig.settle()
-    return rig, _graft(rig) if graft else None
+    return rig, _graft(rig, bone_paths("bones", rig_arguments.get("bones"))) if graft else None
 
 
 def _halve(rig: KneeRig, name: str) -> None:
@@ -104,11 +110,18 @@ def _halve(rig: KneeRig, name: str) -> None:
         rig.strands[half] = strand
 
 
-def _graft(rig: KneeRig) -> bt.Tendon:
-    """Through both tunnels, under tension, fixed at their outer ends."""
+def _nearest_on(mesh, point) -> np.ndarray:
+    """(3,) the point of a mesh file's surface that is nearest to a point (3,) [m]."""
+    surface = read_mesh(mesh)
+    return shapes.mesh(surface.vertices, surface.triangles).measure([point], [point])[1][0]
+
+
+def _graft(rig: KneeRig, meshes) -> bt.Tendon:
+    """Through both tunnels, under tension, fixed at their outer ends. meshes: files of femur and tibia."""
     ends = []
-    for bone, tunnel in ((rig.femur, FEMORAL), (rig.tibia, TIBIAL)):
-        made = rig.world.add_tunnel(*bone, *tunnel, radius=TUNNEL_RADIUS, friction=FRICTION)
+    for bone, mesh, (mouth, outer) in zip((rig.femur, rig.tibia), meshes, (FEMORAL, TIBIAL), strict=True):
+        mouth = _nearest_on(mesh, mouth)
+        made = rig.world.add_tunnel(*bone, mouth, outer, radius=TUNNEL_RADIUS, friction=FRICTION)
         ends.append(made.ends)
     points = np.array([ends[0][1], ends[0][0], ends[1][0], ends[1][1]])
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
