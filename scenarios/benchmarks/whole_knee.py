@@ -14,13 +14,13 @@ drawer load to the next one, and of that without the graft; "cartilage" that of 
 from time import thread_time
 
 import numpy as np
+from bullet_tendon.scenarios.knee import TOE_STRAIN, KneeRig
+from bullet_tendon.scenarios.knee_files import bone_paths
+from bullet_tendon.scenarios.reconstruction import FEMORAL, TIBIAL
 
 import bullet_tendon as bt
 from bullet_tendon import _core, shapes
 from bullet_tendon.mesh_files import read_mesh
-from bullet_tendon.scenarios.knee import TOE_STRAIN, KneeRig
-from bullet_tendon.scenarios.knee_files import bone_paths
-from bullet_tendon.scenarios.reconstruction import FEMORAL, TIBIAL
 
 STRANDS, PARTICLES = 76, 60
 GRAFT_RADIUS, TUNNEL_RADIUS, FRICTION = 3.5e-3, 4.5e-3, 0.1  # m, m, -
