@@ -177,11 +177,24 @@ void World::sum_forces(double scale, Of wrench_of) {
   }
 }
 
+// Whether rotations of free bodies are finite in this step.
+bool World::turns_finitely() const {
+  return !step_.whole && options.integrator != Integrator::explicit_euler &&
+         options.iteration == Iteration::newton;
+}
+
+// Marks free bodies that tendons can touch as such that turn far. The place of a contact on them moves with
+// any rotation: a force where it was at the start of the step would drive on or hold back what rolls.
+void World::mark_touchable_bodies() {
+  if (!turns_finitely()) return;
+  for (size_t l = 0; l < scene.links.size(); ++l)
+    if (islands_.solid[l] && scene.links[l].yields() && scene.links[l].jacobian.empty())
+      scene.bodies[scene.links[l].body].turning.far = true;
+}
+
 // Marks bodies that turn far under the forces of the last solution. Returns whether any is newly marked.
 bool World::find_turning() {
-  if (step_.whole || options.integrator == Integrator::explicit_euler ||
-      options.iteration == Iteration::single)
-    return false;
+  if (!turns_finitely()) return false;
   for (GeneralizedBody& m : scene.bodies) {
     m.turning.torque = {};
     m.turning.pull = m.turning.lever = 0;

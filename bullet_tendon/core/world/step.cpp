@@ -97,6 +97,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
     m.begin_step();
     m.history.asked = false;
   }
+  mark_touchable_bodies();
   for (Link& l : scene.links) {
     l.ends_known = false;
     l.to_end = {};

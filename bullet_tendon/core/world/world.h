@@ -308,6 +308,8 @@ class World {
   template <class Of>
   void sum_forces(double scale, Of wrench_of);
   void act_on_bodies();
+  bool turns_finitely() const;
+  void mark_touchable_bodies();
   bool find_turning();
   void find_central_bodies();
   void push_bodies();
