@@ -65,7 +65,7 @@ bool update_direct(Island& island, Contact& contact) {
 
 // Evaluates a contact at tendon.x_new, with its present contact points.
 void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
-  if (island.follows) follow(island, contact);
+  follow(island, contact);
   contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
 }
 
@@ -124,7 +124,7 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
   }
   find_acting(island);
   for (Contact* contact : island.acting) {
-    if (island.follows) add_sliding_blocks(island, *contact, definite_contacts);
+    add_sliding_blocks(island, *contact, definite_contacts);
     add_contact_block(island, *contact);
     add_contact_linearisation(island, *contact);
   }

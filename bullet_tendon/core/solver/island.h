@@ -97,7 +97,6 @@ struct Island {
   std::vector<Contact*> contacts;
   std::vector<Contact*> acting;  // those in the present matrix
   bool coupled = false;          // some contact joins two tendons, or two segments of one
-  bool follows = true;           // contact points move to the nearest points
   bool curved = false;           // the present step has a correction (solver/arc.cpp)
   IslandBodies bodies;
   IslandElements elements;

@@ -161,6 +161,17 @@ void add_coupling(Island& island) {
     const Vec3 pull_b = contact->force.block * contact->a.of(a.cg_direction);
     pull_back(a.cg_image, contact->a, pull_a);
     pull_back(b.cg_image, contact->b, pull_b);
+    const int i = contact->a.first, j = contact->b.first;
+    for (int k = 0; k < contact->geometry.sliding_terms; ++k) {
+      const Vec3* l = contact->geometry.sliding_term[k];
+      const double share = contact->geometry.sliding_share[k];
+      const double of_a = share * (dot(l[0], a.cg_direction.at(i)) + dot(l[1], a.cg_direction.at(i + 1)));
+      const double of_b = share * (dot(l[2], b.cg_direction.at(j)) + dot(l[3], b.cg_direction.at(j + 1)));
+      for (int end : {0, 1}) {
+        a.cg_image.add(i + end, of_b * l[end]);
+        b.cg_image.add(j + end, of_a * l[2 + end]);
+      }
+    }
   }
 }
 

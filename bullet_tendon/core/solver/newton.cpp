@@ -2,8 +2,8 @@
 //
 // Every iteration takes the full step. The linear solution predicts the multipliers of springs and contacts,
 // and the friction limits. The residual is computed with the true forces. It includes the differences between
-// the friction limits and mu N (Coulomb's law). When the residual is small, contacts that are too deep are
-// stiffened (augmented Lagrangian).
+// the friction limits and mu N (Coulomb's law). When the residual is small, contacts that press at a
+// gap or a depth are stiffened (augmented Lagrangian).
 //
 // A solution whose residual does not fall goes on as a descent, from where the incremental potential is small
 // (begin_descent): plain Newton steps, linearised at the present positions with their true forces. The blocks
@@ -29,9 +29,9 @@ namespace {
 // solution. Larger: inaccurate normal forces make iterations diverge. Smaller: more iterations.
 constexpr double kNear = 0.1;
 
-// Residual, relative to the largest force, below which contacts that are too deep are stiffened [-]. Larger:
-// multipliers are taken from inaccurate forces. Smaller: each stiffness is solved for to an accuracy that is
-// lost with the next one.
+// Residual, relative to the largest force, below which contacts are stiffened [-]. Larger: multipliers are
+// taken from inaccurate forces. Smaller: each stiffness is solved for to an accuracy that is lost with the
+// next one.
 constexpr double kStiffened = 3e-3;
 
 // Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
@@ -121,7 +121,6 @@ void begin(Solution& s) {
     contact->normal_force.changes = 0;
   }
   start_bodies(island);
-  island.follows = s.options().linear_solver != LinearSolver::pcg;  // pcg has no sliding-point terms
   s.far = !s.context.warm;
 }
 

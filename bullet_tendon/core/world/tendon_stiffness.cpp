@@ -77,7 +77,6 @@ void World::find_tendon_stiffness() {
     island.contacts.push_back(&contact);
     island.coupled |= contact.b.tendon >= 0;
   }
-  island.follows = options.linear_solver != LinearSolver::pcg;
   island.bodies.all = &scene.bodies;
   island.bodies.links = &scene.links;
   island.bodies.reach = 1;
