@@ -7,10 +7,11 @@ namespace bt {
 
 namespace {
 
-// A contact deeper than kDepth radii is stiffened within the step, by the factor kStiffening, at most twice
-// [-]. Larger: the small depths that arise where a segment slides over an edge give excessive forces.
-// Smaller: depths take more multiplier updates.
-constexpr double kDepth = 5e-4;
+// A contact with a normal force whose gap differs from zero by more than kGap radii is stiffened within the
+// step, by the factor kStiffening, at most twice [-]. Larger: the small depths that arise where a segment
+// slides over an edge give excessive forces, and what has parted is still pushed. Smaller: gaps take more
+// multiplier updates.
+constexpr double kGap = 5e-4;
 constexpr double kStiffening = 10.0;
 
 }  // namespace
@@ -87,7 +88,7 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
 
 bool Contact::stiffen() {
   if (normal_force.softest == 0 || normal_force.direct || normal_force.value <= 0) return false;
-  if (-geometry.gap <= kDepth * geometry.radius) return false;
+  if (std::fabs(geometry.gap) <= kGap * geometry.radius) return false;
   take_over(normal_force.value);
   return true;
 }

@@ -12,8 +12,9 @@
 // With N_0 = 0 this is the paper's spring. With a carried multiplier (N_0 <- N after every step), a contact
 // at rest has no depth, whatever its load, and k only sets how fast that state is reached. N_0 is the smaller
 // of the normal forces of the last two steps. Otherwise the force of an impact would be repeated, and the
-// tendon would rebound. Where depth remains at the end of a step, N_0 <- N, k grows, and the step is solved
-// further (augmented Lagrangian, Hestenes 1969).
+// tendon would rebound. Where a gap or a depth remains beside a normal force at the end of a step, N_0 <- N,
+// k grows, and the step is solved further (augmented Lagrangian, Hestenes 1969). A force across a gap is what
+// a load leaves behind that rolls on: it would lift the tendon behind it, and drive it.
 #pragma once
 #include <cmath>
 #include <cstdint>
@@ -109,6 +110,7 @@ struct ContactForce {
 
 struct Contact {
   ContactKey key;
+  int came = 0;       // its memory is that of the contact so many segments on, whose point has come to it
   SegmentPoint a, b;  // b.tendon = -1: contact with a link
   int link = -1;
   bool moves = false;     // the link's body is an unknown of the solve
@@ -121,6 +123,13 @@ struct Contact {
   NormalForce normal_force;
   Friction friction;
   ContactForce force;
+
+  // The key under which the last step remembers it.
+  ContactKey former() const {
+    ContactKey last = key;
+    last.feature += came;
+    return last;
+  }
 
   // Whether there is a force. A released contact keeps its friction until its friction limit is updated.
   bool acts() const {
@@ -142,7 +151,8 @@ struct Contact {
   // Sets the sliding term that the motion of this point along the segment adds to the block
   // (contact/following.cpp). Call it after evaluate.
   void add_sliding_term(Vec3 start, Vec3 end, bool definite);
-  // If the depth is too large, sets N_0 <- N and increases k. Returns whether it did.
+  // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
+  // whether it did.
   bool stiffen();
   // Sets N_0 to force [N] and increases k.
   void take_over(double force);
