@@ -94,6 +94,19 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
   return true;
 }
 
+// Whether the point of segment k that is nearest to a round surface is predicted to be inside the segment at
+// the end of the substep. A body that rolls along a tendon then presses on a segment that it does not touch
+// yet. Without a contact there, the last segment's end would carry it from behind.
+bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int k, const Pose& end) {
+  if (!shape.primitive.is_round() || !cache.entries[c.n() + k].wanted) return false;
+  const Vec3 start = to_local(end, c.predicted.at(k)), way = to_local(end, c.predicted.at(k + 1)) - start;
+  const Tangent surface = tangent_of(cache, shape, c.n() + k, start);
+  if (surface.radius == 0) return false;
+  const Vec3 across = without(way, cross(surface.normal, surface.along));
+  const double at = dot(surface.point - surface.radius * surface.normal - start, across);
+  return at > 0 && at < dot(across, across);
+}
+
 // The plane of the other side, within reach, if a particle is in a valley of a mesh. With one side at a time,
 // it would change sides from step to step, and sink between them.
 std::optional<Plane> across_valley(NearCache& cache, int particle, const Surface* surface) {
@@ -168,12 +181,13 @@ void World::drop_contacts_of_torn() {
 
 // Contact with a plane on a link, given where it is at the end of the substep without tendon forces.
 Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& surface, const ContactKey& key,
-                             double friction) {
+                             double friction, int came) {
   const Link& link = scene.links[link_slot];
   const Tendon& c = *step_.slots[spot.tendon];
   const double dt = step_.context.dt;
   Contact contact;
   contact.key = key;
+  contact.came = came;
   contact.a = spot;
   contact.link = link_slot;
   const double kept = c.radius + options.contact_threshold;
@@ -277,7 +291,7 @@ const ContactMemory* World::remembered(const ContactKey& key) const {
 }
 
 void World::recall(Contact& contact, double inertia) {
-  const ContactMemory* found = remembered(contact.key);
+  const ContactMemory* found = remembered(contact.former());
   if (!found) return;
   const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
@@ -342,11 +356,15 @@ void World::bone_contacts() {
       if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
       const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
       const Surface* surface = surface_for(*step_.slots[c], static_cast<int>(s));
+      auto will = [&](int k) {
+        return k >= 0 && k < n - 1 && will_bulge(detection_.caches[c][s], shape, *step_.slots[c], k, end);
+      };
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
         if (!e.wanted) continue;
         const bool segment = f >= n;
-        if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius)) continue;
+        if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius) && !will(f - n))
+          continue;
         const SegmentPoint spot = segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u}
                                           : particle_of(*step_.slots[c], tendon, f);
         const Vec3 ahead = to_local(end, spot.of(step_.slots[c]->predicted));
@@ -357,17 +375,35 @@ void World::bone_contacts() {
           const Tangent side = in_world({other->point, other->normal}, end);
           ContactKey across = key;
           (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
-          bone_contact(spot, across, side);
+          bone_contact(spot, across, side, 0);
         }
-        bone_contact(spot, key, beside);
+        bone_contact(spot, key, beside, segment ? came_from(key, f - n, will) : 0);
       }
     }
   }
 }
 
-void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface) {
+// Where a contact point is predicted to pass from one segment to the next, their contacts exchange what is
+// remembered: the load goes on in the segment that has the point at the end. Returns the segments from this
+// one to the other, or 0.
+template <class WillBulge>
+int World::came_from(const ContactKey& key, int segment, WillBulge will_bulge) const {
+  auto known = [&](int away) {
+    ContactKey other = key;
+    other.feature += away;
+    return remembered(other) != nullptr;
+  };
+  auto passes = [&](int from, int to) {
+    return known(from) && !known(to) && will_bulge(segment + to) && !will_bulge(segment + from);
+  };
+  for (const int away : {-1, 1})
+    if (passes(0, away) || passes(away, 0)) return away;
+  return 0;
+}
+
+void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came) {
   const Shape& shape = scene.shapes[key.other];
-  Contact contact = plane_contact(spot, shape.link, surface, key, shape.friction);
+  Contact contact = plane_contact(spot, shape.link, surface, key, shape.friction, came);
   contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
                                 options.bone_contact == BoneContact::constraint &&
                                 !scene.links[shape.link].yields();
@@ -393,7 +429,7 @@ void World::half_space_contacts(int tendon, int s) {
     if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
     const Vec3 foot = to_world(end, to_local(pose, x - height * normal));
     bone_contact(particle_of(c, tendon, i), {ContactKind::bone, tendon, i, s},
-                 {foot, end.rotation * shape.plane_normal});
+                 {foot, end.rotation * shape.plane_normal}, 0);
   }
 }
 

@@ -332,7 +332,9 @@ class World {
   bool turns_far(const Link& link) const;
   void set_arm(Contact& contact) const;
   void add_contact(const Contact& contact);
-  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
+  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came);
+  template <class WillBulge>
+  int came_from(const ContactKey& key, int segment, WillBulge will_bulge) const;
   bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
   const ContactMemory* remembered(const ContactKey& key) const;
   double depth_to_leave(const Contact& contact, double most) const;
@@ -383,7 +385,7 @@ class World {
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
-                        double friction);
+                        double friction, int came);
 
   StepState step_;
   Detection detection_;
