@@ -113,7 +113,7 @@ def test_a_ball_stays_where_it_is_put_on_a_cord(make_world, client, particles, p
 def test_a_ball_rolls_on_along_a_cord(make_world, client, speed, particles, dt, integrator):
     """The contact is measured where the ball is now. One that is left behind lets it sink, and pushes it.
 
-    Its force acts below the ball, however far the ball turns in a step, and passes on from segment to segment.
+    Its force acts below the ball, however far the ball turns, and passes on from segment to segment.
     """
     world = make_world(dt, (0, 0, -9.81), integrator=integrator)
     body = ball_on_a_cord(world, client, particles, -0.1, speed)
@@ -127,7 +127,7 @@ def test_a_ball_rolls_on_along_a_cord(make_world, client, speed, particles, dt, 
 @pytest.mark.parametrize("particles", [60, 120])
 @pytest.mark.parametrize("speed", [0.05, 0.2])
 def test_nothing_presses_across_a_gap_where_a_load_moves_on(make_world, client, speed, particles, integrator):
-    """Neither the ball nor the ground lifts the cord behind the ball with what it carried in the last step."""
+    """Neither the ball nor the ground lifts the cord behind the ball with the force of the last step."""
     world = make_world(1 / 240, (0, 0, -9.81), integrator=integrator)
     ball_on_a_cord(world, client, particles, -0.1, speed)
     weight, lifted = 0.01 * 9.81, 0.0
