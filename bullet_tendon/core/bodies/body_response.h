@@ -88,7 +88,8 @@ struct BodyWorkspace {
       left, whole;
 };
 
-// Whether a free body rotates so far in this step that its arms change.
+// Whether a free body rotates finitely in this step: tendons can touch it, or it turns so far that the arms
+// of their ends change.
 struct BodyTurning {
   bool far = false;
   bool elements = false;  // elements act on it in this step

@@ -193,8 +193,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   const double kept = c.radius + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
-  // The force on a free body that does not turn far acts where its point was at the start (set_arm). A point
-  // that follows to the end would hold back a ball that rolls.
+  // Where rotations of free bodies are not finite, the force acts where its point was at the start (set_arm).
+  // A point that follows to the end would hold back a ball that rolls.
   const bool is_free = link.yields() && link.jacobian.empty() && !turns_far(link);
   if (surface.radius > 0 && !is_free)
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
@@ -257,12 +257,10 @@ bool World::turns_far(const Link& link) const {
   return m && m->turning.far;
 }
 
-// Friction and normal force act on the centreline, because particles do not spin. On a free body the arm is
-// that of the start of the substep: implicit Euler keeps the angular momentum of both with it. On a link of
-// an articulated body, whose angular momentum its bearing or pybullet's own step changes by more, the arm is
-// that of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing. So it is
-// on a free body that turns far: the point that the body had there at the start is elsewhere at the end, and
-// its force would drive on a ball that rolls.
+// Friction and normal force act on the centreline, because particles do not spin. The arm is that
+// of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing, and a ball
+// that rolls is not driven on. Where rotations of free bodies are not finite in this step, their arm is that
+// of the start of the substep: implicit Euler keeps the angular momentum of both with it.
 void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
