@@ -124,6 +124,28 @@ def test_a_ball_rolls_on_along_a_cord(make_world, client, speed, particles, dt, 
 
 
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+@pytest.mark.parametrize("particles", [30, 100])
+@pytest.mark.parametrize("speed", [0.05, 0.2])
+def test_a_smooth_box_slides_on_over_cords(make_world, client, speed, particles, integrator):
+    """Its front edge comes from above over the particles that it reaches, and is not held back by them."""
+    world = make_world(1 / 240, (0, 0, -9.81), integrator=integrator)
+    ground = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, ground, physicsClientId=client))
+    material = bt.Material(stiffness=500.0, damping=0.5, friction=0.7)
+    for y in (-0.012, 0.012):
+        cord = world.add_tendon([[-0.2, y, R], [0.2, y, R]], R, material, particles)
+        cord.grip(0), cord.grip(-1)
+    world.step(60)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.02, 0.01], physicsClientId=client)
+    box = p.createMultiBody(0.01, shape, basePosition=(-0.12, 0, 2 * R + 0.01), physicsClientId=client)
+    p.changeDynamics(box, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    p.resetBaseVelocity(box, (speed, 0, 0), physicsClientId=client)
+    world.add_obstacle(box, friction=0.0)
+    world.step(240)
+    assert p.getBaseVelocity(box, client)[0][0] == pytest.approx(speed, rel=0.015)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 @pytest.mark.parametrize("particles", [60, 120])
 @pytest.mark.parametrize("speed", [0.05, 0.2])
 def test_nothing_presses_across_a_gap_where_a_load_moves_on(make_world, client, speed, particles, integrator):

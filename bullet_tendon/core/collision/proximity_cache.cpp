@@ -280,6 +280,10 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   const double spacing =
       norm(cache.local[std::min(feature % n + 1, n - 1)] - cache.local[std::max(feature % n - 1, 0)]);
   const Vec3 point = cache.entries[feature].now.point, normal = cache.entries[feature].now.normal;
+  if (feature < n && shape.primitive && !shape.primitive.is_round()) {
+    const Primitive::Nearest found = shape.primitive.nearest(ahead, ahead);
+    if (found.distance > 0) return {found.point, (1 / found.distance) * (ahead - found.point)};
+  }
   if (feature >= n && shape.primitive.is_round()) {
     const Vec3 along = unit_or(without(cache.local[feature - n + 1] - cache.local[feature - n], normal), {});
     const double round = shape.primitive.curvature(point, normal, along);

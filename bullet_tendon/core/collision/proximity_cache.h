@@ -105,8 +105,10 @@ struct Tangent {
 };
 
 // The surface at the predicted position `ahead` of a feature (shape frame). A segment over a round primitive
-// has the round surface itself, along which its contact point follows. Other features have the plane that is
-// tangent there; the curvature follows from the planes of the neighbouring features.
+// has the round surface itself, along which its contact point follows. A particle beside a box has the plane
+// at the point that is nearest to it there: an edge that passes over it would be held back by the plane of
+// the start. Other features have the plane that is tangent there; the curvature follows from the planes of
+// the neighbouring features.
 Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3 ahead);
 
 // Predicted motion of a particle within the step relative to a link [m].
