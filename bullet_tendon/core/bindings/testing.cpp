@@ -219,7 +219,8 @@ py::tuple pair_term(const Array& ends, double offset, double stiffness, double l
 Array touching_parameters(const Array& ends, double sag) {
   const Field x = field_of(ends);
   PairParameters found[2];
-  const int count = touching_stretch(x.at(0), x.at(1), x.at(2), x.at(3), sag, found);
+  const double distance = segment_distance(x.at(0), x.at(1), x.at(2), x.at(3));
+  const int count = touching_stretch(x.at(0), x.at(1), x.at(2), x.at(3), distance, sag, found);
   Array out({static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(2)});
   for (int k = 0; k < count; ++k) {
     out.mutable_at(k, 0) = found[k].u;

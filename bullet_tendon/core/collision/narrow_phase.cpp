@@ -73,7 +73,7 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
   const Tendon &p = a.tendon(), &q = b.tendon();
   const int k = s.segment_a, m = s.segment_b;
   PairParameters ends[2];
-  const int count = touching_stretch(p.x.at(k), p.x.at(k + 1), q.x.at(m), q.x.at(m + 1),
+  const int count = touching_stretch(p.x.at(k), p.x.at(k + 1), q.x.at(m), q.x.at(m + 1), s.nearest.distance,
                                      kSag * (p.radius + q.radius), ends);
   s.parallel = count > 0;
   if (!s.parallel) s.points[s.count++] = s.nearest;

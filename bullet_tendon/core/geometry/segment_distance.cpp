@@ -54,10 +54,11 @@ double projected(Vec3 x, Vec3 start, Vec3 way) {
 // sqrt(h^2 + t^2), t its distance from the crossing of the lines times the sine of their angle. So it is at
 // most h + sag where |t| <= sqrt(2 h sag + sag^2). A segment that is not longer than that, with h the
 // distance of the segments, is within that distance as a whole, whatever its direction.
-int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParameters (&ends)[2]) {
+int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double distance, double sag,
+                     PairParameters (&ends)[2]) {
   const Vec3 d = p1 - p0, e = q1 - q0, r = p0 - q0;
   const double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), det = dd * ee - de * de;
-  if (std::min(dd, ee) <= (2 * segment_distance(p0, p1, q0, q1) + sag) * sag) {
+  if (std::min(dd, ee) <= (2 * distance + sag) * sag) {
     for (int i : {0, 1}) {
       const double end = i;
       ends[i] = dd <= ee ? PairParameters{end, projected(p0 + end * d, q0, e)}

@@ -26,7 +26,9 @@ struct PairParameters {
 // farther apart than the nearest points by more than `sag` [m].
 // A segment that is much shorter than the distance of both, as where a slack tendon is pushed together, also
 // has nearest points that jump from end to end. Its stretch is the whole segment, in its own order.
-int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double sag, PairParameters (&ends)[2]);
+// distance: of the segments [m].
+int touching_stretch(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double distance, double sag,
+                     PairParameters (&ends)[2]);
 
 // Two segments whose ends move along straight lines.
 struct Sweep {

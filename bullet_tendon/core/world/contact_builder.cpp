@@ -98,7 +98,7 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
 // the end of the substep. A body that rolls along a tendon then presses on a segment that it does not touch
 // yet. Without a contact there, the last segment's end would carry it from behind.
 bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int k, const Pose& end) {
-  if (!shape.primitive.is_round() || !cache.entries[c.n() + k].wanted) return false;
+  if (!cache.entries[c.n() + k].wanted) return false;
   const Vec3 start = to_local(end, c.predicted.at(k)), way = to_local(end, c.predicted.at(k + 1)) - start;
   const Tangent surface = tangent_of(cache, shape, c.n() + k, start);
   if (surface.radius == 0) return false;
@@ -354,8 +354,10 @@ void World::bone_contacts() {
       if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
       const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
       const Surface* surface = surface_for(*step_.slots[c], static_cast<int>(s));
+      const bool round = shape.primitive.is_round();
       auto will = [&](int k) {
-        return k >= 0 && k < n - 1 && will_bulge(detection_.caches[c][s], shape, *step_.slots[c], k, end);
+        return round && k >= 0 && k < n - 1 &&
+               will_bulge(detection_.caches[c][s], shape, *step_.slots[c], k, end);
       };
       for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
         const Entry& e = entries[f];
@@ -375,7 +377,7 @@ void World::bone_contacts() {
           (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
           bone_contact(spot, across, side, 0);
         }
-        bone_contact(spot, key, beside, segment ? came_from(key, f - n, will) : 0);
+        bone_contact(spot, key, beside, segment && round ? came_from(key, f - n, will) : 0);
       }
     }
   }

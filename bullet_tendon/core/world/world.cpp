@@ -197,12 +197,13 @@ const std::vector<Bore>& World::bores_for(const Tendon& c, int link) {
 
 const Surface* World::surface_for(const Tendon& c, int s) {
   const Shape& shape = scene.shapes[s];
+  if (!shape.surface) return nullptr;
   std::vector<int>& wide = detection_.wide_tunnels;
   wide.clear();
   for (size_t t = 0; t < scene.tunnels.size(); ++t)
     if (scene.tunnel_alive[t] && scene.tunnels[t].link == shape.link && scene.tunnels[t].radius > c.radius)
       wide.push_back(static_cast<int>(t));
-  if (!shape.surface || wide.empty()) return shape.surface.get();
+  if (wide.empty()) return shape.surface.get();
   detection_.drilled.resize(scene.shapes.size());
   std::vector<DrilledMesh>& known = detection_.drilled[s];
   const auto found =
