@@ -6,15 +6,19 @@ interpreter's lock: only processes step tasks at the same time throughout.
 
 import contextlib
 import multiprocessing
+import os
+import selectors
 import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 
 import numpy as np
-from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import concatenate, create_empty_array
 
 from bullet_tendon.errors import UnknownId
+
+_AWAKE = 1e-3  # s for which a process that waits for another one stays awake
 
 
 class Share:
@@ -28,8 +32,6 @@ class Share:
         self._horizon = horizon
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self._lengths = [0] * count
-        self._gatherer = VectorEnv()  # whose way to gather infos is that of all vectors
-        self._gatherer.num_envs = count
         self.envs: list = []
 
     def build(self) -> tuple:
@@ -39,18 +41,17 @@ class Share:
         return self.envs[0].observation_space, self.envs[0].action_space
 
     def reset(self, seeds: list, options: list) -> tuple:
-        """Observations and infos, each one batch."""
+        """Observations as one batch, and the info of each task."""
         self._lengths = [0] * self._count
         results = self._map(lambda env, s, o: env.reset(seed=s, options=o), self.envs, seeds, options)
         observations, infos = zip(*results, strict=True)
-        return self._joined(observations), self._gathered(infos)
+        return self._joined(observations), infos
 
     def step(self, actions) -> tuple:
-        """Observations, rewards, terminations, truncations and infos, each one batch."""
+        """Observations as one batch; reward, termination, truncation and info of each task."""
         results = self._map(self._step_of, range(self._count), actions)
-        observations, rewards, terminated, truncated, infos = zip(*results, strict=True)
-        ends = np.array(terminated, bool), np.array(truncated, bool)
-        return self._joined(observations), np.array(rewards, float), *ends, self._gathered(infos)
+        observations, *others = zip(*results, strict=True)
+        return self._joined(observations), *others
 
     def render(self) -> list:
         """The image of each task."""
@@ -80,12 +81,6 @@ class Share:
         space = self.envs[0].observation_space
         return concatenate(space, observations, create_empty_array(space, self._count))
 
-    def _gathered(self, infos) -> dict:
-        gathered: dict = {}
-        for index, info in enumerate(infos):
-            gathered = self._gatherer._add_info(gathered, info, index)
-        return gathered
-
     def _map(self, function, *iterables) -> list:
         call = map if self._pool is None else self._pool.map
         return list(call(function, *iterables))
@@ -101,6 +96,8 @@ class RemoteShare:
         """context: of multiprocessing."""
         self._asked = 0
         self._connection, other = context.Pipe()
+        self._watched = selectors.DefaultSelector()
+        self._watched.register(self._connection, selectors.EVENT_READ)
         self._process = context.Process(target=_serve, args=(other, share), daemon=True)
         self._process.start()
         other.close()
@@ -119,6 +116,7 @@ class RemoteShare:
     def result(self):
         """What the call returned. Raises what it raised, or UnknownId where the process has ended."""
         number = None
+        _awaited(self._watched)
         while number != self._asked:
             try:
                 number, failed, value = self._connection.recv()
@@ -134,6 +132,7 @@ class RemoteShare:
             with contextlib.suppress(UnknownId):
                 self.begin("close")
                 self.result()
+            self._watched.close()
             self._connection.close()
             self._process.join()
 
@@ -146,9 +145,11 @@ class RemoteShare:
 def _serve(connection: Connection, share: Share) -> None:
     """Answer calls of a share until it is closed or the other process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # both processes get it; the other one decides
-    parent = multiprocessing.parent_process().sentinel
+    watched = selectors.DefaultSelector()  # once: multiprocessing's `wait` makes one at each call
+    asked = watched.register(connection, selectors.EVENT_READ)
+    watched.register(multiprocessing.parent_process().sentinel, selectors.EVENT_READ)
     call = ""
-    while call != "close" and connection in wait([connection, parent]):
+    while call != "close" and asked in [key for key, _ in _awaited(watched)]:
         number, call, arguments = connection.recv()
         try:
             answer = False, getattr(share, call)(*arguments)
@@ -160,14 +161,16 @@ def _serve(connection: Connection, share: Share) -> None:
             connection.send((number, True, RuntimeError(f"{error}, in the answer: {answer[1]!r}")))
 
 
-def joined(parts: list, counts: list[int]):
-    """One batch of the batches of shares: arrays, or dicts of them. counts: of tasks by share.
+def _awaited(watched: selectors.BaseSelector) -> list:
+    """What is ready, as `select` tells. To sleep and be woken takes longer than a short wait itself."""
+    end = time.perf_counter() + _AWAKE
+    while not (ready := watched.select(0)) and time.perf_counter() < end:
+        os.sched_yield()
+    return ready or watched.select()
 
-    A dict that lacks a key, or a part that is None, counts as zeros there: infos have only what a task told.
-    """
-    first = next(part for part in parts if part is not None)
-    if isinstance(first, dict):
-        keys = dict.fromkeys(key for part in parts if part is not None for key in part)
-        return {key: joined([(part or {}).get(key) for part in parts], counts) for key in keys}
-    empty = [np.zeros((count, *first.shape[1:]), first.dtype) for count in counts]
-    return np.concatenate([e if part is None else part for part, e in zip(parts, empty, strict=True)])
+
+def joined(parts: tuple):
+    """One batch of the batches of shares: of arrays, or of dicts of arrays."""
+    if isinstance(parts[0], dict):
+        return {key: joined(tuple(part[key] for part in parts)) for key in parts[0]}
+    return np.concatenate(parts)

@@ -23,10 +23,10 @@ class TaskVector(gymnasium.vector.VectorEnv):
     """num_envs tasks, each with the seed that it would have by itself.
 
     max_episode_steps: after which an episode is truncated (None: never). processes: among how many the tasks
-    are divided (None: one for each processor, or 1 where threads is given). With 1 the tasks are in this
-    process. threads: how many step the tasks of one process at the same time (None: 1). context: how
-    processes start, as multiprocessing.get_context takes it. With "spawn" and "forkserver" the main module
-    has to be protected by `if __name__ == "__main__":`.
+    are divided, this one among them (None: one for each processor, or 1 where threads is given). threads:
+    how many step the tasks of one process at the same time (None: 1). context: how processes start, as
+    multiprocessing.get_context takes it. With "spawn" and "forkserver" the main module has to be protected
+    by `if __name__ == "__main__":`.
 
     Autoreset is SAME_STEP: where an episode ends, the observation is the first of the next one, and
     infos["final_obs"], infos["final_info"] are of the end. Further arguments go to each task. Raises
@@ -57,13 +57,12 @@ class TaskVector(gymnasium.vector.VectorEnv):
         arguments["render_mode"] = render_mode
         bounds = [self.num_envs * k // processes for k in range(processes + 1)]
         self._slices = [slice(*ends) for ends in zip(bounds, bounds[1:], strict=False)]
-        self._shares = [
+        shares = [
             Share(self.task, part.stop - part.start, max_episode_steps, threads, arguments)
             for part in self._slices
         ]
-        if processes > 1:
-            start = multiprocessing.get_context(context)
-            self._shares = [RemoteShare(start, share) for share in self._shares]
+        start = multiprocessing.get_context(context)
+        self._own, self._others = shares[0], [RemoteShare(start, share) for share in shares[1:]]
         try:
             spaces = self._ask("build")[0]
         except BaseException:
@@ -81,41 +80,48 @@ class TaskVector(gymnasium.vector.VectorEnv):
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise InvalidValue("seed", seed, f"an integer, None or {self.num_envs} of them")
-        return self._joined(self._ask("reset", seeds, [options] * self.num_envs))
+        observations, infos = zip(*self._ask("reset", seeds, [options] * self.num_envs), strict=True)
+        return joined(observations), self._gathered(infos)
 
     def step(self, actions):
         """One step of every task; actions (num_envs, ...)."""
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
             raise InvalidValue("actions", actions, f"of shape {self.action_space.shape}")
-        return self._joined(self._ask("step", actions))
+        results = zip(*self._ask("step", actions), strict=True)
+        observations, rewards, terminated, truncated, infos = results
+        ends = np.array(_flat(terminated), bool), np.array(_flat(truncated), bool)
+        return joined(observations), np.array(_flat(rewards), float), *ends, self._gathered(infos)
 
     def render(self) -> tuple | None:
         """The images of all tasks, one after the other."""
-        return tuple(image for images in self._ask("render") for image in images)
+        return tuple(_flat(self._ask("render")))
 
     def close_extras(self, **_) -> None:
         """Close all tasks and end the processes and threads."""
-        for share in self._shares:
+        for share in (self._own, *self._others):
             share.close()
 
     @property
     def envs(self) -> list:
-        """The tasks, where they are in this process; else none."""
-        return [env for share in self._shares for env in getattr(share, "envs", [])]
+        """The tasks that are in this process: the first ones."""
+        return self._own.envs
 
     def _ask(self, call: str, *arguments) -> list:
         """What a method of Share returns, by share. arguments: sequences of one value for each task."""
-        parts = [[whole[part] for whole in arguments] for part in self._slices]
-        if isinstance(self._shares[0], Share):
-            return [getattr(self._shares[0], call)(*parts[0])]
-        for share, part in zip(self._shares, parts, strict=True):
+        own, *parts = [[whole[part] for whole in arguments] for part in self._slices]
+        for share, part in zip(self._others, parts, strict=True):
             share.begin(call, *part)
-        return [share.result() for share in self._shares]
+        return [getattr(self._own, call)(*own), *(share.result() for share in self._others)]
 
-    def _joined(self, results: list) -> tuple:
-        """Batches of all tasks, of those by share."""
-        if len(results) == 1:
-            return results[0]
-        counts = [part.stop - part.start for part in self._slices]
-        return tuple(joined(list(parts), counts) for parts in zip(*results, strict=True))
+    def _gathered(self, infos: tuple) -> dict:
+        """One dict of the infos of the tasks of each share."""
+        gathered: dict = {}
+        for index, info in enumerate(_flat(infos)):
+            gathered = self._add_info(gathered, info, index)
+        return gathered
+
+
+def _flat(parts: tuple) -> list:
+    """What is there for each task, of what each share has."""
+    return [value for part in parts for value in part]

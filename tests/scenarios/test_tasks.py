@@ -137,6 +137,22 @@ def test_vectors_begin_the_next_episode_in_the_same_step():
     assert not infos["final_info"]["is_success"].any()
 
 
+def test_vectors_gather_what_only_some_tasks_tell():
+    vector = make_vector("PulleyLift", 3, max_episode_steps=4, processes=2)
+    vector.reset(seed=0)
+    still = np.zeros((3, 2), np.float32)
+    vector.step(still)
+    vector.unwrapped.envs[0].reset(seed=0)  # the first task is in this process
+    vector.unwrapped._own._lengths[0] = 0
+    for _ in range(3):
+        *_, truncated, infos = vector.step(still)
+    vector.close()
+    assert truncated.tolist() == [False, True, True]
+    assert infos["_final_info"].tolist() == infos["_final_obs"].tolist() == [False, True, True]
+    assert infos["final_obs"][0] is None and infos["final_obs"][1].shape == infos["final_obs"][2].shape
+    assert infos["_is_success"].all() and infos["final_info"]["_is_success"].tolist() == [False, True, True]
+
+
 def test_vectors_refuse_what_does_not_fit():
     with pytest.raises(bt.InvalidValue, match="num_envs"):
         make_vector("PulleyLift", 0)
@@ -156,10 +172,12 @@ def test_vectors_raise_what_a_task_in_another_process_raises():
     expected = vector.reset(seed=5)[0]
     with pytest.raises(bt.InvalidValue, match="nothing"):
         vector.reset(seed=5, options={"nothing": 1})
-    wrong = np.full((3, 2), np.nan, np.float32)
-    with pytest.raises(bt.InvalidValue, match="action"):
-        vector.step(wrong)
-    assert np.array_equal(vector.reset(seed=5)[0], expected)
+    for index in (0, 2):  # of a task in this process, and of one in the other
+        wrong = np.zeros((3, 2), np.float32)
+        wrong[index] = np.nan
+        with pytest.raises(bt.InvalidValue, match="action"):
+            vector.step(wrong)
+        assert np.array_equal(vector.reset(seed=5)[0], expected)
     vector.close()
     with pytest.raises(TypeError, match="nothing"):
         make_vector("PulleyLift", 2, processes=2, nothing=1)
