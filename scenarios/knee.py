@@ -20,7 +20,7 @@ from bullet_tendon.errors import InvalidValue
 from bullet_tendon.view import PALETTE
 
 from .extensor import Extensor
-from .knee_files import JOINTS, bone_paths, read_strands, tibia_urdf
+from .knee_files import JOINTS, Strand, bone_paths, read_strands, tibia_urdf
 
 TOE_STRAIN = 0.06  # up to which the law of a strand is a parabola (Blankevoort and Huiskes 1991) [-]
 LOADED_AT = (0.0, -0.1, 0.0)  # m, of the tibia
@@ -85,10 +85,10 @@ class KneeRig:
 
     bones, cartilage: meshes of femur and tibia, as a folder (femur.stl, tibia.stl; femur_cartilage.stl,
     tibia_cartilage.stl), two paths, or a mapping with the keys "femur" and "tibia". ligaments: a CSV table of
-    strands in the columns of knee_files.COLUMNS, or a folder with ligaments.csv. None: the project's own
-    knee. All meshes and the table are in the same frames, in metres: x anterior, y superior, z lateral, both
-    bones' frames coincide at full extension. stiffness of a strand is in newtons per unit strain, its law is
-    that of Material.ligament with a toe of 6 %.
+    strands in the columns of knee_files.COLUMNS, and CYLINDER where they pass around something, or a folder
+    with ligaments.csv. None: the project's own knee. All meshes and the table are in the same frames, in
+    metres: x anterior, y superior, z lateral, both bones' frames coincide at full extension. stiffness of a
+    strand is in newtons per unit strain, its law is that of Material.ligament with a toe of 6 %.
 
     time_step [s]; options: SolverOptions of its world; gui: whether to open pybullet's window; modulus,
     poisson, thickness: of the cartilage, as in TendonWorld.add_cartilage. Raises InvalidType or InvalidValue.
@@ -295,6 +295,17 @@ class KneeRig:
         for name in cut:
             self.world.remove_ligament(self.ligaments.pop(name))
 
+    def lay(self, strand: Strand, name: str, share: float = 1.0) -> bt.Ligament:
+        """Add a strand of a table to the world, with a share of its stiffness; it is not in `ligaments`."""
+        bodies = {"femur": self.femur, "tibia": self.tibia}
+        path = [(*bodies[bone], point) for bone, point in strand.path]
+        wraps = [
+            self.world.add_wrap(*bodies[c.bone], ("cylinder", c.radius), c.centre, c.orientation)
+            for c in strand.cylinders
+        ]
+        material = bt.Material.ligament(share * strand.stiffness, TOE_STRAIN)
+        return self.world.add_ligament(path, material, strand.slack, name, wraps)
+
     @property
     def joints(self) -> np.ndarray:
         """(5,) positions of knee_files.JOINTS [m, rad], for place()."""
@@ -315,7 +326,7 @@ class KneeRig:
         tubes, colours = [], []
         groups = sorted({strand.group for strand in self.strands.values()})
         for name, ligament in self.ligaments.items():
-            tubes.append(SimpleNamespace(positions=ligament.points, radius=LINE_RADIUS))
+            tubes.append(SimpleNamespace(positions=ligament.line, radius=LINE_RADIUS))
             colours.append(PALETTE[groups.index(self.strands[name].group) % len(PALETTE)])
         return tubes, colours
 
@@ -336,13 +347,8 @@ class KneeRig:
         self._centre = np.array(p.getDynamicsInfo(*self.tibia, self.client)[3])
         self._turn(0.0)
         self.load()
-        bodies = {"femur": self.femur, "tibia": self.tibia}
-        self.ligaments = {}
-        for name, strand in self.strands.items():
-            path = [(*bodies[bone], point) for bone, point in strand.path]
-            material = bt.Material.ligament(strand.stiffness, TOE_STRAIN)
-            self.ligaments[name] = self.world.add_ligament(path, material, strand.slack, name)
-        sides = [(*bodies[bone], path) for bone, path in zip(bodies, surfaces, strict=True)]
+        self.ligaments = {name: self.lay(strand, name) for name, strand in self.strands.items()}
+        sides = [(*bone, path) for bone, path in zip((self.femur, self.tibia), surfaces, strict=True)]
         self.cartilage = self.world.add_cartilage(*sides, **foundation)
 
     def _make_femur(self, mesh) -> int:

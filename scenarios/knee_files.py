@@ -7,12 +7,32 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 import bullet_tendon as bt
 from bullet_tendon.errors import InvalidType, InvalidValue
 
 COLUMNS = ("strand", "linear_stiffness_N_per_strain", "slack_length_m", "point", "body", "x_m", "y_m", "z_m")
+# Optional: in a row with a radius, a cylinder around which the strand passes. Its centre is where points are.
+CYLINDER = ("cylinder_radius_m", "axis_x", "axis_y", "axis_z")
 # Of the femur and the tibia in a table: the first pair of which it has both.
 FRAMES = (("femur_distal", "tibia_proximal"), ("femur", "tibia"))
+
+
+class Cylinder(NamedTuple):
+    """What a strand passes around, in the frame of a bone: centre and direction of its axis; radius [m]."""
+
+    bone: str
+    centre: tuple
+    radius: float
+    axis: tuple
+
+    @property
+    def orientation(self) -> np.ndarray:
+        """(x, y, z, w) that turns z into its axis."""
+        x, y, z = np.array(self.axis) / np.linalg.norm(self.axis) * (-1 if self.axis[2] < 0 else 1)
+        turn = np.array([-y, x, 0.0, 1.0 + z])
+        return turn / np.linalg.norm(turn)
 
 
 class Strand(NamedTuple):
@@ -22,6 +42,7 @@ class Strand(NamedTuple):
     path: tuple
     stiffness: float
     slack: float
+    cylinders: tuple[Cylinder, ...] = ()
 
     @property
     def group(self) -> str:
@@ -64,8 +85,8 @@ def bone_paths(argument: str, given, suffix: str = "") -> tuple[Path, Path]:
 def read_strands(argument: str, path: str | PathLike | None) -> list[Strand]:
     """The strands of a table that join femur and tibia; others, as to the patella, are left out.
 
-    path: None for the project's own; a CSV file with the columns COLUMNS, one row for each point of a strand;
-    or a folder with ligaments.csv. Raises InvalidValue.
+    path: None for the project's own; a CSV file with the columns COLUMNS, one row for each point of a strand,
+    and with CYLINDER, if strands pass around something; or a folder with ligaments.csv. Raises InvalidValue.
     """
     path = own("knee_ligaments.csv") if path is None else Path(path)
     path = path / "ligaments.csv" if path.is_dir() else path
@@ -96,11 +117,18 @@ def read_strands(argument: str, path: str | PathLike | None) -> list[Strand]:
 
 
 def _strand(name: str, rows: list[dict], bones: dict[str, str]) -> Strand:
-    rows = sorted(rows, key=lambda row: int(row["point"]))
-    path = tuple((bones[row["body"]], tuple(float(row[f"{c}_m"]) for c in "xyz")) for row in rows)
-    return Strand(
-        name, path, float(rows[0]["linear_stiffness_N_per_strain"]), float(rows[0]["slack_length_m"])
-    )
+    path, cylinders = [], []
+    for row in sorted(rows, key=lambda row: int(row["point"])):
+        bone, place = bones[row["body"]], tuple(float(row[f"{c}_m"]) for c in "xyz")
+        if row.get(CYLINDER[0]):
+            radius, *axis = (float(row[column]) for column in CYLINDER)
+            if not (radius > 0 and np.linalg.norm(axis) > 0):
+                raise ValueError(f"strand {name}: a cylinder without a radius or an axis")
+            cylinders.append(Cylinder(bone, place, radius, tuple(axis)))
+        else:
+            path.append((bone, place))
+    law = float(rows[0]["linear_stiffness_N_per_strain"]), float(rows[0]["slack_length_m"])
+    return Strand(name, tuple(path), *law, tuple(cylinders))
 
 
 # Joints from the laboratory, in which the femur turns about z, to the tibia: Grood and Suntay's three axes

@@ -4,8 +4,10 @@
 
 A bundle has an insertion on each bone, which is laid onto the bone's surface, and strands that are spread
 evenly between two ends of each insertion. Its reference strain is that at full extension, where both frames
-coincide; it gives the strands their slack lengths. README.md has the sources. Table: one row for each point
-of a strand's path, [m], in the frame of its bone, as in make_bones.py; the law is that of Material.ligament.
+coincide; it gives the strands their slack lengths. Where a bone is in the straight way of a strand, it
+passes around a cylinder that is fitted to the bone there. README.md has the sources. Table: one row for each
+point of a strand's path, and one for its cylinder, between them, [m], in the frame of its bone, as in
+make_bones.py; the law is that of Material.ligament.
 """
 
 import argparse
@@ -23,17 +25,22 @@ if not __package__:  # run as a plain script: make the relative imports below wo
     __package__ = HERE.name
     importlib.import_module(__package__)
 
+from .fields import gradient  # noqa: E402
 from .make_bones import BONES, to_surface  # noqa: E402
 
 COLUMNS = ["strand", "linear_stiffness_N_per_strain", "slack_length_m", "point", "body", "x_m", "y_m", "z_m"]
+COLUMNS += ["cylinder_radius_m", "axis_x", "axis_y", "axis_z"]
+PLACES, HEIGHTS = 401, 301  # of a section, along a strand and away from it
+HIGHEST = 15.0  # of a bone above the straight way [mm]
+OUTSIDE = 0.2  # of its cylinder, by which the ends of a strand stay [mm]
 
 
 class Bundle(NamedTuple):
     """stiffness [N per unit strain] of all strands together; strain: at full extension [-].
 
     femoral, tibial: ((x, y, z), (x, y, z)) [mm], the insertions of the first and the last strand, near the
-    surface. over: a point of the path on the tibia between them, for each of these two strands, `clear`
-    outside the surface.
+    surface. around: the bone around which its strands pass, and about which axis (3,); clear: of their
+    cylinders from the bone [mm].
     """
 
     strands: int
@@ -41,8 +48,17 @@ class Bundle(NamedTuple):
     strain: float
     femoral: tuple
     tibial: tuple
-    over: tuple = ()
-    clear: float = 1.0
+    around: tuple = ()
+    clear: float = 0.0
+
+
+class Cylinder(NamedTuple):
+    """A cylinder in the frame of a bone: centre (3,), radius [mm], and the unit vector of its axis (3,)."""
+
+    bone: str
+    centre: np.ndarray
+    radius: float
+    axis: np.ndarray
 
 
 BUNDLES = {
@@ -64,7 +80,7 @@ BUNDLES = {
     ),
     "MCLs": Bundle(
         6, 5500.0, 0.045, ((1.0, 3.0, -42.0), (-8.0, 3.0, -41.0)),
-        ((11.0, -80, -13), (2.0, -88, -14)), ((6.0, -31.0, -38.0), (-6.0, -31.0, -38.0)),
+        ((11.0, -80, -13), (2.0, -88, -14)), ("tibia", (1, 0, 0)), 1.0,
     ),
     "MCLd": Bundle(
         4, 2500.0, 0.02, ((1.0, -1.0, -40.0), (-8.0, 0.0, -40.0)),
@@ -72,7 +88,7 @@ BUNDLES = {
     ),
     "POL": Bundle(
         4, 2500.0, 0.04, ((-6.0, 13.0, -38.0), (-9.0, 9.5, -39)),
-        ((-17.0, -30, -30), (-22.0, -31, -22)),
+        ((-17.0, -30, -30), (-22.0, -31, -22)), ("femur", (8, -4, -4)),
     ),
     "LCL": Bundle(
         4, 2400.0, 0.04, ((-4.0, 8.5, 41.0), (-8.0, 6.5, 40.5)),
@@ -88,11 +104,11 @@ BUNDLES = {
     ),
     "pCAPm": Bundle(
         4, 2000.0, 0.04, ((-19.0, 13, -28), (-19.0, 13, -12)),
-        ((-22.0, -34, -27), (-23.0, -34, -12)),
+        ((-22.0, -34, -27), (-23.0, -34, -12)), ("femur", (0, 0, 1)),
     ),
     "pCAPl": Bundle(
         4, 2000.0, 0.04, ((-18.5, 13, 12.0), (-18.5, 13, 28.0)),
-        ((-21.0, -34, 11), (-21.0, -34, 25)),
+        ((-21.0, -34, 11), (-21.0, -34, 25)), ("femur", (0, 0, 1)),
     ),
 }  # fmt: skip
 
@@ -112,32 +128,100 @@ def main():
 def rows(name: str, bundle: Bundle) -> list[list[str]]:
     """The table's rows of a bundle."""
     found = []
-    for index, (bodies, points) in enumerate(paths(bundle), start=1):
-        slack = np.linalg.norm(np.diff(points, axis=0), axis=1).sum() / (1 + bundle.strain)
+    for index, (start, end, cylinder) in enumerate(paths(bundle), start=1):
+        slack = 1e-3 * length(start, end, cylinder) / (1 + bundle.strain)
         law = f"{bundle.stiffness / bundle.strands:.6g}", f"{slack:.6f}"
-        for number, (body, point) in enumerate(zip(bodies, points, strict=True)):
-            found.append([f"{name}{index}", *law, str(number), body, *(f"{c:.6f}" for c in point)])
+        path = [("femur", start, [""] * 4), ("tibia", end, [""] * 4)]
+        if cylinder is not None:
+            size = [f"{1e-3 * cylinder.radius:.6f}", *(f"{c:.6f}" for c in cylinder.axis)]
+            path.insert(1, (cylinder.bone, cylinder.centre, size))
+        for number, (body, point, size) in enumerate(path):
+            place = (f"{1e-3 * c + 0.0:.6f}" for c in point)
+            found.append([f"{name}{index}", *law, str(number), body, *place, *size])
     return found
 
 
 def paths(bundle: Bundle):
-    """(names of the bones, points (k, 3) [m]) of each strand."""
+    """(insertion on the femur (3,), on the tibia (3,) [mm], Cylinder or None) of each strand."""
     shares = np.linspace(0.0, 1.0, bundle.strands)[:, None]
     femoral, tibial = (a + shares * (b - a) for a, b in map(np.array, (bundle.femoral, bundle.tibial)))
-    lines = [on_surface("femur", femoral), on_surface("tibia", tibial)]
-    bodies = ["femur", "tibia"]
-    if bundle.over:
-        first, last = np.array(bundle.over)
-        lines.insert(1, on_surface("tibia", first + shares * (last - first), bundle.clear))
-        bodies.insert(1, "tibia")
-    return [(bodies, 1e-3 * np.array(points)) for points in zip(*lines, strict=True)]
+    ends = zip(on_surface("femur", femoral), on_surface("tibia", tibial), strict=True)
+    around, clear = bundle.around, bundle.clear
+    return [(a, b, fitted(*around, clear, a, b) if around else None) for a, b in ends]
 
 
-def on_surface(bone: str, points, clear: float = 0.0):
-    """Points (n, 3) moved to where the bone's field is `clear` [mm]."""
-    field = BONES[bone][0]
+def fitted(bone: str, axis, clear: float, start, end) -> Cylinder:
+    """The cylinder around which a strand from start to end (3,) passes a bone, about an axis (3,).
+
+    Its axis is turned to lie across the straight strand. A line that is taut over the bone's section across
+    the axis touches it in an arc, to which the circle is fitted by least squares (Kasa 1976). Both ends of
+    the strand are outside.
+    """
+    field, span = BONES[bone][0], np.linalg.norm(end - start)
+    along, places = (end - start) / span, np.linspace(0.0, span, PLACES)
+    line = start + places[:, None] * along
+    deepest = line[field(line).argmin()][None]
+    outward = np.cross(along, axis) / np.linalg.norm(np.cross(along, axis))
+    outward *= np.sign(outward @ gradient(field, deepest)[0])
+    heights = outermost(field, line, outward)
+    touched = taut_over(places, heights)
+    u, v = places[touched[0] : touched[-1] + 1], heights[touched[0] : touched[-1] + 1]
+    a, b, c = np.linalg.lstsq(np.stack([2 * u, 2 * v, np.ones(len(u))], 1), u**2 + v**2, rcond=None)[0]
+    nearest = min(np.hypot(a, b), np.hypot(span - a, b))
+    radius = min(np.sqrt(c + a**2 + b**2) + clear, nearest - OUTSIDE)
+    return Cylinder(bone, start + a * along + b * outward, radius, np.cross(along, outward))
+
+
+def outermost(field, points, outward):
+    """(n,) heights above points (n, 3), along `outward` (3,), where the bone is left for the last time [mm].
+
+    0 where the bone is not above.
+    """
+    high = np.linspace(0.0, HIGHEST, HEIGHTS)[:, None]
+    inside = field(points + high[..., None] * outward) < 0
+    last = np.where(inside.any(axis=0), HEIGHTS - 1 - inside[::-1].argmax(axis=0), 0)
+    low, far = high[last, 0], np.minimum(high[last, 0] + high[1, 0], HIGHEST)
+    for _ in range(30):
+        middle = 0.5 * (low + far)
+        within = field(points + middle[:, None] * outward) < 0
+        low, far = np.where(within, middle, low), np.where(within, far, middle)
+    return np.where(inside.any(axis=0), low, 0.0)
+
+
+def taut_over(places, heights) -> list[int]:
+    """Where a line that is taut between the ends of a section touches it: the upper hull without its ends."""
+    hull: list[int] = []
+    for k in range(len(places)):
+        while len(hull) > 1:
+            i, j = hull[-2:]
+            rise = (heights[j] - heights[i]) * (places[k] - places[i])
+            if rise > (heights[k] - heights[i]) * (places[j] - places[i]):
+                break
+            hull.pop()
+        hull.append(k)
+    return hull[1:-1]
+
+
+def length(start, end, cylinder: Cylinder | None) -> float:
+    """Of the shortest way from start to end (3,), both outside of the cylinder, around it."""
+    straight = float(np.linalg.norm(end - start))
+    if cylinder is None:
+        return straight
+    rise = (end - start) @ cylinder.axis
+    a, b = (p - cylinder.centre - (p - cylinder.centre) @ cylinder.axis * cylinder.axis for p in (start, end))
+    share = -a @ (b - a) / ((b - a) @ (b - a))
+    if not 0 < share < 1 or np.linalg.norm(a + share * (b - a)) >= cylinder.radius:
+        return straight
+    far, other, radius = np.linalg.norm(a), np.linalg.norm(b), cylinder.radius
+    arc = np.arccos(a @ b / (far * other)) - np.arccos(radius / far) - np.arccos(radius / other)
+    flat = np.sqrt(far**2 - radius**2) + radius * arc + np.sqrt(other**2 - radius**2)
+    return float(np.hypot(flat, rise))
+
+
+def on_surface(bone: str, points):
+    """Points (n, 3) moved to the bone's surface [mm]."""
     for _ in range(20):
-        points = to_surface(points, lambda x: field(x) - clear, 0.5)
+        points = to_surface(points, BONES[bone][0], 0.5)
     return points
 
 

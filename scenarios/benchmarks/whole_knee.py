@@ -14,7 +14,7 @@ drawer load to the next one, and of that without the graft; "cartilage" that of 
 from time import thread_time
 
 import numpy as np
-from bullet_tendon.scenarios.knee import TOE_STRAIN, KneeRig
+from bullet_tendon.scenarios.knee import KneeRig
 from bullet_tendon.scenarios.knee_files import bone_paths
 from bullet_tendon.scenarios.reconstruction import FEMORAL, TIBIAL
 
@@ -102,11 +102,8 @@ def _halve(rig: KneeRig, name: str) -> None:
     """Lay a strand as two."""
     strand = rig.strands[name]
     rig.world.remove_ligament(rig.ligaments.pop(name))
-    bodies = {"femur": rig.femur, "tibia": rig.tibia}
-    path = [(*bodies[bone], point) for bone, point in strand.path]
     for half in (f"{name}, first half", f"{name}, second half"):
-        material = bt.Material.ligament(strand.stiffness / 2, TOE_STRAIN)
-        rig.ligaments[half] = rig.world.add_ligament(path, material, strand.slack, half)
+        rig.ligaments[half] = rig.lay(strand, half, share=0.5)
         rig.strands[half] = strand
 
 

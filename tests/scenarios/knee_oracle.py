@@ -1,10 +1,11 @@
-"""Quasi-static knee by numpy and scipy alone: straight ligament strands, an elastic foundation, held flexion.
+"""Quasi-static knee by numpy and scipy alone: ligament strands, an elastic foundation, held flexion.
 
 Nothing of the package is used here. The femur is fixed. The tibia's pose in the femur's frame is
 R = Rz(-flexion) Rx(adduction) Ry(internal rotation) and the place of the tibia's origin; flexion is held, the
 other five are found where all forces balance. Units are SI; x anterior, y superior, z to the right.
 
-- A strand is straight between its insertions. With the strain e = (length - slack)/slack it carries, after
+- A strand is straight between its insertions, or passes around a cylinder of one bone by the shortest way:
+  its tangents and a helix between. With the strain e = (length - slack)/slack it carries, after
   Blankevoort and Huiskes (1991), k e^2/(2 t) for 0 < e <= t and k (e - t/2) beyond, t = 0.06.
 - The contact is a linear elastic foundation: each triangle of the tibia's surface, of area A, whose centroid
   is at the depth d inside the femur's surface, is pushed out by K A d along the gradient of the exact signed
@@ -153,11 +154,59 @@ def _barycentric(p, a, b, c):
 
 
 @dataclasses.dataclass
+class Cylinders:
+    """What strands pass around, in the frame of a bone: centres (n, 3), unit axes (n, 3), radii (n,) [m].
+
+    A radius of 0: nothing. on_femur (n,): whether it is the femur, not the tibia.
+    """
+
+    centres: np.ndarray
+    axes: np.ndarray
+    radii: np.ndarray
+    on_femur: np.ndarray
+
+    @classmethod
+    def none(cls, count: int) -> "Cylinders":
+        axes = np.tile([0.0, 0.0, 1.0], (count, 1))
+        return cls(np.zeros((count, 3)), axes, np.zeros(count), np.ones(count, bool))
+
+    def of(self, which) -> "Cylinders":
+        return Cylinders(*(column[which] for column in (self.centres, self.axes, self.radii, self.on_femur)))
+
+    def around(self, start, end, centres, axes):
+        """The shortest ways from start to end (n, 3): first and last points of the cylinders that they touch
+        (n, 3), lengths between (n,). Where nothing is touched both are the start. All in one frame.
+        """
+        first, last, between = start.copy(), start.copy(), np.zeros(len(start))
+        a, b = start - centres, end - centres
+        below, above = (a * axes).sum(axis=1), (b * axes).sum(axis=1)
+        a, b = a - below[:, None] * axes, b - above[:, None] * axes
+        along = b - a
+        share = -(a * along).sum(axis=1) / (along**2).sum(axis=1)
+        nearest = np.linalg.norm(a + share[:, None] * along, axis=1)
+        far, other = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+        touch = (share > 0) & (share < 1) & (nearest < self.radii) & (np.minimum(far, other) > self.radii)
+        for k in np.flatnonzero(touch):
+            radius, e1 = self.radii[k], a[k] / far[k]
+            e2 = b[k] - (b[k] @ e1) * e1
+            e2 /= np.linalg.norm(e2)
+            begin = np.arccos(radius / far[k])
+            turn = np.arccos(np.clip(b[k] @ e1 / other[k], -1, 1)) - np.arccos(radius / other[k]) - begin
+            before, after = np.sqrt(far[k] ** 2 - radius**2), np.sqrt(other[k] ** 2 - radius**2)
+            whole, rise = before + radius * turn + after, above[k] - below[k]
+            for found, angle, way in ((first, begin, before), (last, begin + turn, whole - after)):
+                outward = np.cos(angle) * e1 + np.sin(angle) * e2
+                found[k] = centres[k] + radius * outward + (below[k] + rise * way / whole) * axes[k]
+            between[k] = radius * turn * np.hypot(1, rise / whole)
+        return first, last, between
+
+
+@dataclasses.dataclass
 class Strands:
-    """Strands that are straight from a point of the femur to one of the tibia, in their frames (n, 3) [m].
+    """Strands from a point of the femur to one of the tibia, in their frames (n, 3) [m].
 
     stiffness [N] and slack length [m] of the whole; extra [m]: what lies along either bone, of constant
-    length.
+    length; cylinders: what they pass around between.
     """
 
     names: list[str]
@@ -166,6 +215,7 @@ class Strands:
     stiffness: np.ndarray
     slack: np.ndarray
     extra: np.ndarray
+    cylinders: Cylinders
 
     @classmethod
     def read(cls, path, first="femur_distal", last="tibia_proximal"):
@@ -175,7 +225,10 @@ class Strands:
             for row in csv.DictReader(file):
                 strands.setdefault(row["strand"], []).append(row)
         found: list = []
+        around: list = []
         for name, rows in strands.items():
+            wraps = [row for row in rows if row.get("cylinder_radius_m")]
+            rows = [row for row in rows if row not in wraps]
             bodies = [row["body"] for row in rows]
             if set(bodies) != {first, last} or bodies != sorted(bodies, key=[first, last].index):
                 continue
@@ -186,8 +239,17 @@ class Strands:
             found.append(
                 (name, points[across - 1], points[across], *numbers, np.delete(parts, across - 1).sum())
             )
+            around.append(wraps[0] if wraps else None)
         names, *columns = zip(*found, strict=True)
-        return cls(list(names), *map(np.array, columns))
+        cylinders = Cylinders.none(len(names))
+        for k, row in enumerate(around):
+            if row is not None:
+                axis = np.array([float(row[f"axis_{c}"]) for c in "xyz"])
+                cylinders.centres[k] = [float(row[f"{c}_m"]) for c in "xyz"]
+                cylinders.axes[k] = axis / np.linalg.norm(axis)
+                cylinders.radii[k] = float(row["cylinder_radius_m"])
+                cylinders.on_femur[k] = row["body"] == first
+        return cls(list(names), *map(np.array, columns), cylinders)
 
     @property
     def groups(self) -> list[str]:
@@ -199,7 +261,19 @@ class Strands:
         kept = np.array([not name.startswith(prefixes) for name in self.names])
         names = [name for name, keep in zip(self.names, kept, strict=True) if keep]
         columns = self.femoral, self.tibial, self.stiffness, self.slack, self.extra
-        return Strands(names, *(column[kept] for column in columns))
+        return Strands(names, *(column[kept] for column in columns), self.cylinders.of(kept))
+
+    def crossings(self, pose):
+        """Where strands leave the femur and meet the tibia (n, 3), femur's frame; their lengths (n,)."""
+        c, start = self.cylinders, self.femoral
+        end = pose.origin + self.tibial @ pose.axes.T
+        on_femur = c.on_femur[:, None]
+        centres = np.where(on_femur, c.centres, pose.origin + c.centres @ pose.axes.T)
+        first, last, between = c.around(start, end, centres, np.where(on_femur, c.axes, c.axes @ pose.axes.T))
+        touched = (between > 0)[:, None]
+        lengths = np.linalg.norm(first - start, axis=1) + between + np.linalg.norm(end - last, axis=1)
+        leaves = np.where(touched & on_femur, last, start)
+        return leaves, np.where(touched & ~on_femur, first, end), lengths + self.extra
 
 
 def law(strain, stiffness):
@@ -280,7 +354,7 @@ class Knee:
 
     def tensions(self, pose) -> np.ndarray:
         """(n,) [N] of the strands."""
-        lengths = np.linalg.norm(self._strand_vectors(pose), axis=1) + self.strands.extra
+        _, _, lengths = self.strands.crossings(pose)
         return law(lengths / self.strands.slack - 1, self.strands.stiffness)
 
     def pressed(self, pose):
@@ -299,18 +373,19 @@ class Knee:
 
     def wrench(self, pose):
         """(6,) force and moment of all on the tibia, about its origin, in the femur's frame."""
-        along = self._strand_vectors(pose)
+        leaves, meets, _ = self.strands.crossings(pose)
+        along = meets - leaves
         pull = -self.tensions(pose)[:, None] * along / np.linalg.norm(along, axis=1, keepdims=True)
         which, places, depth, normal = self.pressed(pose)
         push = (self.foundation * self.areas[which] * depth)[:, None] * normal
-        arms = np.concatenate([self.strands.tibial @ pose.axes.T, places - pose.origin])
+        arms = np.concatenate([meets, places]) - pose.origin
         forces = np.concatenate([pull, push])
         return np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
 
     def energy(self, pose) -> float:
         """[J] of strands and contact."""
         s = self.strands
-        lengths = np.linalg.norm(self._strand_vectors(pose), axis=1) + s.extra
+        _, _, lengths = s.crossings(pose)
         which, _, depth, _ = self.pressed(pose)
         contact = self.foundation / 2 * (self.areas[which] * depth**2).sum()
         return law_energy(lengths / s.slack - 1, s.stiffness, s.slack).sum() + contact
@@ -374,7 +449,3 @@ class Knee:
         which, _, depth, normal = self.pressed(pose)
         push = (self.foundation * self.areas[which] * depth)[:, None] * normal
         return {**sums, "cartilage": float(np.linalg.norm(push.sum(axis=0)))}
-
-    def _strand_vectors(self, pose):
-        """From the femur to the tibia, in the femur's frame (n, 3)."""
-        return pose.origin + self.strands.tibial @ pose.axes.T - self.strands.femoral

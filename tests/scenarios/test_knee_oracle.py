@@ -1,11 +1,12 @@
 """The quasi-static knee of numpy and scipy: brute force, gradients, closed forms, its own convergence."""
 
+import dataclasses
 from pathlib import Path
 
 import knee_oracle
 import numpy as np
 import pytest
-from knee_oracle import Knee, Pose, Strands, Surface, law, law_energy, read_stl
+from knee_oracle import Cylinders, Knee, Pose, Strands, Surface, law, law_energy, read_stl
 
 KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
 real_knee = pytest.mark.skipif(
@@ -46,7 +47,21 @@ def random_strands(rng, count=9):
     slack = np.linalg.norm(femoral - tibial, axis=1) * rng.uniform(0.88, 1.03, count)
     extra = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(0, 0.02, count))
     stiffness = rng.uniform(1e2, 3e3, count)
-    return Strands([f"S{i}" for i in range(count)], femoral, tibial, stiffness, slack + extra, extra)
+    none = Cylinders.none(count)
+    return Strands([f"S{i}" for i in range(count)], femoral, tibial, stiffness, slack + extra, extra, none)
+
+
+def around_cylinders(rng, strands):
+    """The strands, each around a cylinder across its middle, of the femur or the tibia."""
+    count = len(strands.names)
+    along = strands.tibial - strands.femoral
+    axes = np.cross(along, rng.normal(size=(count, 3))) + 0.2 * along
+    offset = np.cross(along, axes) / np.linalg.norm(np.cross(along, axes), axis=1, keepdims=True)
+    radii = rng.uniform(0.2, 0.4, count) * np.linalg.norm(along, axis=1)
+    centres = (strands.femoral + strands.tibial) / 2 + 0.6 * radii[:, None] * offset
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    cylinders = Cylinders(centres, axes, radii, rng.random(count) < 0.5)
+    return dataclasses.replace(strands, cylinders=cylinders)
 
 
 def ball_on_plate(strands, cells=50, rings=140) -> Knee:
@@ -97,10 +112,50 @@ def test_tension_is_the_slope_of_the_strands_energy():
     assert slope / (2 * step * slack) == pytest.approx(law(strain, stiffness), abs=1e-4)
 
 
+def test_the_way_around_a_cylinder_is_the_shortest():
+    """Of the ways that leave the straight line, meet the cylinder, and follow a helix."""
+    rng = np.random.default_rng(2)
+    strands = around_cylinders(rng, random_strands(rng))
+    c = strands.cylinders
+    first, last, between = c.around(strands.femoral, strands.tibial, c.centres, c.axes)
+    assert (between > 0).all()
+    for k in range(len(between)):
+        a, b, axis, radius = strands.femoral[k], strands.tibial[k], c.axes[k], c.radii[k]
+
+        def flat(point, k=k, axis=axis):
+            return point - c.centres[k] - (point - c.centres[k]) @ axis * axis
+
+        e1 = flat(first[k]) / radius
+        e2 = np.cross(axis, e1)
+
+        def at(place, k=k, e1=e1, e2=e2, axis=axis, radius=radius, first=first):
+            angle, rise = place
+            return first[k] - radius * e1 + radius * (np.cos(angle) * e1 + np.sin(angle) * e2) + rise * axis
+
+        end = np.arctan2(flat(last[k]) @ e2, flat(last[k]) @ e1), (last[k] - first[k]) @ axis
+
+        def length(x, at=at, a=a, b=b, radius=radius):
+            turn, rise = x[2] - x[0], x[3] - x[1]
+            ways = np.linalg.norm(at(x[:2]) - a), np.linalg.norm(b - at(x[2:]))
+            return sum(ways) + np.hypot(radius * turn, rise)
+
+        found = np.array([0.0, 0.0, *end])
+        for point, place in ((first[k], found[:2]), (last[k], found[2:])):
+            assert np.linalg.norm(flat(point)) == pytest.approx(radius, rel=1e-9)
+            assert at(place) == pytest.approx(point, abs=1e-12)
+        least = length(found)
+        shifts = np.concatenate([np.eye(4), -np.eye(4), rng.normal(size=(40, 4))])
+        for shift in 1e-4 * shifts * [1 / radius, 1, 1 / radius, 1]:
+            assert length(found + shift) >= least
+        assert np.linalg.norm(a - first[k]) + between[k] + np.linalg.norm(b - last[k]) == pytest.approx(least)
+
+
+@pytest.mark.parametrize("around", [False, True])
 @pytest.mark.parametrize("seed", range(4))
-def test_generalized_forces_are_the_slope_of_the_energy(seed):
+def test_generalized_forces_are_the_slope_of_the_energy(seed, around):
     rng = np.random.default_rng(seed)
-    knee = ball_on_plate(random_strands(rng))
+    strands = random_strands(rng)
+    knee = ball_on_plate(around_cylinders(rng, strands) if around else strands)
     pose = Pose(0.3, *rng.normal(0, 0.03, 2), (*rng.normal(0, 5e-4, 1), 6e-4, 1e-4))
     assert len(knee.pressed(pose)[0]) > 20
     step, forces = 1e-7, knee.residual(pose)
