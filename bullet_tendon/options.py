@@ -22,7 +22,8 @@ class SolverOptions:
 
     Args:
         integrator: "implicit_euler" (paper, equation 7), "bdf2" (second order, as stable, restarted at first
-            order where the time step grows by more than 4.8, a hold is made or lost, or a body is let go),
+            order where the time step grows by more than 4.8, a hold is made or lost, a contact stops a tendon
+            suddenly, or a body is let go),
             or "explicit_euler" (equation 6; stable for tiny steps only). "bdf2" is of second order for
             tendons on bodies and robots too; those on held or stopped bodies take implicit Euler. It
             takes a step in three parts where a segment is about to turn in it by more than an angle of sine

@@ -90,10 +90,10 @@ class StepReport:
             moves by more than its radius. "turn": a segment turns far. "growth": the last step was much
             shorter. "not_converged": that, or energy was created. "left_prediction": particles ended where
             contacts were not looked for. "woken": tendons at rest were reached. "step_weights": tendons that
-            press on each other had other methods. "joint_stops": joint limits act otherwise than predicted.
-            "body_rotation": a body turns far. "released": a body was released, or pulled by something that
-            was not predicted: this step or the previous one was solved again; iterations, linear_solves
-            and the other reasons include that.
+            press on each other had other methods, or were struck in a step of BDF2. "joint_stops": joint
+            limits act otherwise than predicted. "body_rotation": a body turns far. "released": a body was
+            released, or pulled by something that was not predicted: this step or the previous one was solved
+            again; iterations, linear_solves and the other reasons include that.
         over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged
             is then False.
         tolerance: what the residual was to reach; None of methods that do not iterate.

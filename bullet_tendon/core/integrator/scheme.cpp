@@ -116,22 +116,44 @@ void finish_step(Tendon& c, const StepContext& context) {
 //
 // up to 5/4 V. A heap, in which particles are stopped all the time, would never come to rest. Therefore BDF2
 // does not continue where the velocities of a tendon in contact differ from the extrapolation of their last
-// change. It continues one step after the motion is smooth again, so that smooth motion in contact keeps
-// second order.
+// change: the step in which they jump is solved again by implicit Euler, and so is the next one. It continues
+// one step after the motion is smooth again, so that smooth motion in contact keeps second order.
 
-bool goes_smoothly(const Tendon& c, double dt) {
-  const double creep = kCreep * c.radius, growth = c.dt_before > 0 ? dt / c.dt_before : 0;
-  double jump = 0, all = 0, least = 0;
+namespace {
+
+// Sums of m v^2 over the particles [J].
+struct Change {
+  double jump = 0;  // of the difference between the velocities and the extrapolation of their last change
+  double all = 0;   // of the velocities at both ends of the step
+};
+
+Change change_of(const Tendon& c, double dt) {
+  const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
+  Change change;
   for (int k = 0; k < 3; ++k) {
     const double *now = c.v_new[k], *v = c.v[k], *before = c.v_before[k];
     for (int i = 0; i < c.n(); ++i) {
       const double off = now[i] - v[i] - growth * (v[i] - before[i]);
-      jump += c.mass[i] * off * off;
-      all += c.mass[i] * (now[i] * now[i] + v[i] * v[i]);
+      change.jump += c.mass[i] * off * off;
+      change.all += c.mass[i] * (now[i] * now[i] + v[i] * v[i]);
     }
   }
+  return change;
+}
+
+}  // namespace
+
+bool is_jolted(const Tendon& c, double dt) {
+  const Change change = change_of(c, dt);
+  return change.jump > kRough * change.all;
+}
+
+bool goes_smoothly(const Tendon& c, double dt) {
+  const double creep = kCreep * c.radius;
+  const Change change = change_of(c, dt);
+  double least = 0;
   for (double m : c.mass) least += 2 * m * creep * creep;
-  return jump <= kRough * all && all > least;
+  return change.jump <= kRough * change.all && change.all > least;
 }
 
 namespace {

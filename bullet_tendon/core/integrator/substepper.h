@@ -27,7 +27,7 @@ enum class Reason : int {
   not_converged,    // an island did not converge within its iterations, or created energy: halved
   left_prediction,  // particles left their predicted region: contacts are detected again; later halved
   woken,            // a tendon came within reach of a sleeping one, which wakes: repeated
-  step_weights,     // tendons in contact with each other had different step weights: repeated
+  step_weights,     // tendons in contact had different step weights, or BDF2 and a jump: repeated
   joint_stops,      // joint limits or contacts of a body act differently from the prediction: repeated
   body_rotation,    // a body turns far that was predicted to turn little: repeated
   released,         // a body was released or pulled in a step, which is solved again after it

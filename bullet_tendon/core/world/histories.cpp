@@ -199,6 +199,23 @@ bool World::share_weights() {
   return changed;
 }
 
+// Ends the histories of tendons in contact whose velocities jump in this substep. true: there are some.
+bool World::restart_jolted() {
+  if (!is_second_order(options.integrator) || !carries(options)) return false;
+  bool any = false;
+  auto judge = [&](Tendon& c) {
+    if (c.h_eff == step_.context.dt || !c.smooth || !is_jolted(c, step_.context.dt)) return;
+    c.smooth = false;
+    any = true;
+  };
+  for (const Contact& contact : contacts_.all) {
+    if (contact.normal_force.value <= 0) continue;
+    for (const int tendon : {contact.a.tendon, contact.b.tendon})
+      if (tendon >= 0) judge(*step_.slots[tendon]);
+  }
+  return any;
+}
+
 // What a force of this mean gives in the substep to what it acts on [N], if it gave `last` in the last step
 // (bodies/body_history.h).
 Vec3 World::given(const Tendon& c, Vec3 mean, Vec3 last) const {

@@ -162,6 +162,7 @@ std::optional<Reason> World::solve_substep() {
     if (share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (step_.failed) return {};
+    if (!step_.budget.exhausted() && restart_jolted()) return Reason::step_weights;
   }
   if (!any_moved() || step_.budget.refuses()) return {};
   if (settle_stops()) return Reason::joint_stops;

@@ -294,6 +294,8 @@ class World {
   // Gives what acts on each other the same step weight, so that impulses are equal and opposite. true: a step
   // weight has changed.
   bool share_weights();
+  // Ends the histories of tendons in contact whose velocities jump in this substep. true: there are some.
+  bool restart_jolted();
   Vec3 given(const Tendon& c, Vec3 mean, Vec3 last) const;
   Vec3 known_acceleration(const Tendon& c, int i) const;
   void begin_histories();
