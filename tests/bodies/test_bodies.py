@@ -166,11 +166,12 @@ def frame_by_hand(client, body, link):
     return np.array(state[0]) - axes @ info[3], axes, np.array(state[0])
 
 
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 @pytest.mark.parametrize("base_mass", [0.0, 0.4])
 @pytest.mark.parametrize("link", [0, 1])
-def test_points_of_nested_links(make_world, client, link, base_mass):
+def test_points_of_nested_links(make_world, client, link, base_mass, integrator):
     """Their frames, their wrenches, and how far joints and a floating base let them yield in a step."""
-    world = make_world(1 / 960)
+    world = make_world(1 / 960, integrator=integrator)
     body = nested(client, base_mass)
     origin, axes, centre = frame_by_hand(client, body, link)
     where = origin + axes @ POINT

@@ -245,13 +245,14 @@ def test_beside_an_articulated_body_impulses_are_opposite_all_the_same(make_worl
     t = world.add_tendon([[0.2, 0, 0], [0.2, 0, -LENGTH]], 1e-3, bt.Material(stiffness=3e3), 12)
     above = t.attach(0, arm, 0)
     t.attach(-1, ball)
-    now, mass = np.zeros(3), 0.1 + t.masses.sum()
+    now, mass, lowest = np.zeros(3), 0.1 + t.masses.sum(), 0.0
     for _ in range(120):
         world.step()
         before, now = now, 0.1 * velocity(client, ball) + t.masses @ t.velocities
         gained = 240 * (now - before) - mass * np.array([0, 0, -G])
         np.testing.assert_allclose(gained, -above.force, atol=1e-7 * max(1.0, t.tension.max()))
-    assert place(client, ball)[2] < -LENGTH - 0.05
+        lowest = min(lowest, place(client, ball)[2])
+    assert lowest < -LENGTH - 0.15
 
 
 def test_a_known_force_that_begins_at_once_is_not_overshot(make_world, client):

@@ -87,7 +87,8 @@ LinkEnd Link::end(double dt, double time) const {
 Vec3 Link::ahead_of(Vec3 local, double dt) const {
   const Vec3 p = to_world(pose, local);
   if (!ends_known) return p + drift(p, dt);
-  return centre + dt * velocity + (0.5 * dt * dt) * curving + held_arm_of(local);
+  const Vec3 arm = held_arm_of(local);
+  return centre + dt * velocity + (0.5 * dt * dt) * curving + arm + cross(dt * (spin - now_spin), arm);
 }
 
 Vec3 Link::displaced(Vec3 arm) const {

@@ -57,7 +57,9 @@ struct Link {
   Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
   int body = -1;            // -1: tendons do not move it
   bool ends_known = false;  // forces of attachments act where their points are predicted to end
-  Rot3 to_end;              // rotation to the predicted end of the substep, if they do; else none
+  // Rotation in the step with the spin at its start, if they do; else none. Motion beyond it is linear: with
+  // the spin that is predicted without the tendons, their forces would have to undo a far turn.
+  Rot3 to_end;
   bool yielded = false;     // tendons could move it in the last step
   bool moved = false;       // its pose has changed, or it has a velocity, since the last step began
   dense::Numbers jacobian;  // J (6 n); empty: the identity, of a free rigid body

@@ -72,7 +72,7 @@ void World::continue_history(int body) {
   for (Link& l : scene.links) {
     if (l.body != body) continue;
     l.ends_known = m.history.admitted && !l.jacobian.empty();
-    l.to_end = l.ends_known ? rotation_of_step(dt * l.spin) : Rot3{};
+    l.to_end = l.ends_known ? rotation_of_step(dt * l.now_spin) : Rot3{};
     if (!continues) continue;
     l.history.begin(m.history.steady_share);
     l.add_generalized(l.jacobian, {l.history.given.force, l.history.given.torque}, given);
