@@ -249,9 +249,11 @@ def test_over_the_cylinder_the_reference_slides_as_two_weights_do():
 
 
 @pytest.mark.skipif(SANITIZED, reason="a sanitizer has an allocator of its own")
-def test_the_core_counts_what_it_asks_for_and_asks_for_nothing_in_a_step():
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_the_core_counts_what_it_asks_for_and_asks_for_nothing_in_a_step(integrator):
     before = _core.allocated_bytes()
     with speed.pendulum.scene() as scene:
+        scene.world.options = bt.SolverOptions(integrator=integrator)
         speed._build(scene, 60, 0.1, 0.004)
         assert _core.allocated_bytes() - before > 60 * 8 * 30  # it does count
         scene.world.step(5)

@@ -47,8 +47,8 @@ bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
   return history.continues;
 }
 
-void GeneralizedBody::continue_history(const Numbers& given, double dt) {
-  work_.missing = given;
+void GeneralizedBody::continue_history(double dt) {
+  work_.missing = history.given;
   for (int i = 0; i < n() && !motion_shift.empty(); ++i) work_.missing[i] += motion_shift[i];
   dense::respond(root, work_.missing, work_.half, work_.known);
   for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
@@ -61,8 +61,9 @@ double GeneralizedBody::energy_of(const Numbers& acceleration) {
   return dense::dot(work_.along, work_.along);
 }
 
-GeneralizedBody::Numbers GeneralizedBody::known_acceleration() {
-  Numbers acceleration = known_in_step_;
+const GeneralizedBody::Numbers& GeneralizedBody::known_acceleration() {
+  Numbers& acceleration = work_.acceleration;
+  acceleration = known_in_step_;
   for (int i = 0; i < n() && by_motion.size() == acceleration.size(); ++i) acceleration[i] -= by_motion[i];
   if (!external.empty()) {
     dense::multiply(free, external, work_.known);
@@ -73,14 +74,15 @@ GeneralizedBody::Numbers GeneralizedBody::known_acceleration() {
 
 bool GeneralizedBody::is_jerked() {
   if (history.known.empty()) return false;
-  const Numbers now = known_acceleration();
+  const Numbers& now = known_acceleration();
   work_.half = now;
   for (int i = 0; i < n(); ++i) work_.half[i] -= history.known[i];
   return energy_of(work_.half) > kSuddenly * kSuddenly * std::max(energy_of(now), energy_of(history.known));
 }
 
 std::pair<double, double> GeneralizedBody::energies_of_change(double dt) {
-  Numbers all = known_acceleration();
+  known_acceleration();
+  Numbers& all = work_.acceleration;
   const double before = energy_of(history.known.empty() ? all : history.known);
   dense::multiply(free, forces, work_.known);
   for (int i = 0; i < n(); ++i) all[i] += work_.known[i];

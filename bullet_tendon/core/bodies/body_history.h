@@ -38,6 +38,7 @@ struct BodyHistory {
   bool admitted = false;  // and so can all bodies of its island
   bool coupled = false;   // a tendon acts on it
   bool continues = false;
+  Numbers given;  // generalized force of `given` of all its links (n)
 
   // Step weight over the length of the step.
   double share() const { return continues ? kTwoStepShare : 1; }

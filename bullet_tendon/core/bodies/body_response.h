@@ -85,7 +85,7 @@ struct BodyUnknowns {
 // Workspace. Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
 struct BodyWorkspace {
   dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along,
-      left, whole;
+      left, whole, acceleration;
 };
 
 // Whether a free body rotates finitely in this step: tendons can touch it, or it turns so far that the arms
@@ -154,14 +154,13 @@ struct GeneralizedBody {
   void predict(double dt, Vec3 gravity);
   // Determines whether it continues by BDF2 in a step that may be `whole`, not divided.
   bool begin_history(double dt, Vec3 gravity, bool whole);
-  // Adds what its history gives (generalized force) to the prediction. E is scaled by b/dt, because the end
-  // forces act by b^2.
-  void continue_history(const Numbers& given, double dt);
+  // Adds what its history gives to the prediction. E is scaled by b/dt, because the end forces act by b^2.
+  void continue_history(double dt);
   // Energies of the changes of velocity by the known forces of the step before and by all forces of the last
   // step [J].
   std::pair<double, double> energies_of_change(double dt);
   // Acceleration by gravity and by the forces of the user in this step (n).
-  Numbers known_acceleration();
+  const Numbers& known_acceleration();
   // Takes its rates right after the step. Returns whether it was released (Observer::sample).
   bool sample(const Numbers& after);
   // Records the forces of the tendons and of the stops in a step of dt [s].

@@ -68,16 +68,16 @@ void World::continue_history(int body) {
   GeneralizedBody& m = scene.bodies[body];
   const double dt = step_.substeps.step();
   const bool continues = m.begin_history(dt, step_.context.gravity, step_.substeps.is_whole());
-  dense::Numbers given(m.n());
+  m.history.given.assign(m.n(), 0.0);
   for (Link& l : scene.links) {
     if (l.body != body) continue;
     l.ends_known = m.history.admitted && !l.jacobian.empty();
     l.to_end = l.ends_known ? rotation_of_step(dt * l.now_spin) : Rot3{};
     if (!continues) continue;
     l.history.begin(m.history.steady_share);
-    l.add_generalized(l.jacobian, {l.history.given.force, l.history.given.torque}, given);
+    l.add_generalized(l.jacobian, {l.history.given.force, l.history.given.torque}, m.history.given);
   }
-  if (continues) m.continue_history(given, dt);
+  if (continues) m.continue_history(dt);
 }
 
 // Determines which tendons are solved together with bodies that have a history. A body has none where
@@ -116,7 +116,9 @@ void World::find_couplings() {
 void World::begin_histories() {
   if (!is_second_order(options.integrator) || step_.whole) return;
   const double dt = step_.substeps.step();
-  std::vector<double> known(scene.tendons.size()), all(scene.tendons.size());
+  std::vector<double>&known = islands_.by_known, &all = islands_.by_all;
+  known.assign(scene.tendons.size(), 0.0);
+  all.assign(scene.tendons.size(), 0.0);
   for (size_t c = 0; c < step_.slots.size(); ++c) {
     if (!begins_history(step_.slots[c])) continue;
     const Tendon& t = *step_.slots[c];
