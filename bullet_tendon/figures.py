@@ -15,6 +15,7 @@ WIDTH = 11.0  # of a figure [inch]
 TALLEST, LOW = 6.0, 2.0  # of a row of images, and height under which they are put into two rows [inch]
 MARGIN = 10  # pixels of white that are left around what images show
 MAPS_IN_ROW = 3
+MARKERS = "o^sDv"  # of the places that are marked in maps
 MAP_RANGE = 30.0  # of the faintest map's highest value over the lowest that has a colour of its own
 
 
@@ -63,9 +64,10 @@ def figure(
     An image is (title, image), or (title, image, notes) with notes (text, column, row) to be written on it.
     White margins that all images have are cut off, if they are of one size. Further keys of a curve go to
     matplotlib's plot. A map is dict(title=, x=, y=, values=) with values (len(y), len(x)) >= 0, drawn in
-    colours of one logarithmic scale, MAPS_IN_ROW side by side; map_labels: of x, of y and of the values. The
-    file's type follows its name. Raises InvalidValue without images, maps and curves, MissingExtra without
-    matplotlib.
+    colours of one logarithmic scale, MAPS_IN_ROW side by side; map_labels: of x, of y and of the values. A
+    map with a label= has a linear scale of its own, and NaN where nothing is drawn; marks= {text: (x, y)} are
+    shown in it, and with down=True y points downwards. The file's type follows its name. Raises InvalidValue
+    without images, maps and curves, MissingExtra without matplotlib.
 
     Example:
         >>> from bullet_tendon import view
@@ -134,24 +136,40 @@ def _cropped(images) -> list[tuple]:
 
 
 def _draw_maps(area, maps, xlabel, ylabel, label):
-    from matplotlib.colors import LogNorm
-
-    peaks = [max(float(np.max(one["values"])), np.finfo(float).tiny) for one in maps]
-    norm = LogNorm(min(peaks) / MAP_RANGE, max(peaks), clip=True)
+    norm = _common_scale([one["values"] for one in maps if "label" not in one])
     rows = -(-len(maps) // MAPS_IN_ROW)
     grid = area.subplots(rows, min(len(maps), MAPS_IN_ROW), squeeze=False, sharex=True, sharey=True)
     for axes, one in zip(grid.flat, maps, strict=False):
+        scale = None if "label" in one else norm
         drawn = axes.pcolormesh(
-            one["x"], one["y"], one["values"], norm=norm, shading="nearest", rasterized=True
+            one["x"], one["y"], one["values"], norm=scale, shading="nearest", rasterized=True
         )
         axes.set_title(one["title"], fontsize=10)
+        if "label" in one:
+            area.colorbar(drawn, ax=axes, label=one["label"])
+        for (text, place), marker in zip(one.get("marks", {}).items(), MARKERS, strict=False):
+            axes.plot(*place, marker, color="white", markeredgecolor="black", markersize=8, label=text)
+        if one.get("down") and not axes.yaxis_inverted():
+            axes.invert_yaxis()
     for axes in grid.flat[len(maps) :]:
         axes.axis("off")
     for axes in grid[-1]:
         axes.set_xlabel(xlabel)
     for axes in grid[:, 0]:
         axes.set_ylabel(ylabel)
-    area.colorbar(drawn, ax=grid, label=label)
+    if norm is not None:
+        area.colorbar(drawn, ax=grid, label=label)
+    marks, texts = grid[0, 0].get_legend_handles_labels()
+    if marks:
+        area.legend(marks, texts, loc="outside lower center", ncols=len(marks), fontsize=9, frameon=False)
+
+
+def _common_scale(tables):
+    """One logarithmic scale of colours for all of these values; None without any."""
+    from matplotlib.colors import LogNorm
+
+    peaks = [max(float(np.max(table)), np.finfo(float).tiny) for table in tables]
+    return LogNorm(min(peaks) / MAP_RANGE, max(peaks), clip=True) if peaks else None
 
 
 def _draw_curves(axes, curves, xlabel, ylabel):

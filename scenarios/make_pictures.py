@@ -26,7 +26,14 @@ from bullet_tendon.scenarios.benchmarks import harness
 from bullet_tendon import view
 
 FOLDER = Path(__file__).resolve().parent / "pictures"
-SCENARIOS = ("acl_reconstruction", "graft_passage", "super_elasticity", "tendon_finger", "wrap_condyle")
+SCENARIOS = (
+    "acl_reconstruction",
+    "graft_passage",
+    "super_elasticity",
+    "tendon_finger",
+    "tunnel_placement",
+    "wrap_condyle",
+)
 BENCHMARKS = ("coupling", "haptic", "multibody", "work_precision")
 TASKS = {  # and the modules that their pictures come from, beside those of all tasks
     "GraftPassage": ("graft_passage",),

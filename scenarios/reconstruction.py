@@ -120,6 +120,14 @@ def on_bernards_grid(deep: float, low: float) -> tuple[np.ndarray, np.ndarray]:
     return mouth, mouth + np.subtract(FEMORAL[1], FEMORAL[0])
 
 
+def to_bernards_grid(point) -> tuple[float, float]:
+    """(deep, low) as on_bernards_grid takes them, of a point (3,) in the femur's frame [m]."""
+    along, height = _lateral_condyle()
+    offset = 1e3 * np.asarray(point)[:2] - ROOF
+    deep = (along[1] - offset @ TO_THE_REAR) / (along[1] - along[0])
+    return float(deep), float(offset @ AWAY_FROM_ROOF / height)
+
+
 @functools.cache
 def _lateral_condyle() -> tuple[tuple[float, float], float]:
     """Its extent along Blumensaat's line, from ROOF (first, last), and its height from that line [mm]."""

@@ -189,9 +189,12 @@ class Scene:
         image = view.render_scene(self.client, shot, self.bones, shown, self.tunnels, opacity, colors)
         self.frames.append((title, image, [] if self.frames else self._notes(shot)))
 
-    def map(self, title: str, x, y, values) -> None:
-        """Keep values (len(y), len(x)) >= 0 at abscissae x and ordinates y, for the picture."""
-        self.maps.append({"title": title, "x": x, "y": y, "values": values})
+    def map(self, title: str, x, y, values, **further) -> None:
+        """Keep values (len(y), len(x)) >= 0 at abscissae x and ordinates y, for the picture.
+
+        further: label, marks, down of a map of view.figure.
+        """
+        self.maps.append({"title": title, "x": x, "y": y, "values": values, **further})
 
     def draw(self, path: str) -> None:
         """Write the picture: a row of the marked moments above the maps above a plot of the series."""

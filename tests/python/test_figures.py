@@ -29,6 +29,26 @@ def test_figure_is_composed(tmp_path):
     assert sizes[0] > sizes[1] > 1000
 
 
+def test_a_map_with_a_label_has_gaps_marks_and_a_scale_of_its_own(tmp_path):
+    """Two maps of three values, one ten times the other: three colours, or six on a common scale."""
+    image_module = pytest.importorskip("matplotlib.image")
+
+    def colours(values, **further):
+        """Those of at least 3,000 pixels that are no grey."""
+        one = {"title": "one", "x": [0, 1], "y": [0, 1], "values": values, **further}
+        view.figure(tmp_path / "a.png", maps=[one, {**one, "values": 10 * values}])
+        pixels = np.round(255 * image_module.imread(tmp_path / "a.png")[..., :3]).astype(int).reshape(-1, 3)
+        found, count = np.unique(pixels[np.ptp(pixels, axis=1) > 20], axis=0, return_counts=True)
+        return {tuple(colour) for colour in found[count > 3000].tolist()}
+
+    values = np.array([[1.0, 2.0], [4.0, 4.0]])
+    assert len(colours(values)) == 6
+    own = colours(values, label="[mm]", marks={"here": (0, 1)}, down=True)
+    assert len(own) == 3
+    gap = np.array([[1.0, np.nan], [4.0, 4.0]])
+    assert len(own - colours(gap, label="[mm]")) == 1
+
+
 def test_missing_packages(tmp_path, monkeypatch, capsys):
     for package in ("tqdm", "matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, package, None)

@@ -9,6 +9,7 @@ from bullet_tendon.scenarios.reconstruction import (
     drawer,
     on_bernards_grid,
     reconstruct,
+    to_bernards_grid,
     virtual_reconstruction,
 )
 
@@ -41,6 +42,7 @@ def test_a_place_on_bernards_grid_is_on_the_notchs_wall():
     mouth, outer = on_bernards_grid(0.3878, 0.1926)
     assert mouth == pytest.approx(np.array(FEMORAL[0]), abs=5e-4)
     assert outer - mouth == pytest.approx(np.subtract(FEMORAL[1], FEMORAL[0]))
+    assert to_bernards_grid(mouth) == pytest.approx((0.3878, 0.1926), abs=1e-9)
     for deep, low in ((1.2, 0.2), (0.3, -0.1)):
         with pytest.raises(bt.InvalidValue):
             on_bernards_grid(deep, low)
