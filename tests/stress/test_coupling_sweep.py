@@ -21,11 +21,11 @@ def slow(*values):
 class Bob:
     """A ball on a tendon that is held at its other end, and all energy there is, work of the pull apart."""
 
-    def __init__(self, make_world, client, case, mass, stiffness, dt):
+    def __init__(self, make_world, client, case, mass, stiffness, dt, **options):
         self.client, self.mass = client, mass
         self.gravity = G if case == "hanging" else 0.0
         self.pull = np.array([0, 0, -PULL if case == "pulled" else 0.0])
-        self.world = make_world(dt, (0, 0, -self.gravity))
+        self.world = make_world(dt, (0, 0, -self.gravity), **options)
         material = bt.Material(stiffness=stiffness, density=100.0)
         self.tendon = self.world.add_tendon([[0, 0, 0], [0, 0, -LENGTH]], 1e-3, material, 10)
         self.tendon.grip(0)
@@ -42,12 +42,18 @@ class Bob:
     def place(self):
         return np.array(p.getBasePositionAndOrientation(self.body, self.client)[0])
 
+    def velocity(self):
+        return np.array(p.getBaseVelocity(self.body, self.client)[0])
+
+    def motion(self, velocity) -> float:
+        """Kinetic energy of the ball at that velocity [J]."""
+        return 0.5 * self.mass * velocity @ velocity
+
     def energy(self) -> float:
         """Of motion, elastic, of height, less the work that the pull has done [J]."""
-        speed, lowered = np.array(p.getBaseVelocity(self.body, self.client)[0]), self.place() + [0, 0, LENGTH]
-        t = self.tendon
+        lowered, t = self.place() + [0, 0, LENGTH], self.tendon
         heights = self.mass * lowered[2] + t.masses @ t.positions[:, 2]
-        return 0.5 * self.mass * speed @ speed + t.energy + self.gravity * heights - self.pull @ lowered
+        return self.motion(self.velocity()) + t.energy + self.gravity * heights - self.pull @ lowered
 
     def step(self) -> float:
         """Energy gained since the start, over the largest that was at hand."""
@@ -77,6 +83,33 @@ def test_energy_and_convergence(make_world, client, case, most, seconds):
     worst = max(gained, key=gained.get)
     print(f"{case}: at most {gained[worst]:.2e} at (mass, stiffness, dt) = {worst}")
     assert gained[worst] <= most
+
+
+@pytest.mark.parametrize("case", ["free", "hanging", "pulled"])
+@pytest.mark.parametrize("seconds", [0.2, slow(10.0)])
+def test_energy_by_bdf2(make_world, client, case, seconds):
+    """pybullet's velocity is the mean of a step; that at a place is the mean of the two steps around it.
+
+    Over the start, or over the first step, which is pybullet's: from rest it falls by g dt^2.
+    """
+    gained = {}
+    for values in itertools.product(MASSES, STIFFNESSES, STEPS):
+        bob = Bob(make_world, client, case, *values, integrator="bdf2")
+        energies, scales = [], []
+        for _ in range(max(int(seconds / values[-1]), 40)):
+            before, rest = bob.velocity(), bob.energy() - bob.motion(bob.velocity())
+            bob.step()
+            assert bob.world.report.converged, values
+            energies.append(rest + bob.motion(0.5 * (before + bob.velocity())))
+            scales.append(bob.scale)
+        gains = (np.array(energies[1:]) - max(bob.start, energies[1])) / scales[1:]
+        assert np.isfinite(gains).all(), values
+        gained[values] = gains.max()
+        bob.world.remove_tendon(bob.tendon)
+        p.removeBody(bob.body, client)
+    worst = max(gained, key=gained.get)
+    print(f"{case}: at most {gained[worst]:.2e} at (mass, stiffness, dt) = {worst}")
+    assert gained[worst] <= 1e-6
 
 
 @pytest.mark.parametrize(("mass", "stiffness"), [(0.1, 1e3), (0.126, 1152.0), (0.05, 550.0), (0.02, 4200.0)])
