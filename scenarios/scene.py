@@ -124,7 +124,7 @@ class Scene:
     @property
     def tunnels(self) -> list[tuple]:
         """(start, end, radius) of the world's tunnels where their bones are now [m], world frame."""
-        return [_placed(tunnel, self.client) for tunnel in self.world.tunnels]
+        return [placed(tunnel, self.client) for tunnel in self.world.tunnels]
 
     @property
     def series(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -267,7 +267,8 @@ def _sorted(x, y) -> tuple[np.ndarray, np.ndarray]:
     return x[order], y[order]
 
 
-def _placed(tunnel, client) -> tuple:
+def placed(tunnel, client: int) -> tuple:
+    """(start, end, radius) of a tunnel where its bone is now [m], world frame."""
     if tunnel.linkIndex < 0:
         centre = p.getBasePositionAndOrientation(tunnel.bodyUniqueId, client)
         inertial = p.getDynamicsInfo(tunnel.bodyUniqueId, -1, client)[3:5]

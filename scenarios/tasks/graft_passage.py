@@ -70,6 +70,7 @@ class GraftPassage(Task):
     def build(self) -> None:
         p.setGravity(0, -9.81, 0, self.client)  # the knee's y axis points up the leg
         self.femur, self.tibia = (self._load(f"{name}.urdf") for name in ("femur", "tibia"))
+        self.bones = self.femur, self.tibia
         bores = {tunnel.bodyUniqueId: tunnel for tunnel in self.world.tunnels}
         self.tunnels = bores[self.tibia], bores[self.femur]
         material = bt.Material.preset("hamstring_graft")

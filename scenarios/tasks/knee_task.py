@@ -5,17 +5,21 @@ is that of reconstruction.py: a ligament through two tunnels. Between two steps 
 rest, so that no time passes but for one time step.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pybullet as p
 from bullet_tendon.scenarios.knee import KneeRig
 from bullet_tendon.scenarios.reconstruction import DRAWER, TOE
 
 import bullet_tendon as bt
+from bullet_tendon import view
 
 from .task import Task
 
 LACHMAN = np.radians(30.0)  # flexion at which the drawer is tested
 INCREMENT = np.radians(15.0)  # of flexion, after which the knee comes to rest on its way
+GRAFT_RADIUS = 0.0035  # m, in pictures
 # In which the knee comes to rest on its way, and at its end; one that is too tight for that is given up.
 MOST_STEPS = 40
 START = np.radians(30.0)  # flexion at the beginning of an episode
@@ -35,6 +39,7 @@ class KneeTask(Task):
     def build(self) -> None:
         p.setGravity(0, 0, 0, self.client)
         self.rig = KneeRig(world=self.world)
+        self.bones = self.rig.femur[0], self.rig.tibia[0]
         self.graft: bt.Ligament | None = None
         self.go_to(START)
         self.measure_intact()
@@ -77,6 +82,13 @@ class KneeTask(Task):
         self.rig.load()
         rests &= self.rig.settle(max_steps=MOST_STEPS)
         return float(found), rests
+
+    def lines(self):
+        tubes, colours = self.rig.lines()
+        if self.graft is not None:
+            tubes.append(SimpleNamespace(positions=self.graft.points, radius=GRAFT_RADIUS))
+            colours.append(view.PALETTE[0])
+        return tubes, colours
 
     def _remove_graft(self) -> None:
         if self.graft is not None:

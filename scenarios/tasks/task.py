@@ -7,6 +7,7 @@ episode's random numbers change. Therefore an episode depends on nothing but its
 import dataclasses
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -52,6 +53,7 @@ class Task(gymnasium.Env):
     substeps = 10  # time steps for each action
     action_size = 1
     camera: dict[str, Any] = {}  # arguments of view.Camera
+    bones: tuple[int, ...] = ()  # ids of bodies that pictures of episodes show as if one could look into them
     option_names: tuple[str, ...] = ()  # what reset(options=) takes
 
     def __init__(self, render_mode: str | None = None):
@@ -102,6 +104,10 @@ class Task(gymnasium.Env):
     def judge(self) -> Verdict:
         """What the last step was worth."""
         raise NotImplementedError
+
+    def lines(self) -> tuple[list, Sequence]:
+        """What pictures of episodes show as tendons, and their colours by turns."""
+        return list(self.world.tendons), view.PALETTE
 
     def space_of_observations(self) -> gymnasium.Space:
         """The observation space; by default that of an observation that is one vector."""
