@@ -28,7 +28,8 @@ SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # that can b
 _SHORT = 1.0  # s that a run has to last when it is played
 _BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.15
 _FEW = 100  # triangles of a link: fewer are seen as flat faces
-_DIGITS = 0.002  # of a tendon's radius, to which its positions are rounded
+_DIGITS = 0.01  # of a tendon's radius, to which its positions are rounded
+_MESH_DIGITS = 4e-5  # of the camera's distance from its target, to which meshes are rounded
 _ARROW = 0.15  # length of the greatest contact force's arrow, in distances of the camera from its target
 _HEAD = 0.25  # of an arrow's length
 _FOV = 40.0  # degrees, where the recording has no camera
@@ -226,16 +227,12 @@ def _draw_line(k3d, plot, scene: _Scene, track, radius: float, tension: np.ndarr
     tension = np.pad(tension[rows], ((0, 0), (1, 1)), mode="edge")
     tension = 0.5 * (tension[:, 1:] + tension[:, :-1])  # at particles
     grain = scene.full_tension / 500
-    vertices = {
-        str(n): _rounded(MILLIMETRES * x, step) for n, x in zip(numbers, track.positions[rows], strict=True)
-    }
-    attribute = {str(n): _rounded(t, grain) for n, t in zip(numbers, tension, strict=True)}
     plot += k3d.line(
-        vertices if len(numbers) > 1 else next(iter(vertices.values())),
+        _by_frame(numbers, _rounded(MILLIMETRES * track.positions[rows], step)),
         shader="mesh",
         width=MILLIMETRES * radius,  # the radius, with this shader
         radial_segments=12,
-        attribute=attribute if len(numbers) > 1 else next(iter(attribute.values())),
+        attribute=_by_frame(numbers, _rounded(tension, grain)),
         color_map=[0.0, *TENDON_COLOR[:3], 1.0, *TAUT_COLOR[:3]],
         color_range=[0.0, scene.full_tension],
         name=track.name,
@@ -253,7 +250,7 @@ def _draw_link(k3d, plot, scene: _Scene, track: LinkTrack) -> None:
         alpha = opacity * float(mesh.color[3])
         if alpha > 0:
             drawn = k3d.mesh(
-                MILLIMETRES * mesh.vertices,
+                _rounded(MILLIMETRES * mesh.vertices, scene.camera["distance"] * _MESH_DIGITS),
                 mesh.triangles,
                 color=_number(mesh.color),
                 opacity=alpha,
@@ -303,14 +300,13 @@ def _draw_contacts(k3d, plot, scene: _Scene) -> int | None:
     longest = _ARROW * scene.camera["distance"]
     length = longest * table["normal_force"] / table["normal_force"].max()
     points = _arrows(MILLIMETRES * table["position"], table["normal"], length, scene.camera)
-    vertices = {}
+    vertices = np.tile(MILLIMETRES * table["position"][0], (len(scene.kept), 4 * most, 1))
     for n, frame in enumerate(scene.kept):
         these = points[table["frame"] == frame].reshape(-1, 3)
-        padding = np.repeat(MILLIMETRES * table["position"][:1], 4 * most - len(these), axis=0)
-        vertices[str(n)] = _rounded(np.vstack([these, padding]), 0.002 * longest)
+        vertices[n, : len(these)] = these
     corners = 4 * np.arange(most)[:, None, None] + np.array([[0, 1], [1, 2], [1, 3]])
     lines = k3d.lines(
-        vertices if len(vertices) > 1 else vertices["0"],
+        _by_frame(np.arange(len(vertices)), _rounded(vertices, 0.002 * longest)),
         corners.reshape(-1, 2).astype(np.uint32),
         indices_type="segment",
         shader="simple",
@@ -334,17 +330,22 @@ def _arrows(start, direction, length, camera) -> np.ndarray:
 
 
 def _matrices(track: LinkTrack, rows, numbers):
-    """The link's frame [mm] by frame, where it has moved; one matrix where it never does."""
+    """The link's frame (4, 4) [mm] by frame."""
     turns = Rotation.from_quat(track.orientation[rows]).as_matrix()
     places = MILLIMETRES * track.position[rows]
     matrices = np.zeros((len(rows), 4, 4), np.float32)
     matrices[:, :3, :3] = np.round(turns, 5)
     matrices[:, :3, 3] = np.round(places, 3)
     matrices[:, 3, 3] = 1
-    moved = np.append(True, (np.abs(np.diff(matrices, axis=0)) > 0).any(axis=(1, 2)))
-    if moved.sum() == 1:
-        return matrices[0]
-    return {str(n): m for n, m in zip(numbers[moved], matrices[moved], strict=True)}
+    return _by_frame(numbers, matrices)
+
+
+def _by_frame(numbers, values: np.ndarray):
+    """Values (k, ...) by the numbers (k,) of their frames, where they change; the first if they never do."""
+    changes = np.append(True, (np.diff(values, axis=0) != 0).any(axis=tuple(range(1, values.ndim))))
+    if changes.sum() == 1:
+        return values[0]
+    return {str(n): value for n, value in zip(numbers[changes], values[changes], strict=True)}
 
 
 def _rounded(values, step: float) -> np.ndarray:
