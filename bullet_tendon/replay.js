@@ -6,7 +6,7 @@ const last = S.times.length - 1;
 
 const bar = document.createElement('div');
 bar.style.cssText = 'position:absolute;left:0;right:0;bottom:0;padding:8px 12px;display:flex;gap:10px;z-index:10;' +
-  'align-items:center;font:14px sans-serif;color:#222;background:rgba(255,255,255,0.85)';
+  'align-items:center;white-space:nowrap;font:14px sans-serif;color:#222;background:rgba(255,255,255,0.85)';
 const title = document.createElement('div');
 title.textContent = S.title;
 title.style.cssText = 'position:absolute;left:12px;top:8px;z-index:10;font:16px sans-serif;color:#222';
@@ -20,7 +20,7 @@ function add(tag, properties) {
 
 const play = add('button', {textContent: 'play', title: 'space'});
 const slider = add('input', {type: 'range', min: 0, max: last, step: 1, value: 0, title: 'left, right'});
-slider.style.flex = '1';
+slider.style.cssText = 'flex:1;min-width:3em';
 const clock = add('span', {});
 clock.style.cssText = 'min-width:9em;font-variant-numeric:tabular-nums';
 const speed = add('select', {title: 'speed'});

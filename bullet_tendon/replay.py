@@ -30,6 +30,7 @@ _BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.15
 _FEW = 100  # triangles of a link: fewer are seen as flat faces
 _DIGITS = 0.01  # of a tendon's radius, to which its positions are rounded
 _MESH_DIGITS = 4e-5  # of the camera's distance from its target, to which meshes are rounded
+_LEAST_TENSION = 1e-6  # N; less is rounding
 _ARROW = 0.15  # length of the greatest contact force's arrow, in distances of the camera from its target
 _HEAD = 0.25  # of an arrow's length
 _FOV = 40.0  # degrees, where the recording has no camera
@@ -168,8 +169,8 @@ def _overview(recording: Recording) -> dict:
 
 
 def _rounded_up(value: float) -> float:
-    """The next number with two digits; 1 for nothing."""
-    if not value > 0:
+    """The next number with two digits [N]; 1 for nothing."""
+    if not value > _LEAST_TENSION:
         return 1.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return math.ceil(value / digit - 1e-9) * digit

@@ -63,7 +63,14 @@ def check(scene) -> list[Check]:
 def lever(client: int, mass: float = MASS) -> int:
     """A massless-looking bar on a hinge at the origin, all its mass [kg] at the tip."""
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.004] * 3, physicsClientId=client)
-    link = {"linkMasses": [mass], "linkCollisionShapeIndices": [box], "linkVisualShapeIndices": [-1]}
+    bar = p.createVisualShape(
+        p.GEOM_BOX,
+        halfExtents=[0.5 * ARM, 0.004, 0.004],
+        rgbaColor=[0.55, 0.6, 0.68, 1],
+        visualFramePosition=[0.5 * ARM, 0, 0],
+        physicsClientId=client,
+    )
+    link = {"linkMasses": [mass], "linkCollisionShapeIndices": [box], "linkVisualShapeIndices": [bar]}
     link |= {"linkPositions": [[0, 0, 0]], "linkOrientations": [[0, 0, 0, 1]]}
     link |= {"linkInertialFramePositions": [[ARM, 0, 0]], "linkInertialFrameOrientations": [[0, 0, 0, 1]]}
     link |= {"linkParentIndices": [0], "linkJointTypes": [p.JOINT_REVOLUTE], "linkJointAxis": [[0, 1, 0]]}

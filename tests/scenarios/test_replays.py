@@ -197,8 +197,8 @@ def test_frames_are_kept_by_the_time_that_they_are_played():
 
 
 def test_the_highest_tension_is_rounded_up_to_two_digits():
-    assert [replay._rounded_up(x) for x in (0.0, 1.0, 1.01, 99.0, 1234.0)] == pytest.approx(
-        [1, 1, 1.1, 99, 1300]
+    assert [replay._rounded_up(x) for x in (0.0, 3e-12, 1.0, 1.01, 99.0, 1234.0)] == pytest.approx(
+        [1, 1, 1, 1.1, 99, 1300]
     )
 
 
