@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pybullet as p
 import pytest
+from bullet_tendon.scenarios.benchmarks.whole_knee import whole_knee
 from bullet_tendon.scenarios.knee import MOST_UNSOLVED, KneeRig
 from bullet_tendon.scenarios.reconstruction import FEMORAL, SLOPE, TIBIAL, reconstruct
 from knee_oracle import Knee, Pose, Strands, read_obj
@@ -176,6 +177,23 @@ def test_a_graft_of_particles_in_two_tunnels_settles_where_damped_motion_ends():
         assert rig.settle()
         assert rig.coordinates == pytest.approx(found, abs=2e-5)
         assert graft.tension == pytest.approx(tension, rel=0.02)  # friction in the bores remembers the way
+
+
+def test_a_loaded_graft_that_is_in_balance_stays_so_in_the_next_step():
+    """The load alone would move the tibia's mouth by 1 to 2.6 mm in the step; ligaments and graft hold it."""
+    rig, graft = whole_knee()
+    with rig:
+        rig.load(anterior=30.0)
+        assert rig.settle()
+        for force in (60.0, 100.0):
+            rig.load(anterior=force)
+            rig._relax(1e-3)
+            assert rig.world.report.converged
+            tension = graft.tension
+            p.setTimeStep(1 / 120, rig.client)
+            rig.step()
+            assert graft.tension == pytest.approx(tension, abs=0.5)
+            rig.place(rig.joints)
 
 
 def count_steps(rig) -> list[bool]:

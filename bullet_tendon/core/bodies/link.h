@@ -54,6 +54,7 @@ struct Link {
   Vec3 now_velocity, now_spin;  // at the start of the step [m/s], [rad/s]
   // Mean in the substep, without the forces of the tendons in it [m/s], [rad/s].
   Vec3 velocity, spin;
+  Twist foreseen;           // displacement within the substep, for which contacts with tunnels are detected
   Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
   int body = -1;            // -1: tendons do not move it
   bool ends_known = false;  // forces of attachments act where their points are predicted to end
@@ -105,6 +106,7 @@ struct Link {
   Vec3 ahead_of(Vec3 local, double dt) const;
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
+  Vec3 foreseen_at(Vec3 p) const { return foreseen.at(p - centre); }
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const;
   // Adds a force at the world point p, averaged over the step [N].

@@ -580,7 +580,7 @@ void World::bore_contacts(int tendon, int t) {
   const Link& link = scene.links[scene.tunnels[t].link];
   const double dt = step_.context.dt;
   for (int i = 0; i < c.n(); ++i) {
-    const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.drift(x, dt);
+    const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.foreseen_at(x);
     const bool inside = c.tunnel_of[i] == t;
     // Before an oblique mouth, the wall reaches beyond the mouth's plane. A particle enters where it is
     // beside that wall, or before a mouth that it is predicted to pass.
@@ -645,9 +645,8 @@ double World::mouth_reach(int tendon, int t, int k) const {
 void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double reach) {
   const Tendon& c = *step_.slots[tendon];
   const Link& link = scene.links[scene.tunnels[t].link];
-  const double dt = step_.context.dt;
-  const Vec3 a = c.predicted.at(k) - link.drift(c.x.at(k), dt);
-  const Vec3 b = c.predicted.at(k + 1) - link.drift(c.x.at(k + 1), dt);
+  const Vec3 a = c.predicted.at(k) - link.foreseen_at(c.x.at(k));
+  const Vec3 b = c.predicted.at(k + 1) - link.foreseen_at(c.x.at(k + 1));
   double u = nearest_to_rim(a, b, rim);
   if (!rim.is_circle()) rim.half = rim.side_of((1 - u) * a + u * b);
   mouth_contact(tendon, t, mouth, k, rim, u, reach);

@@ -139,13 +139,7 @@ void World::limit_motion_of_cartilage() {
   const double h = step_.context.dt;
   auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
   auto present = [&](const Link& l) { return Twist{h * l.now_velocity, h * l.now_spin}; };
-  auto held = [&](const Link& l) {
-    Twist twist = drift(l);
-    if (!l.yields() || !knows_last_forces(scene.bodies[l.body])) return twist;
-    const Twist response = l.response(scene.bodies[l.body]);
-    const double square = step_.context.reach * step_.context.reach;
-    return Twist{twist.linear + square * response.linear, twist.angular + square * response.angular};
-  };
+  auto held = [](const Link& l) { return l.foreseen; };
   for (const auto& cartilage : scene.cartilages.all()) {
     if (!cartilage) continue;
     const double most = kLayerShare * cartilage->grid().depth();
@@ -157,6 +151,42 @@ void World::limit_motion_of_cartilage() {
     if (least > most) least = std::min(least, std::max(motion(held), motion(present)));
     if (least > most) step_.motion_limit = std::min(step_.motion_limit, most / least);
   }
+}
+
+// A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step.
+void World::foresee_links() {
+  const double h = step_.context.dt, square = step_.context.reach * step_.context.reach;
+  for (Link& l : scene.links) {
+    l.foreseen = {h * l.velocity, h * l.spin};
+    if (!l.yields() || !knows_last_forces(scene.bodies[l.body])) continue;
+    const Twist response = l.response(scene.bodies[l.body]);
+    l.foreseen.linear += square * response.linear;
+    l.foreseen.angular += square * response.angular;
+  }
+}
+
+// Moves what is foreseen of links with tunnels that elements hold to their solved motion, as
+// predict_at_solution does of particles. true: a mouth has moved otherwise by more than a share of the radius
+// of the thinnest tendon.
+bool World::foresee_at_solution() {
+  if (step_.detections >= kMostDetections) return false;
+  double slack = HUGE_VAL;
+  for (const Tendon* c : step_.slots)
+    if (c) slack = std::min(slack, kSlack * c->radius);
+  const double h = step_.context.dt;
+  bool any = false;
+  for (const Tunnel& tunnel : scene.tunnels) {
+    Link& l = scene.links[tunnel.link];
+    if (!l.yields() || !scene.bodies[l.body].turning.elements) continue;
+    const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
+    for (const Vec3 local : {tunnel.start, tunnel.end}) {
+      const Vec3 arm = to_world(l.pose, local) - l.centre;
+      if (norm(solved.at(arm) - l.foreseen.at(arm)) <= slack) continue;
+      l.foreseen = solved;
+      any = true;
+    }
+  }
+  return any;
 }
 
 // Of a body that elements hold, the generalized forces of the last step; in a step that is divided, those of

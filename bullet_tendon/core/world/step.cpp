@@ -2,7 +2,8 @@
 // or where an island does not converge.
 //
 // Contacts are detected at the start of a substep, in the region where particles are predicted to move. If a
-// solution leaves this region, the predicted positions are moved to it and contacts are detected again.
+// solution leaves this region, the predicted positions are moved to it and contacts are detected again. So
+// are links with tunnels: a load that ligaments hold would else move a mouth away from where it stays.
 // Contacts that exist in both detections keep their multipliers, and the solution is the starting guess. The
 // new region includes the active contacts of the solution, so that two detections cannot alternate.
 //
@@ -130,6 +131,7 @@ void World::predict() {
   for (GeneralizedBody& m : scene.bodies) m.unknowns.y.clear();
   step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
   lead_bodies();
+  foresee_links();
   for (Tendon* c : step_.slots) {
     if (!c) continue;
     aim_attachments(*c);
@@ -204,7 +206,7 @@ std::optional<Reason> World::solve_islands() {
   if (to_halve && (step_.context.may_halve || !step_.budget.refuses())) return Reason::not_converged;
   step_.failed = !finite;
   if (step_.failed) return {};
-  if (may_detect && predict_at_solution()) return Reason::left_prediction;
+  if (may_detect && (predict_at_solution() || foresee_at_solution())) return Reason::left_prediction;
   if (step_.whole && !stiffness.links.empty()) find_tendon_stiffness();
   return {};
 }

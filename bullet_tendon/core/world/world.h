@@ -386,6 +386,8 @@ class World {
   void list_elements(IslandElements& elements);
   void accept_elements();
   void limit_motion_of_cartilage();
+  void foresee_links();
+  bool foresee_at_solution();
   bool knows_last_forces(const GeneralizedBody& m) const;
   int island_root(int tendon);
   void join_islands(int a, int b);
