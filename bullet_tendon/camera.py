@@ -16,13 +16,14 @@ import numpy as np
 import pybullet as p
 from numpy.typing import ArrayLike
 
-from . import checks
-from .bodies import client_of
+from . import _core, checks
+from .bodies import client_of, read_link
 from .errors import InvalidValue, NotCopied, UnknownId
 from .figures import outline
 from .lens import NOTHING, Lens, Rendering, nearer
 from .ligament import Ligament
 from .tendon import Tendon
+from .visual_meshes import fine_mesh
 from .visuals import (
     LIGAMENT_COLOR,
     PALETTE,
@@ -314,8 +315,9 @@ def render_scene(
     with `bone_opacity` from 0, an outline, to 1. `tendons`: tendons, or skins of them, drawn in
     `colors` by turns. `tunnels`: (start, end, radius) in metres, world frame. The software renderer
     knows no transparency: the scene is rendered with and without the bones, the two are mixed, and
-    the bones' visible part gets an outline. Triangles seen from behind are not drawn, whatever the
-    opacity. The simulation is left as it was.
+    the bones' visible part gets an outline. Bodies of nothing but spheres, cylinders and capsules, of
+    one opaque colour a link, are drawn with finer meshes than pybullet has. Triangles seen from behind
+    are not drawn, whatever the opacity. The simulation is left as it was.
 
     Example:
         >>> from bullet_tendon import view
@@ -327,14 +329,18 @@ def render_scene(
     opacity = checks.number("bone_opacity", bone_opacity, at_least=0.0, at_most=1.0)
     chosen = {"width": 960, "height": 720, "up": "z", "fov": 40.0, "samples": 2, **camera}
     lens = Lens(**chosen)
+    fine = _fine_meshes(client, bones)
     layer = _Layer(colors)
     try:
         _fill(layer, tendons, tunnels, lens.scale)
-        image = lens.finish(layer.before(client, lens)).rgb
-        if not bones or opacity == 1.0:
-            return image
-        with hidden(bones, client):
-            inside = lens.finish(layer.before(client, lens)).rgb
+        for mesh, color in (row for rows in fine.values() for row in rows):
+            layer.add_mesh(mesh, color)
+        with hidden(fine, client):
+            image = lens.finish(layer.before(client, lens)).rgb
+            if not bones or opacity == 1.0:
+                return image
+            with hidden(bones, client):
+                inside = lens.finish(layer.before(client, lens)).rgb
     finally:
         layer.close()
     mixed = opacity * image + (1 - opacity) * inside
@@ -349,6 +355,26 @@ def _fill(layer, tendons, tunnels, scale) -> None:
     layer.show([item for item in tendons if not hasattr(item, "vertices")], scale)
     for tunnel in tunnels:
         layer.add_mesh(tunnel_mesh(*tunnel), TUNNEL_COLOR)
+
+
+def _fine_meshes(client: int, bones) -> dict[int, list[tuple]]:
+    """Smooth meshes in the world, and their colours, by body that is round in all its parts, and no bone."""
+    found = {}
+    for k in range(p.getNumBodies(client)):
+        body = p.getBodyUniqueId(k, client)
+        rows = p.getVisualShapeData(body, p.VISUAL_SHAPE_DATA_TEXTURE_UNIQUE_IDS, physicsClientId=client)
+        meshes = [(fine_mesh(row), row[7]) for row in rows]
+        is_plain = all(row[7][3] == 1.0 and row[8] < 0 for row in rows)  # opaque, without a texture
+        has_one_color = len({(row[1], row[7]) for row in rows}) == len({row[1] for row in rows})
+        is_round = all(mesh is not None for mesh, _ in meshes)
+        if body in bones or not (is_plain and has_one_color and is_round):
+            continue
+        for row, (mesh, _) in zip(rows, meshes, strict=True):
+            origin, axes = _core.link_frame(*read_link(body, row[1], client)[:2])
+            mesh.vertices = mesh.vertices @ axes.T + origin
+            mesh.normals = mesh.normals @ axes.T
+        found[body] = meshes
+    return found
 
 
 def _sides(radius: float) -> int:

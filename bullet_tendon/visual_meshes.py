@@ -6,6 +6,7 @@ is left out.
 """
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pybullet as p
@@ -16,7 +17,8 @@ from .mesh_files import read_mesh
 from .recording import VisualMesh
 from .shapes import Shape
 
-_SIDES = 24  # of round shapes
+_SIDES, _FINE_SIDES = 24, 72  # of round shapes, and of those in pictures
+_ROUND = p.GEOM_CYLINDER, p.GEOM_CAPSULE, p.GEOM_SPHERE
 _PLANE = 1.0  # half the edge of the square that stands for an endless plane [m]
 
 
@@ -38,7 +40,7 @@ def _shape_meshes(row) -> list:
     _, _, kind, sizes, file, position, orientation = row[:7]
     if kind == p.GEOM_MESH:
         mesh = _file_mesh(file, sizes)
-    elif kind in (p.GEOM_CYLINDER, p.GEOM_CAPSULE, p.GEOM_SPHERE):
+    elif kind in _ROUND:
         mesh = round_mesh(kind, sizes)
     elif kind == p.GEOM_BOX:
         mesh = _box(np.array(sizes))
@@ -50,6 +52,31 @@ def _shape_meshes(row) -> list:
         return []
     axes = np.reshape(p.getMatrixFromQuaternion(orientation), (3, 3))
     return [(mesh[0] @ axes.T + position, mesh[1])]
+
+
+def fine_mesh(row) -> SimpleNamespace | None:
+    """A round shape of p.getVisualShapeData as a smooth mesh (vertices, normals, triangles), link's frame.
+
+    None where the row is of another shape.
+    """
+    _, _, kind, sizes, _, position, orientation = row[:7]
+    if kind not in _ROUND:
+        return None
+    vertices, triangles = round_mesh(kind, sizes, _FINE_SIDES)
+    corners = vertices[triangles]  # each triangle has its own, so that edges are sharp
+    half = 0.5 * sizes[0] if kind != p.GEOM_SPHERE else 0.0
+    if kind == p.GEOM_CYLINDER:
+        is_end = np.ptp(corners[..., 2], axis=1) == 0
+        outwards = np.where(is_end[:, None, None], (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)) * corners
+    else:
+        outwards = corners - np.clip(corners, (0, 0, -half), (0, 0, half))  # from the axis or the centre
+    normals = outwards / np.linalg.norm(outwards, axis=2, keepdims=True)
+    axes = np.reshape(p.getMatrixFromQuaternion(orientation), (3, 3))
+    return SimpleNamespace(
+        vertices=corners.reshape(-1, 3) @ axes.T + position,
+        normals=normals.reshape(-1, 3) @ axes.T,
+        triangles=np.arange(triangles.size).reshape(-1, 3),
+    )
 
 
 def _file_mesh(file: bytes, scale):
@@ -87,9 +114,9 @@ def _outwards(vertices, triangles) -> np.ndarray:
     return np.where(inward[:, None], triangles[:, ::-1], triangles)
 
 
-def round_mesh(kind: int, sizes):
+def round_mesh(kind: int, sizes, sides: int = _SIDES):
     """(vertices, triangles) of a sphere (radius,), or a cylinder or capsule (length, radius) along z."""
-    angle = np.linspace(0.0, np.pi / 2, _SIDES // 4 + 1)
+    angle = np.linspace(0.0, np.pi / 2, sides // 4 + 1)
     arc = np.c_[np.cos(angle), np.sin(angle)]
     if kind == p.GEOM_SPHERE:
         profile = sizes[0] * np.vstack([arc[:0:-1] * (1, -1), arc])
@@ -99,13 +126,13 @@ def round_mesh(kind: int, sizes):
     else:
         half, radius = 0.5 * sizes[0], sizes[1]
         profile = np.array([[0, -half], [radius, -half], [radius, half], [0, half]])
-    turn = np.arange(_SIDES) * (2 * np.pi / _SIDES)
+    turn = np.arange(sides) * (2 * np.pi / sides)
     circle = np.c_[np.cos(turn), np.sin(turn)]
     around = (profile[:, :1, None] * circle).reshape(-1, 2)
-    vertices = np.hstack([around, np.repeat(profile[:, 1], _SIDES)[:, None]])
-    one = np.arange(_SIDES)
-    other = (one + 1) % _SIDES
-    row = _SIDES * np.arange(len(profile) - 1)[:, None]
-    a, b, c, d = row + one, row + other, row + _SIDES + one, row + _SIDES + other
+    vertices = np.hstack([around, np.repeat(profile[:, 1], sides)[:, None]])
+    one = np.arange(sides)
+    other = (one + 1) % sides
+    row = sides * np.arange(len(profile) - 1)[:, None]
+    a, b, c, d = row + one, row + other, row + sides + one, row + sides + other
     triangles = np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
     return vertices, triangles

@@ -33,6 +33,13 @@ def box(client, size=0.02, position=(0.0, 0.0, 0.0), color=(0.9, 0.9, 0.9, 1.0))
     return p.createMultiBody(1.0, solid, shape, position, physicsClientId=client)
 
 
+def roundness(image) -> float:
+    """Area of what is drawn over that of the ellipse in its bounding box."""
+    drawn = (image < 250).any(axis=2)
+    height, width = (np.ptp(np.flatnonzero(drawn.any(axis=axis))) + 1 for axis in (1, 0))
+    return drawn.sum() / (np.pi / 4 * width * height)
+
+
 def is_tendon(pixel):
     """The tendon's colour is r : g : b = 0.86 : 0.75 : 0.55, whatever the light."""
     pixel = pixel.astype(float)
@@ -232,3 +239,33 @@ def test_refusals(client):
     huge = SimpleNamespace(vertices=np.zeros((131073, 3)), normals=None, triangles=np.zeros((1, 3), int))
     with pytest.raises(InvalidValue, match="131072"):
         view.mesh_body(huge, client)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder", "capsule"])
+def test_round_bodies_are_round_in_pictures(client, kind):
+    shape, sizes = {
+        "sphere": (p.GEOM_SPHERE, {"radius": 0.05}),
+        "cylinder": (p.GEOM_CYLINDER, {"radius": 0.05, "length": 0.04}),
+        "capsule": (p.GEOM_CAPSULE, {"radius": 0.05, "length": 0.04}),
+    }[kind]
+    look = p.createVisualShape(shape, **sizes, rgbaColor=(0.3, 0.4, 0.5, 1.0), physicsClientId=client)
+    turn = p.getQuaternionFromEuler((np.pi / 2, 0, 0))  # the camera looks along the axis
+    body = p.createMultiBody(1.0, -1, look, (0.01, 0.3, 0.02), turn, physicsClientId=client)
+    before = p.getVisualShapeData(body, physicsClientId=client)
+    camera = {**SMALL, "target": (0.01, 0.3, 0.02), "width": 400, "height": 400}
+    assert roundness(view.render_scene(client, camera)) == pytest.approx(1, abs=0.005)
+    assert p.getVisualShapeData(body, physicsClientId=client) == before
+
+
+def test_a_round_link_of_two_colours_is_drawn_too(client):
+    shapes = p.createVisualShapeArray(
+        shapeTypes=[p.GEOM_SPHERE] * 2,
+        radii=[0.02] * 2,
+        visualFramePositions=[[-0.03, 0, 0], [0.03, 0, 0]],
+        rgbaColors=[[1, 0, 0, 1], [0, 0, 1, 1]],
+        physicsClientId=client,
+    )
+    p.createMultiBody(1.0, -1, shapes, physicsClientId=client)
+    image = view.render_scene(client, SMALL)
+    left, right = (image[60, column].astype(int) for column in (80 - 16, 80 + 16))
+    assert left[0] > left[2] + 50 and right[2] > right[0] + 50
