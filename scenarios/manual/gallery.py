@@ -7,12 +7,12 @@ the scenarios has changed.
 import hashlib
 import inspect
 import json
-import shutil
 from pathlib import Path
 
 import pybullet as p
 from bullet_tendon.scenarios import runner
 from bullet_tendon.scenarios.scene import Options
+from PIL import Image, ImageChops, ImageOps
 from sphinx_gallery.scrapers import figure_rst
 
 import bullet_tendon as bt
@@ -20,6 +20,7 @@ import bullet_tendon as bt
 PROCESSES = 2  # that run scenarios
 REPLAYS = "replays"  # folder beside the pages; Sphinx copies what is in it beside the first page
 MOST_CLIENTS = 16  # of pybullet, that a recipe may leave open
+MARGIN = 12  # pixels around what pictures of recipes show
 RECIPES = (
     "graft_in_my_knee",
     "ligament_with_slack",
@@ -76,9 +77,18 @@ def take_pictures(block, block_vars, gallery_conf) -> str:
     taken = []
     for picture in sorted(Path(block_vars["src_file"]).parent.glob("*.png")):
         target = next(block_vars["image_path_iterator"])
-        shutil.move(picture, target)
+        _move_cropped(picture, Path(target))
         taken.append(target)
     return figure_rst(taken, gallery_conf["src_dir"])
+
+
+def _move_cropped(picture: Path, target: Path) -> None:
+    """Move a picture, with white margins of MARGIN."""
+    with Image.open(picture) as file:
+        image = file.convert("RGB")
+    drawn = ImageChops.invert(image).getbbox()  # None: all is white
+    ImageOps.expand(image.crop(drawn), MARGIN, "white").save(target)
+    picture.unlink()
 
 
 def close_clients(gallery_conf, fname) -> None:
