@@ -71,8 +71,8 @@ for particles in (5, 10, 20, 40):
 # -------------
 # - Statics: the time step does not matter. Use ``relax``, or implicit Euler at 1/240 s.
 # - Something swings on a free rigid body, on an arm or on nothing: BDF2.
-# - Tendons on bodies that are held or stopped: both integrators take implicit Euler there. Choose the time step
-#   by its error.
+# - Tendons on bodies that are held or stopped: both integrators take implicit Euler there. Choose the time
+#   step by its error.
 # - Contact reduces the order to one. BDF2 is still at least as good.
 #
 # The :doc:`benchmarks </scenarios/benchmarks/README>` measure time against error: ``work_precision`` for six
