@@ -445,7 +445,7 @@ def capstan(scene):
     hand = tendon.grip(-1)
     scene.run(scene.steps // 3)
     scene.lead(hand, scene.flat(0.001, 0.02) * way, scene.steps - scene.steps // 3)
-    scene.capstan_range(tendon, mu, scene.restless(tendon))
+    scene.capstan_range(tendon, mu, scene.restless(tendon), pull=(force, 0, 0))
     scene.no_opposed_contacts()
 
 
@@ -469,4 +469,4 @@ def moving_post(scene):
     speed = [round(v, 6) for v in speed.tolist()]
     moving = f"p.resetBaseVelocity({post.text}, {speed!r}, [0, {spin!r}, 0])"
     scene.run(scene.steps, turned, line.format(post.text, speed, repr(scene.dt)), moving)
-    scene.capstan_range(tendon, mu, scene.restless(tendon) + 0.02 * force)
+    scene.capstan_range(tendon, mu, scene.restless(tendon) + 0.02 * force, pull=(force, 0, 0))

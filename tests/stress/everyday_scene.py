@@ -742,10 +742,11 @@ class Scene:
         found = self.world.contacts["normal_force"].sum()
         self.check(found <= 2 * pressed, f"contacts of {found:.4g} N where loads can press {pressed:.4g} N")
 
-    def capstan_range(self, tendon, friction, slack, edges=False, chords=False):
+    def capstan_range(self, tendon, friction, slack, pull=None, edges=False, chords=False):
         """T1/T0 of the ends within e^(+-mu phi); slack [N]: what weights and inertia may add.
 
-        phi is the turning of the polyline; a hundredth for ends that are not straight. edges: a particle on
+        phi is the turning of the polyline; a hundredth for ends that are not straight. pull (3,) [N]: load on
+        the first particle, from which the tendon turns too once that segment lies on the post. edges: a particle on
         a sharp edge, where it turns by an angle, is held by normals between those of both its segments: its
         tensions differ by up to that angle's cosine, without friction. chords: by half of the largest one.
         """
@@ -753,7 +754,11 @@ class Scene:
         if not len(self.world.contacts):  # it has slipped off, and flies
             return
         first, last = t.tension[0], t.tension[-1]
-        turned = turning(t.positions)
+        x = t.positions
+        if pull is not None:
+            first = np.linalg.norm(pull)
+            x = np.concatenate([[x[0] + np.divide(pull, first)], x])
+        turned = turning(x)
         grown = np.exp(1.01 * friction * turned.sum())
         if edges:
             grown /= np.cos(np.minimum(turned, 1.4)).prod()
