@@ -187,7 +187,6 @@ struct Contact {
 struct HeldBack {
   double stiffness = 0;  // tangent stiffness there, inertia included [N/m]
   double inertia = 0;    // mass of the particles there over h_eff^2 [N/m]
-  double hung = 0;       // mass that the tension carries (tension / gravity) over h_eff^2 [N/m]
 };
 
 // Hash of a key. The sum of the hashes identifies a set of keys. The multipliers are those of 64-bit FNV-1a

@@ -16,9 +16,8 @@ namespace {
 // Contact stiffness over the transverse stiffness of a particle (inertia over the squared step weight, and
 // tension over segment length) [-]. The multipliers carry the load, so that this ratio sets how fast depth
 // vanishes, and not the depth of a resting contact. Larger: the active set takes more iterations. Smaller:
-// impacts need more augmented Lagrangian updates. It is at least the inertia of the hanging load, T/g over
-// the squared step weight.
-constexpr double kContactRatio = 30.0;
+// impacts and heavy loads need more augmented Lagrangian updates.
+constexpr double kContactRatio = 100.0;
 
 // Largest depth that one step corrects, in radii [-]. Depth over dt is a velocity, which remains after the
 // step. Larger: a tendon that was placed inside a bone leaves it at high speed. Smaller: the correction takes
@@ -45,30 +44,26 @@ constexpr double kSpringTangentRatio = 0.1;
 constexpr double kNoBulge = 1e-5;
 
 // Stiffness of a particle: across the tendon, from its inertia and the tension of both segments. along: its
-// springs add their slope, at least that at the reference strain. gravity [m/s^2].
-HeldBack held_at(const Tendon& c, int i, bool along, double gravity) {
+// springs add their slope, at least that at the reference strain.
+HeldBack held_at(const Tendon& c, int i, bool along) {
   HeldBack held;
   held.inertia = held.stiffness = c.mass[i] / (c.h_eff * c.h_eff);
-  double tension = 0;
   for (int k : {i - 1, i}) {
     if (k < 0 || k >= c.n() - 1) continue;
-    tension = std::max(tension, c.structure.lambda[k]);
     held.stiffness += std::max(0.0, c.structure.lambda[k]) / c.rest[k];
     if (!along) continue;
     double force, slope;
     elastic_any(c.material.law, std::min(kReferenceStrain, c.material.law.toe_strain), force, slope);
     held.stiffness += std::max(c.structure.slope[k], c.material.stiffness * slope / c.rest[k]);
   }
-  if (gravity > 0) held.hung = tension / gravity / (c.h_eff * c.h_eff);
   return held;
 }
 
 // Stiffness of a point of a segment, interpolated between its ends, so that it is continuous along the
 // segment.
-HeldBack held_at(const Tendon& c, const SegmentPoint& s, bool along, double gravity) {
-  const HeldBack one = held_at(c, s.first, along, gravity), other = held_at(c, s.first + 1, along, gravity);
-  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia,
-          s.w0 * one.hung + s.w1 * other.hung};
+HeldBack held_at(const Tendon& c, const SegmentPoint& s, bool along) {
+  const HeldBack one = held_at(c, s.first, along), other = held_at(c, s.first + 1, along);
+  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia};
 }
 
 // Stiffness of a pair of points under equal and opposite forces: the harmonic mean. The compliances add, so
@@ -77,7 +72,7 @@ HeldBack held_at(const Tendon& c, const SegmentPoint& s, bool along, double grav
 double mean_of(double one, double other) { return one + other > 0 ? 2 * one * other / (one + other) : 0; }
 
 HeldBack mean_of(const HeldBack& a, const HeldBack& b) {
-  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia), mean_of(a.hung, b.hung)};
+  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia)};
 }
 
 // Whether a shape is nearer to the interior of segment k than to its ends, which have contacts of their own.
@@ -222,16 +217,14 @@ double World::depth_to_leave(const Contact& contact, double most) const {
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *step_.slots[tendon_slot];
   contact.geometry.radius = c.radius;
-  finish_contact(contact, held_at(c, particle, !carries(options), norm(step_.context.gravity)), c.radius);
+  finish_contact(contact, held_at(c, particle, !carries(options)), c.radius);
 }
 
 void World::finish_pair(Contact& contact) {
   const Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
   const bool along = !carries(options);
-  const double gravity = norm(step_.context.gravity);
   contact.geometry.radius = a.radius + b.radius;
-  finish_contact(contact,
-                 mean_of(held_at(a, contact.a, along, gravity), held_at(b, contact.b, along, gravity)),
+  finish_contact(contact, mean_of(held_at(a, contact.a, along), held_at(b, contact.b, along)),
                  std::min(a.radius, b.radius));
 }
 
@@ -242,7 +235,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   else if (!carries)  // without multipliers only stiffness limits the depth
     contact.normal_force.stiffness = kSpringRatio * held.stiffness;
   else
-    contact.normal_force.stiffness = std::max(kContactRatio * held.stiffness, held.hung);
+    contact.normal_force.stiffness = kContactRatio * held.stiffness;
   // The inertia term makes a particle without tension stick before it gains speed.
   contact.friction.stiffness = carries ? kStickingRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                        : kSpringTangentRatio * held.stiffness;
