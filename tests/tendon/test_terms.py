@@ -363,7 +363,7 @@ def test_pairs(shares, seed):
     )
 
     def pair(at):
-        return _core.testing.pair_term(at, 2e-3, 1e4, 3.0)
+        return _core.testing.pair_term(at, 2e-3, 1e4, 3.0, x)
 
     def potential(at):
         return max(0.0, 3.0 - 1e4 * pair(at)[0]) ** 2 / 2e4
@@ -371,6 +371,32 @@ def test_pairs(shares, seed):
     assert np.linalg.norm(pair(x)[1]) > 0
     agree(-pair(x)[1], slopes(potential, x, 1e-7))
     agree(pair(x)[2], -slopes(lambda at: pair(at)[1].ravel(), x, 1e-7))
+
+
+CROSSED = np.array([[-3e-3, 0, 1.9e-3], [2e-3, 0, 1.9e-3], [0, -2e-3, 0], [1e-3, 4e-3, 0]])
+
+
+@pytest.mark.parametrize("height", np.linspace(1.9e-3, -1.9e-3, 9))
+def test_pairs_that_cross(height):
+    """Segments that are pushed through each other are pushed back to their side, by all of the depth."""
+    x = CROSSED.copy()
+    x[:2, 2] = height
+    gap, forces, _ = _core.testing.pair_term(x, 2e-3, 1e4, 0.0, CROSSED)
+    assert gap == pytest.approx(height - 2e-3, abs=1e-12)
+    assert np.sum(forces[:2], 0) == pytest.approx([0, 0, 1e4 * (2e-3 - height)], abs=1e-9)
+
+
+@pytest.mark.parametrize("angle", np.linspace(0, 2.6, 9))
+def test_pairs_that_turn(angle):
+    """A segment that goes around another one's end within a step is pushed off where it is then."""
+    up = np.array([0, np.sin(angle), np.cos(angle)])
+    low = [[0, -3e-3, 0], [0, 0, 0]]
+    start, x = (np.array([[-2e-3, 0, 0], [2e-3, 0, 0]] + low) for _ in range(2))
+    start[:2, 2] += 1.95e-3
+    x[:2] += 1.95e-3 * up
+    gap, forces, _ = _core.testing.pair_term(x, 2e-3, 1e4, 0.0, start)
+    assert gap == pytest.approx(-5e-5, abs=1e-12)
+    assert np.sum(forces[:2], 0) == pytest.approx(0.5 * up, abs=1e-9)
 
 
 @pytest.mark.parametrize("slides", [False, True])

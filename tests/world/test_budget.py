@@ -130,7 +130,7 @@ def test_nothing_passes_a_plate_in_steps_over_budget(make_world, client, limit):
 
 def ball_beside_a_tangle(make_world, client, stiffness, solves):
     """A ball of 1 kg that hangs on 0.2 m of tendon, while a tendon elsewhere exhausts the budget."""
-    world, tangle = tangled(make_world, 25, max_linear_solves=solves)
+    world, tangle = tangled(make_world, 100, max_linear_solves=solves)
     ball = free_ball(client, 1.0, at=(0, 1, -0.2))
     p.changeDynamics(ball, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
     material = bt.Material(stiffness=stiffness, damping=20.0)
@@ -181,7 +181,7 @@ def test_motion_that_a_step_over_budget_leaves_out_is_not_lost(make_world, clien
 
 def test_motion_of_a_joint_that_is_left_out_is_not_lost(make_world, client, tmp_path):
     """An arm that swings with a light thread at its tip keeps the energy of its motion and of its height."""
-    world, tangle = tangled(make_world, 25, max_linear_solves=40)
+    world, tangle = tangled(make_world, 100, max_linear_solves=40)
     arm = hinged(client, tmp_path)
     p.resetBasePositionAndOrientation(arm, [0, 1, 0], [0, 0, 0, 1], physicsClientId=client)
     tip = np.array([0.1, 1, 0])
@@ -218,7 +218,7 @@ def test_what_was_stopped_meanwhile_stays(make_world, client):
 
 def test_reasons_are_told(make_world):
     """A step that does not converge is halved, and the report says how often."""
-    world, _ = tangled(make_world, 25, max_linear_solves=400)
+    world, _ = tangled(make_world, 100, max_linear_solves=400)
     counts = {}
     for _ in range(12):
         world.step()

@@ -198,13 +198,20 @@ py::tuple edge_term(int kind, const Array& start, const Array& end, double offse
 }
 
 // Two segments (4, 3) that touch, at their nearest points: gap, forces on the four ends, and the full block.
-py::tuple pair_term(const Array& ends, double offset, double stiffness, double lambda) {
+// start: their ends at the start of the step (4, 3).
+py::tuple pair_term(const Array& ends, double offset, double stiffness, double lambda, const Array& start) {
   Contact contact = contact_of(ContactKind::tendon, offset, stiffness, lambda);
   contact.a = {0, 0, 0.5, 0.5};
   contact.b = {1, 0, 0.5, 0.5};
   const Field f = field_of(ends);
   const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
-  contact.geometry.normal = contact.geometry.side = unit_or(x[0] + x[1] - x[2] - x[3], {0, 0, 1});
+  const Field before = field_of(start);
+  const Vec3 along = before.at(1) - before.at(0), other = before.at(3) - before.at(2);
+  double &u = contact.friction.anchored_at, &w = contact.friction.anchored_at_other;
+  nearest_parameters(before.at(0), before.at(1), before.at(2), before.at(3), u, w);
+  contact.friction.relative_start = before.at(0) + u * along - (before.at(2) + w * other);
+  contact.geometry.normal = unit_or(contact.friction.relative_start, {0, 0, 1});
+  contact.begin_pair(along, other);
   contact.follow_pair(x);
   const double P[4] = {contact.a.w0, contact.a.w1, -contact.b.w0, -contact.b.w1};
   contact.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);

@@ -63,6 +63,7 @@ struct ContactGeometry {
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
   bool beyond_edge = false;    // it passes there beyond the edge, within the bone
   Vec3 side;                   // pair: n at the start of the step
+  double handedness = 0;       // pair: sign of n.(l_a x l_b) there; 0: a contact point is at an end
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
   bool follows = false;        // pair whose contact points are the present nearest points
   Vec3 point_shift;            // from the contact point at the start of the step to the present one [m]
@@ -171,7 +172,9 @@ struct Contact {
   // reverse. A contact without a limit has slid freely. It stays sliding while its friction would exceed mu
   // N, because sticking would pull it back over the whole distance.
   void predict(Vec3 moved);
-  // The same for a pair of segments with the ends x [m] (contact/segment_pair.cpp).
+  // The same for a pair of segments with the ends x [m] (contact/segment_pair.cpp). begin_pair keeps what the
+  // segments' vectors at the start of the step [m] say about which side is which.
+  void begin_pair(Vec3 along, Vec3 other);
   void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
   // Gap [m], normal and curvatures [1/m] of a curved surface at x: the edge of a mouth

@@ -1,6 +1,7 @@
 // Contact of two segments of tendons. Both can slide and turn.
 //
-//   D      = |d|, d = a(u) - b(w)          distance of the nearest points [m], n = d / D
+//   D      = n.d, d = a(u) - b(w)          distance of the nearest points [m], n = d / |d|; once the segments
+//                                          have crossed, D < 0 and n = -d / |d|
 //   H      = (I - n n^T) / D               second derivative of |d| [1/m]
 //   g      = min_u,w D - (r_a + r_b)       gap [m]
 //   g''    = P^T H P - V S^-1 V^T          P = (1 - u, u, -(1 - w), -w)
@@ -19,6 +20,26 @@
 
 namespace bt {
 
+namespace {
+
+// Least distance from the origin on the straight way from one point to another.
+double least_norm(Vec3 from, Vec3 to) {
+  const Vec3 way = to - from;
+  const double length2 = dot(way, way);
+  const double share = length2 > 0 ? std::clamp(-dot(from, way) / length2, 0.0, 1.0) : 0;
+  return norm(from + share * way);
+}
+
+bool is_inside(double u, double w) { return u > 0 && u < 1 && w > 0 && w < 1; }
+
+}  // namespace
+
+void Contact::begin_pair(Vec3 along, Vec3 other) {
+  geometry.side = geometry.normal;
+  const bool inside = is_inside(friction.anchored_at, friction.anchored_at_other);
+  geometry.handedness = inside ? std::copysign(1.0, dot(geometry.side, cross(along, other))) : 0;
+}
+
 void Contact::follow_pair(const Vec3 (&x)[4]) {
   geometry.follows = false;
   if (geometry.parallel) return;
@@ -26,25 +47,30 @@ void Contact::follow_pair(const Vec3 (&x)[4]) {
   double u, w;
   nearest_parameters(x[0], x[1], x[2], x[3], u, w);
   const Vec3 apart = x[0] + u * along - (x[2] + w * other);
-  const double distance = norm(apart), height = dot(apart, geometry.side);
-  // Where the centrelines nearly meet or have crossed, the normal of the start of the step defines the side.
-  geometry.follows = distance > kNearlyMet * geometry.offset && height > 0;
-  if (!geometry.follows) {
+  // Where the points nearly meet on the straight way since the start of the step, the segments may have
+  // crossed. Their common perpendicular tells whether they have. Points at ends have none: there the normal
+  // of the start defines the side.
+  const bool may_have_crossed = least_norm(friction.relative_start, apart) <= kNearlyMet * geometry.offset;
+  const bool inside = geometry.handedness != 0 && is_inside(u, w);
+  if (may_have_crossed && !inside) {
     geometry.normal = geometry.side;
     return;
   }
+  geometry.follows = true;
   a.w0 = 1 - u;
   a.w1 = u;
   b.w0 = 1 - w;
   b.w1 = w;
   geometry.point_shift = (u - friction.anchored_at) * along - (w - friction.anchored_at_other) * other;
-  geometry.normal = (1 / distance) * apart;
+  geometry.normal = may_have_crossed ? unit_or(geometry.handedness * cross(along, other), geometry.side)
+                                     : (1 / norm(apart)) * apart;
 }
 
 void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
   geometry.sliding_terms = 0;
   if (!geometry.follows || !normal_force.pressed || normal_force.lambda_predicted <= 0) return;
   const double D = geometry.gap + geometry.depth_allowance + geometry.offset;
+  if (D < kNearlyMet * geometry.offset) return;  // the terms grow with 1 / D, and nearly cancel
   if (!definite) force.block += (-normal_force.lambda_predicted / D) * across(geometry.normal);
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
   const bool inside_a = a.w0 > 0 && a.w1 > 0, inside_b = b.w0 > 0 && b.w1 > 0;

@@ -465,6 +465,7 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
 }
 
 // Algorithm 2: the tunnels in which particles are, and the contacts of bores and mouths.
+  contact.begin_pair(along, b.x.at(p.segment_b + 1) - b.x.at(p.segment_b));
 
 void World::find_bores() {
   detection_.bores.resize(scene.tunnels.size());
