@@ -74,3 +74,26 @@ def test_a_taut_tendon_does_not_sink_between_the_faces_of_a_groove(make_world, c
     x = t.positions[np.abs(t.positions[:, 0]) < 0.024]
     assert (x[:, 2] > -0.014 * (x[:, 0] / 0.027) ** 2 + 0.001).all()
     assert t.tension.max() < 1.1 * 600
+
+
+@pytest.mark.parametrize("dt", [1 / 2000, 1 / 500, 1 / 200], ids=lambda dt: f"1/{round(1 / dt)}")
+@pytest.mark.parametrize("rows", [7, 9, 12])
+def test_a_taut_tendon_rests_on_the_ridges_of_a_groove(make_world, client, rows, dt):
+    """Where its segments cross the ridges of a coarse saddle, they touch both sides of the groove too."""
+    world = make_world(dt, (0, 0, 0))
+    along, across = np.linspace(-1, 1, rows), np.linspace(-1, 1, 9)
+    vertices = np.array([[0.04 * a, 0.02 * b, -0.025 * a * a + 0.012 * b * b] for a in along for b in across])
+    k = np.arange((rows - 1) * 9).reshape(rows - 1, 9)[:, :-1].ravel()
+    faces = np.concatenate([np.c_[k, k + 9, k + 1], np.c_[k + 1, k + 9, k + 10]])
+    mesh_obstacle(world, client, vertices, faces, friction=1.0)
+    a = np.linspace(-1.25, 1.25, 33)
+    line = np.c_[0.04 * a, 0 * a + 1e-4, -0.025 * a * a + 0.0035]
+    t = world.add_tendon(line, 0.0009, bt.Material(stiffness=1e6, damping=200.0, friction=0.0), 33)
+    t.set_force(0, [-13.0, 0, -19.0])
+    t.grip(-1)
+    world.step(round(0.2 / dt))
+    before = t.positions
+    world.step(40)
+    np.testing.assert_allclose(t.positions, before, atol=2e-5)
+    on_it = np.abs(before[:, 0]) < 0.03
+    assert np.abs(before[on_it, 1]).max() < 1e-5

@@ -746,9 +746,10 @@ class Scene:
         """T1/T0 of the ends within e^(+-mu phi); slack [N]: what weights and inertia may add.
 
         phi is the turning of the polyline; a hundredth for ends that are not straight. pull (3,) [N]: load on
-        the first particle, from which the tendon turns too once that segment lies on the post. edges: a particle on
-        a sharp edge, where it turns by an angle, is held by normals between those of both its segments: its
-        tensions differ by up to that angle's cosine, without friction. chords: by half of the largest one.
+        the first particle, from which the tendon turns too once that segment lies on the post. edges: a
+        particle on a sharp edge, where it turns by an angle, is held by normals between those of both its
+        segments: its tensions differ by up to that angle's cosine, without friction. chords: by half of the
+        largest one.
         """
         t = tendon._target
         if not len(self.world.contacts):  # it has slipped off, and flies

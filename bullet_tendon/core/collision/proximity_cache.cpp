@@ -247,8 +247,8 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
   e.wanted = is_within_reach(e);
 }
 
-void list_within_reach(Entry& e, Vec3 x, const Surface& surface) {
-  const double within = e.reach + norm(x - e.a);
+void list_within_reach(Entry& e, Vec3 a, Vec3 b, const Surface& surface) {
+  const double within = e.reach + std::max(norm(a - e.a), norm(b - e.b));
   if (!e.nearby.empty() && e.listed >= within) return;
   // A little more, so that the list holds for some steps.
   e.listed = surface.list(e.a, e.b, std::max(e.listed, (1 + kListed) * within), e.nearby);

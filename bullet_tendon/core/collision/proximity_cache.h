@@ -88,8 +88,9 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
 void answer(const Query& query, double distance, Vec3 point, double u, const Pose& pose,
             const NearContext& context, Entry& entry);
 
-// Lets the list of the triangles near a particle at x (shape frame) hold all that are within reach of it [m].
-void list_within_reach(Entry& entry, Vec3 x, const Surface& surface);
+// Lets the list of the triangles near a feature with the ends a and b (shape frame) hold all that are within
+// reach of it [m].
+void list_within_reach(Entry& entry, Vec3 a, Vec3 b, const Surface& surface);
 
 // Share of a step that is safe for a feature at the distance `clearance` [m] from a centreline of this radius
 // [m], with the relative motion `motion` [m]: until they could touch, or move by kFarthestMove radii [-].

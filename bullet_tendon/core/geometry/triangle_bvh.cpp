@@ -178,20 +178,32 @@ Nearest Surface::search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& foun
   return nearest(found, a, b);
 }
 
-Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 x, const Nearest& first,
+Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
                                double reach) const {
-  const Vec3 normal = unit_or(x - first.point, {});
-  const double least = kValley * first.distance;
-  auto height = [&](Vec3 p) { return dot(p - first.point, normal); };
+  const Vec3 up = unit_or(out, {});
+  const double least = kValley * norm(out), rounding = kRoundingShare * size_;
+  auto height = [&](Vec3 p) { return dot(p - on, up); };
+  // Whether the surface goes on from the border of a triangle to one that is nearer, so that the border has
+  // no tangent plane. A particle keeps that plane all the same: it can be thrown over the border in one step.
+  // The interior of a segment would be pushed aside by it.
+  auto leads_on = [&](const Nearest& at) {
+    return std::any_of(listed.begin(), listed.end(), [&](const Nearby& near) {
+      const Triangle& t = triangles_[near.triangle];
+      return nearest_of(t, at.point, at.point).distance <= rounding &&
+             nearest_of(t, a, b).distance < at.distance - rounding;
+    });
+  };
+  const bool segment = norm(b - a) > 0;
   Nearest best{2 * reach, 0, {}};
   for (const Nearby& near : listed) {
     const Triangle& t = triangles_[near.triangle];
     if (std::max({height(t.a), height(t.b), height(t.c)}) <= least) continue;
-    const Nearest found = nearest_of(t, x, x);
+    const Nearest found = nearest_of(t, a, b);
+    if (found.distance > reach || found.distance >= best.distance) continue;
     // Each point is above the tangent plane of the other: the surface is concave between them.
-    const Vec3 other = unit_or(x - found.point, {});
-    const bool concave = height(found.point) > least && dot(first.point - found.point, other) > least;
-    if (concave && found.distance <= reach && found.distance < best.distance) best = found;
+    const Vec3 there = unit_or((1 - found.u) * a + found.u * b - found.point, {});
+    if (height(found.point) <= least || dot(on - found.point, there) <= least) continue;
+    if (!segment || !leads_on(found)) best = found;
   }
   return best;
 }

@@ -50,9 +50,11 @@ class Surface {
   // The nearest point of all, no farther than `within` by what is known already [m]. Where the segment
   // crosses the surface, or all but touches it: a distance of 0. Overwrites `found`.
   Nearest search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& found) const;
-  // The nearest point of those listed, within reach of x, on another side of a valley of the surface, of
-  // which `first` is the point nearest to x on one side. A distance beyond reach: there is none.
-  Nearest across_valley(const std::vector<Nearby>& listed, Vec3 x, const Nearest& first, double reach) const;
+  // The nearest point of those listed, within reach of the segment a-b, on another side of a valley of the
+  // surface. One side has the point `on`, and `out` leads from it to the point that it is nearest to. A
+  // distance beyond reach: there is none.
+  Nearest across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
+                        double reach) const;
   // Whether the way from one point to another leads through the surface.
   bool is_between(Vec3 from, Vec3 to) const;
   // In no order.

@@ -102,17 +102,26 @@ bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int
   return at > 0 && at < dot(across, across);
 }
 
-// The plane of the other side, within reach, if a particle is in a valley of a mesh. With one side at a time,
-// it would change sides from step to step, and sink between them.
-std::optional<Plane> across_valley(NearCache& cache, int particle, const Surface* surface) {
-  Entry& e = cache.entries[particle];
-  const Vec3 x = cache.local[particle];
-  const Nearest first{norm(x - e.now.point), 0, e.now.point};
-  if (!surface || e.inside || first.distance == 0) return {};
-  list_within_reach(e, x, *surface);
-  const Nearest other = surface->across_valley(e.nearby, x, first, e.reach);
-  if (other.distance > e.reach) return {};
-  return Plane{other.point, (1 / other.distance) * (x - other.point)};
+// The plane of the other side, within reach, if a feature is in a valley of a mesh. With one side at a time,
+// it would change sides from step to step, and sink between them. The interior of a segment has a plane of
+// its own there where it is nearer to that side than its ends are.
+std::optional<Plane> across_valley(NearCache& cache, int feature, const Surface* surface, double radius) {
+  Entry& e = cache.entries[feature];
+  const int n = static_cast<int>(cache.local.size());
+  const bool segment = feature >= n;
+  const Vec3 a = cache.local[segment ? feature - n : feature], b = segment ? cache.local[feature - n + 1] : a;
+  const Vec3 out = (1 - e.now.u) * a + e.now.u * b - e.now.point;
+  if (!surface || e.inside || norm(out) == 0) return {};
+  list_within_reach(e, a, b, *surface);
+  auto across = [&](Vec3 from, Vec3 to) {
+    return surface->across_valley(e.nearby, from, to, e.now.point, out, e.reach);
+  };
+  const Nearest side = across(a, b);
+  if (side.distance > e.reach) return {};
+  const double at_ends = side.distance + kNoBulge * radius;
+  if (segment && (across(a, a).distance <= at_ends || across(b, b).distance <= at_ends)) return {};
+  const Vec3 x = (1 - side.u) * a + side.u * b;
+  return Plane{side.point, (1 / side.distance) * (x - side.point), side.u};
 }
 
 Tangent in_world(const Tangent& surface, const Pose& pose) {
@@ -363,12 +372,12 @@ void World::bone_contacts() {
         const Vec3 ahead = to_local(end, spot.of(step_.slots[c]->predicted));
         const Tangent beside = in_world(tangent_of(detection_.caches[c][s], shape, f, ahead), end);
         ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
-        const auto other = segment ? std::nullopt : across_valley(detection_.caches[c][s], f, surface);
+        const auto other = across_valley(detection_.caches[c][s], f, surface, step_.slots[c]->radius);
         if (other) {
           const Tangent side = in_world({other->point, other->normal}, end);
           ContactKey across = key;
           (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
-          bone_contact(spot, across, side, 0);
+          bone_contact(segment ? SegmentPoint{tendon, f - n, 1 - other->u, other->u} : spot, across, side, 0);
         }
         bone_contact(spot, key, beside, segment && round ? came_from(key, f - n, will) : 0);
       }
@@ -455,9 +464,9 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   contact.geometry.margin = contact.geometry.offset - radii;
   contact.friction.coefficient = a.friction * b.friction;
   contact.friction.relative_start = at.apart;
-  contact.geometry.side = contact.geometry.normal;
   contact.friction.anchored_at = at.u;
   contact.friction.anchored_at_other = at.w;
+  contact.begin_pair(along, b.x.at(p.segment_b + 1) - b.x.at(p.segment_b));
   contact.geometry.parallel = p.parallel;
   contact.passes = p.passes;
   finish_pair(contact);
@@ -465,7 +474,6 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
 }
 
 // Algorithm 2: the tunnels in which particles are, and the contacts of bores and mouths.
-  contact.begin_pair(along, b.x.at(p.segment_b + 1) - b.x.at(p.segment_b));
 
 void World::find_bores() {
   detection_.bores.resize(scene.tunnels.size());
