@@ -67,7 +67,7 @@ def led_sideways(scene, tendon, way, force, mu):
     scene.run(scene.steps - 2 * scene.steps // 3)
     scene.in_clearance()
     scene.no_opposed_contacts()
-    scene.capstan_range(tendon, mu, scene.restless(tendon), edges=True)
+    scene.capstan_range(tendon, mu, scene.restless(tendon), edges=True, wedges=True)
 
 
 def led_through_bore(scene, body, first, last, radius, force, mu):

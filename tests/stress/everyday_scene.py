@@ -742,14 +742,15 @@ class Scene:
         found = self.world.contacts["normal_force"].sum()
         self.check(found <= 2 * pressed, f"contacts of {found:.4g} N where loads can press {pressed:.4g} N")
 
-    def capstan_range(self, tendon, friction, slack, pull=None, edges=False, chords=False):
+    def capstan_range(self, tendon, friction, slack, pull=None, edges=False, chords=False, wedges=False):
         """T1/T0 of the ends within e^(+-mu phi); slack [N]: what weights and inertia may add.
 
         phi is the turning of the polyline; a hundredth for ends that are not straight. pull (3,) [N]: load on
         the first particle, from which the tendon turns too once that segment lies on the post. edges: a
         particle on a sharp edge, where it turns by an angle, is held by normals between those of both its
         segments: its tensions differ by up to that angle's cosine, without friction. chords: by half of the
-        largest one.
+        largest one. wedges: where a segment lies between two surfaces, as a belt in a V-groove, their normal
+        forces are larger than what turns it; the turning counts by their sum over that of the vectors.
         """
         t = tendon._target
         if not len(self.world.contacts):  # it has slipped off, and flies
@@ -760,7 +761,8 @@ class Scene:
             first = np.linalg.norm(pull)
             x = np.concatenate([[x[0] + np.divide(pull, first)], x])
         turned = turning(x)
-        grown = np.exp(1.01 * friction * turned.sum())
+        held = self.wedged(t) if wedges else 1.0
+        grown = np.exp(1.01 * friction * held * turned.sum())
         if edges:
             grown /= np.cos(np.minimum(turned, 1.4)).prod()
         if chords:
@@ -769,6 +771,17 @@ class Scene:
             f"tensions {first:.4g} and {last:.4g} N, beyond a factor of {grown:.4g} (slack {slack:.3g} N)"
         )
         self.check(max(first, last) <= 1.01 * grown * max(min(first, last), 0) + slack, message)
+
+    def wedged(self, tendon) -> float:
+        """Normal forces over the size of their vectors' sum, on the segment where it is largest."""
+        contacts = self.world.contacts
+        own = contacts[contacts["tendon"] == tendon.name]
+        largest = 1.0
+        for segment in np.unique(own["segment"]):
+            on_it = own[own["segment"] == segment]
+            total = np.linalg.norm(on_it["normal_force"] @ on_it["normal"])
+            largest = max(largest, on_it["normal_force"].sum() / max(total, 1e-300))
+        return largest
 
     def inertia(self, tendon) -> float:
         """Sum of |mass x acceleration| over a tendon's particles [N]."""
