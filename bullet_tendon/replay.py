@@ -7,6 +7,7 @@ colours' legend) is this module's. The file forbids itself all requests by its c
 Time in k3d is the number of a frame. Scenes are drawn in millimetres, with as many digits as can be seen.
 """
 
+import dataclasses
 import html
 import json
 import math
@@ -29,6 +30,7 @@ _SHORT = 1.0  # s that a run has to last when it is played
 _BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.15
 _FEW = 100  # triangles of a link: fewer are seen as flat faces
 _DIGITS = 0.01  # of a tendon's radius, to which its positions are rounded
+_FLAT = 0.2  # of a ligament's radius, within which points of its line are left out
 _MESH_DIGITS = 4e-5  # of the camera's distance from its target, to which meshes are rounded
 _LEAST_TENSION = 1e-6  # N; less is rounding
 _ARROW = 0.15  # length of the greatest contact force's arrow, in distances of the camera from its target
@@ -194,8 +196,10 @@ def _page(scene: _Scene, contacts: bool) -> str:
     for track in scene.recording.tendons:
         _draw_line(k3d, plot, scene, track, track.radius, track.tension)
     for track in scene.recording.ligaments:
-        tension = np.repeat(track.force[:, None], track.positions.shape[1] - 1, axis=1)
-        _draw_line(k3d, plot, scene, track, LIGAMENT_RADIUS, tension)
+        corners = _corners(track.positions, _FLAT * LIGAMENT_RADIUS)
+        drawn = dataclasses.replace(track, positions=track.positions[:, corners])
+        tension = np.repeat(track.force[:, None], len(corners) - 1, axis=1)
+        _draw_line(k3d, plot, scene, drawn, LIGAMENT_RADIUS, tension)
     _draw_tunnels(k3d, plot, scene)
     arrows = _draw_contacts(k3d, plot, scene) if contacts else None
     settings = {
@@ -217,6 +221,27 @@ def _page(scene: _Scene, contacts: bool) -> str:
     title = html.escape(scene.recording.title or "Replay")
     start, end = page.index("<title>"), page.index("</title>")
     return f"{page[:start]}{head}<title>{title}{page[end:]}"
+
+
+def _corners(lines: np.ndarray, tolerance: float) -> list[int]:
+    """Numbers of the points of a moving line (k, m, 3) [m] that are enough to draw it.
+
+    The others lie within the tolerance [m] of the way between their neighbours, at all k moments.
+    """
+    corners, last = [0], lines.shape[1] - 1
+    while corners[-1] < last:
+        first = corners[-1]
+        ends = range(last, first, -1)
+        corners.append(next(end for end in ends if _height(lines[:, first : end + 1]) <= tolerance))
+    return corners
+
+
+def _height(lines: np.ndarray) -> float:
+    """Largest distance of the points of lines (k, m, 3) from their chords [m]."""
+    chord, away = lines[:, -1:] - lines[:, :1], lines - lines[:, :1]
+    square = np.maximum((chord**2).sum(-1, keepdims=True), np.finfo(float).tiny)
+    share = np.clip((away * chord).sum(-1, keepdims=True) / square, 0, 1)
+    return float(np.linalg.norm(away - share * chord, axis=-1).max())
 
 
 def _draw_line(k3d, plot, scene: _Scene, track, radius: float, tension: np.ndarray) -> None:

@@ -202,6 +202,24 @@ def test_the_highest_tension_is_rounded_up_to_two_digits():
     )
 
 
+def test_lines_are_drawn_by_their_corners():
+    """A line that is bent by now and then keeps the points at its bends, and the others lie near it."""
+    angle = np.linspace(0, np.pi / 2, 17)
+    arc = 0.018 * np.c_[np.sin(angle), np.cos(angle) - 1, 0 * angle]
+    straight = np.c_[np.linspace(0, 0.018, 17), np.zeros((17, 2))]
+    assert replay._corners(np.stack([straight, straight + 1.0]), 2e-4) == [0, 16]
+    corners = replay._corners(np.stack([straight, arc]), 2e-4)
+    assert corners[0] == 0
+    assert corners[-1] == 16
+    assert 4 <= len(corners) <= 8
+    drawn = arc[corners]
+    chords = drawn[1:] - drawn[:-1]
+    for x in arc:
+        share = np.clip(((x - drawn[:-1]) * chords).sum(1) / (chords**2).sum(1), 0, 1)
+        assert np.linalg.norm(drawn[:-1] + share[:, None] * chords - x, axis=1).min() <= 2e-4
+
+
+
 def test_refusals(make_world, tmp_path, monkeypatch):
     recorder = bt.Recorder(one_tendon(make_world))
     with pytest.raises(errors.InvalidValue, match="recording"):
