@@ -26,8 +26,8 @@
 
 namespace bt {
 
-// Least distance of two centrelines at which the direction between them is used as the normal, in sums of
-// radii [-].
+// Least distance of two centrelines, on the straight way since the start of the step, at which they cannot
+// have crossed, in sums of radii [-].
 constexpr double kNearlyMet = 0.2;
 
 enum class ContactKind : int { bone = 0, bore = 1, mouth = 2, tendon = 3 };

@@ -16,8 +16,9 @@ namespace {
 // Contact stiffness over the transverse stiffness of a particle (inertia over the squared step weight, and
 // tension over segment length) [-]. The multipliers carry the load, so that this ratio sets how fast depth
 // vanishes, and not the depth of a resting contact. Larger: the active set takes more iterations. Smaller:
-// impacts and heavy loads need more augmented Lagrangian updates.
-constexpr double kContactRatio = 100.0;
+// impacts and heavy loads need more augmented Lagrangian updates. With 100, rounding a kilometre from the
+// origin decides about what slides.
+constexpr double kContactRatio = 60.0;
 
 // Largest depth that one step corrects, in radii [-]. Depth over dt is a velocity, which remains after the
 // step. Larger: a tendon that was placed inside a bone leaves it at high speed. Smaller: the correction takes
