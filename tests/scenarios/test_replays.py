@@ -219,7 +219,6 @@ def test_lines_are_drawn_by_their_corners():
         assert np.linalg.norm(drawn[:-1] + share[:, None] * chords - x, axis=1).min() <= 2e-4
 
 
-
 def test_refusals(make_world, tmp_path, monkeypatch):
     recorder = bt.Recorder(one_tendon(make_world))
     with pytest.raises(errors.InvalidValue, match="recording"):
