@@ -12,7 +12,6 @@
 // (contact/following.cpp). A point at the end of its segment is fixed and has no column in V. Nearly
 // parallel segments have no unique nearest points. They have a contact with fixed points at each end of the
 // stretch along which they touch (geometry/segment_distance.h).
-#include <algorithm>
 #include <cmath>
 
 #include "contact/contact.h"
@@ -21,14 +20,6 @@
 namespace bt {
 
 namespace {
-
-// Least distance from the origin on the straight way from one point to another.
-double least_norm(Vec3 from, Vec3 to) {
-  const Vec3 way = to - from;
-  const double length2 = dot(way, way);
-  const double share = length2 > 0 ? std::clamp(-dot(from, way) / length2, 0.0, 1.0) : 0;
-  return norm(from + share * way);
-}
 
 bool is_inside(double u, double w) { return u > 0 && u < 1 && w > 0 && w < 1; }
 
@@ -50,7 +41,8 @@ void Contact::follow_pair(const Vec3 (&x)[4]) {
   // Where the points nearly meet on the straight way since the start of the step, the segments may have
   // crossed. Their common perpendicular tells whether they have. Points at ends have none: there the normal
   // of the start defines the side.
-  const bool may_have_crossed = least_norm(friction.relative_start, apart) <= kNearlyMet * geometry.offset;
+  const double least = segment_distance(friction.relative_start, apart, {}, {});
+  const bool may_have_crossed = least <= kNearlyMet * geometry.offset;
   const bool inside = geometry.handedness != 0 && is_inside(u, w);
   if (may_have_crossed && !inside) {
     geometry.normal = geometry.side;
