@@ -154,7 +154,9 @@ void World::limit_motion_of_cartilage() {
 }
 
 // A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step.
+// Only tunnels and cartilage ask for it.
 void World::foresee_links() {
+  if (scene.tunnels.empty() && scene.cartilages.all().empty()) return;
   const double h = step_.context.dt, square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {
     l.foreseen = {h * l.velocity, h * l.spin};
@@ -175,9 +177,10 @@ bool World::foresee_at_solution() {
     if (c) slack = std::min(slack, kSlack * c->radius);
   const double h = step_.context.dt;
   bool any = false;
-  for (const Tunnel& tunnel : scene.tunnels) {
+  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
+    const Tunnel& tunnel = scene.tunnels[t];
     Link& l = scene.links[tunnel.link];
-    if (!l.yields() || !scene.bodies[l.body].turning.elements) continue;
+    if (!scene.tunnel_alive[t] || !l.yields() || !scene.bodies[l.body].turning.elements) continue;
     const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
     for (const Vec3 local : {tunnel.start, tunnel.end}) {
       const Vec3 arm = to_world(l.pose, local) - l.centre;
