@@ -2,9 +2,10 @@
 
 Owns: for each camera a pybullet client with the tendons' visual bodies. Goes with no room of the core.
 
-The user's client is rendered as it is: its bodies, links, meshes and colours. The tendons are rendered
-through the same lens in a client of the camera's own, and the nearer of both is taken at each pixel. So the
-user's client gets no body, no id and no shape, and its state and its next steps are as without the camera.
+The user's client is rendered as it is: its bodies, links, meshes and colours. The tendons, and smooth meshes
+of round bodies, are rendered through the same lens in a client of the camera's own, and the nearer of both is
+taken at each pixel. So the user's client gets no body, no id and no shape, and its state and its next steps
+are as without the camera.
 """
 
 import math
@@ -16,14 +17,14 @@ import numpy as np
 import pybullet as p
 from numpy.typing import ArrayLike
 
-from . import _core, checks
-from .bodies import client_of, read_link
+from . import checks
+from .bodies import client_of
 from .errors import InvalidValue, NotCopied, UnknownId
 from .figures import outline
-from .lens import NOTHING, Lens, Rendering, nearer
+from .lens import FOV, NOTHING, PITCH, YAW, Lens, Rendering, nearer
 from .ligament import Ligament
+from .round_bodies import RoundBodies
 from .tendon import Tendon
-from .visual_meshes import fine_mesh
 from .visuals import (
     LIGAMENT_COLOR,
     PALETTE,
@@ -39,7 +40,7 @@ from .world import TendonWorld
 
 _FIRST_TENDON = -2  # in segmentations
 _SAGITTA = 0.25  # pixels that a tendon's polygonal cross-section may be off its circle
-_SIDES = (6, 32)  # of that polygon
+_SIDES = (6, 32)  # of that polygon, at least and at most
 _PIECE = 2  # pixels that a straight piece of a tendon may be long, where that is more than the radius
 _LINKS = p.ER_SEGMENTATION_MASK_OBJECT_AND_LINKINDEX
 
@@ -48,7 +49,8 @@ class Camera(NotCopied):
     """A camera that sees a pybullet client and its tendons, for reinforcement learning and pictures.
 
     Needs no window, no GPU and no further package. Each frame shows the poses at that moment. The user's
-    client and world are not changed. Memory does not grow with the frames; each camera takes about 30 MB for
+    client and world are not changed. Spheres, cylinders and capsules without a texture are drawn round,
+    where pybullet draws few corners. Memory does not grow with the frames; each camera takes about 30 MB for
     its own client, until it is closed or no longer used. Things nearer than 0.02 or farther than 20 distances
     are not seen.
 
@@ -83,10 +85,10 @@ class Camera(NotCopied):
         height: int = 128,
         target: ArrayLike = (0.0, 0.0, 0.0),
         distance: float = 0.3,
-        yaw: float = 30.0,
-        pitch: float = -30.0,
+        yaw: float = YAW,
+        pitch: float = PITCH,
         up: str = "z",
-        fov: float = 40.0,
+        fov: float = FOV,
         colors: Sequence = PALETTE,
         full_tension: float | None = None,
         samples: int = 1,
@@ -94,7 +96,7 @@ class Camera(NotCopied):
         self._world = world
         self._client = client_of(world.physicsClientId if isinstance(world, TendonWorld) else world)
         self._lens = Lens(width, height, target, distance, yaw, pitch, up, fov, samples)
-        self._layer = _Layer(colors, full_tension)
+        self._layer = _Layer(self._client, colors, full_tension)
         self._lines = Lines(world) if isinstance(world, TendonWorld) else None
 
     def look(
@@ -104,7 +106,7 @@ class Camera(NotCopied):
         yaw: float,
         pitch: float,
         up: str = "z",
-        fov: float = 40.0,
+        fov: float = FOV,
     ) -> None:
         """Look elsewhere from the next frame on; the arguments of Camera.
 
@@ -129,7 +131,7 @@ class Camera(NotCopied):
         """
         flags = _LINKS if checks.flag("links", links) else 0
         self._layer.show([] if self._lines is None else self._lines.now(), self._lens.scale)
-        return self._lens.finish(self._layer.before(self._client, self._lens, flags))
+        return self._lens.finish(self._layer.before(self._lens, flags))
 
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8; white where nothing is.
@@ -200,19 +202,20 @@ class Camera(NotCopied):
 
 
 class _Layer:
-    """Tendons and meshes in a client of their own, to be seen together with another client.
+    """Tendons, meshes and what is round in a client of their own, to be seen together with the client `seen`.
 
     colors: RGBA of the tendons, by turns. full_tension: see TendonVisual.
     """
 
-    def __init__(self, colors, full_tension=None):
+    def __init__(self, seen: int, colors, full_tension=None):
         self._colors = [checks.vector("colors", color, 4) for color in colors]
         if not self._colors:
             raise InvalidValue("colors", colors, "at least one colour")
         if full_tension is not None:
             full_tension = checks.number("full_tension", full_tension, above=0.0)
         self._full_tension = full_tension
-        self._client = p.connect(p.DIRECT)
+        self._seen, self._client = seen, p.connect(p.DIRECT)
+        self._round = RoundBodies(seen, self._client)
         self.close = weakref.finalize(self, _disconnect, self._client)
         self._visuals: list[TendonVisual] = []
         self._meshes = 0
@@ -235,13 +238,16 @@ class _Layer:
         """Of the k-th tendon."""
         return self._colors[k % len(self._colors)]
 
-    def before(self, client: int, lens: Lens, flags: int = 0) -> Rendering:
-        """What the lens takes of a client, with this in it; tendons have their labels."""
-        taken = lens.take(client, flags)
-        if not self._visuals and not self._meshes:
+    def before(self, lens: Lens, flags: int = 0) -> Rendering:
+        """What the lens takes of the client that is seen, with this in it; tendons have their labels."""
+        client_of(self._seen)
+        self._round.update(lambda radius, limits: _sides(radius * lens.scale, limits))
+        with self._round.alone():
+            taken = lens.take(self._seen, flags)
+        if not self._visuals and not self._meshes and not self._round.links:
             return taken
         own = lens.take(self._client)
-        return nearer(taken, own._replace(segmentation=self._labels()[own.segmentation]))
+        return nearer(taken, own._replace(segmentation=self._labels(flags)[own.segmentation]))
 
     def _replace(self, tendons, scale) -> None:
         for visual in self._visuals:
@@ -253,19 +259,20 @@ class _Layer:
             style = color, self._full_tension, _sides(tendon.radius * scale), length
             self._visuals.append(TendonVisual(tendon, self._client, *style))
 
-    def _labels(self) -> np.ndarray:
+    def _labels(self, flags: int) -> np.ndarray:
         """The labels of this client's bodies by id; the last one is that of nothing, whose id is -1."""
-        bodies = [visual.bodies for visual in self._visuals]
-        most = max(map(max, bodies), default=0)
-        labels = np.full(most + self._meshes + 2, _FIRST_TENDON - len(bodies), np.int32)
+        ids = [p.getBodyUniqueId(k, self._client) for k in range(p.getNumBodies(self._client))]
+        labels = np.full(max(ids) + 2, _FIRST_TENDON - len(self._visuals), np.int32)
         labels[-1] = NOTHING
-        for k, ids in enumerate(bodies):
-            labels[ids] = _FIRST_TENDON - k
+        for k, visual in enumerate(self._visuals):
+            labels[visual.bodies] = _FIRST_TENDON - k
+        for own, (body, link) in self._round.links.items():
+            labels[own] = body + ((link + 1) << 24) if flags else body
         return labels
 
 
 def camera_image(
-    physicsClientId, target, distance, yaw, pitch, width=960, height=720, fov=40.0, up="z"
+    physicsClientId, target, distance, yaw, pitch, width=960, height=720, fov=FOV, up="z"
 ) -> np.ndarray:
     """One picture, (height, width, 3) uint8, taken with four rays a pixel; the arguments of Camera.
 
@@ -315,9 +322,8 @@ def render_scene(
     with `bone_opacity` from 0, an outline, to 1. `tendons`: tendons, or skins of them, drawn in
     `colors` by turns. `tunnels`: (start, end, radius) in metres, world frame. The software renderer
     knows no transparency: the scene is rendered with and without the bones, the two are mixed, and
-    the bones' visible part gets an outline. Bodies of nothing but spheres, cylinders and capsules, of
-    one opaque colour a link, are drawn with finer meshes than pybullet has. Triangles seen from behind
-    are not drawn, whatever the opacity. The simulation is left as it was.
+    the bones' visible part gets an outline. Triangles seen from behind are not drawn, whatever the
+    opacity. The simulation is left as it was.
 
     Example:
         >>> from bullet_tendon import view
@@ -327,20 +333,16 @@ def render_scene(
     """
     client = client_of(physicsClientId)
     opacity = checks.number("bone_opacity", bone_opacity, at_least=0.0, at_most=1.0)
-    chosen = {"width": 960, "height": 720, "up": "z", "fov": 40.0, "samples": 2, **camera}
+    chosen = {"width": 960, "height": 720, "up": "z", "fov": FOV, "samples": 2, **camera}
     lens = Lens(**chosen)
-    fine = _fine_meshes(client, bones)
-    layer = _Layer(colors)
+    layer = _Layer(client, colors)
     try:
         _fill(layer, tendons, tunnels, lens.scale)
-        for mesh, color in (row for rows in fine.values() for row in rows):
-            layer.add_mesh(mesh, color)
-        with hidden(fine, client):
-            image = lens.finish(layer.before(client, lens)).rgb
-            if not bones or opacity == 1.0:
-                return image
-            with hidden(bones, client):
-                inside = lens.finish(layer.before(client, lens)).rgb
+        image = lens.finish(layer.before(lens)).rgb
+        if not bones or opacity == 1.0:
+            return image
+        with hidden(bones, client):
+            inside = lens.finish(layer.before(lens)).rgb
     finally:
         layer.close()
     mixed = opacity * image + (1 - opacity) * inside
@@ -357,31 +359,10 @@ def _fill(layer, tendons, tunnels, scale) -> None:
         layer.add_mesh(tunnel_mesh(*tunnel), TUNNEL_COLOR)
 
 
-def _fine_meshes(client: int, bones) -> dict[int, list[tuple]]:
-    """Smooth meshes in the world, and their colours, by body that is round in all its parts, and no bone."""
-    found = {}
-    for k in range(p.getNumBodies(client)):
-        body = p.getBodyUniqueId(k, client)
-        rows = p.getVisualShapeData(body, p.VISUAL_SHAPE_DATA_TEXTURE_UNIQUE_IDS, physicsClientId=client)
-        meshes = [(fine_mesh(row), row[7]) for row in rows]
-        is_plain = all(row[7][3] == 1.0 and row[8] < 0 for row in rows)  # opaque, without a texture
-        has_one_color = len({(row[1], row[7]) for row in rows}) == len({row[1] for row in rows})
-        is_round = all(mesh is not None for mesh, _ in meshes)
-        if body in bones or not (is_plain and has_one_color and is_round):
-            continue
-        for row, (mesh, _) in zip(rows, meshes, strict=True):
-            origin, axes = _core.link_frame(*read_link(body, row[1], client)[:2])
-            mesh.vertices = mesh.vertices @ axes.T + origin
-            mesh.normals = mesh.normals @ axes.T
-        found[body] = meshes
-    return found
-
-
-def _sides(radius: float) -> int:
+def _sides(radius: float, limits: tuple[int, int] = _SIDES) -> int:
     """Of a polygon that is nowhere farther than _SAGITTA from its circle, of a radius in pixels."""
     share = min(1.0, _SAGITTA / max(radius, _SAGITTA))
-    fewest, most = _SIDES
-    return int(np.clip(math.ceil(math.pi / math.acos(1 - share)), fewest, most))
+    return int(np.clip(math.ceil(math.pi / math.acos(1 - share)), *limits))
 
 
 def _disconnect(client: int) -> None:

@@ -13,6 +13,7 @@ from . import checks
 from .errors import UnknownId
 
 NEAR, FAR = 0.02, 20.0  # planes between which things are seen, in distances of the target
+YAW, PITCH, FOV = 30.0, -30.0, 40.0  # degrees, where nothing else is said
 NOTHING = -1  # in segmentations, as pybullet has it
 
 
@@ -48,7 +49,7 @@ class Lens:
         self.near, self.far = NEAR * distance, FAR * distance
         self.seen = p.computeViewMatrixFromYawPitchRoll(target, distance, yaw, pitch, 0.0, axis)
         self.projection = p.computeProjectionMatrixFOV(fov, self.width / self.height, self.near, self.far)
-        right, above, back = np.reshape(self.seen, (4, 4))[:3, :3].T
+        right, above, back = view_axes(yaw, pitch, up).T
         self._light = (back + 0.6 * above - 0.4 * right).tolist()  # over the photographer's shoulder
         self.scale = self.samples * self.height * self.projection[5] / (2 * distance)
 
@@ -89,6 +90,13 @@ class Lens:
         depth = self.far * self.near / (self.far - (self.far - self.near) * depth)
         rgb = taken.rgb if n == 1 else _mean(taken.rgb, n)
         return Rendering(np.ascontiguousarray(rgb), depth, taken.segmentation[middle, middle])
+
+
+def view_axes(yaw: float = YAW, pitch: float = PITCH, up: str = "z") -> np.ndarray:
+    """(3, 3): unit vectors to the right of, above and back from what a camera sees, as columns."""
+    axis = {"y": 1, "z": 2}[checks.choice("up", up, ("z", "y"))]
+    seen = p.computeViewMatrixFromYawPitchRoll((0.0, 0.0, 0.0), 1.0, yaw, pitch, 0.0, axis)
+    return np.reshape(seen, (4, 4))[:3, :3]
 
 
 def nearer(one: Rendering, other: Rendering) -> Rendering:

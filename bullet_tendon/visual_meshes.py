@@ -17,7 +17,7 @@ from .mesh_files import read_mesh
 from .recording import VisualMesh
 from .shapes import Shape
 
-_SIDES, _FINE_SIDES = 24, 72  # of round shapes, and of those in pictures
+_SIDES = 24  # of round shapes
 _ROUND = p.GEOM_CYLINDER, p.GEOM_CAPSULE, p.GEOM_SPHERE
 _PLANE = 1.0  # half the edge of the square that stands for an endless plane [m]
 
@@ -54,28 +54,30 @@ def _shape_meshes(row) -> list:
     return [(mesh[0] @ axes.T + position, mesh[1])]
 
 
-def fine_mesh(row) -> SimpleNamespace | None:
-    """A round shape of p.getVisualShapeData as a smooth mesh (vertices, normals, triangles), link's frame.
+def is_round(row) -> bool:
+    """Whether a row of p.getVisualShapeData is of a sphere, a cylinder or a capsule."""
+    return row[2] in _ROUND
 
-    None where the row is of another shape.
+
+def round_surface(kind: int, sizes, position, orientation, sides: int) -> SimpleNamespace:
+    """A round shape as a smooth mesh (vertices, normals, triangles), in the frame of its link.
+
+    kind, sizes, position, orientation: of its row of p.getVisualShapeData. sides: of its cross-sections.
     """
-    _, _, kind, sizes, _, position, orientation = row[:7]
-    if kind not in _ROUND:
-        return None
-    vertices, triangles = round_mesh(kind, sizes, _FINE_SIDES)
-    corners = vertices[triangles]  # each triangle has its own, so that edges are sharp
-    half = 0.5 * sizes[0] if kind != p.GEOM_SPHERE else 0.0
+    vertices, triangles = round_mesh(kind, sizes, sides)
     if kind == p.GEOM_CYLINDER:
+        corners = vertices[triangles]  # each triangle has its own, so that edges are sharp
         is_end = np.ptp(corners[..., 2], axis=1) == 0
-        outwards = np.where(is_end[:, None, None], (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)) * corners
+        normals = np.where(is_end[:, None, None], (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)) * corners
+        vertices, normals = corners.reshape(-1, 3), normals.reshape(-1, 3)
+        triangles = np.arange(triangles.size).reshape(-1, 3)
     else:
-        outwards = corners - np.clip(corners, (0, 0, -half), (0, 0, half))  # from the axis or the centre
-    normals = outwards / np.linalg.norm(outwards, axis=2, keepdims=True)
+        half = 0.5 * sizes[0] if kind == p.GEOM_CAPSULE else 0.0
+        normals = vertices - np.clip(vertices, (0, 0, -half), (0, 0, half))  # from the axis or the centre
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     axes = np.reshape(p.getMatrixFromQuaternion(orientation), (3, 3))
     return SimpleNamespace(
-        vertices=corners.reshape(-1, 3) @ axes.T + position,
-        normals=normals.reshape(-1, 3) @ axes.T,
-        triangles=np.arange(triangles.size).reshape(-1, 3),
+        vertices=vertices @ axes.T + position, normals=normals @ axes.T, triangles=triangles
     )
 
 

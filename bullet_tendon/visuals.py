@@ -63,7 +63,7 @@ class TendonVisual:
         self._shapes: dict[int, int] = {}  # pybullet's shapes by grade
         self._spare: dict[int, list[int]] = {}  # pieces that are not shown, by grade
         sphere = visual_shape(_sphere(tendon.radius, self._sides), self.color, self._client)
-        self._start: int | None = _body(sphere, self._client)
+        self._start: int | None = visual_body(sphere, self._client)
         self.update()
 
     @property
@@ -126,7 +126,7 @@ class TendonVisual:
         if grade not in self._shapes:
             mesh = _piece(grade * _GRADE * self.tendon.radius, self.tendon.radius, self._sides)
             self._shapes[grade] = visual_shape(mesh, self.color, self._client)
-        return _body(self._shapes[grade], self._client)
+        return visual_body(self._shapes[grade], self._client)
 
     def _recolour(self, tension) -> None:
         mean = np.add.reduceat(tension, self._ends[:-1]) / np.diff(self._ends)
@@ -194,7 +194,7 @@ def mesh_body(skin, physicsClientId=0, color=TENDON_COLOR) -> int:
         >>> p.removeBody(body)
     """
     client = client_of(physicsClientId)
-    return _body(visual_shape(skin, checks.vector("color", color, 4), client), client)
+    return visual_body(visual_shape(skin, checks.vector("color", color, 4), client), client)
 
 
 def tunnel_mesh(start, end, radius, rings=2, lines=6):
@@ -253,7 +253,8 @@ def _ends(points, length) -> np.ndarray:
     return np.append(np.arange(0, segments, each), segments)
 
 
-def _body(shape, client) -> int:
+def visual_body(shape: int, client: int) -> int:
+    """pybullet's id of a body of a visual shape and nothing else."""
     return p.createMultiBody(0, -1, shape, physicsClientId=client)
 
 

@@ -1,18 +1,19 @@
-"""Time of a camera's frame, and memory over many frames, of the knee with a graft and of the tendon finger.
+"""Time of a camera's frame, and memory over many frames, of a knee with a graft, a finger, and round weights.
 
-The scenes are those of the scenarios `graft_passage` (two bones with tunnels, a graft of 60 particles) and
-`tendon_finger` (four links, two tendons), each after some steps. A frame is Camera.render(): colours, depth
-and segmentation. "Bodies" is p.getCameraImage of the user's client alone, at the same size. "Tendons" is the
-rest: moving the tendons' pieces, rendering them, and taking the nearer. Times are processor times of the
-process, the least of FRAMES frames, in each of which the tendons are elsewhere. Memory is the resident memory
-of the process, before and after MANY further frames, in which a tendon also stretches and shrinks.
+The scenes are those of the scenarios `graft_passage` (two bones with tunnels, a graft of 60 particles),
+`tendon_finger` (four links, two tendons) and `atwood` (a drum and four spheres), each after some steps. A
+frame is Camera.render(): colours, depth and segmentation. "Bodies" is the same of the user's client without
+its tendons. "Tendons" is the rest: moving the tendons' pieces, rendering them, and taking the nearer. Times
+are processor times of the process, the least of FRAMES frames, in each of which the tendons are elsewhere.
+Memory is the resident memory of the process, before and after MANY further frames, in which a tendon also
+stretches and shrinks.
 """
 
 from pathlib import Path
 from time import process_time
 
 import numpy as np
-from bullet_tendon.scenarios import graft_passage, tendon_finger
+from bullet_tendon.scenarios import atwood, graft_passage, tendon_finger
 from bullet_tendon.scenarios.scene import Options
 
 from bullet_tendon import view
@@ -20,7 +21,7 @@ from bullet_tendon import view
 SIZES = (64, 128, 256)  # pixels along each side
 STEPS, FRAMES, QUICK_FRAMES = 20, 200, 10
 MANY, QUICK_MANY = 10_000, 50
-SCENES = {"knee": graft_passage, "finger": tendon_finger}
+SCENES = {"knee": graft_passage, "finger": tendon_finger, "weights": atwood}
 STRETCH = 0.3  # share by which the tendon's length changes at random
 
 

@@ -216,6 +216,74 @@ def test_memory_is_constant_while_a_tendon_moves_and_stretches(make_world):
     assert resident() - before < 1000  # a mesh for each frame took 77 kB: 77,000 in all
 
 
+def ball(client, radius, position, color=(0.3, 0.4, 0.5, 1.0)):
+    shape = p.createVisualShape(p.GEOM_SPHERE, radius=radius, rgbaColor=color, physicsClientId=client)
+    return p.createMultiBody(1.0, -1, shape, position, physicsClientId=client)
+
+
+def test_round_bodies_are_seen_as_what_they_are_and_followed(client):
+    """The mask and the depth of a sphere, against those of a sphere."""
+    body, other = ball(client, 0.04, (0, 0, 0)), ball(client, 0.02, (0.06, 0.1, 0.05))
+    before = [p.getVisualShapeData(k, physicsClientId=client) for k in (body, other)]
+    with view.Camera(client, 401, 401, **FACING) as camera:
+        for at in ((0.0, 0.0, 0.0), (-0.03, 0.02, 0.01)):
+            p.resetBasePositionAndOrientation(body, at, (0, 0, 0, 1), client)
+            rendering = camera.render()
+            half = np.tan(np.radians(20)) * (2 * (np.arange(401) + 0.5) / 401 - 1)
+            ray = np.stack([*np.meshgrid(half, -half), np.ones((401, 401))], axis=-1)  # x, z and y
+            middle = np.array([at[0], at[2], 0.4 + at[1]])
+            square = (ray**2).sum(-1)
+            nearest = ray @ middle / square
+            inside = 0.04**2 - (middle @ middle - nearest**2 * square)
+            mask = rendering.segmentation == body
+            rim = 2 * np.sqrt(np.pi * (inside > 0).sum())
+            assert mask.sum() == pytest.approx((inside > 0).sum(), abs=0.5 * rim)
+            clear = mask & (inside > 0.5 * 0.04**2)  # where it slopes by at most 1
+            exact = nearest - np.sqrt(np.maximum(inside, 0) / square)
+            # A pixel is 0.7 mm: half of one along both sides, and twice a quarter, by the mesh.
+            np.testing.assert_allclose(rendering.depth[clear], exact[clear], atol=9e-4)
+            assert other in rendering.segmentation
+            assert set(np.unique(camera.segmentation(links=True))) == {-1, body, other}
+        p.changeVisualShape(body, -1, rgbaColor=(1, 0, 0, 1), physicsClientId=client)
+        red = camera.image()[mask].astype(int)
+        assert (red[:, 0] > 2 * red[:, 1]).all()
+        p.changeVisualShape(body, -1, rgbaColor=before[0][0][7], physicsClientId=client)
+        p.removeBody(other, client)
+        assert set(np.unique(camera.segmentation())) == {-1, body}
+        assert [p.getVisualShapeData(body, physicsClientId=client)] == before[:1]
+
+
+def test_a_link_that_is_not_only_round_is_drawn_as_pybullet_draws_it(client):
+    shapes = p.createVisualShapeArray(
+        shapeTypes=[p.GEOM_SPHERE, p.GEOM_BOX],
+        radii=[0.03, 0],
+        halfExtents=[[0, 0, 0], [0.02, 0.02, 0.02]],
+        visualFramePositions=[[-0.05, 0, 0], [0.05, 0, 0]],
+        physicsClientId=client,
+    )
+    body = p.createMultiBody(1.0, -1, shapes, physicsClientId=client)
+    with view.Camera(client, 64, 64, **FACING) as camera:
+        rendering = camera.render()
+        assert np.array_equal(rendering.rgb, camera._lens.take(client).rgb)
+        assert set(np.unique(rendering.segmentation)) == {-1, body}
+
+
+def test_memory_is_constant_while_round_bodies_move_come_and_go(client):
+    random = np.random.default_rng(1)
+    with view.Camera(client, 16, 16, **FACING) as camera:
+        balls = [ball(client, 0.01, random.normal(0, 0.03, 3)) for _ in range(4)]
+        for frame in range(1500):
+            for one in balls:
+                place = random.normal(0, 0.03, 3).tolist()
+                p.resetBasePositionAndOrientation(one, place, (0, 0, 0, 1), client)
+            shown = (0.3, 0.4, 0.5, float(frame % 3 > 0))
+            p.changeVisualShape(balls[0], -1, rgbaColor=shown, physicsClientId=client)
+            camera.render()
+            if frame == 500:
+                before = resident()
+    assert resident() - before < 1000
+
+
 def test_a_camera_that_is_no_longer_used_gives_its_client_back(client):
     camera = view.Camera(client, 8, 8)
     own = camera._layer._client

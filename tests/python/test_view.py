@@ -254,6 +254,7 @@ def test_round_bodies_are_round_in_pictures(client, kind):
     before = p.getVisualShapeData(body, physicsClientId=client)
     camera = {**SMALL, "target": (0.01, 0.3, 0.02), "width": 400, "height": 400}
     assert roundness(view.render_scene(client, camera)) == pytest.approx(1, abs=0.005)
+    assert roundness(view.camera_image(client, **camera)) == pytest.approx(1, abs=0.005)
     assert p.getVisualShapeData(body, physicsClientId=client) == before
 
 
