@@ -91,7 +91,8 @@ class Recorder(NotCopied):
         memory: [bytes], >= 1e6, and
         most_frames: >= 2. Where more is needed, every second frame is given up, and from then on every second
             one is kept, so that the recording always covers the whole run.
-        camera: arguments of view.Camera that show the scene in replays.
+        camera: arguments of view.Camera that show the scene in replays; without target and distance, all
+            tendons, ligaments and the links around them are seen.
         bones: ids of bodies that replays show translucent. None: triangle meshes, and what has tunnels.
         title: of replays and plots.
 

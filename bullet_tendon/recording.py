@@ -118,7 +118,7 @@ class Recording:
         holds: structured array of the forces of tendons on grips and attachments (fields: recording.HOLDS;
             bodyUniqueId is -1 for a grip).
         scalars: name -> (frames (k,), values (k,)).
-        camera: arguments of view.Camera that show the scene, or None.
+        camera: arguments of view.Camera that show the scene, as of Recorder, or None.
         bones: ids of the bodies that replays show translucent.
         title: of replays and plots.
 

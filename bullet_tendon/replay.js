@@ -33,6 +33,20 @@ function showContacts(wanted) {
   K.render();
 }
 
+// Positions of the camera. It is set for images as wide as S.aspect; in a narrower window it goes back.
+function look(from) {
+  const back = Math.max(1, S.aspect * innerHeight / innerWidth);
+  const [position, target, up] = [0, 3, 6].map(at => from.slice(at, at + 3));
+  K.setCamera([...target.map((x, i) => x + back * (position[i] - x)), ...target, ...up]);
+  K.render();
+}
+
+if (S.closer !== null) {
+  const views = add('select', {title: 'what is looked at'});
+  for (const name of ['whole', 'closer']) views.add(new Option(name, name));
+  views.onchange = () => look(views.value === 'closer' ? S.closer : S.camera);
+}
+
 let contacts = null;
 if (S.contacts !== null) {
   const label = add('label', {textContent: ' contact forces'});
@@ -110,11 +124,11 @@ addEventListener('keydown', event => {
   }
 });
 
-window.replay = {show: time => show(frameAt(time)), times: S.times}; // for scripts
+// For scripts; camera: where it is [mm].
+window.replay = {show: time => show(frameAt(time)), times: S.times, camera: () => K.getWorld().camera.position.toArray()};
 const wish = new URLSearchParams(location.hash.slice(1));
 show(frameAt(+(wish.get('t') || S.times[0]))).then(() => {
   if (wish.has('contacts') && contacts !== null) contacts.click();
-  K.setCamera(S.camera);
-  K.render();
+  look(S.camera);
   document.body.dataset.ready = '1';
 });

@@ -18,8 +18,9 @@ import numpy as np
 import pybullet as p
 from scipy.spatial.transform import Rotation
 
-from . import checks
+from . import checks, framing
 from .errors import InvalidType, InvalidValue, MissingExtra
+from .lens import FOV, view_axes
 from .recording import LinkTrack, Recording
 from .visual_meshes import round_mesh
 from .visuals import LIGAMENT_RADIUS, TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
@@ -35,7 +36,6 @@ _MESH_DIGITS = 4e-5  # of the camera's distance from its target, to which meshes
 _LEAST_TENSION = 1e-6  # N; less is rounding
 _ARROW = 0.15  # length of the greatest contact force's arrow, in distances of the camera from its target
 _HEAD = 0.25  # of an arrow's length
-_FOV = 40.0  # degrees, where the recording has no camera
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:; connect-src data: blob:"
@@ -64,8 +64,9 @@ def write_replay(
         fps: at most so many frames are kept for each second that it plays, > 0. A run of less than a
             second is played slower.
         full_tension: [N] at which a tendon is red; None: the highest of the recording.
-        contacts: whether contact forces can be shown.
-        camera: arguments of view.Camera; None: the recording's, or one that sees everything.
+        contacts: whether contact forces can be shown, and looked at from near.
+        camera: arguments of view.Camera; None: the recording's. Without a target and a distance, it sees all
+            tendons, ligaments and the links around them, all the time.
 
     Raises:
         InvalidType, InvalidValue: naming the argument.
@@ -121,7 +122,8 @@ class _Scene:
         self.kept = kept
         self.speed = 1.0
         self.times = recording.times[kept]
-        self.camera = _camera(recording, camera)
+        start = start_camera(recording, camera)
+        self.camera, self.closer = _camera(start), framing.closeup(recording, start)
         highest = [t.tension.max() for t in recording.tendons] + [t.force.max() for t in recording.ligaments]
         highest = float(max(highest, default=0.0))
         self.full_tension = full_tension or _rounded_up(highest)
@@ -140,34 +142,31 @@ class _Scene:
         return {str(k): bool(there[k]) for k in changes.tolist()}
 
 
-def _camera(recording: Recording, given: dict | None) -> dict:
-    """Position, target, up [mm] and vertical field of view [degrees]."""
-    chosen = given if given is not None else recording.camera
-    if chosen is None:
-        chosen = _overview(recording)
+def start_camera(recording: Recording, given: dict | None = None) -> dict:
+    """The arguments of view.Camera with which a replay begins; given: as in write_replay."""
+    chosen = given if given is not None else recording.camera or {}
+    if "target" in chosen and "distance" in chosen:
+        return chosen
+    return framing.overview(recording, chosen)
+
+
+def _camera(chosen: dict) -> dict:
+    """Position, target, up [mm], vertical field of view [degrees] and distance of a camera."""
     target = checks.vector("target", chosen["target"])
     distance = checks.number("distance", chosen["distance"], above=0)
-    axis = {"y": 1, "z": 2}[checks.choice("up", chosen.get("up", "z"), ("z", "y"))]
-    angles = chosen.get("yaw", 30.0), chosen.get("pitch", -30.0)
-    seen = p.computeViewMatrixFromYawPitchRoll(target.tolist(), distance, *angles, 0.0, axis)
-    axes = np.reshape(seen, (4, 4))[:3, :3]  # columns: right, up, back
+    axes = view_axes(**{key: chosen[key] for key in ("yaw", "pitch", "up") if key in chosen})
     return {
         "position": MILLIMETRES * (target + distance * axes[:, 2]),
         "target": MILLIMETRES * target,
         "up": axes[:, 1],
-        "fov": float(chosen.get("fov", _FOV)),
+        "fov": float(chosen.get("fov", FOV)),
         "distance": MILLIMETRES * distance,
     }
 
 
-def _overview(recording: Recording) -> dict:
-    """A camera that sees all tendons and ligaments, always, or else all links."""
-    points = [track.positions.reshape(-1, 3) for track in recording.tendons]
-    points += [track.positions.reshape(-1, 3) for track in recording.ligaments]
-    points = points or [track.position for track in recording.links] or [np.zeros((1, 3))]
-    low, high = np.vstack(points).min(0), np.vstack(points).max(0)
-    size = max(float(np.linalg.norm(high - low)), 0.05)
-    return {"target": (low + high) / 2, "distance": size / math.tan(math.radians(_FOV / 2)), "fov": _FOV}
+def _numbers(camera: dict) -> list[float]:
+    """Position, target and up in one list, as k3d has it."""
+    return [float(x) for key in ("position", "target", "up") for x in camera[key]]
 
 
 def _rounded_up(value: float) -> float:
@@ -190,7 +189,7 @@ def _page(scene: _Scene, contacts: bool) -> str:
         colorbar_object_id=0,
         background_color=0xFFFFFF,
     )
-    plot.camera = [float(x) for key in ("position", "target", "up") for x in scene.camera[key]]
+    plot.camera = _numbers(scene.camera)
     for track in scene.recording.links:
         _draw_link(k3d, plot, scene, track)
     for track in scene.recording.tendons:
@@ -208,6 +207,8 @@ def _page(scene: _Scene, contacts: bool) -> str:
         "speeds": SPEEDS,
         "speed": scene.speed,
         "camera": plot.camera,
+        "closer": _numbers(_camera(scene.closer)) if contacts and scene.closer else None,
+        "aspect": framing.ASPECT,
         "contacts": arrows,
         "colors": [_css(TENDON_COLOR), _css(TAUT_COLOR)],
         "full": f"{scene.full_tension:g}",

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pybullet as p
 
-from bullet_tendon import Recorder, SolverOptions, TendonWorld, view
+from bullet_tendon import Recorder, Recording, SolverOptions, TendonWorld, framing, view
 
 REPLAY_FRAMES = 1200  # at most; a longer run is thinned out
 
@@ -202,10 +202,16 @@ class Scene:
         curves = [{"x": self.series[n][0], "y": self.series[n][1], "label": n} for n in names]
         view.figure(path, self.frames, curves, maps=self.maps, map_labels=self.map_labels, **self.labels)
 
+    @property
+    def recording(self) -> Recording:
+        """What was recorded of the run for a replay, with a camera that sees the whole scene."""
+        self._follow()
+        found = self.recorder.recording
+        return dataclasses.replace(found, camera=framing.overview(found, self.camera))
+
     def replay(self, path: str) -> None:
         """Write the replay of the run, an HTML file; of several worlds, of the one that was stepped last."""
-        self._follow()
-        self.recorder.save(path)
+        self.recording.save(path)
 
     def close(self) -> None:
         """Disconnect the client; a second call does nothing."""

@@ -6,6 +6,7 @@ python -m bullet_tendon.scenarios.tasks GraftPassage --train graft_passage.npz -
 """
 
 import argparse
+import dataclasses
 import itertools
 import json
 import sys
@@ -16,7 +17,7 @@ import gymnasium
 import numpy as np
 from bullet_tendon.scenarios.scene import REPLAY_FRAMES, placed
 
-from bullet_tendon import Recorder, Recording, errors, view
+from bullet_tendon import Recorder, Recording, errors, framing, view
 
 from . import TASKS
 from .episodes import Episode, evaluate, run_episode
@@ -25,7 +26,7 @@ from .search import search
 from .task import Task
 
 MOMENTS = 5  # of an episode, in a picture
-PIXELS = 640  # width and height of their images
+PIXELS = 640  # edge of a square with the area of their images
 BONE_OPACITY = 0.4  # in them
 
 
@@ -121,31 +122,39 @@ def _sentence(record: dict) -> str:
 
 
 def draw_episode(path: str, task: str, policy: str, seed: int) -> None:
-    """A picture of an episode: images of moments, above the reward so far (needs the extra `view`)."""
+    """A picture of an episode: images of moments, the last one also from near, above the reward so far.
+
+    From near is where tendons touch something. Needs the extra `view`.
+    """
     rewards: list[float] = []
-    images: list[np.ndarray] = []
+    recording = record_episode(task, policy, seed, lambda _, reward: rewards.append(reward))
+    last = len(rewards) - 1
+    points = framing.surroundings(recording, recording.camera)
+    aspect = framing.proportions(points, recording.camera)
+    size = {"width": round(PIXELS * aspect**0.5), "height": round(PIXELS / aspect**0.5)}
+    whole = {**framing.fitted(points, recording.camera, aspect), **size}
+    shots = [(moment, "", whole) for moment in np.unique(np.linspace(0, last, MOMENTS).astype(int)).tolist()]
+    near = framing.closeup(recording, recording.camera, aspect)
+    if near is not None:
+        shots.append((last, ", closer", {**near, **size}))
+    shown: list[tuple] = []
+    steps = itertools.count()
 
-    def run(watch) -> None:
-        run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed, watch)
-
-    def look(_, __) -> None:
-        if next(steps) in moments:
-            images.append(_image(env.unwrapped))
+    def look(env, _) -> None:
+        step = next(steps)
+        for title, camera in [shot[1:] for shot in shots if shot[0] == step]:
+            time = step / env.unwrapped.metadata["render_fps"]
+            shown.append((f"{time:.1f} s{title}", _image(env.unwrapped, camera)))
 
     with gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0") as env:
-        run(lambda _, reward: rewards.append(reward))
-        moments = np.unique(np.linspace(0, len(rewards) - 1, MOMENTS).astype(int)).tolist()
-        steps = itertools.count()
-        run(look)
+        run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed, look)
         times = np.arange(len(rewards)) / env.unwrapped.metadata["render_fps"]
-    shown = [(f"{times[moment]:.1f} s", image) for moment, image in zip(moments, images, strict=True)]
     curve = {"x": times, "y": np.array(rewards), "label": "reward so far"}
     view.figure(path, shown, [curve], xlabel="time [s]", ylabel="reward so far", title=f"{task}, {policy}")
 
 
-def _image(task: Task) -> np.ndarray:
-    """(PIXELS, PIXELS, 3) uint8 of a task now, with bones one can look into."""
-    camera = {**task.camera, "width": PIXELS, "height": PIXELS}
+def _image(task: Task, camera: dict) -> np.ndarray:
+    """(height, width, 3) uint8 of a task now, with bones one can look into."""
     tunnels = [placed(tunnel, task.client) for tunnel in task.world.tunnels]
     lines, colors = task.lines()
     return view.render_scene(task.client, camera, task.bones, lines, tunnels, BONE_OPACITY, colors)
@@ -173,15 +182,19 @@ def draw_learning(path: str) -> None:
     )
 
 
-def record_episode(task: str, policy: str, seed: int) -> Recording:
-    """A recording of an episode, for a replay (needs the extra `replay`)."""
+def record_episode(task: str, policy: str, seed: int, watch=None) -> Recording:
+    """A recording of an episode, for a replay (needs the extra `replay`); watch: see episodes.run_episode.
+
+    Its camera sees the whole scene.
+    """
     with gymnasium.make(f"{__package__}:bullet_tendon/{task}-v0") as env:
         env.reset(seed=seed)  # so that the recording begins where the episode does
         scene = env.unwrapped
         told = {"camera": scene.camera, "title": f"{task}, {policy}", "most_frames": REPLAY_FRAMES}
         with Recorder(scene.world, every=1, **told) as recorder:
-            run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed)
-        return recorder.recording
+            run_episode(env, make_policy(policy, task, np.random.default_rng(seed)), seed, watch)
+        found = recorder.recording
+        return dataclasses.replace(found, camera=framing.overview(found, scene.camera))
 
 
 if __name__ == "__main__":

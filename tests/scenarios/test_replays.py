@@ -8,7 +8,7 @@ from bullet_tendon.scenarios.scene import Options
 from chromium import EXECUTABLE, Browser
 
 import bullet_tendon as bt
-from bullet_tendon import errors, replay
+from bullet_tendon import errors, framing, replay
 
 try:
     from bullet_tendon.scenarios.tasks import TASKS
@@ -20,6 +20,7 @@ from bullet_tendon.visuals import TAUT_COLOR, TENDON_COLOR
 WIDTH, HEIGHT, BAR = 900, 700, 45  # pixels of the window, and of the bar at its lower edge
 READY = "document.body && document.body.dataset.ready"
 MOST_BYTES = 3e6
+VIEWS = "document.querySelector('select[title=\"what is looked at\"]')"
 
 needs_browser = pytest.mark.skipif(EXECUTABLE is None, reason="no Chromium on this machine")
 
@@ -107,7 +108,7 @@ def is_drawn(image, place) -> bool:
 def shown(browser, module, path, options) -> float:
     """Write a scenario's replay, and hold it to the recording; the file's size [bytes]."""
     scene = runner.run(module, options, replay=str(path)).scene
-    held_to(browser, scene.recorder.recording, path)
+    held_to(browser, scene.recording, path)
     return path.stat().st_size
 
 
@@ -162,6 +163,37 @@ def test_a_whole_scenario_is_shown_where_it_was(browser, tmp_path, name):
     size = shown(browser, runner.known()[name], tmp_path / "run.html", Options(replay=True))
     print(f"{name}: {size / 1e6:.2f} MB")
     assert size < MOST_BYTES
+
+
+@needs_browser
+def test_a_replay_can_be_looked_at_from_near_and_in_narrow_windows(browser, make_world, tmp_path):
+    pytest.importorskip("k3d")
+    world = make_world(1 / 240, (0, 0, -9.81))
+    solid = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=world.physicsClientId)
+    world.add_obstacle(p.createMultiBody(0, solid, physicsClientId=world.physicsClientId))
+    tendon = world.add_tendon([(-0.3, 0, 0.022), (0.3, 0, 0.022)], 0.002, bt.Material(stiffness=1e4), 61)
+    tendon.grip(0), tendon.grip(-1)
+    with bt.Recorder(world, every=1, camera={"yaw": 0, "pitch": 0}) as recorder:
+        world.step(60)
+    recorder.save(tmp_path / "run.html")
+    browser.open((tmp_path / "run.html").as_uri(), READY)
+    recording = recorder.recording
+    for chosen, camera in (
+        ("whole", replay.start_camera(recording)),
+        ("closer", framing.closeup(recording, replay.start_camera(recording))),
+    ):
+        browser.value(f"(() => {{ {VIEWS}.value = '{chosen}'; {VIEWS}.onchange(); }})()")
+        eye = np.array(camera["target"]) - (0, camera["distance"], 0)
+        np.testing.assert_allclose(browser.value("replay.camera()"), 1000 * eye, atol=0.01)
+    shape = {"height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
+    try:
+        narrow = round(HEIGHT * framing.ASPECT / 2)
+        browser.call("Emulation.setDeviceMetricsOverride", width=narrow, **shape)
+        browser.value(f"{VIEWS}.onchange()")
+        away = np.array(browser.value("replay.camera()")) / 1000 - camera["target"]
+        np.testing.assert_allclose(away, (0, -2 * camera["distance"], 0), rtol=2e-3, atol=1e-5)
+    finally:
+        browser.call("Emulation.setDeviceMetricsOverride", width=WIDTH, **shape)
 
 
 def one_tendon(make_world):
