@@ -1,18 +1,21 @@
-"""Makes the pictures of the READMEs anew, and tells which are older than the code that draws them.
+"""Makes the pictures of the READMEs anew, and tells which are older than what they are drawn from.
 
-python -m bullet_tendon.scenarios.make_pictures                  those of scenarios, some minutes
-python -m bullet_tendon.scenarios.make_pictures --benchmarks     those of benchmarks, hours
+python -m bullet_tendon.scenarios.make_pictures                  all, some minutes
 python -m bullet_tendon.scenarios.make_pictures wrap_condyle     single ones
 
-A picture carries a stamp: a hash of the code (without comments and docstrings) of its scenario or benchmark,
-and of figures.py, which lays pictures out. What many scenarios share is left out, because it changes often
+A picture carries a stamp: a hash of the code (without comments and docstrings) of its scenario or task, and
+of figures.py, which lays pictures out. What many scenarios share is left out, because it changes often
 and pictures seldom with it. Scenarios run in an empty folder, so that they show the project's own bones.
+
+A picture of a benchmark is drawn from the record that the benchmark wrote (harness.record_file), in a second.
+Its stamp is a hash of the record, of the benchmark's code, and of harness.py, which draws it.
 """
 
 import argparse
 import ast
 import contextlib
 import hashlib
+import json
 import os
 import struct
 import sys
@@ -23,7 +26,7 @@ from pathlib import Path
 from bullet_tendon.scenarios import runner
 from bullet_tendon.scenarios.benchmarks import harness
 
-from bullet_tendon import view
+from bullet_tendon import errors, view
 
 FOLDER = Path(__file__).resolve().parent / "pictures"
 SCENARIOS = (
@@ -50,16 +53,17 @@ KEYWORD = b"bullet_tendon"
 def main(arguments: list[str] | None = None) -> int:
     """The command line. Returns the exit status: 0, or 2 for bad usage."""
     parser = argparse.ArgumentParser(f"python -m {__package__}.make_pictures", description="Makes pictures.")
-    parser.add_argument("names", nargs="*", help="of scenarios and benchmarks; without one: all scenarios")
-    parser.add_argument("--benchmarks", action="store_true", help="those of benchmarks, which takes hours")
-    wanted = parser.parse_args(arguments)
-    names = wanted.names or (BENCHMARKS if wanted.benchmarks else (*SCENARIOS, *TASKS))
+    parser.add_argument("names", nargs="*", help="of scenarios, tasks and benchmarks; without one: all")
     known = *SCENARIOS, *TASKS, *BENCHMARKS
+    names = parser.parse_args(arguments).names or known
     unknown = sorted(set(names) - set(known))
     if unknown:
         parser.error(f"unknown {', '.join(unknown)}; known: {', '.join(known)}")
     for name in names:
-        make(name, FOLDER / f"{name}.png")
+        try:
+            make(name, FOLDER / f"{name}.png")
+        except errors.InvalidValue as problem:
+            parser.error(str(problem))
         print(FOLDER / f"{name}.png")
     return 0
 
@@ -68,8 +72,7 @@ def make(name: str, path: Path) -> None:
     """Draw one picture into a file, with its stamp."""
     with tempfile.TemporaryDirectory() as folder, _inside(folder):
         if name in BENCHMARKS:
-            module = harness.known()[name]
-            harness.draw("it.png", module.panels(module.run(False, view.progress)))
+            harness.draw("it.png", harness.known()[name].panels(harness.read_record(name)))
         elif name in TASKS:
             _draw_task(name)
         else:
@@ -89,15 +92,16 @@ def _draw_task(name: str) -> None:
 
 
 def digest(name: str) -> str:
-    """A hash of the code that a picture comes from."""
+    """A hash of what a picture comes from: code, and the record of a benchmark."""
     here = Path(__file__).resolve().parent
+    total = hashlib.sha256()
     if name in BENCHMARKS:
-        files = [here / "benchmarks" / f"{name}.py"]
+        files = [here / "benchmarks" / f"{module}.py" for module in (name, "harness")]
+        total.update(json.dumps(harness.read_record(name)).encode())
     elif name in TASKS:
         files = [here / "tasks" / f"{module}.py" for module in TASKS[name]]
     else:
         files = [here / f"{name}.py", Path(view.__file__).with_name("figures.py")]
-    total = hashlib.sha256()
     for file in files:
         total.update(_code(file.read_text(encoding="utf-8")).encode())
     return total.hexdigest()[:16]

@@ -8,7 +8,7 @@ a lever whose hinge is held level by a position motor; "table": a box on a plane
 
 import dataclasses
 import math
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pybullet as p
@@ -131,9 +131,9 @@ def _timed_step(scene, spring, body, pull) -> float:
     if pull.any():
         at = motion(body, -1, scene.client)[0].tolist()
         p.applyExternalForce(body, -1, pull.tolist(), at, p.WORLD_FRAME, scene.client)
-    start = perf_counter()
+    start = process_time()
     spring.step()
-    return perf_counter() - start
+    return process_time() - start
 
 
 def _energy(scene, spring, body, mass) -> float:

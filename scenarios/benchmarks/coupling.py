@@ -60,7 +60,7 @@ def table(record) -> list[str]:
 def panels(record) -> list[dict]:
     labels = {"xlabel": "body mass [kg]", "ylabel": "stiffness [N]"}
     result = []
-    for dt, name in itertools.product(record["time_steps"], METHODS):
+    for dt, name in itertools.product(record["time_steps"], record["summary"]["methods"]):
         found = _grid(record, dt, name)
         cells = {
             "x": record["masses"],
@@ -72,7 +72,7 @@ def panels(record) -> list[dict]:
             "limits": (1e-10, 1.0),
         }
         limit = {"x": record["masses"], "label": "dt = 2 sqrt(m L / K)"}
-        limit["y"] = [4 * m * LENGTH / dt**2 for m in record["masses"]]
+        limit["y"] = [4 * m * record["length_m"] / dt**2 for m in record["masses"]]
         title = f"{name}, dt = 1/{1 / dt:.0f} s"
         result.append({**labels, "title": title, "cells": cells, "curves": [limit]})
     return result

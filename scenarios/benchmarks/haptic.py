@@ -4,16 +4,17 @@ The scene is that of the scenario `graft_passage`. The hand follows a record (ha
 pulls and pull-backs, pauses, tremor, slips, and the steps of an encoder. A soft hand is a virtual coupling
 (COUPLING); a rigid hand puts the particle where the record is. One step is what a haptic loop does each
 millisecond: set the hand's target, TendonWorld.step() (read the bodies, solve, push the bodies, step
-pybullet), read the force on the hand and the wrenches on both bones.
+pybullet), read the force on the hand and the wrenches on both bones. Its time is the processor's, so that
+what else the machine does is left out. A time_budget is wall time: what else the machine does uses it up too.
 
 Each variant of hand, time_budget and record is run REPEATS times. "As measured" is over all steps of all
-runs. "Least" takes, for each step, the shortest of the runs: the same work without what else the machine
-did. It is left out with a time_budget, because a budget that is used up changes the path.
+runs. "Least" takes, for each step, the shortest of the runs: the same work with the least interrupts. It is
+left out with a time_budget, because a budget that is used up changes the path.
 "Force error" is the RMS difference of the hand's force from the run without a budget, over the RMS force.
 """
 
 import dataclasses
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pybullet as p
@@ -74,7 +75,7 @@ def panels(record) -> list[dict]:
         budget = "no budget" if row["time_budget_s"] is None else f"budget {1e3 * row['time_budget_s']:g} ms"
         curve = {"label": f"{row['hand']} hand, {budget}"}
         curves.append({"x": row["as_measured"]["rest_ms"], "y": REST_SHARES, **curve})
-    labels = {"xlabel": "time of a step [ms]", "ylabel": "share of steps that take longer"}
+    labels = {"xlabel": "processor time of a step [ms]", "ylabel": "share of steps that take longer"}
     return [{**labels, "title": "A graft led by a jerky hand at 1 kHz", "curves": curves}]
 
 
@@ -133,10 +134,10 @@ def _passage(hand, budget, seed, quick) -> dict:
 def _step(scene, grip, target) -> tuple:
     """Seconds of what a haptic loop does in a step, the hand's force, over_budget, converged."""
     world = scene.world
-    start = perf_counter()
+    start = process_time()
     grip.target = target
     world.step()
     force = grip.force
     for tunnel in scene.handles.tunnels:
         world.wrench(tunnel.bodyUniqueId, tunnel.linkIndex)
-    return perf_counter() - start, force, world.report.over_budget, world.report.converged
+    return process_time() - start, force, world.report.over_budget, world.report.converged

@@ -8,12 +8,14 @@ A benchmark is a module of this package with
                                     over a map, cells: the arguments of _draw_cells
 
 and a docstring whose first line says what it measures. Nothing here is judged: what counts is
-ratios of times within one run, which a noisy computer disturbs least.
+ratios of times within one run, which a noisy computer disturbs least. Panels come from the record alone, so
+that a picture can be drawn again without measuring (make_pictures).
 """
 
 import argparse
 import json
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -49,6 +51,20 @@ def main(arguments: list[str] | None = None) -> int:
     except errors.MissingExtra as problem:
         parser.error(str(problem))
     return 0
+
+
+def record_file(name: str) -> Path:
+    """Where the checkout keeps the record of a benchmark, from which its picture is drawn."""
+    return Path(__file__).resolve().parent / "records" / f"{name}.json"
+
+
+def read_record(name: str) -> dict:
+    """The record that the checkout keeps of a benchmark. Raises InvalidValue where there is none."""
+    path = record_file(name)
+    if not path.is_file():
+        command = f"python -m {benchmarks.__name__} {name} --json {path}"
+        raise errors.InvalidValue("benchmark", name, f"one with a record, which this writes: {command}")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def write_json(record: dict, path: str) -> None:

@@ -6,12 +6,12 @@ damped. The references are scipy's solutions of the exact equations (rigid_ode).
 two particles by implicit Euler and by BDF2, and what users write by hand: the spring's force from where the
 bodies are before the step. Errors are the RMS distance of the bodies' centres from their exact paths, at
 every step of DURATION seconds, over LENGTH. pybullet starts bodies half a step late: "half a step later" is
-the error against the exact path half a time step later. Times are the wall time of the whole loop, the least
-of REPEATS.
+the error against the exact path half a time step later. Times are the processor's in the whole loop, the
+least of REPEATS.
 """
 
 import math
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pybullet as p
@@ -62,12 +62,12 @@ def table(record) -> list[str]:
 def panels(record) -> list[dict]:
     labels = {
         "xlabel": "relative error, half a step later",
-        "ylabel": f"wall time of {record['duration_s']:g} s [s]",
+        "ylabel": f"processor time of {record['duration_s']:g} s [s]",
     }
     result = []
-    for problem in PROBLEMS:
+    for problem, orders in record["orders_half_a_step_later"].items():
         curves = []
-        for method in SOLVERS:
+        for method in orders:
             rows = [r for r in record["rows"] if (r["problem"], r["method"]) == (problem, method)]
             rows = [r for r in rows if r["error_half_a_step_later"] is not None]
             curve = {"x": [r["error_half_a_step_later"] for r in rows], "y": [r["seconds"] for r in rows]}
@@ -97,9 +97,9 @@ def _measure(build, method, rate, duration) -> tuple[float, np.ndarray]:
         found = np.empty((round(duration * rate), len(system.tracked), 3))
         seconds = 0.0
         for row in found:
-            start = perf_counter()
+            start = process_time()
             step()
-            seconds += perf_counter() - start
+            seconds += process_time() - start
             row[:] = [link_frame(*which, scene.client)[0] for which in system.tracked]
     return seconds, found
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bullet_tendon.scenarios import make_pictures
+from bullet_tendon.scenarios.benchmarks import harness
 
 from bullet_tendon import view
 
@@ -27,19 +28,38 @@ def test_every_picture_that_is_shown_can_be_made():
     assert {path.stem for path in PICTURES.glob("*.png")} == known
 
 
-@pytest.mark.parametrize("name", (*make_pictures.SCENARIOS, *make_pictures.TASKS))
-def test_no_picture_is_older_than_its_code(name):
+@pytest.mark.parametrize("name", (*make_pictures.SCENARIOS, *make_pictures.TASKS, *make_pictures.BENCHMARKS))
+def test_no_picture_is_older_than_what_it_is_drawn_from(name):
     command = f"python -m bullet_tendon.scenarios.make_pictures {name}"
     assert make_pictures.stamp(PICTURES / f"{name}.png") == make_pictures.digest(name), command
 
 
 @pytest.mark.parametrize("name", make_pictures.BENCHMARKS)
-def test_no_picture_of_a_benchmark_is_older_than_its_code(name):
-    stamp = make_pictures.stamp(PICTURES / f"{name}.png")
-    if not stamp:
-        pytest.skip("measured before pictures were stamped")
-    command = f"python -m bullet_tendon.scenarios.make_pictures {name}"
-    assert stamp == make_pictures.digest(name), command
+def test_a_picture_of_a_benchmark_is_drawn_from_its_record_alone(name, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    record = harness.read_record(name)
+    assert (record["benchmark"], record["quick"]) == (name, False)
+    monkeypatch.setattr(harness.known()[name], "run", None)
+    make_pictures.make(name, tmp_path / "it.png")
+    assert make_pictures.stamp(tmp_path / "it.png") == make_pictures.digest(name)
+
+
+def test_a_picture_is_stale_where_its_record_is_another(tmp_path, monkeypatch):
+    record, before = harness.read_record("haptic"), make_pictures.digest("haptic")
+    monkeypatch.setattr(harness, "record_file", lambda name: tmp_path / f"{name}.json")
+    harness.write_json(record, str(tmp_path / "haptic.json"))
+    assert make_pictures.digest("haptic") == before
+    record["rows"][0]["as_measured"]["rest_ms"][0] += 1e-6
+    harness.write_json(record, str(tmp_path / "haptic.json"))
+    assert make_pictures.digest("haptic") != before
+
+
+def test_a_picture_without_a_record_is_refused_with_the_command_that_measures(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(harness, "record_file", lambda name: tmp_path / f"{name}.json")
+    with pytest.raises(SystemExit) as stop:
+        make_pictures.main(["haptic"])
+    assert stop.value.code == 2
+    assert "benchmarks haptic --json" in capsys.readouterr().err
 
 
 def test_a_stamp_is_read_back_and_leaves_the_picture_as_it_was(tmp_path):
