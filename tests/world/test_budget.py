@@ -134,9 +134,9 @@ def test_nothing_passes_a_plate_in_steps_over_budget(make_world, client, limit):
     assert lowest > -0.05
 
 
-def ball_beside_a_tangle(make_world, client, stiffness, solves):
+def ball_beside_a_tangle(make_world, client, stiffness, solves, particles=100, **options):
     """A ball of 1 kg that hangs on 0.2 m of tendon, while a tendon elsewhere exhausts the budget."""
-    world, tangle = tangled(make_world, 100, max_linear_solves=solves)
+    world, tangle = tangled(make_world, particles, max_linear_solves=solves, **options)
     ball = free_ball(client, 1.0, at=(0, 1, -0.2))
     p.changeDynamics(ball, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
     material = bt.Material(stiffness=stiffness, damping=20.0)
@@ -148,9 +148,12 @@ def ball_beside_a_tangle(make_world, client, stiffness, solves):
 @pytest.mark.parametrize("solves", [40, 100])
 @pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6])
 @pytest.mark.parametrize("push", [0.0, 30.0])
-def test_what_hangs_is_held_in_steps_over_budget(make_world, client, stiffness, solves, push):
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_what_hangs_is_held_in_steps_over_budget(make_world, client, integrator, stiffness, solves, push):
     """In every step it is no faster than its loads can have made it, and the grip bears what they ask."""
-    world, tangle, grip, ball = ball_beside_a_tangle(make_world, client, stiffness, solves)
+    world, tangle, grip, ball = ball_beside_a_tangle(
+        make_world, client, stiffness, solves, integrator=integrator
+    )
     over, load, spring = 0, 9.81 + push, stiffness / 0.2
     for k in range(90):
         if k == 30:
@@ -171,9 +174,27 @@ def test_what_hangs_is_held_in_steps_over_budget(make_world, client, stiffness, 
     np.testing.assert_allclose(grip.force, [0, 0, -load], rtol=0.02)
 
 
-def test_motion_that_a_step_over_budget_leaves_out_is_not_lost(make_world, client):
-    """A ball swings on as fast as it came, once the budget suffices."""
-    world, tangle, _, ball = ball_beside_a_tangle(make_world, client, 1e5, 40)
+@pytest.mark.parametrize("particles", [60, 80])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_an_unknown_push_is_held_while_a_tangle_comes_loose(make_world, client, integrator, particles):
+    """The push is learned, and what holds it bears no more than a load that begins at once: twice its own."""
+    options = {"particles": particles, "integrator": integrator}
+    world, _, grip, ball = ball_beside_a_tangle(make_world, client, 1e6, 100, **options)
+    over, push = 0, 30.0
+    for _ in range(60):
+        (_, _, height), _ = p.getBasePositionAndOrientation(ball, client)
+        p.applyExternalForce(ball, -1, [0, 0, -push], [0, 1, height], p.WORLD_FRAME, client)
+        world.step()
+        over += world.report.over_budget
+        assert np.linalg.norm(grip.force) <= 3 * (9.81 + push)
+    assert over > 5
+    np.testing.assert_allclose(grip.force, [0, 0, -9.81 - push], rtol=0.02)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_a_tangle_slows_down_nothing_but_itself(make_world, client, integrator):
+    """A ball beside it swings in steps over budget as in others."""
+    world, tangle, _, ball = ball_beside_a_tangle(make_world, client, 1e5, 40, integrator=integrator)
     p.resetBaseVelocity(ball, [1.0, 0, 0], physicsClientId=client)
     over = 0
     for k in range(8):
@@ -181,17 +202,21 @@ def test_motion_that_a_step_over_budget_leaves_out_is_not_lost(make_world, clien
         world.step()
         over += world.report.over_budget
     assert over == 8
+    (x, _, _), _ = p.getBasePositionAndOrientation(ball, client)
+    assert x == pytest.approx(8 / 240, rel=0.03)
     world.remove_tendon(tangle)
     world.step(2)
     assert not world.report.over_budget
     (x, _, z), _ = p.getBasePositionAndOrientation(ball, client)
     speed = np.linalg.norm(p.getBaseVelocity(ball, client)[0])
     assert 0.5 * speed**2 + 9.81 * (z + 0.2) == pytest.approx(0.5, rel=0.03)
-    assert x > 0
 
 
 def test_motion_of_a_joint_that_is_left_out_is_not_lost(make_world, client, tmp_path):
-    """An arm that swings with a light thread at its tip keeps the energy of its motion and of its height."""
+    """An arm that swings with a light thread at its tip keeps the energy of its motion and of its height.
+
+    The thread moves by many radii in a step, so that it is not solved in the rest of one.
+    """
     world, tangle = tangled(make_world, 100, max_linear_solves=40)
     arm = hinged(client, tmp_path)
     p.resetBasePositionAndOrientation(arm, [0, 1, 0], [0, 0, 0, 1], physicsClientId=client)
@@ -230,9 +255,10 @@ def test_what_was_stopped_meanwhile_stays(make_world, client):
 
 def test_reasons_are_told(make_world):
     """A step that does not converge is halved, and the report says how often."""
-    world, _ = tangled(make_world, 100, max_linear_solves=400)
+    world, tangle = tangled(make_world, 100, max_linear_solves=40)
     counts = {}
-    for _ in range(12):
+    for k in range(12):
+        tangle_up(tangle, k)
         world.step()
         for name, count in world.report.reasons.items():
             counts[name] = counts.get(name, 0) + count

@@ -112,7 +112,7 @@ void NarrowPhase::test(int k, int m) {
     const Sweep swept = sweep(k, m);
     if (swept.share_apart(skins + slack) == 1) return;
     const double share = swept.share_apart(skins);
-    counts.room = std::min(counts.room, std::max(share, kFarthestMove * radii / moves));
+    s.room = std::max(share, kFarthestMove * radii / moves);
     s.passes = share == 1;
     for (PairPoint& at : s.points) at.apart = swept.turned(at.apart);
   }

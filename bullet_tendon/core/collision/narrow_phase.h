@@ -25,6 +25,7 @@ struct SegmentPair {
   // Contact points. An end at the second particle of a segment belongs to the next segment.
   int count = 0;
   PairPoint points[2];
+  double room = 1;  // predicted share of the step before they could touch, if they are not near [-]
 };
 
 // Whether no force changes the distance of two anchors: they are on one link, or neither moves.
@@ -40,7 +41,6 @@ struct PairCounts {
   long near = 0;        // those of them that could touch within the step
   long searches = 0;    // pairs of tendons (also with themselves) whose candidates were collected
   long skipped = 0;     // pairs of tendons with valid lists, or that need none
-  double room = 1;      // predicted share of the step before tendons that are not near could touch [-]
 };
 
 // near: relative motions of at most kFarthest sums of radii (collision/broad_phase.cpp). swept: any motion,

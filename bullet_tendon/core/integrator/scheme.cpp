@@ -166,7 +166,7 @@ constexpr long kBetweenPolls = 64;
 
 void Budget::start(long most, double seconds, std::function<void()> poll) {
   most_ = most;
-  spent_ = 0;
+  spent_ = allowed_ = 0;
   exhausted_ = refused_ = false;
   timed_ = seconds > 0;
   if (timed_)

@@ -19,13 +19,17 @@ class Budget {
     refused_ |= exhausted_;
     return exhausted_;
   }
+  // Allows a solution this many linear solutions beyond an exhausted budget.
+  void allow(long beyond) { allowed_ = spent_ + beyond; }
+  // The same, for the next linear solution of a solution.
+  bool refuses_solve() { return refuses() && spent_ >= allowed_; }
   // Whether the budget has refused work.
   bool refused() const { return refused_; }
   long spent() const { return spent_; }
 
  private:
   using Clock = std::chrono::steady_clock;
-  long most_ = 0, spent_ = 0;
+  long most_ = 0, spent_ = 0, allowed_ = 0;
   bool timed_ = false, exhausted_ = false, refused_ = false;
   Clock::time_point end_;
   std::function<void()> poll_;

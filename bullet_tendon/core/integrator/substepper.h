@@ -3,7 +3,8 @@
 //
 // Only this class cuts or repeats substeps. Lengths are integers in units of the step, so that substeps add
 // up to the step exactly. One budget limits the linear solutions and the wall time of a whole step. When it
-// is exhausted, the substep takes its last iterate, and the rest of the step is left out (World::leave_rest).
+// is exhausted, the substep takes its last iterate, and one substep is the rest of the step
+// (World::end_early).
 #pragma once
 #include <array>
 
@@ -40,6 +41,7 @@ class Substepper {
   void start(double dt, bool divisible) {
     dt_ = dt;
     divisible_ = divisible;
+    ends_early_ = false;
     done_ = 0;
     size_ = kUnits;
     taken_ = 0;
@@ -56,6 +58,7 @@ class Substepper {
   // The substep's share of the remaining step [-].
   double share_left() const { return static_cast<double>(size_) / (kUnits - done_); }
   bool is_whole() const { return size_ == kUnits; }
+  bool ends_early() const { return ends_early_; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
   // Whether a substep that does not converge may be halved.
@@ -84,15 +87,21 @@ class Substepper {
     if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
   }
 
-  // Whether the step was cut because of something that is near.
-  bool was_cut() const { return reasons_[static_cast<int>(Reason::motion)] > 0; }
+  // Makes the substep the rest of the step.
+  void end_early() {
+    size_ = kUnits - done_;
+    ends_early_ = true;
+  }
+
+  // Whether the step was cut because of something that is near, or ends early.
+  bool was_cut() const { return ends_early_ || reasons_[static_cast<int>(Reason::motion)] > 0; }
   int taken() const { return taken_; }
   const ReasonCounts& reasons() const { return reasons_; }
 
  private:
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
-  bool divisible_ = true;
+  bool divisible_ = true, ends_early_ = false;
   int done_ = 0, size_ = kUnits, taken_ = 0;
   ReasonCounts reasons_{};
 };

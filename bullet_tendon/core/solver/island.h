@@ -104,6 +104,15 @@ struct Island {
   IslandResult result;
 
   Tendon& at(const SegmentPoint& s) const { return *(*slots)[s.tendon]; }
+  bool is_empty() const { return tendons.empty() && elements.all.empty(); }
+  void clear() {
+    tendons.clear();
+    numbers.clear();
+    contacts.clear();
+    bodies.indices.clear();
+    bodies.carried.clear();
+    elements.all.clear();
+  }
 };
 
 using Which = Field Tendon::*;

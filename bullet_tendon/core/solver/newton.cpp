@@ -251,7 +251,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
   if (!s.descends && !touches(island) && a.residual > kDivergence * s.smallest) return Next::stop;
-  if (s.iteration - start >= fewest_steps(s) && s.context.budget->refuses()) return Next::stop;
+  if (s.iteration - start >= fewest_steps(s) && s.context.budget->refuses_solve()) return Next::stop;
   return Next::step;
 }
 

@@ -21,7 +21,7 @@ void World::each_touch(Do what) const {
     if (contact.link >= 0 && scene.links[contact.link].yields())
       what(scene.links[contact.link].body, contact.a.tendon);
   if (step_.whole) return;
-  scene.each_element([&](const Element& element) {
+  each_acting([&](const Element& element) {
     int node = -1;
     for (const TouchedLink& touched : element.touched()) {
       if (!scene.links[touched.link].yields()) continue;
@@ -83,7 +83,7 @@ void World::find_central_bodies() {
         act(scene.links[h.link], scene.links[h.link].held_arm_of(h.local));
   for (const Contact& contact : contacts_.all)
     if (contact.link >= 0) act(scene.links[contact.link], contact.arm);
-  scene.each_element([&](const Element& element) {
+  each_acting([&](const Element& element) {
     for (const TouchedLink& touched : element.touched()) act(scene.links[touched.link], touched.lever);
   });
 }
@@ -231,7 +231,7 @@ bool World::settle_stops() {
   sum_forces(1 / step_.substeps.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
   bool other = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
-    if (!scene.bodies[m].may_stop() ||
+    if (!scene.bodies[m].may_stop() || scene.bodies[m].stays ||
         !scene.bodies[m].settle_stops(scene.bodies[m].forces, step_.substeps.step()))
       continue;
     other = true;
@@ -266,7 +266,10 @@ void World::lead_bodies() {
     if (m.n() > 0 && !step_.whole)
       m.begin_substep(step_.substeps.share_before(), step_.substeps.share_at_end());
   const double end = step_.substeps.end();
-  for (Link& l : scene.links) l.begin_substep(body_of(l), end - step_.context.dt, end);
+  for (Link& l : scene.links) {
+    l.begin_substep(body_of(l), end - step_.context.dt, end);
+    if (stays(l)) l.velocity = l.spin = {};
+  }
 }
 
 // Adds the impulse of the solved substep to the bodies' rates, and moves their links to its end.

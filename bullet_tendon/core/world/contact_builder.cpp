@@ -125,6 +125,16 @@ std::optional<Plane> across_valley(NearCache& cache, int feature, const Surface*
   return Plane{side.point, (1 / side.distance) * (x - side.point), side.u};
 }
 
+// Greatest predicted motion of a particle in the substep [m].
+double most_motion(const Tendon& c) {
+  double most = 0;
+  for (int i = 0; i < c.n(); ++i) most = std::max(most, norm(c.predicted.at(i) - c.x.at(i)));
+  return most;
+}
+
+// The tendon of two that is predicted to move farther.
+Tendon& farther_of(Tendon& a, Tendon& b) { return most_motion(b) > most_motion(a) ? b : a; }
+
 Tangent in_world(const Tangent& surface, const Pose& pose) {
   return {to_world(pose, surface.point), pose.rotation * surface.normal, pose.rotation * surface.along,
           surface.radius};
@@ -149,6 +159,8 @@ Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 void World::collect_contacts() {
   contacts_.all.clear();
   step_.motion_limit = 1;
+  for (Tendon* c : step_.slots)
+    if (c) c->limited = false;
   for (size_t c = 0; c < step_.slots.size(); ++c) {
     if (!step_.slots[c]) continue;
     find_near_tunnels(static_cast<int>(c));
@@ -164,11 +176,16 @@ void World::collect_contacts() {
   for (size_t c = 0; c < step_.slots.size(); ++c)
     for (size_t s = 0; step_.slots[c] && s < scene.shapes.size(); ++s)
       if (scene.shape_alive[s] && !scene.shapes[s].half_space)
-        step_.motion_limit =
-            std::min(step_.motion_limit, motion_limit_of(detection_.caches[c][s], step_.slots[c]->radius));
+        limit_motion(*step_.slots[c], motion_limit_of(detection_.caches[c][s], step_.slots[c]->radius));
   bone_contacts();
   tendon_contacts();
   drop_contacts_of_torn();
+}
+
+// share: of the substep, in which a tendon can pass through nothing.
+void World::limit_motion(Tendon& c, double share) {
+  step_.motion_limit = std::min(step_.motion_limit, share);
+  c.limited |= share < 1;
 }
 
 // Nothing is left of a torn segment but its ends.
@@ -314,8 +331,8 @@ void World::recall(Contact& contact, double inertia) {
 }
 
 void World::remember() {
-  auto awake = [&](const ContactMemory& m) { return scene.tendons[m.key.tendon]->sleeping_island < 0; };
-  contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), awake),
+  auto moves = [&](const ContactMemory& m) { return step_.slots[m.key.tendon] != nullptr; };
+  contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), moves),
                          contacts_.memory.end());
   contacts_.touching.assign(step_.slots.size(), 0);
   for (Tendon* c : step_.slots)
@@ -445,9 +462,10 @@ void World::tendon_contacts() {
                                                    foresight, detection_.pairs);
   step_.report.search_seconds +=
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  step_.motion_limit = std::min(step_.motion_limit, step_.report.pairs.room);
-  for (const SegmentPair& p : detection_.pairs)
+  for (const SegmentPair& p : detection_.pairs) {
+    if (p.room < 1) limit_motion(farther_of(*step_.slots[p.tendon_a], *step_.slots[p.tendon_b]), p.room);
     for (int k = 0; k < p.count; ++k) pair_contact(p, p.points[k]);
+  }
 }
 
 void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
@@ -663,7 +681,7 @@ void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double r
 }
 
 void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, double u, double reach) {
-  const Tendon& c = *step_.slots[tendon];
+  Tendon& c = *step_.slots[tendon];
   const Link& link = scene.links[scene.tunnels[t].link];
   const double dt = step_.context.dt;
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
@@ -674,8 +692,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   const double distance = norm(apart);
   if (distance > reach) return;
   const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
-  step_.motion_limit =
-      std::min(step_.motion_limit, safe_fraction(distance, c.radius + scene.tunnels[t].chamfer, motion));
+  limit_motion(c, safe_fraction(distance, c.radius + scene.tunnels[t].chamfer, motion));
   Contact contact;
   contact.link = scene.tunnels[t].link;
   contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};

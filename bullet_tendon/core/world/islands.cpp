@@ -14,6 +14,9 @@ namespace {
 // Share of the depth to which the distance of cartilage is known, through which it may move in a substep [-].
 // Larger: fast impacts pass through. Smaller: they are divided into more substeps.
 constexpr double kLayerShare = 0.5;
+// Linear solutions of an island after the budget of the step is exhausted, if another one has used most of it
+// [-]. Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
+constexpr long kLastSolves = 20;
 
 }  // namespace
 
@@ -41,12 +44,7 @@ void World::make_islands() {
   islands_.all.resize(count);
   for (int c = 0; c < count; ++c) {
     Island& g = islands_.all[c];
-    g.tendons.clear();
-    g.numbers.clear();
-    g.contacts.clear();
-    g.bodies.indices.clear();
-    g.bodies.carried.clear();
-    g.elements.all.clear();
+    g.clear();
     g.slots = &step_.slots;
     g.bodies.all = &scene.bodies;
     g.bodies.links = &scene.links;
@@ -88,7 +86,7 @@ void World::make_islands() {
 
 void World::begin_elements() {
   if (step_.whole) return;
-  scene.each_element([&](Element& element) { element.begin(scene.links, step_.context.dt); });
+  each_acting([&](Element& element) { element.begin(scene.links, step_.context.dt); });
 }
 
 // Gives each element to the island of the bodies that it touches.
@@ -96,7 +94,7 @@ void World::place_elements() {
   islands_.loose.all.clear();
   if (!scene.has_elements() || step_.whole) return;
   islands_.ends.resize(scene.links.size());
-  scene.each_element([&](Element& element) {
+  each_acting([&](Element& element) {
     IslandElements* in = &islands_.loose;
     for (const TouchedLink& touched : element.touched()) {
       const Link& link = scene.links[touched.link];
@@ -135,6 +133,7 @@ void World::list_elements(IslandElements& elements) {
 // behind the surface. A load that elements hold moves nothing: where its prediction would, the motion counts
 // that follows under the forces of the last step, and at least that with the present velocities.
 void World::limit_motion_of_cartilage() {
+  for (GeneralizedBody& m : scene.bodies) m.limited = false;
   if (step_.whole) return;
   const double h = step_.context.dt;
   auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
@@ -149,7 +148,10 @@ void World::limit_motion_of_cartilage() {
     };
     double least = motion(drift);
     if (least > most) least = std::min(least, std::max(motion(held), motion(present)));
-    if (least > most) step_.motion_limit = std::min(step_.motion_limit, most / least);
+    if (least <= most) continue;
+    step_.motion_limit = std::min(step_.motion_limit, most / least);
+    for (const int link : {cartilage->link_a(), cartilage->link_b()})
+      if (scene.links[link].yields()) scene.bodies[scene.links[link].body].limited = true;
   }
 }
 
@@ -201,7 +203,7 @@ bool World::knows_last_forces(const GeneralizedBody& m) const {
 
 void World::accept_elements() {
   if (step_.whole) return;
-  scene.each_element([&](Element& element) { element.accept(); });
+  each_acting([&](Element& element) { element.accept(); });
 }
 
 // false: a solution is not finite.
@@ -210,8 +212,16 @@ bool World::solve_each_island() {
   step_.attempt = Report{};
   step_.unconverged = false;
   for (Island& g : islands_.all) {
-    if (g.tendons.empty() && g.elements.all.empty()) continue;
+    if (g.is_empty()) continue;
+    const bool begun = !step_.budget.exhausted();
+    const long before = step_.budget.spent();
+    step_.budget.allow(begun || is_unsolved(g) ? 0 : kLastSolves);
     bt::solve(g, step_.context);
+    add_solves(g, step_.budget.spent() - before);
+    // A solution in which the budget ends has failed if its island has used half of it.
+    const bool enough = !step_.budget.exhausted() || 2 * solves_of(g) >= step_.budget.spent();
+    const bool solved = g.result.finite && (g.result.converged || g.result.left_predicted_region);
+    if (begun && enough && !solved) mark_unsolved(g);
     if (after_solution) after_solution(g, step_.context);
     if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
     finite &= g.result.finite;

@@ -161,31 +161,40 @@ void World::wake_disturbed(double dt) {
   for (Link& l : scene.links) l.moved = false;
 }
 
-bool World::is_met(int tendon) const {
-  const Tendon& asleep = *scene.tendons[tendon];
-  const double threshold = options.contact_threshold, skin = skin_of(asleep, 0.5 * threshold);
-  const int segments = asleep.n() - 1;
-  const Box all = box_of(asleep, 0, segments - 1, skin);
-  for (size_t a = 0; a < step_.slots.size(); ++a) {
-    if (!step_.slots[a] || !overlap(sleep_.reach[a], all)) continue;
-    if (!scene.filter.meet(tendon, static_cast<int>(a))) continue;
-    const Tendon& awake = *step_.slots[a];
-    for (int k = 0; k < segments; ++k) {
-      const Box segment = box_of(asleep, k, k, skin);
-      for (int m = 0; overlap(sleep_.reach[a], segment) && m < awake.n() - 1; ++m)
-        if (overlap(swept_box(awake, m, {}, awake.radius + 0.5 * threshold), segment)) return true;
-    }
+// Whether a tendon that moves in this substep comes within reach of one that does not.
+bool World::meets(int still, int moving) const {
+  const Tendon& stays = *scene.tendons[still];
+  const double threshold = options.contact_threshold, skin = skin_of(stays, 0.5 * threshold);
+  const int segments = stays.n() - 1;
+  const Box& reach = sleep_.reach[moving];
+  if (!overlap(reach, box_of(stays, 0, segments - 1, skin)) || !scene.filter.meet(still, moving))
+    return false;
+  const Tendon& moves = *step_.slots[moving];
+  for (int k = 0; k < segments; ++k) {
+    const Box segment = box_of(stays, k, k, skin);
+    for (int m = 0; overlap(reach, segment) && m < moves.n() - 1; ++m)
+      if (overlap(swept_box(moves, m, {}, moves.radius + 0.5 * threshold), segment)) return true;
   }
   return false;
+}
+
+bool World::is_met(int tendon) const {
+  for (size_t a = 0; a < step_.slots.size(); ++a)
+    if (step_.slots[a] && meets(tendon, static_cast<int>(a))) return true;
+  return false;
+}
+
+void World::find_reach() {
+  sleep_.reach.assign(step_.slots.size(), Box{});
+  for (size_t a = 0; a < step_.slots.size(); ++a)
+    if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
 }
 
 // Wakes islands that an awake tendon has come within reach of. Returns whether there are any.
 bool World::wake_met() {
   if (!any_asleep()) return false;
   bool any = false;
-  sleep_.reach.assign(step_.slots.size(), Box{});
-  for (size_t a = 0; a < step_.slots.size(); ++a)
-    if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
+  find_reach();
   for (size_t c = 0; c < scene.tendons.size(); ++c)
     if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 && is_met(static_cast<int>(c))) {
       wake_tendon(static_cast<int>(c));

@@ -52,10 +52,8 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
   begin_step_of_world(dt, gravity, whole);
   predict();
   while (!step_.substeps.done()) {
-    if (step_.substeps.taken() > 0 && step_.budget.refuses()) {
-      leave_rest();
-      break;
-    }
+    if (step_.substeps.taken() > 0 && !step_.substeps.ends_early() && step_.budget.refuses()) end_early();
+    if (step_.substeps.ends_early() && !any_moves()) break;
     const auto asked = Clock::now();
     update_proximity(oracle);
     step_.report.near_seconds += seconds_since(asked);
@@ -66,6 +64,7 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
     else
       take_substep();
   }
+  if (step_.substeps.ends_early()) finish_left_out();
   if (step_.failed) {
     step_.report.take(step_.attempt);
     step_.report.add(step_.substeps.reasons());
@@ -88,13 +87,15 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.context.substeps = &step_.substeps;
   step_.context.budget = &step_.budget;
   step_.whole = whole;
+  step_.left_out.clear();
   find_solid_links();
   step_.substeps.start(dt, !whole && carries(options));
   step_.slots.clear();
   for (Link& l : scene.links) l.wrench = {};
   history_.may_resolve = !whole && any_moved();
   for (GeneralizedBody& m : scene.bodies) {
-    m.turning.far = m.turning.elements = false;
+    m.turning.far = m.turning.elements = m.stays = false;
+    m.solves = 0;
     m.begin_step();
     m.history.asked = false;
   }
@@ -109,6 +110,10 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   wake_disturbed(dt);
   join_step();
+  for (const auto& c : scene.tendons)
+    if (c) c->solves = 0;
+  step_.unsolved.assign(scene.tendons.size(), 0);
+  step_.unsolved_bodies.assign(scene.bodies.size(), 0);
   if (scene.has_elements()) count_touches();
   Report fresh;
   if (step_.resolved) {
@@ -151,12 +156,13 @@ std::optional<Reason> World::solve_substep() {
   contacts_.all.swap(contacts_.solved);
   collect_contacts();
   limit_motion_of_cartilage();
-  if (wake_met()) return Reason::woken;
-  if (step_.motion_limit < 1 && step_.substeps.may_cut()) return Reason::motion;
+  if (!step_.substeps.ends_early() && wake_met()) return Reason::woken;
+  const bool may_limit = step_.substeps.ends_early() ? any_limited() : step_.substeps.may_cut();
+  if (step_.motion_limit < 1 && may_limit) return Reason::motion;
   const bool again = step_.detections > 0;
-  if (!again || !contacts_.all.empty() || !contacts_.solved.empty()) {
+  if (!again || step_.substeps.ends_early() || !contacts_.all.empty() || !contacts_.solved.empty()) {
     // A solution with the new contacts needs linear solutions, which an exhausted budget refuses.
-    if (again && step_.budget.refuses()) {
+    if (again && !step_.substeps.ends_early() && step_.budget.refuses()) {
       contacts_.all.swap(contacts_.solved);
       return {};
     }
@@ -195,16 +201,19 @@ std::optional<Reason> World::outlast_history() {
 std::optional<Reason> World::solve_islands() {
   find_unknowns();
   make_islands();
+  if (step_.substeps.ends_early()) leave_out_near();
   step_.context.warm = step_.detections > 0;
-  const bool may_detect =
-      step_.substeps.divisible() && (step_.detections < kMostDetections || step_.substeps.may_halve());
-  step_.context.may_detect = may_detect && !step_.budget.exhausted();
-  step_.context.may_halve = step_.substeps.may_halve() && !step_.budget.exhausted();
+  const bool may_halve = step_.substeps.may_halve() && !step_.substeps.ends_early();
+  const bool may_detect = step_.substeps.divisible() && (step_.detections < kMostDetections || may_halve);
+  const bool may_repeat = step_.substeps.ends_early() || !step_.budget.exhausted();
+  step_.context.may_detect = may_detect && may_repeat;
+  step_.context.may_halve = (may_halve || step_.substeps.ends_early()) && may_repeat;
   const bool finite = solve_each_island();
+  if (step_.substeps.ends_early()) leave_out_unsolved(!may_detect);
   // If the budget ran out meanwhile, the substep is halved all the same: its end has not descended.
-  const bool to_halve = (!finite || step_.unconverged) && step_.substeps.may_halve();
+  const bool to_halve = (!finite || step_.unconverged) && may_halve;
   if (to_halve && (step_.context.may_halve || !step_.budget.refuses())) return Reason::not_converged;
-  step_.failed = !finite;
+  step_.failed = !finite && !step_.substeps.ends_early();
   if (step_.failed) return {};
   if (may_detect && (predict_at_solution() || foresee_at_solution())) return Reason::left_prediction;
   if (step_.whole && !stiffness.links.empty()) find_tendon_stiffness();
@@ -217,7 +226,10 @@ void World::solve_again(Reason why) {
     ++step_.detections;
     return;
   }
-  if (why == Reason::motion)
+  if (step_.substeps.ends_early() && why == Reason::motion) leave_out_limited();
+  if (step_.substeps.ends_early())
+    step_.substeps.repeat(why);
+  else if (why == Reason::motion)
     step_.substeps.cut(why, step_.motion_limit);
   else if (why == Reason::not_converged || why == Reason::left_prediction)
     step_.substeps.cut(why, 0.5);
@@ -290,7 +302,7 @@ void World::measure_wrenches() {
       push(link, given(*c, h.mean_force, h.step_force), h.force, link.held_arm_of(h.local));
     }
   if (step_.whole) return;
-  scene.each_element([&](const Element& element) {
+  each_acting([&](const Element& element) {
     for (const TouchedLink& touched : element.touched()) {
       Link& link = scene.links[touched.link];
       link.part.force += share * touched.force;
@@ -328,17 +340,6 @@ void World::take_substep() {
     if (c) c->keep_multipliers(c->start_multipliers);
   step_.stop_changes = 0;
   predict();
-}
-
-// Leaves out the rest of a step whose budget is exhausted: tendons, and bodies on which they act, stay where
-// they are, and keep their velocities for the next step. Reported forces are means over the time before.
-void World::leave_rest() {
-  const double share = step_.substeps.share_before();
-  for (GeneralizedBody& m : scene.bodies)
-    if (m.n() > 0 && m.touches > 0) m.leave_out(share, step_.substeps.step());
-  for (Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i)
-      c->anchors[i].sum_force = (1 / share) * c->anchors[i].sum_force;
 }
 
 void World::finish_step_of_world() {

@@ -79,17 +79,21 @@ struct StepState {
   bool whole = false;  // the step must not be divided into substeps
   Substepper substeps;
   Budget budget;
-  bool attempted = false;      // within World::attempt, which has started the budget
-  bool resolved = false;       // the attempt has solved the previous step again
-  int parts = 1;               // initial number of substeps of a step in which a segment turns far
-  bool failed = false;         // a solution is not finite
-  double motion_limit = 1;     // share of the substep in which nothing can pass through anything [-]
-  bool unconverged = false;    // an island did not converge
-  int detections = 0;          // contact detections after a solution of this substep
-  int stop_changes = 0;        // times that this substep was solved again because joint stops changed
-  std::vector<Tendon*> slots;  // awake tendons, by slot; null elsewhere
-  Report report;               // of the whole step
-  Report attempt;              // of the last substep solution
+  bool attempted = false;             // within World::attempt, which has started the budget
+  bool resolved = false;              // the attempt has solved the previous step again
+  int parts = 1;                      // initial number of substeps of a step in which a segment turns far
+  bool failed = false;                // a solution is not finite
+  double motion_limit = 1;            // share of the substep in which nothing can pass through anything [-]
+  bool unconverged = false;           // an island did not converge
+  std::vector<char> unsolved;         // by tendon: a solution of its island has failed
+  std::vector<char> unsolved_bodies;  // the same, by body
+  double solved_share = 1;            // share of the step before its early end [-]
+  std::vector<int> left_out;          // tendons that take no part in the rest of the step
+  int detections = 0;                 // contact detections after a solution of this substep
+  int stop_changes = 0;               // times that this substep was solved again because joint stops changed
+  std::vector<Tendon*> slots;         // tendons that move in the substep, by slot; null elsewhere
+  Report report;                      // of the whole step
+  Report attempt;                     // of the last substep solution
 };
 
 // Distances and candidate pairs for contacts.
@@ -114,6 +118,7 @@ struct ContactSet {
   std::vector<Contact> all;     // of the current detection
   std::vector<Contact> solved;  // of the previous solution of this substep
   std::vector<Contact> asleep;  // of sleeping tendons
+  std::vector<Contact> before;  // of the last substep before an early end
   std::vector<ContactMemory> memory;
   std::vector<bool> recalled;  // work space, by memory: whether it is a contact of this detection
   std::vector<uint64_t> touching;
@@ -279,11 +284,27 @@ class World {
   std::optional<Reason> solve_islands();
   void solve_again(Reason why);
   void take_substep();
-  void leave_rest();
   void finish_step_of_world();
   void measure_wrenches();
   bool predict_at_solution();
   void inherit_multipliers();
+  // world/early_end.cpp
+  void end_early();
+  bool any_moves() const;
+  bool stays(const Element& element) const;
+  bool stays(const Link& link) const;
+  void add_solves(const Island& island, long solves);
+  long solves_of(const Island& island) const;
+  void mark_unsolved(const Island& island);
+  bool is_unsolved(const Island& island) const;
+  bool is_limited(const Island& island) const;
+  bool any_limited() const;
+  bool is_near_left_out(const Island& island) const;
+  void leave_out_near();
+  void leave_out_island(Island& island);
+  void leave_out_limited();
+  void leave_out_unsolved(bool leaving);
+  void finish_left_out();
   // world/histories.cpp
   template <class Do>
   void each_coupling(Do what);
@@ -326,6 +347,7 @@ class World {
   void find_coarse_turns();
   // world/contact_builder.cpp
   void collect_contacts();
+  void limit_motion(Tendon& c, double share);
   void drop_contacts_of_torn();
   void bone_contacts();
   void half_space_contacts(int tendon, int shape);
@@ -351,6 +373,8 @@ class World {
   bool feels(int tendon, int link, double dt) const;
   void wake_disturbed(double dt);
   bool is_met(int tendon) const;
+  bool meets(int still, int moving) const;
+  void find_reach();
   bool wake_met();
   void join_step();
   bool count_rest(double dt);
@@ -381,6 +405,13 @@ class World {
   void find_tendon_stiffness();
   bool linearise_tendons(Island& island);
   void make_islands();
+  // Calls what(element) for every element that acts in the substep.
+  template <class Do>
+  void each_acting(Do what) const {
+    scene.each_element([&](Element& element) {
+      if (!stays(element)) what(element);
+    });
+  }
   void begin_elements();
   void place_elements();
   void list_elements(IslandElements& elements);
