@@ -319,13 +319,19 @@ bool is_definite(const Island& island) {
   return true;
 }
 
-// Computes the Schur complement of the tendons and its Cholesky factor. false: indefinite terms of contacts
-// and compressed springs, which are left out if `definite`, exceed the inertia of the bodies.
-bool factorise_bodies(Island& island, const Options& o, bool definite) {
+// Computes the Schur complement of the tendons. false: as of apply_inverse.
+bool complement(Island& island, const Options& o) {
   for (size_t p = 0; p < panels_of(island); ++p) {
     if (!answer_columns(island, o, p)) return false;
     for (size_t q = p; q < panels_of(island); ++q) take_complement(island, p, q);
   }
+  return true;
+}
+
+// Computes the Schur complement of the tendons and its Cholesky factor. false: indefinite terms of contacts
+// and compressed springs, which are left out if `definite`, exceed the inertia of the bodies.
+bool factorise_bodies(Island& island, const Options& o, bool definite) {
+  if (!complement(island, o)) return false;
   dense::root(island.bodies.freedom, island.bodies.corner, island.bodies.corner_root);
   return definite || is_definite(island);
 }
@@ -349,6 +355,11 @@ bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
 
 bool solve_again(Island& island, const Options& o, Which b, Which x) {
   return island.bodies.indices.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);
+}
+
+bool eliminate_tendons(Island& island, const StepContext& context) {
+  context.budget->spend();
+  return factorise(island, context.options) && complement(island, context.options);
 }
 
 bool solve_linear(Island& island, const StepContext& context, bool definite) {

@@ -33,6 +33,9 @@ void explicit_euler(Island& island, const StepContext& context);
 // where tendons touch. Alternatively it uses preconditioned conjugate gradients. definite: the matrix was
 // assembled to be positive definite. false: the matrix is not positive definite.
 bool solve_linear(Island& island, const StepContext& context, bool definite);
+// Computes the Schur complement of the tendons (bodies.corner) alone, which need not be definite. false: the
+// tendons' matrix is not positive definite.
+bool eliminate_tendons(Island& island, const StepContext& context);
 // x = A^-1 b by the factors of the last solution, bodies included. Their right-hand side is their residual,
 // and corner_side receives their part of x. false: conjugate gradients met a direction without positive
 // curvature.

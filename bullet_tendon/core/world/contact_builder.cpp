@@ -321,6 +321,7 @@ void World::recall(Contact& contact, double inertia) {
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
   }
+  contact.friction.anchor += without(moved_since_held(contact), contact.geometry.normal);
   contact.normal_force.lambda_previous = found->lambda;
   contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;

@@ -332,6 +332,7 @@ void World::take_substep() {
     }
   share_weights();
   accept_elements();
+  keep_held_links();
   if (after_substep) after_substep();
   if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();

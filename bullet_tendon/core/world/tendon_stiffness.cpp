@@ -3,7 +3,8 @@
 // In a step that holds the bodies, the tendons come to rest among them. The links in question then become
 // bodies of six unknowns each, with B the identity (bodies/body_response.h), and the system is linearised at
 // the solution. Its Schur complement (solver/body_schur.cpp), less the identity of y, is the second
-// derivative of the tendons' potential by the twists of the links, with all particles at rest.
+// derivative of the tendons' potential by the twists of the links, with all particles at rest. Inertia and
+// damping of that step are no part of it: they are those of a step of endless length.
 #include <utility>
 
 #include "solver/assembly.h"
@@ -16,6 +17,9 @@ namespace bt {
 namespace {
 
 constexpr int kTwist = 6;
+// Inertia over its square is 1e-8 of the mass per s^2: enough to keep the matrix of a slack tendon regular
+// [s].
+constexpr double kEndless = 1e4;
 
 GeneralizedBody body_of_one_link(int number) {
   GeneralizedBody body;
@@ -34,15 +38,30 @@ GeneralizedBody body_of_one_link(int number) {
 
 }  // namespace
 
-// false: neither linearisation has a solution.
+// false: the tendons' matrix has no factors in either linearisation.
 bool World::linearise_tendons(Island& island) {
   for (const bool definite : {false, true}) {
     Assembly a = residual_of(island, definite, true);
     measure_residual(island, a);
     assemble(island, Linearisation::position, definite, definite);
-    if (solve_linear(island, step_.context, definite)) return true;
+    if (eliminate_tendons(island, step_.context)) return true;
   }
   return false;
+}
+
+void World::keep_held_links() {
+  stiffness.held.clear();
+  for (const int l : stiffness.links) stiffness.held.push_back(scene.links[l].pose);
+}
+
+// Motion of a contact's point on the tendon relative to its link, since the last step that held the bodies.
+// Between such steps the links are put elsewhere, without a velocity, and the tendons are not.
+Vec3 World::moved_since_held(const Contact& contact) const {
+  const Vec3 x = contact.friction.relative_start;
+  for (size_t k = 0; k < stiffness.held.size(); ++k)
+    if (stiffness.links[k] == contact.link)
+      return x - to_world(scene.links[contact.link].pose, to_local(stiffness.held[k], x));
+  return {};
 }
 
 // The links and bodies of the world are those of the linearisation meanwhile.
@@ -82,8 +101,12 @@ void World::find_tendon_stiffness() {
   island.bodies.reach = 1;
   island.bodies.freedom = kTwist * count;
   island.bodies.carried = stiffness.links;
+  island.bodies.turn_surfaces = true;
   for (int k = 0; k < count; ++k) island.bodies.indices.push_back(k);
+  std::vector<double> steps;
+  for (Tendon* c : island.tendons) steps.push_back(std::exchange(c->h_eff, kEndless));
   stiffness.known = linearise_tendons(island);
+  for (size_t k = 0; k < steps.size(); ++k) island.tendons[k]->h_eff = steps[k];
   stiffness.matrix = island.bodies.corner;
   for (int k = 0; k < island.bodies.freedom; ++k) stiffness.matrix[k * island.bodies.freedom + k] -= 1;
   for (Tendon* c : island.tendons)

@@ -151,6 +151,7 @@ struct TendonStiffness {
   std::vector<int> links;  // distinct slots; empty: not wanted
   dense::Numbers matrix;   // second derivatives of the potential (6 k, 6 k), with the particles at rest
   bool known = false;      // the last such step had one
+  std::vector<Pose> held;  // where these links were in the last such step; empty: there was none
 };
 
 // Checkpoints that restore the state before the last step or before a failed one. Pointers, because the two
@@ -403,6 +404,8 @@ class World {
   NearContext near_context(const Tendon& c, int shape);
   // world/tendon_stiffness.cpp
   void find_tendon_stiffness();
+  void keep_held_links();
+  Vec3 moved_since_held(const Contact& contact) const;
   bool linearise_tendons(Island& island);
   void make_islands();
   // Calls what(element) for every element that acts in the substep.
