@@ -84,20 +84,21 @@ class Relaxation:
         first: length of the first step [s].
         """
         stepper, dt = self._stepper, first
-        iterations, residual, settled = 0, np.inf, not start
+        iterations, residual, settled, before = 0, np.inf, not start, start
         for _ in range(max_steps):
             self._last_dt = dt
             self.taken += 1
-            before = {t: t.positions for t in start}
             if not stepper.hold(dt, gravity):
                 return None, iterations, residual
             report = stepper.report
             iterations += report.iterations
-            moved = {t: np.abs(t.positions - x).max() for t, x in before.items()}
+            now = {t: t.positions for t in start}
+            moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
+            before = now
             residual = max([report.residual, *(_inertia(t, moved[t], dt, gravity) for t in start)])
             for t in start:
                 t._core.stop(t._slot)
-            if any(_lost(t, x) for t, x in start.items()):
+            if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
                 return None, iterations, residual
             settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
             if report.converged and settled and self._depth() <= _DEPTH:
@@ -112,11 +113,8 @@ class Relaxation:
 
     def _depth(self) -> float:
         """Of the deepest contact, in radii of its tendon [-]."""
-        contacts = self._readouts.contacts()
-        radii = {t.name: t.radius for t in self._tendons}
-        return max(
-            (-c["distance"] / radii[c["tendon"]] for c in contacts if c["normal_force"] > 0), default=0.0
-        )
+        radii = {t._slot: t.radius for t in self._tendons}
+        return max((depth / radii[slot] for slot, depth in self._readouts.pressed_depths()), default=0.0)
 
     def _lay_out(self, tendon: Tendon, gravity) -> None:
         """Put a tendon that touches nothing where its segments have their rest lengths, hanging.
@@ -148,10 +146,6 @@ class Relaxation:
             origin, axes = self._bodies.frame(anchor.bodyUniqueId, anchor.linkIndex)
             return origin + axes @ anchor.position
         return anchor.target if anchor.stiffness is None else None
-
-
-def _lost(tendon, start) -> bool:
-    return np.abs(tendon.positions - start).max() > _LOST * tendon.rest_length
 
 
 def _inertia(tendon, moved: float, dt: float, gravity) -> float:
