@@ -19,6 +19,13 @@ def trace_path(
     points: ArrayLike, wraps: list[tuple[int, int, ArrayLike, ArrayLike, ArrayLike]], /
 ) -> _Floats: ...
 
+# by how much less generalized force there is by further coordinates, because Jacobians and forces turn:
+# Jacobians of links (k, 6, n), wrenches that have a potential and that follow (2, k, 6), numbers of the
+# coordinates, whether the first six are a base's
+def jacobian_curvature(
+    jacobians: ArrayLike, wrenches: ArrayLike, columns: list[int], floats: bool, /
+) -> _Floats: ...
+
 CUT_OFF_RATE: float  # m/s, rad/s: from which a rate is taken for one that pybullet cut off
 MOST_RATE: float  # m/s, rad/s: at which pybullet cuts rates off
 

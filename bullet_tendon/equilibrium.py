@@ -7,17 +7,20 @@ elements on the links, the Jacobians J_l, gravity and the forces F of the user, 
 
     f = sum_l J_l^T (w_l + m_l g) + sum J^T F
 
-vanishes. Newton's matrix is sum J^T K J, with K of the elements, to which a symmetric rank-one update adds
-what the steps so far have shown of the rest: the curvature of cartilage, and the change of the Jacobians
-(Conn, Gould and Toint 1991). Where Newton's matrix by itself foresees a step better, what was learned before
-is forgotten: a tendon has become taut, or a contact has changed. A step is limited in length along each
-principal direction of the matrix, and shortened until f along the step no longer points back, or the
-potential falls; negative curvature is reversed. Forces that follow a link have no potential. Their work in a
-step is that of the mean of both ends.
+vanishes. Newton's matrix is the derivative of -f: sum J^T K J, with K of the elements, the change of the
+Jacobians under the forces, and that of forces which follow their link, which is not symmetric. It is exact,
+apart from ligaments around ellipsoids. Where its symmetric part is not positive definite, or the step would
+be long, the step is that of the symmetric part with negative curvature reversed, limited in length along
+each principal direction.
+
+A step is shortened until f along the step no longer points back, or the potential falls. One step in a row is
+taken as it is: bones roll on each other along curves, and the next step leads back to the curve. Forces that
+follow a link have no potential. Their work in a step is that of the mean of both ends.
 
 Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
-potential: the slope of f alone decides. A body that they can touch moves by half a radius in a step.
+potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
+shortened twice at most. A body that they can touch moves by half a radius in a step.
 """
 
 import dataclasses
@@ -43,6 +46,7 @@ _OF_RADIUS = 0.5  # that what tendons can touch moves in a step
 _INNER = 0.1  # of the tolerance, to which tendons are brought to rest at each place
 _INNER_STEPS = 200  # the most at one place
 _MEAN_STEPS = 15  # the most at each place in the mean
+_WITH_FRICTION = 2  # times that a step is shortened on which tendons act
 _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
 
@@ -62,6 +66,11 @@ class _Load:
             fixed += [*force, *_cross(axes @ local, force)]
         return fixed, np.concatenate([axes @ self.following[:3], axes @ self.following[3:]])
 
+    def stiffness(self, axes) -> np.ndarray:
+        """(3, 3) of the fixed forces' potential by rotation vectors."""
+        sums = sum((np.outer(axes @ local, force) for force, local in self.fixed), np.zeros((3, 3)))
+        return np.trace(sums) * np.eye(3) - (sums + sums.T) / 2
+
     def potential(self, centre, axes) -> float:
         return -sum(force @ (centre + axes @ local) for force, local in self.fixed)
 
@@ -72,8 +81,8 @@ class _Load:
 
 @dataclasses.dataclass
 class _Terms:
-    """At one place: potential [J], generalized force, the part of it that follows links, matrix, and the
-    largest force at hand [N].
+    """At one place: potential [J], generalized force, the part of it that follows links, its negative
+    derivative, and the largest force at hand [N].
     """
 
     potential: float
@@ -237,48 +246,56 @@ class Equilibrium:
         """Where the bodies are; None where the tendons do not come to rest."""
         if self.tendons is not None and not self.tendons.settle(self._tolerance):
             return None
-        slots = self.slots
+        slots, tendons = self.slots, self.tendons
         potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
-        if self.tendons is not None:
-            wrenches = wrenches + self.tendons.wrenches()
-            stiffness = stiffness + self.tendons.stiffness()
-            largest = max(largest, self.tendons.largest())
+        if tendons is not None:
+            wrenches = wrenches + tendons.wrenches()
+            stiffness = stiffness + tendons.stiffness()
+            largest = max(largest, tendons.largest())
         size = sum(len(entry.columns) for entry in self._free)
-        of_slots, first = np.zeros((6 * len(slots), size)), 0
-        found = _Terms(potential, np.zeros(size), np.zeros(size), np.zeros((0, 0)), largest, of_slots)
+        of_slots, matrix, first = np.zeros((6 * len(slots), size)), np.zeros((size, size)), 0
+        found = _Terms(potential, np.zeros(size), np.zeros(size), matrix, largest, of_slots)
         for entry in self._free:
             where = slice(first, first + len(entry.columns))
             first += len(entry.columns)
             jacobians = self._jacobians(entry)
+            on_links = np.zeros((2, len(entry.links), 6))  # that have a potential, and that follow
             if self._gravity.any():
-                self._weigh(entry, jacobians, where, found)
-            self._load(entry, jacobians, where, found)
+                self._weigh(entry, on_links[0], found)
+            self._load(entry, jacobians, on_links, where, found)
             for k, (of, link, _) in enumerate(self._slots):
                 if of is entry:
-                    of_slots[6 * k : 6 * k + 6, where] = jacobians[entry.links.index(link)]
-        found.force += wrenches.reshape(-1) @ of_slots + found.following
-        found.matrix = of_slots.T @ stiffness @ of_slots
+                    place = entry.links.index(link)
+                    on_links[0, place] += wrenches[k]
+                    of_slots[6 * k : 6 * k + 6, where] = jacobians[place]
+            found.force[where] = on_links[0].reshape(-1) @ jacobians.reshape(-1, len(entry.columns))
+            if on_links[1].any():
+                found.following[where] = on_links[1].reshape(-1) @ jacobians.reshape(-1, len(entry.columns))
+            floats = len(entry.columns) > len(entry.joints)
+            matrix[where, where] += _core.jacobian_curvature(jacobians, on_links, entry.columns, floats)
+        found.force += found.following
+        matrix += of_slots.T @ stiffness @ of_slots
         return found
 
-    def _weigh(self, entry: _Free, jacobians, where: slice, terms: _Terms) -> None:
+    def _weigh(self, entry: _Free, on_links, terms: _Terms) -> None:
         """Add the weight of a body's links."""
-        weights = entry.masses[:, None] * self._gravity
-        terms.force[where] += np.einsum("lk,lkn->n", weights, jacobians[:, :3])
-        terms.largest = max(terms.largest, np.linalg.norm(weights, axis=1).max())
-        for link, weight in zip(entry.links, weights, strict=True):
-            if weight.any():
+        on_links[:, :3] += entry.masses[:, None] * self._gravity
+        for link, (*weight, _, _, _) in zip(entry.links, on_links, strict=True):
+            if any(weight):
+                terms.largest = max(terms.largest, np.linalg.norm(weight))
                 terms.potential -= weight @ self._inertial(entry.body, link)[0]
 
-    def _load(self, entry: _Free, jacobians, where: slice, terms: _Terms) -> None:
+    def _load(self, entry: _Free, jacobians, on_links, where: slice, terms: _Terms) -> None:
         """Add the user's forces on a body."""
         for (body, link), load in self._loads.items():
             if body != entry.body:
                 continue
             centre, axes = self._inertial(body, link)
-            fixed, following = load.wrenches(axes)
-            jacobian = jacobians[entry.links.index(link)]
-            terms.force[where] += fixed @ jacobian
-            terms.following[where] += following @ jacobian
+            place = entry.links.index(link)
+            on_links[:, place] += load.wrenches(axes)
+            if load.fixed:
+                turn = jacobians[place, 3:]
+                terms.matrix[where, where] += turn.T @ load.stiffness(axes) @ turn
             terms.potential += load.potential(centre, axes)
             terms.largest = max(terms.largest, load.largest())
 
@@ -315,26 +332,18 @@ class Equilibrium:
     def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
         scale = self._scales()
         self._put_back(self._place())
-        at, learned, residual = self._terms(), np.zeros((len(scale),) * 2), np.inf
+        at, residual, may_rise = self._terms(), np.inf, self.tendons is None
         for count in range(max_steps):
             if at is None:
                 return False, count, float(residual)
             residual = np.abs(scale * at.force).max() / max(at.largest, 1e-300)
             if residual <= tolerance:
                 return True, count, float(residual)
-            matrix = at.matrix + learned
-            if not (np.isfinite(matrix).all() and np.isfinite(at.force).all()):
+            if not (np.isfinite(at.matrix).all() and np.isfinite(at.force).all()):
                 return False, count, float(residual)
-            step = self._shortened(_newton_step(matrix, at.force, scale), at)
-            share, after = self._advance(at, step)
-            if after is not None:
-                moved = share * step
-                missed = at.force - after.force - after.matrix @ moved
-                still_missed = missed - learned @ moved
-                if np.linalg.norm(scale * missed) < np.linalg.norm(scale * still_missed):
-                    learned[:], still_missed = 0, missed
-                learned += _rank_one(moved, still_missed)
-            at = after
+            step = self._shortened(_newton_step(at.matrix, at.force, scale), at)
+            at, fell = self._advance(at, step, may_rise)
+            may_rise = fell and self.tendons is None
         return False, max_steps, float(residual)
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> np.ndarray:
@@ -349,27 +358,33 @@ class Equilibrium:
                 most = max(most, np.linalg.norm(twist[:3] + np.cross(twist[3:], arms), axis=1).max())
         return step * min(1.0, self.tendons.farthest / max(most, 1e-300))
 
-    def _advance(self, at: _Terms, step: np.ndarray) -> tuple[float, _Terms | None]:
-        """Move by a share of the step that is small enough: the share, and the terms there."""
-        place, share, ahead = self._place(), 1.0, at.force @ step
+    def _advance(self, at: _Terms, step: np.ndarray, may_rise: bool) -> tuple[_Terms | None, bool]:
+        """Move by a share of the step that is small enough: the terms there, and whether it was.
+
+        may_rise: the whole step is taken even if it was not.
+        """
+        place, share, ahead, tries = self._place(), 1.0, at.force @ step, 0
         while True:
             self._put(place, share * step)
             after = self._terms()
             if after is None:
                 if share < _SHORTEST:
-                    return share, None
+                    return None, False
                 share *= 0.25
                 continue
+            if self._is_enough(at, after, share * step):
+                return after, True
+            if may_rise or share < _SHORTEST or (self.tendons is not None and tries == _WITH_FRICTION):
+                return after, False
             back = after.force @ step
-            if self._is_enough(at, after, share * step) or share < _SHORTEST:
-                return share, after
+            tries += 1
             share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5
 
     def _is_enough(self, at: _Terms, after: _Terms, moved: np.ndarray) -> bool:
         """Whether the potential falls in this motion, or the force along it no longer points back."""
         ahead, back = at.force @ moved, after.force @ moved
         if self.tendons is not None:
-            return back >= -0.5 * ahead
+            return back >= -0.9 * ahead
         work = 0.5 * (at.following + after.following) @ moved
         return after.potential - work <= at.potential - 1e-4 * ahead or abs(back) <= 0.5 * abs(ahead)
 
@@ -385,13 +400,19 @@ class Equilibrium:
 
 
 def _newton_step(matrix, force, scale) -> np.ndarray:
-    """The step of a matrix whose negative and tiny curvatures are replaced, limited in length.
+    """Newton's step, if the symmetric part of the matrix is positive definite and the step is not long.
 
+    Else that of the symmetric part, whose negative and tiny curvatures are replaced, limited in length.
     Each principal direction has a limit of its own: along one in which hardly anything resists, such as the
     spin of a weight about the tendon on which it hangs, the step is long and tells nothing about others.
     """
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2 * np.outer(scale, scale))
-    values = np.maximum(np.abs(values), _STIFFEST * max(np.abs(values).max(), 1.0))
+    least = _STIFFEST * max(np.abs(values).max(), 1.0)
+    if values[0] > least:
+        step = np.linalg.solve(matrix, force)
+        if np.abs(step).max() <= _FARTHEST:
+            return step
+    values = np.maximum(np.abs(values), least)
     along = vectors * scale[:, None]
     most = _FARTHEST / np.abs(along).max(axis=0)
     step = along @ np.clip((along.T @ force) / values, -most, most)
@@ -401,11 +422,3 @@ def _newton_step(matrix, force, scale) -> np.ndarray:
 def _cross(a, b) -> list:
     """Of two vectors (3,)."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def _rank_one(step, missed) -> np.ndarray:
-    """The symmetric rank-one update of a matrix that missed this change of force in a step."""
-    size = missed @ step
-    if abs(size) <= 1e-8 * np.linalg.norm(missed) * np.linalg.norm(step) or not np.any(missed):
-        return np.zeros((len(step), len(step)))
-    return np.outer(missed, missed) / size

@@ -156,17 +156,24 @@ def test_a_sphere_on_a_plate_is_pressed_as_in_closed_form(make_world, client, de
     assert pad.max_pressure == pytest.approx(K * depth, rel=0.02)
 
 
-def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, client):
-    """By central differences; the Hessian is that of Gauss and Newton: exact where the distance is linear."""
+@pytest.mark.parametrize("surface", ["plate", "ball"])
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)], ids=["a first", "b first"])
+def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, client, surface, order):
+    """By central differences, with either link first."""
     world = make_world()
-    a, b = body(client, 1.0, (0.01, 0.02, 0.03)), body(client, 1.0, (0.0, 0.01, 0.1))
-    lower, upper = plate(40, 0.05), plate(15, 0.02, up=False)
-    pad = world.add_cartilage((a, -1, lower), (b, -1, upper))
+    places = [(0.01, 0.02, 0.03), (0.0, 0.01, 0.1)]
+    made = [body(client, 1.0, at) for at in places]
+    path = [(made[k], -1, (0, 0, 0)) for k in order]  # in this order they get their slots
+    world.add_ligament(path, bt.Material(stiffness=1.0))
+    lower = plate(40, 0.05) if surface == "plate" else ball(0.03)
+    upper = plate(15, 0.02, up=False)
+    pad = world.add_cartilage((made[0], -1, lower), (made[1], -1, upper))
     world.step()
-    move = np.array([0.012, 0.009, -0.0704])  # b onto a, tilted
-    moves = np.array([[0, 0, 0, 0.02, -0.01, 0.03], [*move, 0.05, 0.02, 0.01]])
-    turn = Rotation.from_rotvec(moves[0, 3:]).as_matrix()
-    moves[1, :3] = [0.01, 0.02, 0.03] + turn @ [0.002, -0.001, -0.0003] - [0.0, 0.01, 0.1]
+    moves = np.zeros((2, 6))
+    moves[order[0], 3:], moves[order[1], 3:] = [0.02, -0.01, 0.03], [0.05, 0.02, 0.01]
+    above = [0.002, -0.001, -0.0003 if surface == "plate" else 0.0296]  # b onto a, tilted
+    turn = Rotation.from_rotvec(moves[order[0], 3:]).as_matrix()
+    moves[order[1], :3] = np.array(places[0]) + turn @ above - places[1]
 
     def term(by):
         at = moves + by
@@ -183,8 +190,15 @@ def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, clien
         by[k] = step
         ahead, behind = term(by.reshape(2, 6)), term(-by.reshape(2, 6))
         assert (ahead[0] - behind[0]) / (2 * step) == pytest.approx(gradient[k], abs=1e-4 * size)
-        slope = (ahead[1] - behind[1]) / (2 * step)
-        assert slope[k] == pytest.approx(hessian[k, k], rel=0.02, abs=0.02 * np.abs(np.diag(hessian)).max())
+    curvatures = []
+    for d in np.random.default_rng(1).standard_normal((8, 12)):
+        ahead, behind = term(step * d.reshape(2, 6)), term(-step * d.reshape(2, 6))
+        slope = (ahead[1] - behind[1]) @ d / (2 * step)
+        curvatures.append((slope, d @ hessian @ d))
+    found, expected = np.transpose(curvatures)
+    # A point that passes from one cell of the grid to the next one in this motion has two curvatures.
+    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+    assert np.median(np.abs(found - expected)) <= 1e-5 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("resolution", [0.0, 4e-4, 1.5e-3])

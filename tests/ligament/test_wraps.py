@@ -181,6 +181,32 @@ def test_the_gradient_is_the_derivative_of_the_length(make_world, client, kind):
         assert slope == pytest.approx(gradient[k], abs=1e-5 * size)
 
 
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+@pytest.mark.parametrize("on_wrap", [False, True], ids=["three links", "an end on the wrap's link"])
+def test_the_hessian_is_the_derivative_of_the_gradient(make_world, client, kind, on_wrap):
+    world = make_world()
+    stand = body(client, 1.0, (0.002, -0.003, 0.001))
+    places = (0.03, 0.012, 0.01), (-0.028, 0.01, -0.02)
+    ends = [body(client, 1.0, at) for at in places]
+    tilt = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_quat()
+    wrap = world.add_wrap(stand, -1, (kind, 0.02), (0.001, 0.002, 0), tuple(tilt))
+    path = [(end, -1, (0.001, 0.002, 0.003)) for end in ends]
+    if on_wrap:
+        path[0] = (stand, -1, places[0])
+    ligament = world.add_ligament(path, bt.Material(stiffness=1e3), rest_length=0.06, wraps=[wrap])
+    assert len(ligament.points) == 4
+    world.step()
+    links = 3 - on_wrap
+
+    def term(by):
+        return _core.testing.ligament_term(world._core, ligament.slot, by, 1 / 240)
+
+    hessian, step = term(np.zeros((links, 6)))[2], 1e-6
+    for d in np.random.default_rng(1).standard_normal((8, 6 * links)):
+        ahead, behind = (term(side * step * d.reshape(links, 6))[1] for side in (1, -1))
+        assert (ahead - behind) @ d / (2 * step) == pytest.approx(d @ hessian @ d, rel=1e-5, abs=1e-2)
+
+
 def test_two_weights_balance_over_a_pulley(make_world, client):
     """The heavier one falls with (m1 - m2) g/(m1 + m2), and the pulley carries both tensions."""
     world = make_world(1 / 240, (0, 0, -9.81))

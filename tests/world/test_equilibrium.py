@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
-from bullet_tendon.equilibrium import HeldTendons
+from bullet_tendon.equilibrium import Equilibrium, HeldTendons
 
 G = 9.81
 
@@ -142,6 +142,86 @@ def test_a_joint_is_free_and_the_others_stay(make_world, client):
     centres = tip / 2, tip + 0.1 * np.array([-math.sin(angle + 0.3), 0, -math.cos(angle + 0.3)])
     torque = np.cross(tip, pull) + sum(np.cross(centre, [0, 0, -G]) for centre in centres)
     assert abs(torque[1]) <= 1e-6
+
+
+def chain(client, mass):
+    """A base with two links on hinges and one on a slider between them."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.01, 0.02, 0.03], physicsClientId=client)
+    hinge, slider = p.JOINT_REVOLUTE, p.JOINT_PRISMATIC
+    made = p.createMultiBody(
+        mass,
+        shape,
+        -1,
+        (0.01, 0.02, 0.0),
+        (0.1, 0.2, 0.3, 0.9),
+        linkMasses=[1.0, 0.5, 0.7],
+        linkCollisionShapeIndices=[shape] * 3,
+        linkVisualShapeIndices=[-1] * 3,
+        linkPositions=[(0, 0, -0.1), (0.02, 0, -0.1), (0, 0.03, -0.1)],
+        linkOrientations=[(0, 0, 0, 1)] * 3,
+        linkInertialFramePositions=[(0.01, 0, -0.05)] * 3,
+        linkInertialFrameOrientations=[(0, 0, 0, 1)] * 3,
+        linkParentIndices=[0, 1, 2],
+        linkJointTypes=[hinge, slider, hinge],
+        linkJointAxis=[(0, 1, 0), (0.6, 0, 0.8), (1, 0, 0)],
+        physicsClientId=client,
+    )
+    for link in range(-1, 3):
+        p.setCollisionFilterGroupMask(made, link, 0, 0, client)
+    for joint, angle in enumerate((0.4, 0.03, -0.7)):
+        p.resetJointState(made, joint, angle, 0, client)
+    return made
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0)])
+@pytest.mark.parametrize("loads", ["in the world", "on the link"])
+def test_the_matrix_is_the_derivative_of_the_forces(make_world, client, base, order, loads):
+    """By central differences, away from equilibrium, with gravity, forces and ligaments."""
+    world = make_world(1 / 240, (0, 0, -G))
+    made, stand = chain(client, 0.0 if base == "fixed" else 2.0), block(client, 0, (0.05, 0.1, 0.1))
+    for link, end in ((-1, (0.01, 0.0, 0.02)), (0, (0, 0.01, 0)), (2, (0.01, 0.02, -0.03))):
+        path = [(stand, -1, (0, 0, 0.01 * link)), (made, link, end)]
+        world.add_ligament(path, bt.Material.ligament(3e2), rest_length=0.1)
+    free = made if base == "floating" and len(order) == 3 else (made, list(order))
+    forces = [((3.0, 2.0, -1.0), (0.01, 0.02, 0.03)), ((0.0, -4.0, 1.0), (-0.02, 0.0, 0.01))]
+    follows = loads == "on the link"
+    told = [(made, 2, *forces[0], follows), (made, 1, *forces[1], follows)]
+    found = Equilibrium(world._bodies, world._core, [free], (0, 0, -G), told)
+    place, size = found._place(), len(found._scales())
+    found._put(place, np.zeros(size))
+    matrix = found._terms().matrix
+    slopes = np.zeros((size, size))
+    for k in range(size):
+        ends = []
+        for side in (1e-6, -1e-6):
+            step = side * np.eye(size)[k]
+            found._put(place, step)
+            ends.append(found._terms().force)
+            if size == 9 and len(order) == 3:  # by components of one rotation vector of the base
+                ends[-1][3:6] += np.cross(ends[-1][3:6], step[3:6]) / 2
+        slopes[:, k] = (ends[0] - ends[1]) / 2e-6
+    np.testing.assert_allclose(matrix, -slopes, atol=1e-6 * np.abs(matrix).max())
+    assert np.abs(matrix - matrix.T).max() > 1e-3 or not follows
+
+
+def test_it_converges_as_newtons_method_does(make_world, client):
+    """Under a force that follows, whose matrix is not symmetric: in the end right digits double."""
+    world = make_world(1 / 240, (0, 0, -G))
+    body = hung(world, client)
+    world.relax(bodies=[body], tolerance=1e-9)
+    force = (body, -1, (4.0, 3.0, -2.0), (0.01, 0.0, -0.05), p.LINK_FRAME)
+    kept = world.save_state()
+    residuals = []
+    for most in range(1, 25):
+        world.restore_state(kept)
+        world.relax(bodies=[body], tolerance=1e-11, max_steps=most, forces=[force])
+        residuals.append(world.report.residual)
+        if world.report.converged:
+            break
+    assert world.report.converged
+    near = [residual for residual in residuals if residual < 1e-4]
+    assert len(near) <= 3 and residuals[-2] <= 0.01 * residuals[-3]
 
 
 def test_what_hangs_on_nothing_is_put_back(make_world, client):
@@ -309,6 +389,52 @@ def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world
         if scene == "slung" and column > 2:  # of a rotation the matrix has the symmetric part
             exact, slope = exact[:3], slope[:3]
         np.testing.assert_allclose(slope, -exact, atol=share * max(np.abs(exact).max(), 1e-2 * size))
+
+
+def through_a_moved_mouth(world, client, friction):
+    """A tendon that is fixed in a tunnel of a body, and leaves it over the edge of the mouth."""
+    centre = np.array([0.03, 0.02, -0.05])
+    bone, top = block(client, 1.0, tuple(centre)), block(client, 0, (0.02, 0.0, 0.05))
+    world.add_tunnel(bone, -1, -centre, np.array([0, 0, -0.06]) - centre, radius=4.5e-3, friction=friction)
+    material = bt.Material(stiffness=8.5e3, damping=20.0)
+    points = [(0, 0, -0.06), (0, 0, 0), (0.02, 0, 0.04)]
+    tendon = world.add_tendon(points, 3.5e-3, material, particles=60, rest_length=0.1016)
+    tendon.attach(0, bone)
+    tendon.attach(-1, top)
+    world.relax()
+    assert world.report.converged and (world.contacts["kind"] == "mouth").any()
+    return bone
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2], ids=["slides", "sticks"])
+def test_the_stiffness_of_tendons_knows_that_mouths_move_and_turn(make_world, client, friction):
+    """By central differences; the steps that hold the body are short, and their inertia no part of it."""
+    world = make_world(1 / 240, (0, 0, 0))
+    bone = through_a_moved_mouth(world, client, friction)
+    slots, rest = [world._bodies.find_slot(bone, -1)], world._relaxation()
+    centre, turn = p.getBasePositionAndOrientation(bone, client)
+
+    def wrench(twist):
+        turned = (Rotation.from_rotvec(twist[3:]) * Rotation.from_quat(turn)).as_quat()
+        p.resetBasePositionAndOrientation(bone, np.add(centre, twist[:3]), turned, client)
+        for _ in range(6):
+            assert rest.follow((0, 0, 0), 1e-9, 60)
+        found = world._core.wrenches()[slots[0]].copy()
+        found[3:] += np.cross(found[3:], twist[3:]) / 2  # by components of one rotation vector
+        return found
+
+    world._core.want_tendon_stiffness(slots)
+    for back in (-3e-5, 0.0):  # from the limit of friction
+        wrench(back * np.eye(6)[2])
+    stiffness = world._core.tendon_stiffness()
+    scale = np.array([1, 1, 1, 30, 30, 30])
+    stiffness *= np.outer(scale, scale)
+    for column in range(6):
+        twist = 1e-6 * np.eye(6)[column]
+        slope = scale * scale[column] * (wrench(twist) - wrench(-twist)) / 2e-6
+        wrench(np.zeros(6))
+        np.testing.assert_allclose(slope, -stiffness[:, column], atol=0.005 * np.abs(stiffness).max())
+    world._core.want_tendon_stiffness([])
 
 
 def test_a_body_on_a_loose_tendon_is_put_back(make_world, client):

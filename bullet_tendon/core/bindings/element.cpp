@@ -98,6 +98,7 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
     element.begin(w.scene.links, 0);
     element.evaluate(ends);
     element.add_stiffness(pairs, false);
+    element.add_curvature(pairs);
     if (accept) element.accept();
     potential += element.potential();
     largest = std::max(largest, element.largest_force());
@@ -127,10 +128,54 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
   return py::make_tuple(potential, largest, wrenches, stiffness);
 }
 
+// (n, n) by how much less generalized force there is by further coordinates, because Jacobians and forces
+// turn. jacobians (k, 6, n) of links; wrenches (2, k, 6) on them about their centres of mass: those that have
+// a potential, and those that follow their link. columns (n): numbers of the coordinates, from the root on;
+// floats: 0 to 5 are the twist of a base.
+//
+// The coordinate i turns the columns of all j beyond it, by a_i x lin_j and a_i x a_j. Those of the rotation
+// of a base are components of one rotation vector, so that their order does not count.
+Array jacobian_curvature(const Array& jacobians, const Array& wrenches, const std::vector<int>& columns,
+                         bool floats) {
+  const py::ssize_t n = static_cast<py::ssize_t>(columns.size()), links = jacobians.size() / (6 * n);
+  Array out({n, n});
+  std::fill(out.mutable_data(), out.mutable_data() + n * n, 0.0);
+  std::vector<Vec3> linear(n), angular(n);
+  for (py::ssize_t of = 0; of < 2 * links; ++of) {
+    const double *w = wrenches.data() + 6 * of, *jacobian = jacobians.data() + 6 * n * (of % links);
+    const Vec3 force = vec(w), torque = vec(w + 3);
+    if (max_abs(force) == 0 && max_abs(torque) == 0) continue;
+    for (py::ssize_t i = 0; i < n; ++i) {
+      linear[i] = {jacobian[i], jacobian[n + i], jacobian[2 * n + i]};
+      angular[i] = {jacobian[3 * n + i], jacobian[4 * n + i], jacobian[5 * n + i]};
+    }
+    auto push = [&](py::ssize_t i, py::ssize_t j) { return dot(force, cross(angular[i], linear[j])); };
+    auto twist = [&](py::ssize_t i, py::ssize_t j) { return dot(torque, cross(angular[i], angular[j])); };
+    const bool follows = of >= links;
+    for (py::ssize_t i = 0; i < n; ++i)
+      for (py::ssize_t j = 0; j < n; ++j) {
+        const bool before = columns[i] < columns[j];
+        const bool of_base =
+            floats && std::min(columns[i], columns[j]) >= 3 && std::max(columns[i], columns[j]) < 6;
+        double change = of_base ? 0.5 * (push(i, j) + push(j, i)) : before ? push(i, j) : push(j, i);
+        if (follows)
+          change += twist(i, j) + dot(linear[i], cross(angular[j], force)) +
+                    (of_base  ? 0.5 * twist(j, i)
+                     : before ? 0
+                              : twist(j, i));
+        else if (!of_base)
+          change += 0.5 * (before ? twist(i, j) : twist(j, i));
+        out.mutable_at(i, j) -= change;
+      }
+  }
+  return out;
+}
+
 }  // namespace
 
 void bind_distance_grid(py::module_& m) {
   m.def("trace_path", &trace_path);
+  m.def("jacobian_curvature", &jacobian_curvature);
   py::class_<SignedDistance>(m, "SignedDistance")
       .def(py::init(&distance_of))
       .def_property_readonly("open", &SignedDistance::open)

@@ -83,6 +83,7 @@ py::tuple element_term(World& w, Element& element, const Array& moves, double h)
   element.begin(w.scene.links, h);
   element.evaluate(ends);
   element.add_stiffness(pairs.all, false);
+  element.add_curvature(pairs.all);
   w.scene.pair_elements();
   Array gradient(6 * count), hessian({6 * count, 6 * count});
   std::fill(hessian.mutable_data(), hessian.mutable_data() + hessian.size(), 0.0);

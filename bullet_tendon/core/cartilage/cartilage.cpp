@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "math/simd.h"
+#include "math/sym3.h"
 
 namespace bt {
 
@@ -268,6 +269,64 @@ void Cartilage::add_stiffness(std::vector<LinkPair>& pairs, bool) const {
   transform(first, sums_.matrix, first, 1, pairs[pair(0, 0)]);
   transform(first, sums_.matrix, second, -1, pairs[pair(0, 1)]);
   transform(second, sums_.matrix, second, 1, pairs[pair(1, 1)]);
+}
+
+// By the relative twist about the origin of A, in its axes.
+std::array<double, 36> Cartilage::curvature_of_distance() const {
+  std::array<double, 36> out{};
+  for (const Pressed& p : pressed_) {
+    const Sym3 weighted = (-p.pressure * points_.areas[p.point]) * grid_->curvature(p.place);
+    Vec3 moves[6];
+    for (int a = 0; a < 3; ++a) {
+      moves[a] = unit_axis(a);
+      moves[3 + a] = cross(unit_axis(a), p.place);
+    }
+    for (int c = 0; c < 6; ++c) {
+      const Vec3 column = weighted * moves[c];
+      for (int r = 0; r <= c; ++r) out[6 * r + c] += dot(moves[r], column);
+    }
+  }
+  for (int r = 0; r < 6; ++r)
+    for (int c = 0; c < r; ++c) out[6 * r + c] = out[6 * c + r];
+  return out;
+}
+
+void Cartilage::add_curvature(std::vector<LinkPair>& pairs) const {
+  if (pressed_.empty()) return;
+  std::array<double, 36> own = curvature_of_distance();
+  // w . sum (dx x f) with dx = v + w' x x: rows by w, columns by v, w'.
+  std::array<double, 36> turned{};
+  const Vec3 f = sums_.force;
+  const Rot3& xf = sums_.products;
+  const double by_v[9] = {0, f.z, -f.y, -f.z, 0, f.x, f.y, -f.x, 0};
+  const double out = xf.r0.x + xf.r1.y + xf.r2.z;
+  const double by_w[9] = {xf.r0.x - out, xf.r0.y, xf.r0.z, xf.r1.x,      xf.r1.y - out,
+                          xf.r1.z,       xf.r2.x, xf.r2.y, xf.r2.z - out};
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) {
+      turned[6 * (3 + r) + c] = by_v[3 * r + c];
+      turned[6 * (3 + r) + 3 + c] = by_w[3 * r + c];
+    }
+  auto flipped = [](const std::array<double, 36>& a) {
+    std::array<double, 36> b;
+    for (int r = 0; r < 6; ++r)
+      for (int c = 0; c < 6; ++c) b[6 * r + c] = a[6 * c + r];
+    return b;
+  };
+  const Shift a{frame_a_.rotation, centres_[0] - frame_a_.origin},
+      b{frame_a_.rotation, centres_[1] - frame_a_.origin};
+  const int of_a = pair(place_[0], place_[0]), of_b = pair(place_[1], place_[1]), between = pair(0, 1);
+  transform(a, own, a, 1, pairs[of_a]);
+  transform(a, turned, a, -1, pairs[of_a]);
+  transform(a, flipped(turned), a, -1, pairs[of_a]);
+  transform(b, own, b, 1, pairs[of_b]);
+  if (place_[0] == 0) {
+    transform(a, own, b, -1, pairs[between]);
+    transform(a, turned, b, 1, pairs[between]);
+  } else {
+    transform(b, own, a, -1, pairs[between]);
+    transform(b, flipped(turned), a, 1, pairs[between]);
+  }
 }
 
 void Cartilage::accept() {

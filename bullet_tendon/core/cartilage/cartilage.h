@@ -16,7 +16,8 @@
 //   sum p A (n, x x n),      sum A dp/dd (n, x x n) (n, x x n)^T      (Gauss-Newton),
 //
 // give those of both links by a change of the point of reference. What the second derivative of the distance
-// would add, of the order of p A over the radius of curvature, is left out.
+// and the rotation of its gradient with A add, of the order of p A over the radius of curvature, is left out
+// there (add_curvature).
 //
 // Which points may be behind A is searched for with a margin. That list is served until B has moved by the
 // margin relative to A.
@@ -76,6 +77,9 @@ class Cartilage : public Element, public CartilageState {
   void begin(const std::vector<Link>& links, double h) override;
   void evaluate(const std::vector<LinkEnd>& ends) override;
   void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
+  // - sum p A J^T (d2 distance) J with the motion J = (I, -[x]) of a point by the relative twist; and the
+  // gradient rotates with A: for its rotation w and the motion dx, dU has the term w . (dx x f).
+  void add_curvature(std::vector<LinkPair>& pairs) const override;
   void accept() override;
 
  private:
@@ -109,6 +113,7 @@ class Cartilage : public Element, public CartilageState {
   bool is_listed(const Frame& b) const;
   void list_near(const Frame& b);
   void press(const DistanceGrid::Behind& behind);
+  std::array<double, 36> curvature_of_distance() const;
   Frame end_of(int side, const LinkEnd& end) const;
   void find_pressures();
   void give_wrenches();

@@ -34,6 +34,13 @@ BT_WITHIN inline Weights catmull_rom(double t) {
            0.5 * (3 * s - 2 * t)}};
 }
 
+// Second derivatives of the weights.
+struct Curves {
+  double c[4];
+};
+
+Curves second_derivatives(double t) { return {{2 - 3 * t, 9 * t - 5, 4 - 9 * t, 3 * t - 1}}; }
+
 }  // namespace
 
 double DistanceGrid::nodes_of(const Box& box, double spacing) {
@@ -195,6 +202,36 @@ BT_WITHIN inline DistanceGrid::Sample DistanceGrid::interpolate(Vec3 x) const {
   const Four sum = uw * all, x_slope = ud * all, y_slope = uw * by_y, z_slope = uw * by_z;
   auto total = [](const Four& f) BT_WITHIN { return (f[0] + f[1]) + (f[2] + f[3]); };
   return {total(sum), inverse_ * Vec3{total(x_slope), total(y_slope), total(z_slope)}};
+}
+
+Sym3 DistanceGrid::curvature(Vec3 x) const {
+  const Vec3 cells = inverse_ * (x - origin_);
+  const int i = static_cast<int>(cells.x), j = static_cast<int>(cells.y), k = static_cast<int>(cells.z);
+  const Weights u = catmull_rom(cells.x - i), v = catmull_rom(cells.y - j), w = catmull_rom(cells.z - k);
+  const Curves a = second_derivatives(cells.x - i), b = second_derivatives(cells.y - j),
+               c = second_derivatives(cells.z - k);
+  // Sums over y and z of the nodes along x, by the derivatives along y and z that they are weighted with.
+  Four all{}, by_y{}, by_z{}, by_yy{}, by_yz{}, by_zz{};
+  for (int n = 0; n < 4; ++n) {
+    Four row_sum{}, slope_sum{}, curve_sum{};
+    for (int m = 0; m < 4; ++m) {
+      const Four nodes = *reinterpret_cast<const Four*>(&values_[node(i - 1, j - 1 + m, k - 1 + n)]);
+      row_sum += v.w[m] * nodes;
+      slope_sum += v.d[m] * nodes;
+      curve_sum += b.c[m] * nodes;
+    }
+    all += w.w[n] * row_sum;
+    by_y += w.w[n] * slope_sum;
+    by_z += w.d[n] * row_sum;
+    by_yy += w.w[n] * curve_sum;
+    by_yz += w.d[n] * slope_sum;
+    by_zz += c.c[n] * row_sum;
+  }
+  auto along_x = [](const double* weights, const Four& f) {
+    return (weights[0] * f[0] + weights[1] * f[1]) + (weights[2] * f[2] + weights[3] * f[3]);
+  };
+  return (inverse_ * inverse_) * Sym3{along_x(a.c, all),   along_x(u.d, by_y),  along_x(u.d, by_z),
+                                      along_x(u.w, by_yy), along_x(u.w, by_yz), along_x(u.w, by_zz)};
 }
 
 double DistanceGrid::at(Vec3 x, Vec3& gradient) const {

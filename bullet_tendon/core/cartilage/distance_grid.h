@@ -11,6 +11,7 @@
 
 #include "geometry/signed_distance.h"
 #include "math/rotation.h"
+#include "math/sym3.h"
 
 namespace bt {
 
@@ -45,6 +46,9 @@ class DistanceGrid {
   bool may_be_behind(Vec3 x) const;
   // The distance at x and its gradient. Only where may_be_behind(x).
   double at(Vec3 x, Vec3& gradient) const;
+  // The second derivatives of the interpolated distance at x [1/m]; they are not continuous where cells meet.
+  // Only where may_be_behind(x).
+  Sym3 curvature(Vec3 x) const;
   // Of the points that a rotation and a shift take to where they may be behind the surface.
   void behind(const Rot3& turn, Vec3 shift, const std::vector<Vec3>& points, std::vector<Behind>& out) const;
   // The distance near the surface; else a lower bound of it in front of the surface, and 0 beyond `depth`.

@@ -49,6 +49,8 @@ class Element {
   virtual void evaluate(const std::vector<LinkEnd>& ends) = 0;
   // Adds the second derivatives at the last evaluation. definite: only positive semidefinite terms.
   virtual void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const = 0;
+  // Adds what add_stiffness(pairs, false) leaves out of the second derivatives. It may be indefinite.
+  virtual void add_curvature(std::vector<LinkPair>& pairs) const = 0;
   // Makes the last evaluation the state.
   virtual void accept() = 0;
 

@@ -186,6 +186,7 @@ void Ligament::add_straight(const Node& first, const Node& last) {
 void Ligament::find_length(const std::vector<LinkEnd>& ends) {
   across_.clear();
   straights_.clear();
+  bent_.clear();
   for (Twists& g : gradient_) g.fill(0);
   length_now_ = 0;
   auto node = [&](size_t i) {
@@ -202,6 +203,7 @@ void Ligament::find_length(const std::vector<LinkEnd>& ends) {
     const int touched = place_of(wraps_[w].link);
     const Vec3 centre = ends[wraps_[w].link].centre;
     length_now_ += way.arc;
+    bent_.push_back({w, frame(w), centre, from, to});
     add_straight(from, {touched, way.first - centre, way.first});
     add_straight({touched, way.last - centre, way.last}, to);
   });
@@ -230,6 +232,35 @@ void Ligament::add_stiffness(std::vector<LinkPair>& pairs, bool definite) const 
     add_outer(pairs[pair(a.one, a.one)], weight, a.by_one.data(), a.by_one.data());
     add_outer(pairs[pair(a.one, a.other)], weight, a.by_one.data(), a.by_other.data());
     add_outer(pairs[pair(a.other, a.other)], weight, a.by_other.data(), a.by_other.data());
+  }
+}
+
+// The points of a wrap move with its link.
+void Ligament::add_curvature(std::vector<LinkPair>& pairs) const {
+  const int n = static_cast<int>(touched_.size());
+  for (const Bent& part : bent_) {
+    const Wrap& wrap = wraps_[part.wrap];
+    const WrapCurvature found = curvature_around(wrap, part.frame, part.first.point, part.last.point);
+    const int own = place_of(wrap.link);
+    std::vector<Twists> a(n), b(n);
+    auto relative = [&](const Node& node, Vec3 along, std::vector<Twists>& by) {
+      const Twists of_point = twist_along(node.arm, along),
+                   of_wrap = twist_along(node.point - part.centre, along);
+      for (int k = 0; k < 6; ++k) {
+        by[node.touched][k] += of_point[k];
+        by[own][k] -= of_wrap[k];
+      }
+    };
+    relative(part.first, found.a, a);
+    relative(part.last, found.b, b);
+    for (int i = 0; i < n; ++i)
+      for (int j = i; j < n; ++j) {
+        LinkPair& to = pairs[pair(i, j)];
+        add_outer(to, tension_now_ * found.first, a[i].data(), a[j].data());
+        add_outer(to, tension_now_ * found.shared, a[i].data(), b[j].data());
+        add_outer(to, tension_now_ * found.shared, b[i].data(), a[j].data());
+        add_outer(to, tension_now_ * found.last, b[i].data(), b[j].data());
+      }
   }
 }
 

@@ -18,6 +18,7 @@
 // negative.
 #pragma once
 #include <array>
+#include <cstddef>
 #include <vector>
 
 #include "element/element.h"
@@ -60,6 +61,7 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   void begin(const std::vector<Link>& links, double h) override;
   void evaluate(const std::vector<LinkEnd>& ends) override;
   void add_stiffness(std::vector<LinkPair>& pairs, bool definite) const override;
+  void add_curvature(std::vector<LinkPair>& pairs) const override;
   void accept() override;
   // Length of the path where the links are now [m], and its points, those where it meets and leaves wraps
   // included.
@@ -91,6 +93,13 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
     Node first, last;
     Vec3 direction;
   };
+  // A part of the path around a wrap, and where the wrap and its link's centre of mass are.
+  struct Bent {
+    size_t wrap;
+    Pose frame;
+    Vec3 centre;
+    Node first, last;
+  };
   void add_straight(const Node& first, const Node& last);
   void add_across(const Straight& part, double inverse);
   int place_of(int link) const;
@@ -109,6 +118,7 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   double recalled_ = 0;  // [N]
   // Of the last evaluation.
   std::vector<Straight> straights_;
+  std::vector<Bent> bent_;
   std::vector<Twists> gradient_;  // of the length, by touched link
   std::vector<Across> across_;
   double length_now_ = 0, tension_now_ = 0, slope_ = 0, unrelaxed_now_ = 0;

@@ -130,6 +130,37 @@ Wrapped wrap_around(const Wrap& wrap, const Pose& frame, Vec3 p, Vec3 q, Geodesi
   return {true, to_world(frame, first), to_world(frame, last), length};
 }
 
+// Both shapes wrap as a circle in the plane of the arc: the derivatives within it are those of straight parts
+// that turn about fixed points. Across it, a cylinder unrolled has one straight line of the whole length.
+// Around a sphere the plane turns about the centre: by the angle g between p and q, for motions u, v across
+// it, dg = (u^2/2p^2 + v^2/2q^2) cot g - u v/(p q sin g).
+WrapCurvature curvature_around(const Wrap& wrap, const Pose& frame, Vec3 p, Vec3 q) {
+  if (wrap.shape == WrapShape::ellipsoid) return {};
+  Vec3 a = to_local(frame, p), b = to_local(frame, q);
+  const double rise = b.z - a.z, radius = wrap.radii.x;
+  const bool cylinder = wrap.shape == WrapShape::cylinder;
+  if (cylinder) a.z = b.z = 0;
+  const Arc arc = around_circle(a, b, radius);
+  if (!arc.touches) return {};
+  if (!cylinder) {
+    const Vec3 across = frame.rotation * cross(arc.e1, arc.e2);
+    const double far = norm(a), other = norm(b), x = dot(b, arc.e1), y = dot(b, arc.e2);
+    const double sine = std::max(y / other, 1e-9), bend = radius * (x / other) / sine;
+    return {across, across, (arc.before + bend) / (far * far) - 1 / arc.before,
+            -radius / (far * other * sine), (arc.after + bend) / (other * other) - 1 / arc.after};
+  }
+  const double flat = arc.before + radius * (arc.end - arc.begin) + arc.after,
+               length = std::hypot(flat, rise);
+  const Vec3 first = unit_or(at_angle(arc, radius, arc.begin) - a, {}),
+             last = unit_or(b - at_angle(arc, radius, arc.end), {});
+  auto across = [&](Vec3 along) {
+    return frame.rotation * ((1 / length) * (rise * along - Vec3{0, 0, flat}));
+  };
+  const double stretched = length / flat;
+  return {across(first), across(last), 1 / length - 1 / (stretched * arc.before), -1 / length,
+          1 / length - 1 / (stretched * arc.after)};
+}
+
 void trace(const std::vector<Wrap>& wraps, Vec3 p, Vec3 q, std::vector<Vec3>& points) {
   for (const Wrap& wrap : wraps) {
     Geodesic near;

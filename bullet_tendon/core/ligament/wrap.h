@@ -43,6 +43,16 @@ struct Wrapped {
 // wrap; it becomes that of this way.
 Wrapped wrap_around(const Wrap& wrap, const Pose& frame, Vec3 p, Vec3 q, Geodesic& near);
 
+// By how much the second derivatives of the length of the way around differ from those of its two straight
+// parts with their points of contact fixed. With the unit vectors a and b, and the motions u of p and v of q
+// relative to the wrap, the difference is first (a.u)^2 + 2 shared (a.u) (b.v) + last (b.v)^2 [1/m]. It is
+// zero around an ellipsoid, where it is not known, and where the wrap is not in the way.
+struct WrapCurvature {
+  Vec3 a, b;
+  double first = 0, shared = 0, last = 0;
+};
+WrapCurvature curvature_around(const Wrap& wrap, const Pose& frame, Vec3 p, Vec3 q);
+
 // Appends kTraced points of the way from p to q around the first of the wraps that is in its way, q included.
 // The wraps' frames are in the axes of the points.
 constexpr int kTraced = 18;
