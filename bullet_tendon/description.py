@@ -17,6 +17,7 @@ _TURN = 15.0
 _SLOW = 0.1  # s: damping over stiffness from which a tendon visibly creeps back
 _BRISK = 1e-3  # s: the same, of a tendon that does not ring on
 _WORKING_STRAIN = 0.01  # at which a slack tendon is judged, if its toe does not end before
+_PROPORTIONS = 0.1, 500.0  # of a link's shapes over the length of a tunnel in it: beyond, a unit is wrong
 _CONSIDERED = (
     ("pairs_considered", "pairs of a tendon's part and a shape near each other"),
     ("pairs_culled", "left out by their boxes"),
@@ -55,7 +56,7 @@ def advise(world) -> list[str]:
     lines = []
     for tendon in world.tendons:
         lines += [*_resolution(world, tendon), *_speed(tendon, dt), *_damping(world, tendon)]
-    return [*lines, *_friction(world), *_inside(world), *_convergence(world)]
+    return [*lines, *_units(world), *_friction(world), *_inside(world), *_convergence(world)]
 
 
 def _settings(world) -> list[str]:
@@ -142,6 +143,22 @@ def _damping(world, tendon) -> list[str]:
             f"{_BRISK * slope:.2g} N s a stretch goes back in {1e3 * _BRISK:g} ms"
         ]
     return []
+
+
+def _units(world) -> list[str]:
+    """Of tunnels that are far longer, or far shorter, than the link that they are in is large."""
+    lines = []
+    for tunnel in world.tunnels:
+        shapes = world._obstacles.of_link(tunnel.bodyUniqueId, tunnel.linkIndex)
+        size = max((float(np.ptp(shape.bounds, axis=0).max()) for shape in shapes), default=math.inf)
+        length = float(np.linalg.norm(tunnel.end - tunnel.start))
+        least, most = _PROPORTIONS
+        if math.isfinite(size) and not least * length <= size <= most * length:
+            lines.append(
+                f"tunnel {tunnel.name!r} is {length:.3g} m long, and the shapes of its link are {size:.3g} m "
+                "large: give both in metres (meshScale is 0.001 for files in millimetres)"
+            )
+    return lines
 
 
 def _friction(world) -> list[str]:

@@ -152,7 +152,7 @@ def _require_fit(link: _Link, boxes):
     if (beyond < -allowed).any() or (beyond > allowed + margin).any():
         given, meant = (" x ".join(f"{x:.4g}" for x in size) for size in sizes)
         needed = "as large as pybullet's shape, and in the same place"
-        how = f"its box in the world is {meant} m (give vertices that are scaled by meshScale)"
+        how = f"its box in the world is {meant} m (give its meshScale too, as (path, meshScale))"
         raise InvalidValue("meshes", f"a box of {given} m in the world", f"{needed}: {how}")
 
 
@@ -266,7 +266,13 @@ def _from_caller(source, scale):
     try:
         vertices, triangles = source
     except (TypeError, ValueError):
-        raise InvalidValue("meshes", source, "file names or pairs of vertices and triangles") from None
+        allowed = "file names, pairs of a file name and its meshScale, or pairs of vertices and triangles"
+        raise InvalidValue("meshes", source, allowed) from None
+    if isinstance(vertices, (str, Path)):
+        file, size = read_mesh(vertices), checks.as_array(triangles)
+        if size.ndim == 0:
+            size = np.full(3, checks.number("meshScale", triangles))
+        return file.vertices * checks.vector("meshScale", size), file.triangles, file.group
     vertices = checks.array("vertices", vertices, (None, 3))
     triangles = checks.array("triangles", triangles, (None, 3)).astype(int)
     if triangles.min() < 0 or triangles.max() >= len(vertices):

@@ -244,9 +244,9 @@ class TendonWorld(NotCopied):
             convex: whether meshes are convex hulls (True) or the triangles as they are (False); None: as
                 pybullet holds them.
             meshes: for triangles that pybullet does not give back (those of createCollisionShape), in order:
-                paths, or (vertices (v, 3) [m], triangles (t, 3)) in the shape's frame. They must be as large
-                as pybullet's, and where pybullet has them: a meshScale of createCollisionShape is not told by
-                pybullet, so vertices have to be given that are scaled by it.
+                paths, (path, meshScale), or (vertices (v, 3) [m], triangles (t, 3)) in the shape's frame.
+                They must be as large as pybullet's, and where pybullet has them. pybullet does not tell the
+                meshScale of createCollisionShape.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: then nothing has changed.

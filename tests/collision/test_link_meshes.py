@@ -14,7 +14,7 @@ from link_scenes import (
     urdf_body,
 )
 
-from bullet_tendon.errors import InvalidValue
+from bullet_tendon.errors import InvalidType, InvalidValue
 from bullet_tendon.shapes import collision_shapes
 
 
@@ -86,6 +86,21 @@ def test_groups_and_mixed_links(client, tmp_path):
         assert "".join(kinds) == expected
 
 
+@pytest.mark.parametrize("scale", [0.001, (0.001, 0.002, 0.0005)])
+def test_a_file_of_the_caller_is_scaled_as_pybullet_scales_it(client, tmp_path, scale):
+    path = str(tetra_obj(tmp_path / "t.obj"))
+    factors = np.full(3, scale) if np.ndim(scale) == 0 else np.array(scale)
+    flags = p.GEOM_FORCE_CONCAVE_TRIMESH
+    solid = {"fileName": path, "meshScale": factors.tolist(), "flags": flags}
+    body = p.createMultiBody(
+        0.0, p.createCollisionShape(p.GEOM_MESH, **solid, physicsClientId=client), physicsClientId=client
+    )
+    (shape,) = collision_shapes(body, -1, client, meshes=[(path, scale)])
+    assert shape.bounds == pytest.approx(np.array([TETRA.min(0), TETRA.max(0)]) * factors)
+    with pytest.raises(InvalidValue, match="meshes = .*meshScale"):
+        collision_shapes(body, -1, client, meshes=[path])
+
+
 def test_meshes_from_vertices(client, probe, tmp_path):
     """A hull's vertices pybullet tells (to 1e-4 of its size); triangles it does not: they must be given."""
     rng = np.random.default_rng(3)
@@ -114,6 +129,8 @@ def test_meshes_from_vertices(client, probe, tmp_path):
         x = rng.normal(size=(50, 3))
         exact = [point_triangles(y, TETRA[FACES]).min() for y in x]
         assert shape.measure(x, x)[0] == pytest.approx(exact, abs=1e-12)
+    with pytest.raises(InvalidType, match="meshScale"):
+        collision_shapes(body, -1, client, meshes=[(str(tmp_path / "t.obj"), "1")])
     with pytest.raises(InvalidValue, match="meshes"):
         collision_shapes(body, -1, client, meshes=[(TETRA, FACES)] * 2)
     with pytest.raises(InvalidValue, match="triangles"):

@@ -151,6 +151,23 @@ def test_a_good_scene_gets_no_advice(make_world):
     assert "nothing that looks wrong" in world.describe()
 
 
+@pytest.mark.parametrize("factor", [1.0, 1000.0, 0.001])
+def test_a_tunnel_and_its_bone_in_other_units(make_world, factor):
+    """A bone of 60 mm and its tunnel of 30 mm, where one of them is in millimetres, taken for metres."""
+    world = make_world()
+    client, half = world.physicsClientId, 0.03 * max(factor, 1.0)
+    bone = p.createMultiBody(
+        0,
+        p.createCollisionShape(p.GEOM_BOX, halfExtents=3 * [half], physicsClientId=client),
+        physicsClientId=client,
+    )
+    world.add_obstacle(bone)
+    length = 0.03 / min(factor, 1.0)
+    world.add_tunnel(bone, -1, (0, 0, 0), (0, 0, length), radius=0.15 * length, name="drilled")
+    told = advice(world, "'drilled'", "metres")
+    assert len(told) == (factor != 1.0)
+
+
 def test_long_segments_over_a_small_cylinder(make_world):
     world = make_world()
     tendon = taut_over(world, particles=9)
