@@ -70,7 +70,8 @@ print(f"K = {cartilage.foundation:.3g} Pa/m")
 # The law
 # -------
 # A sphere that is at a depth d in an elastic foundation has pressed an area of 2 pi R d, with a force of pi
-# K R d^2 and a greatest pressure of K d.
+# K R d^2 and a greatest pressure of K d. Keep d below the thickness, and within the rim of the surfaces: a
+# load that presses farther goes through them, and ``cartilage.wrench`` is zero then.
 
 measured = []
 print("  force     depth      area   pressure")

@@ -72,14 +72,18 @@ motor = flexor.grip(0)
 # ``shorten`` reels the tendon in at the motor's end. The finger bends downwards. Gravity is turned upwards,
 # as for a hand that lies on its back, so that the tendon has to lift the finger.
 
+REEL, STEPS = 0.012, 480  # m, in so many steps
+
 p.setGravity(0, 0, 9.81)
 print("reeled in   angle  tension")
-for step in range(1, 481):
-    flexor.shorten(0.012 / 480, end=0)
+for step in range(1, STEPS + 1):
+    flexor.shorten(REEL / STEPS, end=0)
     world.step()
-    if step % 120 == 0:
+    if step % (STEPS // 4) == 0:
         angle = p.getJointState(finger, 0)[0]
-        print(f"{12 * step / 480:6.1f} mm  {np.degrees(angle):5.1f} deg  {flexor.tension[0]:5.2f} N")
+        print(
+            f"{1e3 * REEL * step / STEPS:6.1f} mm  {np.degrees(angle):5.1f} deg  {flexor.tension[0]:5.2f} N"
+        )
 
 # %%
 camera = {"target": (0.0, 0, -0.012), "distance": 0.11, "yaw": 20, "pitch": -15}

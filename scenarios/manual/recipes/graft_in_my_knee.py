@@ -17,8 +17,11 @@ from bullet_tendon import view
 # %%
 # The files
 # ---------
-# With files of your own, leave this step out. The files must be in metres and in the frame of the tunnels'
-# points. Here the bones of the package are written as STL files, so that the program runs anywhere.
+# With files of your own, leave this step out. The files must be in the frame of the tunnels' points. Files
+# from segmentation are often in millimetres: ``SCALE`` is 0.001 then. Here the bones of the package are
+# written as STL files, so that the program runs anywhere.
+
+SCALE = 1.0  # metres in a unit of the files
 
 
 def write_stl(path, obj_file):
@@ -41,7 +44,8 @@ write_stl("tibia.stl", bt.data_path("meshes/tibia.obj"))
 # The bones
 # ---------
 # pybullet loads a file as triangles with ``GEOM_FORCE_CONCAVE_TRIMESH``. Without this flag it makes a convex
-# hull. pybullet does not give the triangles back. Therefore ``add_obstacle`` gets the file as well.
+# hull. pybullet does not give the triangles back. Therefore ``add_obstacle`` gets the file and its scale as
+# well.
 
 client = p.connect(p.DIRECT)
 p.setGravity(0, -9.81, 0)  # in these files y points up the leg
@@ -49,10 +53,11 @@ world = bt.TendonWorld(client)
 
 
 def load_bone(path):
-    collision = p.createCollisionShape(p.GEOM_MESH, fileName=path, flags=p.GEOM_FORCE_CONCAVE_TRIMESH)
-    visual = p.createVisualShape(p.GEOM_MESH, fileName=path, rgbaColor=(0.93, 0.89, 0.78, 1))
+    file = {"fileName": path, "meshScale": 3 * [SCALE]}
+    collision = p.createCollisionShape(p.GEOM_MESH, **file, flags=p.GEOM_FORCE_CONCAVE_TRIMESH)
+    visual = p.createVisualShape(p.GEOM_MESH, **file, rgbaColor=(0.93, 0.89, 0.78, 1))
     body = p.createMultiBody(0, collision, visual)
-    world.add_obstacle(body, friction=0.5, meshes=[path])
+    world.add_obstacle(body, friction=0.5, meshes=[(path, SCALE)])
     return body
 
 
@@ -61,7 +66,8 @@ femur, tibia = load_bone("femur.stl"), load_bone("tibia.stl")
 # %%
 # The tunnels
 # -----------
-# Each tunnel is a straight bore of radius 4 mm. Its ends are in the frame of the bone.
+# Each tunnel is a straight bore of radius 4 mm. Its ends are in the frame of the bone, in metres. If its
+# unit is not that of the bone, the graft touches nothing: ``print(world.describe())`` tells that.
 
 below, plateau = np.array([0.02146, -0.05099, -0.01581]), np.array([0.005, -0.02248, -0.002])
 notch, lateral = np.array([-0.004, -0.0005, 0.00968]), np.array([0.00368, 0.03139, 0.03005])

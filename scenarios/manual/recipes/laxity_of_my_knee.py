@@ -46,7 +46,7 @@ def drawer(degrees: float, force: float) -> float:
 forces = [0, 30, 60, 90]
 intact = [drawer(30, force) for force in forces]
 shares = dict(rig.forces)
-print(f"intact: {intact[-1]:.1f} mm under 90 N")
+print(f"intact: {intact[-1]:.1f} mm under {forces[-1]} N")
 for group, force in sorted(shares.items(), key=lambda item: -item[1])[:5]:
     print(f"  {group:12} {force:6.1f} N")
 
@@ -57,7 +57,7 @@ for group, force in sorted(shares.items(), key=lambda item: -item[1])[:5]:
 
 rig.cut("ACL")
 cut = [drawer(30, force) for force in forces]
-print(f"ACL cut: {cut[-1]:.1f} mm under 90 N")
+print(f"ACL cut: {cut[-1]:.1f} mm under {forces[-1]} N")
 
 # %%
 curves = [

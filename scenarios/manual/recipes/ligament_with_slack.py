@@ -32,9 +32,10 @@ femur = p.createMultiBody(1.0, sphere, -1, (0, 0, -0.030))
 # on the bodies implicitly. ``slope`` is the stiffness beyond the toe, in newtons per unit strain.
 # ``rest_length`` is the slack length: the ligament begins 2 mm slack.
 
-material = bt.Material.ligament(slope=2000, toe_strain=0.06)
+SLOPE, TOE, SLACK = 2000, 0.06, 0.032  # N, -, m
+material = bt.Material.ligament(slope=SLOPE, toe_strain=TOE)
 path = [(tibia, -1, (0, 0, 0)), (femur, -1, (0, 0, 0))]
-ligament = world.add_ligament(path, material, rest_length=0.032, name="ligament")
+ligament = world.add_ligament(path, material, rest_length=SLACK, name="ligament")
 
 # %%
 # The law
@@ -42,9 +43,9 @@ ligament = world.add_ligament(path, material, rest_length=0.032, name="ligament"
 # The femur is pulled with a force that grows slowly, so that it is at rest at each force.
 
 
-def law(length, slack=0.032, slope=2000, toe=0.06):
-    strain = max(0, length / slack - 1)
-    return slope * (strain**2 / (2 * toe) if strain < toe else strain - toe / 2)
+def law(length):
+    strain = max(0, length / SLACK - 1)
+    return SLOPE * (strain**2 / (2 * TOE) if strain < TOE else strain - TOE / 2)
 
 
 measured = []
@@ -59,8 +60,8 @@ for load in (1, 10, 30, 60, 90, 120):
     print(f"{force:6.1f} N {1e3 * length:5.2f} mm {ligament.strain:8.2%} {law(length):6.1f} N")
 
 # %%
-ways = np.linspace(0.030, 0.0353, 200)
 lengths, forces = np.transpose(measured)
+ways = np.linspace(0.030, 1.01 * lengths[-1], 200)
 curves = [
     {"x": 1e3 * ways, "y": [law(length) for length in ways], "label": "law"},
     {"x": 1e3 * lengths, "y": forces, "label": "ligament", "ls": "", "marker": "o"},

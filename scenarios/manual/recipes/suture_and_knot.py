@@ -49,6 +49,6 @@ print(f"centrelines at least {(2 * radius + touching['distance'].min()) / (2 * r
 # %%
 # The last line tells that the suture did not pass through itself.
 
-camera["target"] = suture.positions[100]
+camera["target"] = suture.positions[suture.particles // 2]
 camera["distance"] = 0.02
 view.save_png("2_tight.png", view.render_scene(client, camera, [], [suture]))
