@@ -299,8 +299,7 @@ def _draw_tunnels(k3d, plot, scene: _Scene) -> None:
         rows, numbers = scene.moments(track)
         axis = tunnel.end - tunnel.start
         vertices, triangles = round_mesh(p.GEOM_CYLINDER, (np.linalg.norm(axis), tunnel.radius))
-        ring = len(vertices) // 4
-        walls = triangles[2 * ring : 4 * ring]  # without the ends
+        walls = triangles[len(triangles) // 3 : 2 * len(triangles) // 3]  # without the ends
         turn = Rotation.align_vectors([axis], [[0.0, 0.0, np.linalg.norm(axis)]])[0]
         placed = turn.apply(vertices) + 0.5 * (tunnel.start + tunnel.end)
         drawn = k3d.mesh(

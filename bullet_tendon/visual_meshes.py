@@ -66,11 +66,8 @@ def round_surface(kind: int, sizes, position, orientation, sides: int) -> Simple
     """
     vertices, triangles = round_mesh(kind, sizes, sides)
     if kind == p.GEOM_CYLINDER:
-        corners = vertices[triangles]  # each triangle has its own, so that edges are sharp
-        is_end = np.ptp(corners[..., 2], axis=1) == 0
-        normals = np.where(is_end[:, None, None], (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)) * corners
-        vertices, normals = corners.reshape(-1, 3), normals.reshape(-1, 3)
-        triangles = np.arange(triangles.size).reshape(-1, 3)
+        is_wall = np.isin(np.arange(len(vertices)), triangles[2 * sides : 4 * sides])
+        normals = np.where(is_wall[:, None], (1.0, 1.0, 0.0), (0.0, 0.0, 1.0)) * vertices
     else:
         half = 0.5 * sizes[0] if kind == p.GEOM_CAPSULE else 0.0
         normals = vertices - np.clip(vertices, (0, 0, -half), (0, 0, half))  # from the axis or the centre
@@ -117,7 +114,11 @@ def _outwards(vertices, triangles) -> np.ndarray:
 
 
 def round_mesh(kind: int, sizes, sides: int = _SIDES):
-    """(vertices, triangles) of a sphere (radius,), or a cylinder or capsule (length, radius) along z."""
+    """(vertices, triangles) of a sphere (radius,), or a cylinder or capsule (length, radius) along z.
+
+    The ends of a cylinder share no vertices with its wall, so that its edges are sharp. First are the
+    triangles of one end, then those of the wall and of the other end, 2 sides each.
+    """
     angle = np.linspace(0.0, np.pi / 2, sides // 4 + 1)
     arc = np.c_[np.cos(angle), np.sin(angle)]
     if kind == p.GEOM_SPHERE:
@@ -127,14 +128,16 @@ def round_mesh(kind: int, sizes, sides: int = _SIDES):
         profile[:, 1] += np.repeat([-0.5, 0.5], len(arc)) * sizes[0]
     else:
         half, radius = 0.5 * sizes[0], sizes[1]
-        profile = np.array([[0, -half], [radius, -half], [radius, half], [0, half]])
+        rim = [(radius, -half), (radius, half)]
+        profile = np.array([(0, -half), *np.repeat(rim, 2, axis=0), (0, half)])
     turn = np.arange(sides) * (2 * np.pi / sides)
     circle = np.c_[np.cos(turn), np.sin(turn)]
     around = (profile[:, :1, None] * circle).reshape(-1, 2)
     vertices = np.hstack([around, np.repeat(profile[:, 1], sides)[:, None]])
     one = np.arange(sides)
     other = (one + 1) % sides
-    row = sides * np.arange(len(profile) - 1)[:, None]
+    bands = np.flatnonzero(np.diff(profile, axis=0).any(axis=1))  # without those between edges' twin vertices
+    row = sides * bands[:, None]
     a, b, c, d = row + one, row + other, row + sides + one, row + sides + other
     triangles = np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
     return vertices, triangles

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
 from bullet_tendon import view
-from bullet_tendon.visual_meshes import visual_meshes
+from bullet_tendon.visual_meshes import round_surface, visual_meshes
 
 SHAPES = {
     "box": {"shapeType": p.GEOM_BOX, "halfExtents": [0.01, 0.02, 0.03]},
@@ -75,3 +75,23 @@ def test_vertices_that_pybullet_does_not_tell_are_those_of_the_obstacle(client):
         map(tuple, vertices[triangles].mean(axis=1).round(6).astype(np.float32))
     )
     assert bt.Recorder(world, every=1).recording.bones == (body,)
+
+
+@pytest.mark.parametrize("kind", [p.GEOM_SPHERE, p.GEOM_CYLINDER, p.GEOM_CAPSULE])
+def test_round_surfaces_have_the_normals_of_their_shapes(kind):
+    sizes = (0.03, 0.0, 0.0) if kind == p.GEOM_SPHERE else (0.05, 0.02, 0.0)
+    place, turn = np.array([0.1, -0.2, 0.3]), Rotation.from_euler("xyz", [0.3, 0.5, -0.4])
+    mesh = round_surface(kind, sizes, place, turn.as_quat().tolist(), 24)
+    x, normals = turn.inv().apply(mesh.vertices - place), turn.inv().apply(mesh.normals)
+    if kind == p.GEOM_CYLINDER:
+        ends = np.isin(np.arange(len(x)), np.r_[mesh.triangles[:48], mesh.triangles[96:]])
+        exact = np.where(ends[:, None], (0, 0, 1) * np.sign(x), (1, 1, 0) * x / 0.02)
+    else:
+        half = 0.0 if kind == p.GEOM_SPHERE else 0.025
+        exact = (x - np.clip(x, (0, 0, -half), (0, 0, half))) / (0.03 if half == 0 else 0.02)
+    np.testing.assert_allclose(normals, exact, atol=1e-6)
+    a, b, c = (x[corner] for corner in mesh.triangles.T)
+    facing, of_face = np.cross(b - a, c - a), normals[mesh.triangles].mean(axis=1)
+    areas = np.linalg.norm(facing, axis=1)
+    along = np.einsum("ij,ij->i", facing, of_face)
+    assert (along[areas > 1e-12] > 0.95 * areas[areas > 1e-12]).all()  # those at poles have no area
