@@ -33,10 +33,11 @@ rope.set_point_mass(-1, 0.2)
 
 # %%
 # ``every=4`` keeps each fourth step by itself. ``scalars`` are functions whose numbers are kept as well. A
-# recorder takes a small part of a step, and its memory is bounded.
+# recorder takes a small part of a step, and its memory is bounded. ``camera`` is the direction from which the
+# replay is seen. It begins where all is in sight, unless a ``target`` and a ``distance`` are given too.
 
 scalars = {"pull on the hand [N]": lambda: np.linalg.norm(hand.force)}
-camera = {"target": (0.1, 0, -0.08), "distance": 0.6, "yaw": 15, "pitch": -15}
+camera = {"yaw": 15, "pitch": -15}
 with bt.Recorder(world, every=4, scalars=scalars, camera=camera, title="A rope over a post") as recorder:
     for _ in range(480):
         world.step()
