@@ -14,7 +14,7 @@ namespace {
 
 // Of the grid's spacing: how far points of B may move before the list of near ones is made anew [-]. More:
 // points are listed that are far from contact. Less: more lists.
-constexpr double kMargin = 0.5;
+constexpr double kMargin = 1.0;
 
 // The matrix T of 6 x 6 with which a twist about the point s from the origin has the twist T^T about the
 // origin, in axes that `turn` takes to the world's: rows of v and of w.
