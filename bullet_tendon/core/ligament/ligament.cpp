@@ -102,7 +102,14 @@ void Ligament::begin(const std::vector<Link>& links, double h) {
     wrap_frames_[w] = {link.pose.rotation * wraps_[w].local.rotation, link.arm_of(wraps_[w].local.origin)};
     act(place_of(wraps_[w].link), wrap_frames_[w].origin + Vec3{wraps_[w].radii.x, 0, 0});
   }
-  start_length_ = measure(links, near_, nullptr);
+  // Only these depend on the length at the start, or search for the way from the one there.
+  const bool is_needed = material_.damping != 0 || !memory.empty() ||
+                         std::any_of(wraps_.begin(), wraps_.end(),
+                                     [](const Wrap& w) { return w.shape == WrapShape::ellipsoid; });
+  if (is_needed)
+    start_length_ = measure(links, near_, nullptr);
+  else
+    near_.assign(wraps_.size() * (path_.size() - 1), {});
   if (memory.empty()) return;
   if (!begun) {
     begun = true;
