@@ -17,7 +17,14 @@ import pybullet as p
 
 from . import _core
 from .errors import InvalidValue, UnknownId
-from .generalized_bodies import can_be_hit, change_rates, exchange_wrench, generalized_bodies, read_link
+from .generalized_bodies import (
+    can_be_hit,
+    change_rates,
+    exchange_wrench,
+    generalized_bodies,
+    link_pose,
+    read_link,
+)
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
 _KEY = "bullet_tendon"  # of the user data that marks a body
@@ -234,7 +241,8 @@ class Bodies:
 
         in_link: force and point (3,) are in the link's inertial frame, else in the world's.
         """
-        _, (centre, turn), _ = read_link(body, link, self.client)
+        # pybullet takes the arm from where it last computed the link to be: of its last step, but for this.
+        centre, turn = link_pose(body, link, self.client)
         if in_link:
             axes = np.reshape(p.getMatrixFromQuaternion(turn), (3, 3))
             force, point = axes @ force, centre + axes @ point

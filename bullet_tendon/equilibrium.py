@@ -34,6 +34,7 @@ from .errors import InvalidType, InvalidValue
 from .generalized_bodies import (
     is_fixed,
     jacobians_and_mass,
+    link_pose,
     movable_joints,
     product,
     rotation_by,
@@ -203,10 +204,7 @@ class Equilibrium:
         return _Free(body, columns, list(joints), links, masses)
 
     def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
-        if link < 0:
-            centre, turn = p.getBasePositionAndOrientation(body, self._client)
-        else:
-            centre, turn = p.getLinkState(body, link, 0, 1, self._client)[:2]
+        centre, turn = link_pose(body, link, self._client)
         return np.array(centre), np.reshape(p.getMatrixFromQuaternion(turn), (3, 3))
 
     def _place(self) -> list:

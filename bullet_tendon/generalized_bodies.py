@@ -57,6 +57,13 @@ def read_link(body: int, link: int, client: int) -> tuple:
     return info, state[:2], state[6:]
 
 
+def link_pose(body: int, link: int, client: int) -> tuple:
+    """Centre of mass, and orientation of the inertial frame (4,)."""
+    if link < 0:
+        return p.getBasePositionAndOrientation(body, client)
+    return p.getLinkState(body, link, 0, 1, client)[:2]
+
+
 class RigidBody:
     """A link that moves by itself, where it has mass: a body without joints, or on joints not known."""
 

@@ -193,8 +193,7 @@ class KneeRig:
         values = [checks.number(name, value) for name, value in zip(names, given, strict=True)]
         point = checks.vector("point", point)
         self._force = np.array(values[:3])
-        self._moment = np.array([-values[3], values[4], 0.0])
-        self._point = point
+        self._loads = self._as_forces(np.array([-values[3], values[4], 0.0]), point)
 
     def quadriceps(self, force: float) -> None:
         """Pull with a force of the quadriceps [N], from now on; of the project's own knee alone.
@@ -457,7 +456,7 @@ class KneeRig:
         others = sorted(body for body in held - {*bones} if p.getDynamicsInfo(body, -1, self.client)[0] > 0)
         patella = [] if self._extensor is None else [self._extensor.patella]
         free = [self.tibia[0], *others, *patella]
-        loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads()]
+        loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads]
         largest = TYPICAL
         for _ in range(2):
             self.world.relax(tolerance / largest, MOST_RELAXATIONS, bodies=free, forces=loads)
@@ -471,17 +470,17 @@ class KneeRig:
 
     def _push(self) -> None:
         """Put the load on the tibia for the next step."""
-        for force, point in self._loads():
+        for force, point in self._loads:
             self.world.apply_external_force(*self.tibia, force, point, p.LINK_FRAME)
 
-    def _loads(self) -> list:
+    def _as_forces(self, moment, at) -> list:
         """(force, point) of the load, in the inertial frame of the tibia."""
-        loads = [(self._force, self._point)] if self._force.any() else []
-        size = np.linalg.norm(self._moment)
+        loads = [(self._force, at)] if self._force.any() else []
+        size = np.linalg.norm(moment)
         if size > 0:
-            axis = self._moment / size
+            axis = moment / size
             arm = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
             arm *= ARM / np.linalg.norm(arm)
-            force = np.cross(self._moment, arm) / (2 * ARM**2)
+            force = np.cross(moment, arm) / (2 * ARM**2)
             loads += [(force, arm), (-force, -arm)]
         return [(force, point - self._centre) for force, point in loads]

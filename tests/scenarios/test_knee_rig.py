@@ -164,7 +164,7 @@ def test_a_graft_of_particles_in_two_tunnels_settles_where_damped_motion_ends():
         graft.shorten(0.0005)
         rig.load(anterior=90.0)
         assert rig.settle()
-        forces = [(*rig.tibia, *load, p.LINK_FRAME) for load in rig._loads()]
+        forces = [(*rig.tibia, *load, p.LINK_FRAME) for load in rig._loads]
         rig.world.relax(bodies=[rig.tibia[0]], forces=forces)
         assert rig.world.report.converged
         found, tension = rig.coordinates, graft.tension
