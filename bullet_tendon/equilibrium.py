@@ -351,10 +351,11 @@ class Equilibrium:
         particles, most = self.tendons.particles(), 0.0
         for k, (entry, link, slot) in enumerate(self._slots):
             if slot in self.tendons.solid:
-                twist = at.twists[6 * k : 6 * k + 6] @ step
+                *shift, x, y, z = at.twists[6 * k : 6 * k + 6] @ step
                 arms = particles - self._inertial(entry.body, link)[0]
-                most = max(most, np.linalg.norm(twist[:3] + np.cross(twist[3:], arms), axis=1).max())
-        return step * min(1.0, self.tendons.farthest / max(most, 1e-300))
+                moved = shift + arms @ np.array([(0, z, -y), (-z, 0, x), (y, -x, 0)])
+                most = max(most, (moved * moved).sum(axis=1).max())
+        return step * min(1.0, self.tendons.farthest / max(most**0.5, 1e-300))
 
     def _advance(self, at: _Terms, step: np.ndarray, may_rise: bool) -> tuple[_Terms | None, bool]:
         """Move by a share of the step that is small enough: the terms there, and whether it was.
