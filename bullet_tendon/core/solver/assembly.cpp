@@ -44,9 +44,13 @@ double tendon_residual(Tendon& c) {
 
 }  // namespace
 
+int particle_of(const Contact& contact) {
+  return contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
+}
+
 bool update_direct(Island& island, Contact& contact) {
   Tendon& c = island.at(contact.a);
-  int i = contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
+  const int i = particle_of(contact);
   if (contact.normal_force.held) {
     // The residual at the particle is the force that the body supplies.
     contact.normal_force.value = std::max(0.0, dot(c.residual.at(i), contact.geometry.normal));
@@ -78,7 +82,7 @@ Assembly residual_of(Island& island, bool definite, bool at_position) {
     evaluate(island, *contact, at_position, definite);
     if (!contact->acts()) continue;
     a.scale = std::max(a.scale, max_abs(contact->force.total));
-    add_contact_force(island, *contact);
+    exert(island, *contact, contact->force.total, &Tendon::residual);
   }
   for (Tendon* c : island.tendons) read_anchor_forces(*c);
   load_carried(island, &Tendon::residual);
@@ -126,7 +130,7 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
   for (Contact* contact : island.acting) {
     add_sliding_blocks(island, *contact, definite_contacts);
     add_contact_block(island, *contact);
-    add_contact_linearisation(island, *contact);
+    exert(island, *contact, contact->force.linear - contact->force.total, &Tendon::residual);
   }
   load_carried(island, &Tendon::residual);
   add_body_residual(island);
@@ -219,11 +223,6 @@ Vec3 relative_position(const Island& island, const Contact& contact, Field Tendo
 
 namespace {
 
-void add_spot_force(Tendon& c, const SegmentPoint& s, double sign, Vec3 force) {
-  c.residual.add(s.first, (-sign * s.w0) * force);
-  c.residual.add(s.first + 1, (-sign * s.w1) * force);
-}
-
 void add_spot_block(Tendon& c, const SegmentPoint& s, const Sym3& block) {
   c.matrix.add(s.first, (s.w0 * s.w0) * block);
   c.matrix.add(s.first + 1, (s.w1 * s.w1) * block);
@@ -232,17 +231,10 @@ void add_spot_block(Tendon& c, const SegmentPoint& s, const Sym3& block) {
 
 }  // namespace
 
-void add_contact_force(Island& island, const Contact& contact) {
-  add_spot_force(island.at(contact.a), contact.a, 1, contact.force.total);
-  if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, contact.force.total);
-  if (contact.moves) load_body(island, contact, contact.force.total);
-}
-
-void add_contact_linearisation(Island& island, const Contact& contact) {
-  const Vec3 more = contact.force.linear - contact.force.total;
-  add_spot_force(island.at(contact.a), contact.a, 1, more);
-  if (contact.b.tendon >= 0) add_spot_force(island.at(contact.b), contact.b, -1, more);
-  if (contact.moves) load_body(island, contact, more);
+void exert(Island& island, const Contact& contact, Vec3 force, Which on) {
+  pull_back(island.at(contact.a).*on, contact.a, force);
+  if (contact.b.tendon >= 0) pull_back(island.at(contact.b).*on, contact.b, -force);
+  if (contact.moves) load_body(island, contact, force);
 }
 
 void add_contact_block(Island& island, const Contact& contact) {
@@ -326,7 +318,7 @@ void project_anchors(Island& island, Field Tendon::* what) {
   for (const Contact* contact : island.contacts) {
     if (!contact->normal_force.held) continue;
     Field& f = island.at(contact->a).*what;
-    int i = contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1;
+    const int i = particle_of(*contact);
     f.set(i, without(f.at(i), contact->geometry.normal));
   }
 }
@@ -337,9 +329,7 @@ void fix_in_matrix(Island& island) {
       if (h.rigid) c->matrix.hold(h.particle, identity(1));
   for (const Contact* contact : island.contacts)
     if (contact->normal_force.held)
-      island.at(contact->a)
-          .matrix.hold(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1,
-                       outer(contact->geometry.normal));
+      island.at(contact->a).matrix.hold(particle_of(*contact), outer(contact->geometry.normal));
 }
 
 namespace {

@@ -17,6 +17,8 @@ struct Assembly {
   double of_limits = 0;  // largest difference between a friction limit and mu N [N]
 };
 
+// The particle of a direct contact.
+int particle_of(const Contact& contact);
 // Updates a contact that constrains its particle directly: it becomes active when the particle is inside, and
 // inactive when its force would have to pull. Returns whether it has changed.
 bool update_direct(Island& island, Contact& contact);
@@ -46,14 +48,14 @@ void find_acting(Island& island);
 
 // Functions that the converged and the published methods share.
 Vec3 relative_position(const Island& island, const Contact& contact, Field Tendon::* where);
-void add_contact_force(Island& island, const Contact& contact);
+// Adds a force that a contact exerts on its point a, and the opposite one on what is there, to a residual and
+// to the loads of bodies [N].
+void exert(Island& island, const Contact& contact, Vec3 force, Which on);
 // Moves the contact points of pairs, mouths and round surfaces to the points that are nearest now.
 // add_sliding_blocks adds the resulting sliding-point terms, and precedes add_contact_block.
 void follow(Island& island, Contact& contact);
 void add_sliding_blocks(Island& island, Contact& contact, bool definite);
 void add_contact_block(Island& island, const Contact& contact);
-// Adds the difference between the linearised and the true contact force to the residual.
-void add_contact_linearisation(Island& island, const Contact& contact);
 // Adds the forces of soft anchors to the residual, or (matrix) their stiffnesses to the matrix and the
 // difference between their linearised and their true forces to the residual.
 void add_soft_anchors(Tendon& c, const Field& x, bool matrix);

@@ -17,6 +17,7 @@
 #include <cmath>
 #include <limits>
 
+#include "solver/assembly.h"
 #include "solver/solver.h"
 
 namespace bt {
@@ -605,9 +606,7 @@ void project_anchors(Island& island, size_t p) {
       if (h.rigid) island.bodies.borders[k].panels[p].pulls.zero(h.particle, h.particle);
   for (const Contact* contact : island.contacts) {
     if (!contact->normal_force.held) continue;
-    Eight* f = border_of(island, contact->a)
-                   .panels[p]
-                   .pulls.at(contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1);
+    Eight* f = border_of(island, contact->a).panels[p].pulls.at(particle_of(*contact));
     const Eight along = contact->geometry.normal.x * f[0] + contact->geometry.normal.y * f[1] +
                         contact->geometry.normal.z * f[2];
     f[0] -= along * contact->geometry.normal.x;

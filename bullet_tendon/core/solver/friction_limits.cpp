@@ -47,9 +47,7 @@ void answer(Island& island, const Options& o, const std::vector<Contact*>& conta
   for (size_t i = 0; i < contacts.size(); ++i) {
     const Contact& contact = *contacts[i];
     const Vec3 force = (-w[i] / norm(contact.friction.raw)) * contact.friction.raw;
-    pull_back(island.at(contact.a).column, contact.a, force);
-    if (contact.b.tendon >= 0) pull_back(island.at(contact.b).column, contact.b, -1.0 * force);
-    if (contact.moves) load_body(island, contact, force);
+    exert(island, contact, force, &Tendon::column);
   }
   load_carried(island, &Tendon::column);
   start_body_residual(island, 0);

@@ -82,8 +82,7 @@ void find_freedom(Island& island) {
       if (h.rigid) leave(island.numbers[k], h.particle, {});
   for (const Contact* contact : island.acting)
     if (contact->normal_force.held)
-      leave(contact->a.tendon, contact->a.w0 != 0 ? contact->a.first : contact->a.first + 1,
-            across(contact->geometry.normal));
+      leave(contact->a.tendon, particle_of(*contact), across(contact->geometry.normal));
 }
 
 // Adds the blocks of a contact between tendons that are outside the bands.

@@ -37,7 +37,7 @@ void contacts_now(Island& island, bool matrix) {
     contact->limit_friction(contact->normal_force.value);
     contact->evaluate(relative, true);
     if (contact->normal_force.value <= 0) continue;
-    add_contact_force(island, *contact);
+    exert(island, *contact, contact->force.total, &Tendon::residual);
     if (matrix) add_contact_block(island, *contact);
   }
   find_acting(island);
