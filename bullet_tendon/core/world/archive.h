@@ -32,11 +32,12 @@ inline uint32_t hash_of_name(const char* name) {
 class StateWriter {
  public:
   explicit StateWriter(std::vector<char>& out) : out_(out) {}
+  // Reads the value: visit takes what is not const, because the reader fills it.
   template <class T>
-  void operator()(const char* name, T& value) {
+  void operator()(const char* name, const T& value) {
     const uint32_t tag = hash_of_name(name);
     bytes(&tag, sizeof tag);
-    one(value);
+    one(const_cast<T&>(value));
   }
 
  private:

@@ -241,8 +241,7 @@ uint64_t World::structure_mark() const {
   std::vector<char> bytes;
   StateWriter write(bytes);
   for (const auto& c : scene.tendons) {
-    int particles = c ? c->n() : 0;
-    write("particles", particles);
+    write("particles", c ? c->n() : 0);
     if (!c) continue;
     write("radius", c->radius);
     write("friction", c->friction);
@@ -250,42 +249,30 @@ uint64_t World::structure_mark() const {
     if (c->material.law.lengthening_only) write("lengthening_only", c->material.law.lengthening_only);
   }
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
-    Shape shape = scene.shapes[s];
-    bool alive = scene.shape_alive[s] != 0;
-    uint64_t surface = shape.surface ? shape.surface->mark() : 0;
-    write("alive", alive);
+    const Shape& shape = scene.shapes[s];
+    write("alive", scene.shape_alive[s] != 0);
     write("shape", shape);
-    write("surface", surface);
+    write("surface", shape.surface ? shape.surface->mark() : 0);
   }
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    Tunnel tunnel = scene.tunnels[t];
-    bool alive = scene.tunnel_alive[t] != 0;
-    write("alive", alive);
-    write("tunnel", tunnel);
+    write("alive", scene.tunnel_alive[t] != 0);
+    write("tunnel", scene.tunnels[t]);
   }
   for (const auto& ligament : scene.ligaments.all()) {
-    bool alive = ligament != nullptr;
-    write("alive", alive);
-    if (!alive) continue;
-    std::vector<PathPoint> path = ligament->path();
-    Material material = ligament->material();
-    std::vector<Wrap> wraps = ligament->wraps();
-    write("path", path);
-    write("wraps", wraps);
-    write("material", material);
-    write("lengthening_only", material.law.lengthening_only);
+    write("alive", ligament != nullptr);
+    if (!ligament) continue;
+    write("path", ligament->path());
+    write("wraps", ligament->wraps());
+    write("material", ligament->material());
+    write("lengthening_only", ligament->material().law.lengthening_only);
   }
   for (const auto& cartilage : scene.cartilages.all()) {
-    bool alive = cartilage != nullptr;
-    write("alive", alive);
-    if (!alive) continue;
-    int links[2] = {cartilage->link_a(), cartilage->link_b()};
-    CartilageModel model = cartilage->model();
-    uint64_t surfaces = cartilage->mark();
-    write("one", links[0]);
-    write("other", links[1]);
-    write("model", model);
-    write("surfaces", surfaces);
+    write("alive", cartilage != nullptr);
+    if (!cartilage) continue;
+    write("one", cartilage->link_a());
+    write("other", cartilage->link_b());
+    write("model", cartilage->model());
+    write("surfaces", cartilage->mark());
   }
   uint64_t hash = 14695981039346656037ull;
   for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211ull;
@@ -297,8 +284,7 @@ std::vector<char> World::save() {
   empty_caches();
   std::vector<char> out;
   StateWriter write(out);
-  uint64_t mark = structure_mark();
-  write("structure", mark);
+  write("structure", structure_mark());
   Checkpoint now, none;
   capture(now);
   for (auto& c : scene.tendons)
