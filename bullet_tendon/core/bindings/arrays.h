@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <functional>
 #include <utility>
 #include <vector>
@@ -84,6 +85,14 @@ inline Vec3 vector(PyObject* tuple) { return {number(tuple, 0), number(tuple, 1)
 inline Rot3 turn_of(PyObject* tuple) {
   const double q[4] = {number(tuple, 0), number(tuple, 1), number(tuple, 2), number(tuple, 3)};
   return rotation_of(q);
+}
+
+// A contact as Python has it: tendon, segment, other tendon, link, kind, position (3), normal (3), distance,
+// normal and friction force.
+inline std::array<double, 14> row_of(const ContactRecord& c) {
+  return {double(c.tendon), double(c.segment), double(c.other_tendon), double(c.link),  double(c.kind),
+          c.position.x,     c.position.y,      c.position.z,           c.normal.x,      c.normal.y,
+          c.normal.z,       c.distance,        c.normal_force,         c.friction_force};
 }
 
 // Articulated bodies (bindings/bodies.cpp).

@@ -389,14 +389,9 @@ namespace {
 Array wrenches(const World& w) {
   Array out({static_cast<py::ssize_t>(w.scene.links.size()), static_cast<py::ssize_t>(6)});
   double* p = out.mutable_data();
-  for (const Link& l : w.scene.links) {
-    *p++ = l.wrench.force.x;
-    *p++ = l.wrench.force.y;
-    *p++ = l.wrench.force.z;
-    *p++ = l.wrench.torque.x;
-    *p++ = l.wrench.torque.y;
-    *p++ = l.wrench.torque.z;
-  }
+  for (const Link& l : w.scene.links)
+    for (const Vec3 part : {l.wrench.force, l.wrench.torque})
+      for (const double value : {part.x, part.y, part.z}) *p++ = value;
   return out;
 }
 

@@ -97,18 +97,14 @@ py::array_t<bool> is_drilled(const World& w, int slot, const Array& points) {
   return found;
 }
 
-// Rows of 14: tendon, segment, other tendon, link, kind, position, normal, distance, normal and friction
-// force.
+// (contacts, 14)
 Array contacts(const World& w) {
   const std::vector<ContactRecord> found = w.contacts();
   Array out({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(14)});
   double* row = out.mutable_data();
   for (const ContactRecord& c : found) {
-    const double values[14] = {
-        double(c.tendon), double(c.segment), double(c.other_tendon), double(c.link),  double(c.kind),
-        c.position.x,     c.position.y,      c.position.z,           c.normal.x,      c.normal.y,
-        c.normal.z,       c.distance,        c.normal_force,         c.friction_force};
-    row = std::copy(values, values + 14, row);
+    const auto values = row_of(c);
+    row = std::copy(values.begin(), values.end(), row);
   }
   return out;
 }

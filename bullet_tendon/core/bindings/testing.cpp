@@ -17,6 +17,14 @@ namespace bt {
 
 namespace {
 
+// (3, 3)
+Array full_of(const Sym3& s) {
+  Array out({3, 3});
+  const Block3 block = block_of(s);
+  std::copy(block.v, block.v + 9, out.mutable_data());
+  return out;
+}
+
 // A band as a full matrix, the coordinates of a particle together.
 Array dense_of(const Band& a) {
   const int m = 3 * a.n;
@@ -111,9 +119,8 @@ py::tuple element_term(World& w, Element& element, const Array& moves, double h)
   for (int i = 0; i < count; ++i) {
     FiniteRotation turned;
     turned.pulls = element.touched()[i].pulls;
-    const Sym3 arms = turned.stiffness();  // the gradient is minus the force
-    const double full[9] = {arms.xx, arms.xy, arms.xz, arms.xy, arms.yy, arms.yz, arms.xz, arms.yz, arms.zz};
-    for (int e = 0; e < 9; ++e) hessian.mutable_at(6 * i + 3 + e / 3, 6 * i + 3 + e % 3) -= full[e];
+    const Block3 arms = block_of(turned.stiffness());  // the gradient is minus the force
+    for (int e = 0; e < 9; ++e) hessian.mutable_at(6 * i + 3 + e / 3, 6 * i + 3 + e % 3) -= arms.v[e];
   }
   return py::make_tuple(element.potential(), gradient, hessian);
 }
@@ -125,10 +132,7 @@ py::tuple grip_term(const Array& raw, double most_force, bool slips, double k) {
   h.raw = vec(raw);
   h.most_force = most_force;
   h.slips = slips;
-  Array block({3, 3});
-  const Block3 b = block_of(h.block(identity(k)));
-  std::copy(b.v, b.v + 9, block.mutable_data());
-  return py::make_tuple(tuple(h.limited(h.raw)), tuple(h.linearised()), block);
+  return py::make_tuple(tuple(h.limited(h.raw)), tuple(h.linearised()), full_of(h.block(identity(k))));
 }
 
 // A contact without friction.
@@ -154,11 +158,8 @@ py::tuple contact_term(int kind, const Array& relative, const Array& normal, dou
   contact.friction.stiffness = tangent_stiffness;
   contact.friction.anchor = vec(tangent_anchor);
   contact.evaluate(vec(relative), true, definite);
-  Array block({3, 3});
-  const Block3 b = block_of(contact.force.block);
-  std::copy(b.v, b.v + 9, block.mutable_data());
   return py::make_tuple(contact.geometry.gap, tuple(contact.geometry.normal), tuple(contact.force.total),
-                        block, contact.friction.sliding);
+                        full_of(contact.force.block), contact.friction.sliding);
 }
 
 // The full block of a contact on its particles with the weights P: P^T block P, and the sliding-point terms.
@@ -277,10 +278,8 @@ py::tuple finite_rotation_term(const Array& begun, const Array& by, const Array&
     turned.add_pull(arm, f);
     torque += transposed_times(turned.rate, cross(arm, f));
   }
-  const Sym3 k = turned.stiffness();
   const Rot3& r = turned.rotation;
-  return py::make_tuple(rows_of({r.r0, r.r1, r.r2}), tuple(torque),
-                        rows_of({{k.xx, k.xy, k.xz}, {k.xy, k.yy, k.yz}, {k.xz, k.yz, k.zz}}));
+  return py::make_tuple(rows_of({r.r0, r.r1, r.r2}), tuple(torque), full_of(turned.stiffness()));
 }
 
 // Newton's linear model of an island, for tests: a random force g on particles and bodies is solved for by

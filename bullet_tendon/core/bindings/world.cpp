@@ -176,7 +176,7 @@ void append(std::vector<float>& out, Vec3 v) {
 // What a recorder keeps of a moment, in one object, which costs least. It has blocks, each the number of its
 // floats (int32) and these (float32): of all tendons by slot, positions (n, 3) and tension (n-1), one after
 // the other; energies (tendons); anchors (a, 6): tendon, particle, link (-1: a grip), force; contacts (c,
-// 14), as contacts() has them; and ligaments (l, 2): slot, force.
+// 14), by row_of; and ligaments (l, 2): slot, force.
 py::bytes moment(const World& w) {
   std::vector<float> shapes, energies, anchors, contacts, ligaments;
   std::vector<double> tension;
@@ -195,13 +195,8 @@ py::bytes moment(const World& w) {
       append(anchors, anchor.step_force);
     }
   }
-  for (const ContactRecord& c : w.contacts()) {
-    for (int number : {c.tendon, c.segment, c.other_tendon, c.link, static_cast<int>(c.kind)})
-      contacts.push_back(static_cast<float>(number));
-    append(contacts, c.position);
-    append(contacts, c.normal);
-    append(contacts, {c.distance, c.normal_force, c.friction_force});
-  }
+  for (const ContactRecord& c : w.contacts())
+    for (double value : row_of(c)) contacts.push_back(static_cast<float>(value));
   const auto& all = w.scene.ligaments.all();
   for (size_t slot = 0; slot < all.size(); ++slot)
     if (all[slot])
