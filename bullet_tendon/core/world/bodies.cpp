@@ -77,10 +77,9 @@ void World::find_central_bodies() {
     if (trace(link.mobility(link.centre + arm)) - of_mass > kRoundingShare * of_mass)
       scene.bodies[link.body].turning.central = false;
   };
-  for (const Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i)
-      if (const Anchor& h = c->anchors[i]; h.link >= 0)
-        act(scene.links[h.link], scene.links[h.link].held_arm_of(h.local));
+  each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
+    if (h.link >= 0) act(scene.links[h.link], scene.links[h.link].held_arm_of(h.local));
+  });
   for (const Contact& contact : contacts_.all)
     if (contact.link >= 0) act(scene.links[contact.link], contact.arm);
   each_acting([&](const Element& element) {
@@ -135,13 +134,10 @@ void World::narrow_bodies() {
   auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
     for (size_t l = 0; l < scene.links.size(); ++l)
       if (islands_.solid[l] && scene.links[l].yields()) what(scene.links[l], 6, Vec3{});
-    for (const Tendon* c : step_.slots)
-      for (size_t h = 0; c && h < c->anchors.size(); ++h) {
-        const Anchor& anchor = c->anchors[h];
-        if (anchor.link < 0 || islands_.solid[anchor.link] || !scene.links[anchor.link].yields()) continue;
-        const Link& link = scene.links[anchor.link];
-        what(link, 3, link.held_arm_of(anchor.local));
-      }
+    each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
+      if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
+      what(scene.links[h.link], 3, scene.links[h.link].held_arm_of(h.local));
+    });
   };
   for (GeneralizedBody& m : scene.bodies) {
     m.unknowns.freedom = 0;
@@ -206,10 +202,9 @@ bool World::find_turning() {
     m.turning.pull += norm(arm) * norm(force);
     m.turning.lever = std::max(m.turning.lever, norm(arm));
   };
-  for (const Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i)
-      if (const Anchor& h = c->anchors[i]; h.link >= 0)
-        add_pull(h.link, scene.links[h.link].held_arm_of(h.local), h.force);
+  each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
+    if (h.link >= 0) add_pull(h.link, scene.links[h.link].held_arm_of(h.local), h.force);
+  });
   for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.force.mean);
   bool any = false;
   for (const Link& l : scene.links) {

@@ -20,8 +20,7 @@ void World::each_coupling(Do what) {
   auto call = [&](Tendon& c, int link) {
     if (link >= 0 && scene.links[link].yields()) what(c, scene.bodies[scene.links[link].body]);
   };
-  for (Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i) call(*c, c->anchors[i].link);
+  each_anchor(step_.slots, [&](Tendon& c, const Anchor& h) { call(c, h.link); });
   for (const Contact& contact : contacts_.all) call(*step_.slots[contact.a.tendon], contact.link);
 }
 

@@ -52,12 +52,8 @@ void World::make_islands() {
     g.bodies.freedom = 0;
     g.coupled = false;
     g.matrix.patterned = false;
-    g.result.finite = true;
-    g.result.converged = true;
-    g.result.left_predicted_region = false;
-    g.result.iterations = 0;
-    g.result.residual = 0;
     g.matrix.tolerance = 0;
+    g.result = {};
   }
   for (int c = 0; c < tendons; ++c) {
     if (!step_.slots[c]) continue;

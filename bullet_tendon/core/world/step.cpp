@@ -294,13 +294,11 @@ void World::measure_wrenches() {
     if (contact.link >= 0)
       push(scene.links[contact.link], -contact.force.given, -contact.force.total, contact.arm);
   }
-  for (const Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
-      const Anchor& h = c->anchors[i];
-      if (h.link < 0) continue;
-      Link& link = scene.links[h.link];
-      push(link, given(*c, h.mean_force, h.step_force), h.force, link.held_arm_of(h.local));
-    }
+  each_anchor(step_.slots, [&](const Tendon& c, const Anchor& h) {
+    if (h.link < 0) return;
+    Link& link = scene.links[h.link];
+    push(link, given(c, h.mean_force, h.step_force), h.force, link.held_arm_of(h.local));
+  });
   if (step_.whole) return;
   each_acting([&](const Element& element) {
     for (const TouchedLink& touched : element.touched()) {
@@ -317,12 +315,10 @@ void World::take_substep() {
   const double share = step_.substeps.share();
   measure_wrenches();
   for (Link& l : scene.links) l.wrench = l.wrench + l.part;
-  for (Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
-      Anchor& h = c->anchors[i];
-      h.last_mean = h.mean_force;
-      h.sum_force += share * given(*c, h.mean_force, h.step_force);
-    }
+  each_anchor(step_.slots, [&](const Tendon& c, Anchor& h) {
+    h.last_mean = h.mean_force;
+    h.sum_force += share * given(c, h.mean_force, h.step_force);
+  });
   remember();
   for (Tendon* c : step_.slots)
     if (c) {
@@ -351,8 +347,7 @@ void World::finish_step_of_world() {
   step_.report.converged &= !step_.report.over_budget;
   act_on_bodies();
   begin_histories();
-  for (Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i) c->anchors[i].step_force = c->anchors[i].sum_force;
+  each_anchor(step_.slots, [](const Tendon&, Anchor& h) { h.step_force = h.sum_force; });
   find_coarse_turns();
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();

@@ -163,6 +163,14 @@ struct History {
   bool may_resolve = false;  // the last step can be solved again; only where bodies move
 };
 
+// Calls what(tendon, anchor) for every anchor of these tendons; null entries are left out.
+template <class Do>
+void each_anchor(const std::vector<Tendon*>& tendons, Do what) {
+  for (Tendon* c : tendons)
+    if (c)
+      for (Anchor& anchor : c->anchors) what(*c, anchor);
+}
+
 class World {
  public:
   // Locked by callers of methods where other threads may call them too.
