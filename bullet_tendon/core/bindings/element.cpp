@@ -45,7 +45,7 @@ Array trace_path(const Array& points, const py::list& wraps) {
   return rows_of(out);
 }
 
-Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.all().at(slot); }
+Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.at(slot); }
 
 SignedDistance distance_of(const Array& vertices, const Ints& triangles) {
   std::vector<SignedDistance::Indices> indices;
@@ -69,7 +69,7 @@ int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const Arra
                                                    CartilageModel{foundation, damping}));
 }
 
-Cartilage& cartilage_of(const World& w, int slot) { return *w.scene.cartilages.all().at(slot); }
+Cartilage& cartilage_of(const World& w, int slot) { return *w.scene.cartilages.at(slot); }
 
 // Of each connected patch: force, torque, area, centre of pressure, largest pressure.
 py::list pressed_regions(const World& w, int slot) {

@@ -373,10 +373,10 @@ void bind_terms(py::module_& testing) {
   testing.def("searched_nearest", &searched_nearest);
   testing.def("spring_term", &spring_term);
   testing.def("ligament_term", [](World& w, int slot, const Array& moves, double h) {
-    return element_term(w, *w.scene.ligaments.all().at(slot), moves, h);
+    return element_term(w, *w.scene.ligaments.at(slot), moves, h);
   });
   testing.def("evaluate_cartilage", [](World& w, int slot, int times) {
-    Cartilage& cartilage = *w.scene.cartilages.all().at(slot);
+    Cartilage& cartilage = *w.scene.cartilages.at(slot);
     std::vector<LinkEnd> ends;
     for (const Link& link : w.scene.links) ends.push_back({link.centre, {}});
     cartilage.begin(w.scene.links, 1);
@@ -387,7 +387,7 @@ void bind_terms(py::module_& testing) {
     }
   });
   testing.def("cartilage_term", [](World& w, int slot, const Array& moves, double h) {
-    return element_term(w, *w.scene.cartilages.all().at(slot), moves, h);
+    return element_term(w, *w.scene.cartilages.at(slot), moves, h);
   });
   testing.def("finite_rotation_term", &finite_rotation_term);
   testing.def("bending_term", &bending_term);

@@ -197,7 +197,7 @@ py::bytes moment(const World& w) {
   }
   for (const ContactRecord& c : w.contacts())
     for (double value : row_of(c)) contacts.push_back(static_cast<float>(value));
-  const auto& all = w.scene.ligaments.all();
+  const auto& all = w.scene.ligaments;
   for (size_t slot = 0; slot < all.size(); ++slot)
     if (all[slot])
       ligaments.insert(ligaments.end(), {static_cast<float>(slot), static_cast<float>(all[slot]->force)});

@@ -44,9 +44,7 @@ double tendon_residual(Tendon& c) {
 
 }  // namespace
 
-int particle_of(const Contact& contact) {
-  return contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1;
-}
+int particle_of(const Contact& contact) { return contact.a.w0 != 0 ? contact.a.first : contact.a.first + 1; }
 
 bool update_direct(Island& island, Contact& contact) {
   Tendon& c = island.at(contact.a);

@@ -118,10 +118,10 @@ void World::find_bodies() {
 // Marks links with shapes or tunnels: tendons can touch them at any point.
 void World::find_solid_links() {
   islands_.solid.assign(scene.links.size(), 0);
-  for (size_t s = 0; s < scene.shapes.size(); ++s)
-    if (scene.shape_alive[s]) islands_.solid[scene.shapes[s].link] = 1;
-  for (size_t t = 0; t < scene.tunnels.size(); ++t)
-    if (scene.tunnel_alive[t]) islands_.solid[scene.tunnels[t].link] = 1;
+  for (const auto& shape : scene.shapes)
+    if (shape) islands_.solid[shape->link] = 1;
+  for (const auto& tunnel : scene.tunnels)
+    if (tunnel) islands_.solid[tunnel->link] = 1;
 }
 
 // Reduces the unknowns of each body to the motions that tendons can cause. Tendons can touch links with

@@ -26,12 +26,12 @@ void World::each_part(W& world, C& checkpoint, Copy copy) {
     copy(static_cast<SpringState&>(tendon.structure), saved.structure);
     copy(static_cast<SpringState&>(tendon.shear), saved.shear);
   }
-  for (size_t e = 0; e < world.scene.ligaments.all().size(); ++e)
-    if (world.scene.ligaments.all()[e])
-      copy(static_cast<LigamentState&>(*world.scene.ligaments.all()[e]), checkpoint.elements.ligaments[e]);
-  for (size_t e = 0; e < world.scene.cartilages.all().size(); ++e)
-    if (world.scene.cartilages.all()[e])
-      copy(static_cast<CartilageState&>(*world.scene.cartilages.all()[e]), checkpoint.elements.cartilages[e]);
+  for (size_t e = 0; e < world.scene.ligaments.size(); ++e)
+    if (world.scene.ligaments[e])
+      copy(static_cast<LigamentState&>(*world.scene.ligaments[e]), checkpoint.elements.ligaments[e]);
+  for (size_t e = 0; e < world.scene.cartilages.size(); ++e)
+    if (world.scene.cartilages[e])
+      copy(static_cast<CartilageState&>(*world.scene.cartilages[e]), checkpoint.elements.cartilages[e]);
   copy(world.scene.links, checkpoint.links);
   copy(world.scene.bodies, checkpoint.bodies);
   copy(world.contacts_.memory, checkpoint.memory);
@@ -46,8 +46,8 @@ void World::capture(Checkpoint& to) const {
   to.valid = true;
   to.tendons.resize(scene.tendons.size());
   for (size_t c = 0; c < scene.tendons.size(); ++c) to.tendons[c].alive = scene.tendons[c] != nullptr;
-  to.elements.ligaments.resize(scene.ligaments.all().size());
-  to.elements.cartilages.resize(scene.cartilages.all().size());
+  to.elements.ligaments.resize(scene.ligaments.size());
+  to.elements.cartilages.resize(scene.cartilages.size());
   each_part(*this, to, [](const auto& present, auto& saved) { saved = present; });
 }
 
@@ -117,8 +117,7 @@ void require_model(const TendonModel& m, size_t n) {
   for (double mass : m.point_mass) require(mass >= 0, "with masses of at least 0");
 }
 
-void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links,
-                    const std::vector<char>& tunnels) {
+void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links, const Slots<Tunnel>& tunnels) {
   const TendonState& s = t.state;
   const size_t n = c.n();
   for (const Field* f : {&s.x, &s.v, &s.x_before, &s.v_before})
@@ -199,7 +198,7 @@ void World::require_state(const Checkpoint& c) const {
     require(c.tendons[t].alive == (scene.tendons[t] != nullptr), "of a world that is made of the same parts");
     if (scene.tendons[t])
       require_tendon(c.tendons[t], *scene.tendons[t], std::max(scene.links.size(), c.links.size()),
-                     scene.tunnel_alive);
+                     scene.tunnels);
   }
   for (const GeneralizedBody& body : c.bodies) require_body(body);
   for (const GeneralizedBody& body : c.sensed_bodies) require_body(body);
@@ -226,13 +225,13 @@ void World::require_state(const Checkpoint& c) const {
 
 // Throws StateMismatch unless the elements are those of this world.
 void World::require_elements(const ElementCheckpoint& c) const {
-  require(c.ligaments.size() == scene.ligaments.all().size(), kSizes);
-  require(c.cartilages.size() == scene.cartilages.all().size(), kSizes);
+  require(c.ligaments.size() == scene.ligaments.size(), kSizes);
+  require(c.cartilages.size() == scene.cartilages.size(), kSizes);
   for (size_t e = 0; e < c.ligaments.size(); ++e)
-    if (const auto& ligament = scene.ligaments.all()[e])
+    if (const auto& ligament = scene.ligaments[e])
       require(c.ligaments[e].memory.size() == ligament->material().tissue.weights.size(), kSizes);
   for (size_t e = 0; e < c.cartilages.size(); ++e)
-    if (const auto& cartilage = scene.cartilages.all()[e])
+    if (const auto& cartilage = scene.cartilages[e])
       require(c.cartilages[e].regions.size() == cartilage->regions.size(), kSizes);
 }
 
@@ -248,17 +247,17 @@ uint64_t World::structure_mark() const {
     write("material", c->material);
     if (c->material.law.lengthening_only) write("lengthening_only", c->material.law.lengthening_only);
   }
-  for (size_t s = 0; s < scene.shapes.size(); ++s) {
-    const Shape& shape = scene.shapes[s];
-    write("alive", scene.shape_alive[s] != 0);
-    write("shape", shape);
-    write("surface", shape.surface ? shape.surface->mark() : 0);
+  for (const auto& shape : scene.shapes) {
+    write("alive", shape != nullptr);
+    if (!shape) continue;
+    write("shape", *shape);
+    write("surface", shape->surface ? shape->surface->mark() : 0);
   }
-  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    write("alive", scene.tunnel_alive[t] != 0);
-    write("tunnel", scene.tunnels[t]);
+  for (const auto& tunnel : scene.tunnels) {
+    write("alive", tunnel != nullptr);
+    if (tunnel) write("tunnel", *tunnel);
   }
-  for (const auto& ligament : scene.ligaments.all()) {
+  for (const auto& ligament : scene.ligaments) {
     write("alive", ligament != nullptr);
     if (!ligament) continue;
     write("path", ligament->path());
@@ -266,7 +265,7 @@ uint64_t World::structure_mark() const {
     write("material", ligament->material());
     write("lengthening_only", ligament->material().law.lengthening_only);
   }
-  for (const auto& cartilage : scene.cartilages.all()) {
+  for (const auto& cartilage : scene.cartilages) {
     write("alive", cartilage != nullptr);
     if (!cartilage) continue;
     write("one", cartilage->link_a());
@@ -295,7 +294,7 @@ std::vector<char> World::save() {
   for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) write("planes", cache.entries);
   if (!scene.has_elements()) return out;
-  for (const auto& ligament : scene.ligaments.all())
+  for (const auto& ligament : scene.ligaments)
     if (ligament) write("ligament", static_cast<LigamentModel&>(*ligament));
   write("elements", now.elements);
   write("elements", history_.may_resolve ? history_.start->elements : none.elements);
@@ -325,15 +324,15 @@ void World::restore(const char* from, size_t size) {
     for (size_t s = 0; s < detection_.caches[c].size(); ++s) {
       planes.emplace_back();
       read("planes", planes.back());
-      const bool used = scene.tendons[c] && scene.shape_alive[s] && !scene.shapes[s].half_space;
+      const bool used = scene.tendons[c] && scene.shapes[s] && !scene.shapes[s]->half_space;
       require(
           planes.back().empty() || (used && planes.back().size() == 2 * size_t(scene.tendons[c]->n()) - 1),
           kSizes);
     }
-  std::vector<LigamentModel> ligaments(scene.ligaments.all().size());
+  std::vector<LigamentModel> ligaments(scene.ligaments.size());
   if (scene.has_elements()) {
     for (size_t e = 0; e < ligaments.size(); ++e) {
-      if (!scene.ligaments.all()[e]) continue;
+      if (!scene.ligaments[e]) continue;
       read("ligament", ligaments[e]);
       require(ligaments[e].rest > 0, "with rest lengths above 0");
     }
@@ -353,7 +352,7 @@ void World::restore(const char* from, size_t size) {
     scene.tendons[c]->set_rest(models[c].rest);
   }
   for (size_t e = 0; e < ligaments.size(); ++e)
-    if (scene.ligaments.all()[e]) static_cast<LigamentModel&>(*scene.ligaments.all()[e]) = ligaments[e];
+    if (scene.ligaments[e]) static_cast<LigamentModel&>(*scene.ligaments[e]) = ligaments[e];
   scene.filter = std::move(filter);
   apply(now);
   *history_.start = std::move(start);

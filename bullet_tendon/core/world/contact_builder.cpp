@@ -169,13 +169,13 @@ void World::collect_contacts() {
       mouth_contacts(static_cast<int>(c), t);
     }
     for (size_t s = 0; s < scene.shapes.size(); ++s)
-      if (scene.shape_alive[s] && scene.shapes[s].half_space &&
-          scene.filter.meets_link(static_cast<int>(c), scene.shapes[s].link))
+      if (scene.shapes[s] && scene.shapes[s]->half_space &&
+          scene.filter.meets_link(static_cast<int>(c), scene.shapes[s]->link))
         half_space_contacts(static_cast<int>(c), static_cast<int>(s));
   }
   for (size_t c = 0; c < step_.slots.size(); ++c)
     for (size_t s = 0; step_.slots[c] && s < scene.shapes.size(); ++s)
-      if (scene.shape_alive[s] && !scene.shapes[s].half_space)
+      if (scene.shapes[s] && !scene.shapes[s]->half_space)
         limit_motion(*step_.slots[c], motion_limit_of(detection_.caches[c][s], step_.slots[c]->radius));
   bone_contacts();
   tendon_contacts();
@@ -368,8 +368,8 @@ void World::bone_contacts() {
     if (!step_.slots[c]) continue;
     const int n = step_.slots[c]->n(), tendon = static_cast<int>(c);
     for (size_t s = 0; s < scene.shapes.size(); ++s) {
-      if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
-      const Shape& shape = scene.shapes[s];
+      if (!scene.shapes[s] || scene.shapes[s]->half_space) continue;
+      const Shape& shape = *scene.shapes[s];
       const Link& link = scene.links[shape.link];
       const std::vector<Entry>& entries = detection_.caches[c][s].entries;
       if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
@@ -423,7 +423,7 @@ int World::came_from(const ContactKey& key, int segment, WillBulge will_bulge) c
 }
 
 void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came) {
-  const Shape& shape = scene.shapes[key.other];
+  const Shape& shape = *scene.shapes[key.other];
   Contact contact = plane_contact(spot, shape.link, surface, key, shape.friction, came);
   contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
                                 options.bone_contact == BoneContact::constraint &&
@@ -434,12 +434,13 @@ void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const 
 // Whether the normal of a contact in the last step was nearer to one normal than to another.
 bool World::last_faced(const ContactKey& key, Vec3 one, Vec3 other) const {
   const ContactMemory* last = remembered(key);
-  return last && dot(scene.links[scene.shapes[key.other].link].pose.rotation * last->normal, one - other) > 0;
+  return last &&
+         dot(scene.links[scene.shapes[key.other]->link].pose.rotation * last->normal, one - other) > 0;
 }
 
 void World::half_space_contacts(int tendon, int s) {
   const Tendon& c = *step_.slots[tendon];
-  const Shape& shape = scene.shapes[s];
+  const Shape& shape = *scene.shapes[s];
   const Link& link = scene.links[shape.link];
   const Pose pose = in_world(shape, link), end = link.ahead(pose, step_.context.dt);
   const Vec3 normal = pose.rotation * shape.plane_normal;
@@ -500,18 +501,17 @@ void World::find_bores() {
   detection_.bores_by_link.resize(scene.links.size());
   for (auto& list : detection_.bores_by_link) list.clear();
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    if (!scene.tunnel_alive[t]) continue;
-    detection_.bores[t] = in_world(scene.tunnels[t], scene.links[scene.tunnels[t].link].pose);
-    detection_.bores_by_link[scene.tunnels[t].link].push_back(detection_.bores[t]);
+    if (!scene.tunnels[t]) continue;
+    detection_.bores[t] = in_world(*scene.tunnels[t], scene.links[scene.tunnels[t]->link].pose);
+    detection_.bores_by_link[scene.tunnels[t]->link].push_back(detection_.bores[t]);
   }
   for (size_t c = 0; c < step_.slots.size(); ++c)
     if (step_.slots[c] && !scene.tunnels.empty()) classify(static_cast<int>(c));
 }
 
 bool World::may_enter(int tendon, int tunnel) const {
-  const Tunnel& t = scene.tunnels[tunnel];
-  return scene.tunnel_alive[tunnel] && t.radius > scene.tendons[tendon]->radius &&
-         scene.filter.meets_link(tendon, t.link);
+  const auto& t = scene.tunnels[tunnel];
+  return t && t->radius > scene.tendons[tendon]->radius && scene.filter.meets_link(tendon, t->link);
 }
 
 namespace {
@@ -582,12 +582,12 @@ void World::find_near_tunnels(int tendon) {
   const double half = 0.5 * norm(box.hi - box.lo);
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!may_enter(tendon, static_cast<int>(t))) continue;
-    const Link& link = scene.links[scene.tunnels[t].link];
+    const Link& link = scene.links[scene.tunnels[t]->link];
     // Motion of the bore, which is linear in position: its bound over the tendon's box.
     const double carried =
         norm(link.drift(middle, step_.context.dt)) + step_.context.dt * norm(link.spin) * half;
     ++step_.report.near.tunnels;
-    if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t].chamfer) ||
+    if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t]->chamfer) ||
         std::find(c.tunnel_of.begin(), c.tunnel_of.end(), t) != c.tunnel_of.end())
       detection_.near_tunnels.push_back(static_cast<int>(t));
     else
@@ -599,7 +599,7 @@ void World::find_near_tunnels(int tendon) {
 void World::bore_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
-  const Link& link = scene.links[scene.tunnels[t].link];
+  const Link& link = scene.links[scene.tunnels[t]->link];
   const double dt = step_.context.dt;
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.foreseen_at(x);
@@ -616,14 +616,14 @@ void World::bore_contacts(int tendon, int t) {
     if (!bore.has_wall(x, z)) continue;
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
-    contact.link = scene.tunnels[t].link;
+    contact.link = scene.tunnels[t]->link;
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     contact.geometry.rim = drifted(rim_of(on_axis, bore.axis, room, {}, 0), link, dt);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
-    contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
+    contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
     contact.friction.relative_start = x + link.drift(x, dt);
     finish_contact(contact, tendon, i);
     add_contact(contact);
@@ -654,11 +654,11 @@ void World::mouth_contacts(int tendon, int t) {
 
 // Distance from an edge of the tunnel's mouths within which segment k can touch it in the substep [m].
 double World::mouth_reach(int tendon, int t, int k) const {
-  const Link& link = scene.links[scene.tunnels[t].link];
+  const Link& link = scene.links[scene.tunnels[t]->link];
   auto reach = [&](int i) {
     return reach_of(*step_.slots[tendon], i, link, step_.context.dt, options.contact_threshold);
   };
-  return std::max(reach(k), reach(k + 1)) + scene.tunnels[t].chamfer;
+  return std::max(reach(k), reach(k + 1)) + scene.tunnels[t]->chamfer;
 }
 
 // Contacts of segment k with an edge, at the points that are predicted to be nearest at the end of the
@@ -666,7 +666,7 @@ double World::mouth_reach(int tendon, int t, int k) const {
 // further. In the narrow ends of an ellipse, a tendon can touch both sides.
 void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double reach) {
   const Tendon& c = *step_.slots[tendon];
-  const Link& link = scene.links[scene.tunnels[t].link];
+  const Link& link = scene.links[scene.tunnels[t]->link];
   const Vec3 a = c.predicted.at(k) - link.foreseen_at(c.x.at(k));
   const Vec3 b = c.predicted.at(k + 1) - link.foreseen_at(c.x.at(k + 1));
   double u = nearest_to_rim(a, b, rim);
@@ -683,7 +683,7 @@ void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double r
 
 void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, double u, double reach) {
   Tendon& c = *step_.slots[tendon];
-  const Link& link = scene.links[scene.tunnels[t].link];
+  const Link& link = scene.links[scene.tunnels[t]->link];
   const double dt = step_.context.dt;
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
@@ -693,20 +693,20 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   const double distance = norm(apart);
   if (distance > reach) return;
   const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
-  limit_motion(c, safe_fraction(distance, c.radius + scene.tunnels[t].chamfer, motion));
+  limit_motion(c, safe_fraction(distance, c.radius + scene.tunnels[t]->chamfer, motion));
   Contact contact;
-  contact.link = scene.tunnels[t].link;
+  contact.link = scene.tunnels[t]->link;
   contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};
   contact.a = {tendon, k, 1 - u, u};
   contact.friction.anchored_at = u;
   contact.geometry.rim = drifted(rim, link, dt);
   contact.geometry.margin = options.contact_threshold;
-  contact.geometry.offset = c.radius + scene.tunnels[t].chamfer + options.contact_threshold;
+  contact.geometry.offset = c.radius + scene.tunnels[t]->chamfer + options.contact_threshold;
   contact.geometry.threads_mouth =
       (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && rim.height(a) * rim.height(b) < 0;
   contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
-  contact.friction.coefficient = scene.tunnels[t].friction * c.friction;
+  contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
   contact.friction.relative_start = x + link.drift(x, dt);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);

@@ -135,7 +135,7 @@ void World::limit_motion_of_cartilage() {
   auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
   auto present = [&](const Link& l) { return Twist{h * l.now_velocity, h * l.now_spin}; };
   auto held = [](const Link& l) { return l.foreseen; };
-  for (const auto& cartilage : scene.cartilages.all()) {
+  for (const auto& cartilage : scene.cartilages) {
     if (!cartilage) continue;
     const double most = kLayerShare * cartilage->grid().depth();
     auto motion = [&](auto of) {
@@ -154,7 +154,7 @@ void World::limit_motion_of_cartilage() {
 // A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step.
 // Only tunnels and cartilage ask for it.
 void World::foresee_links() {
-  if (scene.tunnels.empty() && scene.cartilages.all().empty()) return;
+  if (scene.tunnels.empty() && scene.cartilages.empty()) return;
   const double h = step_.context.dt, square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {
     l.foreseen = {h * l.velocity, h * l.spin};
@@ -175,12 +175,12 @@ bool World::foresee_at_solution() {
     if (c) slack = std::min(slack, kSlack * c->radius);
   const double h = step_.context.dt;
   bool any = false;
-  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    const Tunnel& tunnel = scene.tunnels[t];
-    Link& l = scene.links[tunnel.link];
-    if (!scene.tunnel_alive[t] || !l.yields() || !scene.bodies[l.body].turning.elements) continue;
+  for (const auto& tunnel : scene.tunnels) {
+    if (!tunnel) continue;
+    Link& l = scene.links[tunnel->link];
+    if (!l.yields() || !scene.bodies[l.body].turning.elements) continue;
     const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
-    for (const Vec3 local : {tunnel.start, tunnel.end}) {
+    for (const Vec3 local : {tunnel->start, tunnel->end}) {
       const Vec3 arm = to_world(l.pose, local) - l.centre;
       if (norm(solved.at(arm) - l.foreseen.at(arm)) <= slack) continue;
       l.foreseen = solved;

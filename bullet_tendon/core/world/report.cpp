@@ -38,7 +38,7 @@ void World::find_coarse_turns() {
   for (Tendon* c : step_.slots)
     if (c) c->coarse.angle = 0;
   for (const Contact& contact : contacts_.all) {
-    if (contact.key.kind != ContactKind::bone || !scene.shapes[contact.key.other].surface) continue;
+    if (contact.key.kind != ContactKind::bone || !scene.shapes[contact.key.other]->surface) continue;
     if (!(contact.normal_force.value > 0)) continue;
     Tendon& c = *step_.slots[contact.a.tendon];
     for (int i : {contact.a.first, contact.a.first + 1}) {

@@ -135,13 +135,13 @@ bool World::feels(int tendon, int slot, double dt) const {
     if (h.link == slot) return true;
   if (!scene.filter.meets_link(tendon, slot)) return false;
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
-    if (!scene.shape_alive[s] || scene.shapes[s].link != slot) continue;
-    if (scene.shapes[s].half_space) return true;
-    if (is_near(c, in_world(scene.shapes[s], link), link, dt, scene.shapes[s].lo, scene.shapes[s].hi, skin))
-      return true;
+    if (!scene.shapes[s] || scene.shapes[s]->link != slot) continue;
+    if (scene.shapes[s]->half_space) return true;
+    const Shape& shape = *scene.shapes[s];
+    if (is_near(c, in_world(shape, link), link, dt, shape.lo, shape.hi, skin)) return true;
   }
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    if (!scene.tunnel_alive[t] || scene.tunnels[t].link != slot) continue;
+    if (!scene.tunnels[t] || scene.tunnels[t]->link != slot) continue;
     const Box box = scene.bore_in_link(static_cast<int>(t)).box;
     if (is_near(c, link.pose, link, dt, box.lo, box.hi, skin)) return true;
   }

@@ -16,64 +16,31 @@ void World::ensure_link(int link) {
 }
 
 int World::add_tendon(std::unique_ptr<Tendon> tendon) {
-  const int slot = static_cast<int>(std::find(scene.tendons.begin(), scene.tendons.end(), nullptr) -
-                                    scene.tendons.begin());
-  if (slot == static_cast<int>(scene.tendons.size())) scene.tendons.emplace_back();
-  scene.tendons[slot] = std::move(tendon);
   detection_.broad_phase.clear();
   history_.may_resolve = false;
-  return slot;
+  return scene.tendons.add(std::move(tendon));
 }
 
 void World::remove_tendon(int slot) {
   wake_tendon(slot);
-  scene.tendons[slot].reset();
+  scene.tendons.remove(slot);
   detection_.broad_phase.clear();
   history_.may_resolve = false;
-  while (!scene.tendons.empty() && !scene.tendons.back()) scene.tendons.pop_back();
   contacts_.all.clear();
   if (slot < static_cast<int>(detection_.caches.size())) detection_.caches[slot].clear();
   forget_memory_of(slot);
   scene.filter.forget_tendon(slot);
 }
 
-namespace {
-
-// Puts a part into the first slot that is not alive, or into a new slot. Returns the slot.
-template <class Part>
-int put(std::vector<Part>& parts, std::vector<char>& alive, const Part& part) {
-  const size_t slot = std::find(alive.begin(), alive.end(), 0) - alive.begin();
-  if (slot == alive.size()) {
-    parts.emplace_back();
-    alive.push_back(0);
-  }
-  parts[slot] = part;
-  alive[slot] = 1;
-  return static_cast<int>(slot);
-}
-
-// Empties the slot, and removes empty slots at the end.
-template <class Part>
-void take(std::vector<Part>& parts, std::vector<char>& alive, int slot) {
-  parts[slot] = Part{};
-  alive[slot] = 0;
-  while (!alive.empty() && !alive.back()) {
-    parts.pop_back();
-    alive.pop_back();
-  }
-}
-
-}  // namespace
-
 int World::add_shape(const Shape& shape) {
   wake_all();
   ensure_link(shape.link);
-  return put(scene.shapes, scene.shape_alive, shape);
+  return scene.shapes.add(std::make_unique<Shape>(shape));
 }
 
 void World::remove_shape(int slot) {
   wake_all();
-  take(scene.shapes, scene.shape_alive, slot);
+  scene.shapes.remove(slot);
   contacts_.all.clear();
   for (auto& of_tendon : detection_.caches)
     if (slot < static_cast<int>(of_tendon.size())) of_tendon[slot] = NearCache{};
@@ -84,14 +51,14 @@ void World::remove_shape(int slot) {
 int World::add_tunnel(const Tunnel& tunnel) {
   wake_all();
   ensure_link(tunnel.link);
-  const int slot = put(scene.tunnels, scene.tunnel_alive, tunnel);
+  const int slot = scene.tunnels.add(std::make_unique<Tunnel>(tunnel));
   forget_planes();
   return slot;
 }
 
 void World::set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]) {
   wake_all();
-  Tunnel& tunnel = scene.tunnels[slot];
+  Tunnel& tunnel = *scene.tunnels[slot];
   tunnel.start = centre[0];
   tunnel.end = centre[1];
   tunnel.start_slope = slope[0];
@@ -101,7 +68,7 @@ void World::set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]
 
 void World::remove_tunnel(int slot) {
   wake_all();
-  take(scene.tunnels, scene.tunnel_alive, slot);
+  scene.tunnels.remove(slot);
   contacts_.all.clear();
   forget_planes();
   for (auto& c : scene.tendons)
@@ -138,11 +105,11 @@ void World::filter_contacts(std::initializer_list<int> tendons,
       case ContactKind::tendon:
         return !scene.filter.meet(k.tendon, k.other);
       case ContactKind::bone:
-        return !scene.filter.meets_link(k.tendon, scene.shapes[k.other].link);
+        return !scene.filter.meets_link(k.tendon, scene.shapes[k.other]->link);
       case ContactKind::bore:
-        return !scene.filter.meets_link(k.tendon, scene.tunnels[k.other].link);
+        return !scene.filter.meets_link(k.tendon, scene.tunnels[k.other]->link);
       case ContactKind::mouth:
-        return !scene.filter.meets_link(k.tendon, scene.tunnels[k.other / 2].link);
+        return !scene.filter.meets_link(k.tendon, scene.tunnels[k.other / 2]->link);
     }
     return false;
   });
@@ -196,12 +163,12 @@ const std::vector<Bore>& World::bores_for(const Tendon& c, int link) {
 }
 
 const Surface* World::surface_for(const Tendon& c, int s) {
-  const Shape& shape = scene.shapes[s];
+  const Shape& shape = *scene.shapes[s];
   if (!shape.surface) return nullptr;
   std::vector<int>& wide = detection_.wide_tunnels;
   wide.clear();
   for (size_t t = 0; t < scene.tunnels.size(); ++t)
-    if (scene.tunnel_alive[t] && scene.tunnels[t].link == shape.link && scene.tunnels[t].radius > c.radius)
+    if (scene.tunnels[t] && scene.tunnels[t]->link == shape.link && scene.tunnels[t]->radius > c.radius)
       wide.push_back(static_cast<int>(t));
   if (wide.empty()) return shape.surface.get();
   detection_.drilled.resize(scene.shapes.size());
@@ -212,14 +179,14 @@ const Surface* World::surface_for(const Tendon& c, int s) {
   const Rot3 turn = transposed(shape.local.rotation);
   std::vector<Triangle> left = shape.surface->triangles();
   for (const int t : wide)
-    left = drilled(left, in_world(scene.tunnels[t], {turn, -(turn * shape.local.origin)}));
+    left = drilled(left, in_world(*scene.tunnels[t], {turn, -(turn * shape.local.origin)}));
   known.push_back({wide, std::make_unique<const Surface>(std::move(left))});
   return known.back().left.get();
 }
 
 NearContext World::near_context(const Tendon& c, int s) {
   return {step_.context.dt, options.contact_threshold, options.reuse_tolerance,
-          &bores_for(c, scene.shapes[s].link), surface_for(c, s)};
+          &bores_for(c, scene.shapes[s]->link), surface_for(c, s)};
 }
 
 // Updates the distances of this substep: from the cache or the core where possible, otherwise from the
@@ -230,13 +197,13 @@ void World::update_proximity(DistanceOracle& oracle) {
   for (size_t c = 0; c < scene.tendons.size(); ++c) {
     if (!step_.slots[c]) continue;
     for (size_t s = 0; s < scene.shapes.size(); ++s) {
-      if (!scene.shape_alive[s] || scene.shapes[s].half_space) continue;
-      if (!scene.filter.meets_link(static_cast<int>(c), scene.shapes[s].link)) {
+      if (!scene.shapes[s] || scene.shapes[s]->half_space) continue;
+      if (!scene.filter.meets_link(static_cast<int>(c), scene.shapes[s]->link)) {
         detection_.caches[c][s].entries.clear();
         continue;
       }
-      ask(*scene.tendons[c], static_cast<int>(c), scene.shapes[s], static_cast<int>(s),
-          scene.links[scene.shapes[s].link], near_context(*scene.tendons[c], static_cast<int>(s)),
+      ask(*scene.tendons[c], static_cast<int>(c), *scene.shapes[s], static_cast<int>(s),
+          scene.links[scene.shapes[s]->link], near_context(*scene.tendons[c], static_cast<int>(s)),
           detection_.caches[c][s], detection_.queries, step_.report.near);
     }
   }
@@ -244,7 +211,7 @@ void World::update_proximity(DistanceOracle& oracle) {
   oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
   for (size_t q = 0; q < detection_.queries.size(); ++q) {
     const Query& query = detection_.queries[q];
-    const Shape& shape = scene.shapes[query.shape];
+    const Shape& shape = *scene.shapes[query.shape];
     Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
     answer(query, detection_.distances[q], vec3_at(detection_.points, q), detection_.parameters[q],
            in_world(shape, scene.links[shape.link]), near_context(*scene.tendons[query.tendon], query.shape),

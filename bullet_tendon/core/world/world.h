@@ -19,13 +19,13 @@
 
 #include "cartilage/cartilage.h"
 #include "collision/broad_phase.h"
-#include "element/element_set.h"
 #include "geometry/drilled_mesh.h"
 #include "integrator/scheme.h"
 #include "ligament/ligament.h"
 #include "solver/island.h"
 #include "world/checkpoint.h"
 #include "world/report.h"
+#include "world/slots.h"
 
 namespace bt {
 
@@ -41,36 +41,33 @@ class DistanceOracle {
   virtual void poll() {}
 };
 
-// The objects of a world. Slots keep their numbers: a removed object leaves an empty slot, which the next
-// added object takes.
+// The objects of a world.
 struct Scene {
-  std::vector<std::unique_ptr<Tendon>> tendons;
+  Slots<Tendon> tendons;
   std::vector<Link> links;
   std::vector<GeneralizedBody> bodies;  // each body is in the slot of one of its links; other slots are empty
-  std::vector<Shape> shapes;
-  std::vector<Tunnel> tunnels;
-  std::vector<char> shape_alive;
-  std::vector<char> tunnel_alive;
+  Slots<Shape> shapes;
+  Slots<Tunnel> tunnels;
   CollisionFilter filter;
-  ElementSlots<Ligament> ligaments;
-  ElementSlots<Cartilage> cartilages;
+  Slots<Ligament> ligaments;
+  Slots<Cartilage> cartilages;
   PairList element_pairs;
   // Calls what(element) for every element.
   template <class Do>
   void each_element(Do what) const {
-    for (const auto& ligament : ligaments.all())
+    for (const auto& ligament : ligaments)
       if (ligament) what(static_cast<Element&>(*ligament));
-    for (const auto& cartilage : cartilages.all())
+    for (const auto& cartilage : cartilages)
       if (cartilage) what(static_cast<Element&>(*cartilage));
   }
-  bool has_elements() const { return !ligaments.all().empty() || !cartilages.all().empty(); }
+  bool has_elements() const { return !ligaments.empty() || !cartilages.empty(); }
   // Lists the pairs of links that elements touch together.
   void pair_elements() {
     element_pairs.all.clear();
     each_element([&](Element& element) { element_pairs.include(element); });
   }
   // The bore of a tunnel, in its link's frame.
-  Bore bore_in_link(int tunnel) const { return in_world(tunnels[tunnel], Pose{}); }
+  Bore bore_in_link(int tunnel) const { return in_world(*tunnels[tunnel], Pose{}); }
 };
 
 // One step, and the substep that is being solved.
@@ -192,7 +189,7 @@ class World {
   void remove_tunnel(int slot);
   // Of scene.ligaments or scene.cartilages.
   template <class Kind>
-  int add_element(ElementSlots<Kind>& slots, std::unique_ptr<Kind> element) {
+  int add_element(Slots<Kind>& slots, std::unique_ptr<Kind> element) {
     for (const TouchedLink& touched : element->touched()) ensure_link(touched.link);
     forbid_resolve();
     const int slot = slots.add(std::move(element));
@@ -200,7 +197,7 @@ class World {
     return slot;
   }
   template <class Kind>
-  void remove_element(ElementSlots<Kind>& slots, int slot) {
+  void remove_element(Slots<Kind>& slots, int slot) {
     forbid_resolve();
     slots.remove(slot);
     scene.pair_elements();
