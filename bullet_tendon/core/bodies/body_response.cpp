@@ -90,22 +90,6 @@ void GeneralizedBody::leave_out(double share, double dt) {
   for (int i = 0; i < n(); ++i) left_out.force[i] -= substep.pushed[i] / dt;
 }
 
-void GeneralizedBody::widen(Numbers direction) {
-  const size_t size = direction.size();
-  const double whole = dense::dot(direction, direction);
-  Numbers along, part;
-  // Gram-Schmidt, repeated once for accuracy to rounding.
-  for (int twice = 0; twice < 2 && !unknowns.basis.empty(); ++twice) {
-    dense::multiply(unknowns.basis, direction, along);
-    dense::multiply_transposed(unknowns.basis, along, part);
-    for (size_t i = 0; i < size; ++i) direction[i] -= part[i];
-  }
-  const double left = dense::dot(direction, direction);
-  if (!(left > kRoundingShare * kRoundingShare * whole)) return;  // not a new direction
-  for (double v : direction) unknowns.basis.push_back(v / std::sqrt(left));
-  ++unknowns.freedom;
-}
-
 bool GeneralizedBody::sample(const Numbers& after) { return observer.sample(after, unforced()); }
 
 void GeneralizedBody::add_external(const Numbers& force) {

@@ -8,8 +8,7 @@
 //   substep).
 //
 // Therefore y, with the energy |y|^2/2, are the unknowns of the body (solver/body_schur.cpp), whatever holds
-// the body. Forces reach only the span of all B^T of touched points. With an orthonormal basis Q of the span,
-// y = Q z has fewer unknowns z (World::narrow_bodies).
+// the body.
 //
 // Joint limits and contacts with bodies without mass are predicted. Where the rate along a direction d would
 // violate one, pybullet sets a rate that corrects a share of the depth (bodies/unilateral_stops.cpp).
@@ -74,10 +73,8 @@ struct MotionLeftOut {
 struct BodyUnknowns {
   using Numbers = dense::Numbers;
   bool any = false;
-  int freedom = 0;         // number of unknowns
-  Numbers basis;           // Q^T (freedom n), where freedom < n
-  Numbers y, residual;     // z, and its residual
-  Numbers dy, correction;  // change of z, and its second-order correction (solver/arc.cpp)
+  Numbers y, residual;     // (n)
+  Numbers dy, correction;  // change of y, and its second-order correction (solver/arc.cpp)
   int first = 0;           // index of the first one among the body unknowns of the island
   double lever = 0;        // largest |B| of its touched points
 };
@@ -93,7 +90,6 @@ struct BodyWorkspace {
 struct BodyTurning {
   bool far = false;
   bool elements = false;  // elements act on it in this step
-  bool central = false;   // nothing acts off its centre of mass: it moves as a point
   Vec3 torque;            // of the tendons in the last solution [N m]
   double pull = 0;        // sum of |force| |arm| of the tendons [N m]
   double lever = 0;       // largest |arm| [m]
@@ -147,8 +143,6 @@ struct GeneralizedBody {
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
-  // Adds the part of a direction (n) that is orthogonal to the basis Q.
-  void widen(Numbers direction);
   // Learns from its motion since the last step.
   void sense();
   // Adds a generalized force of the user to those of this step.

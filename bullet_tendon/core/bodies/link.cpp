@@ -64,10 +64,10 @@ void Link::advance_to(const GeneralizedBody* m, double time) {
   pose.origin = centre + pose.rotation * arm;
 }
 
-// The angular rows of `reached` are those of the root, times Q.
+// The angular rows of `reached` are those of the root, times Q (bodies/finite_rotation.h).
 void Link::turn(const GeneralizedBody& m, double share) {
   turned.turn_by(share, given.angular);
-  const size_t n = m.unknowns.freedom;
+  const size_t n = m.n();
   reached = root;
   for (size_t k = 0; k < n; ++k) {
     const Vec3 d = turned.rate * Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]};
@@ -106,23 +106,7 @@ Twist Link::response(const GeneralizedBody& m) const {
 
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
-Twist Link::spin_of(const dense::Numbers& y) const { return times(through(), y); }
-
-void Link::reach(const GeneralizedBody& m) {
-  if (m.unknowns.freedom == m.n())
-    reached = root;
-  else
-    dense::product_transposed(m.n(), root, m.unknowns.basis, reached);
-}
-
-dense::Numbers Link::motion_of(int direction, Vec3 arm) const {
-  const size_t n = root.size() / 6;
-  const Vec3 spin = cross(arm, unit_axis(direction));
-  dense::Numbers row(n);
-  for (size_t k = 0; k < n; ++k)
-    row[k] = root[direction * n + k] + dot(spin, Vec3{root[3 * n + k], root[4 * n + k], root[5 * n + k]});
-  return row;
-}
+Twist Link::spin_of(const dense::Numbers& y) const { return times(root, y); }
 
 void Link::add_generalized(const dense::Numbers& by, const Twist& w, dense::Numbers& to) const {
   const size_t n = to.size();

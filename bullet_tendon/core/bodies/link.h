@@ -70,7 +70,7 @@ struct Link {
   Wrench part;        // contribution of the substep that was solved last
   Wrench correction;  // of an iterate that is not a solution (solver/body_schur.h)
   // In a solution with unknowns of its body:
-  dense::Numbers reached;  // J E Q (6 freedom)
+  dense::Numbers reached;  // J E (6 n), with the angular part of the rotation if the link rotates far
   // Displacement by the unknowns, displacement by their last change, wrench of the residual.
   Twist given, stepped, load;
   FiniteRotation turned;
@@ -83,13 +83,6 @@ struct Link {
   void begin_substep(const GeneralizedBody* m, double before, double at_end);
   // Sets velocity and spin to those predicted for the end of the step, and `root`.
   void go_with(const GeneralizedBody& m);
-  // J E Q, or with the angular part of theta if the link rotates far.
-  const dense::Numbers& through() const { return turned.far ? root : reached; }
-  // Sets `reached`.
-  void reach(const GeneralizedBody& m);
-  // Derivative of the displacement of the point at the arm, along one axis of space, by the body's
-  // coordinates y (n), without s.
-  dense::Numbers motion_of(int direction, Vec3 arm) const;
   // Sets the pose to that at the end of the substep, `time` [s] after the start of the step.
   void advance_to(const GeneralizedBody* m, double time);
   // Velocity and spin after a change of the body's rates.

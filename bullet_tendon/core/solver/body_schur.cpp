@@ -82,16 +82,11 @@ void place(Island& island) {
 
 // The last generalized forces are the first guess.
 void guess(const Island& island, GeneralizedBody& m) {
-  m.unknowns.y.assign(m.unknowns.freedom, 0.0);
-  m.unknowns.dy.assign(m.unknowns.freedom, 0.0);
-  m.unknowns.residual.assign(m.unknowns.freedom, 0.0);
+  m.unknowns.y.assign(m.n(), 0.0);
+  m.unknowns.dy.assign(m.n(), 0.0);
+  m.unknowns.residual.assign(m.n(), 0.0);
   if (static_cast<int>(m.last_forces().size()) != m.n()) return;
-  dense::Numbers all;
-  dense::multiply_transposed(m.root, m.last_forces(), all);
-  if (m.unknowns.freedom == m.n())
-    m.unknowns.y = all;
-  else
-    dense::multiply(m.unknowns.basis, all, m.unknowns.y);
+  dense::multiply_transposed(m.root, m.last_forces(), m.unknowns.y);
   for (double& v : m.unknowns.y) v *= reach_of(island);
 }
 
@@ -124,7 +119,7 @@ void start_bodies(Island& island) {
   for (const Tendon* c : island.tendons) shortest = std::min(shortest, c->shortest_rest());
   each_body(island, [&](GeneralizedBody& m) {
     // Contacts were detected again: the last solution of the substep is kept.
-    if (static_cast<int>(m.unknowns.y.size()) == m.unknowns.freedom) return;
+    if (static_cast<int>(m.unknowns.y.size()) == m.n()) return;
     guess(island, m);
     shorten(m, shortest);
   });
@@ -134,7 +129,7 @@ void start_bodies(Island& island) {
 void put_bodies_aside(Island& island) {
   each_body(island, [](GeneralizedBody& m) {
     m.unknowns.dy = m.unknowns.y;
-    m.unknowns.y.assign(m.unknowns.freedom, 0.0);
+    m.unknowns.y.assign(m.n(), 0.0);
   });
 }
 
@@ -152,8 +147,8 @@ void advance_bodies(Island& island, double alpha, double second) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
     BodyUnknowns& of = m.unknowns;
-    for (int k = 0; k < of.freedom; ++k) of.y[k] += alpha * of.dy[k];
-    for (int k = 0; second != 0 && k < of.freedom; ++k) of.y[k] += second * of.correction[k];
+    for (int k = 0; k < m.n(); ++k) of.y[k] += alpha * of.dy[k];
+    for (int k = 0; second != 0 && k < m.n(); ++k) of.y[k] += second * of.correction[k];
   });
   place(island);
 }
@@ -162,9 +157,8 @@ void move_bodies(Island& island, double share, Which x, dense::Numbers BodyUnkno
   if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
     dense::Numbers& of = m.unknowns.*change;
-    of.resize(m.unknowns.freedom);
-    for (int k = 0; k < m.unknowns.freedom; ++k)
-      of[k] = share * island.bodies.corner_side[m.unknowns.first + k];
+    of.resize(m.n());
+    for (int k = 0; k < m.n(); ++k) of[k] = share * island.bodies.corner_side[m.unknowns.first + k];
   });
   for (int l : island.bodies.carried) {
     Link& link = (*island.bodies.links)[l];
@@ -198,7 +192,7 @@ void load_carried(Island& island, Which forces) {
 
 void start_body_residual(Island& island, double share) {
   each_body(island, [share](GeneralizedBody& m) {
-    for (int k = 0; k < m.unknowns.freedom; ++k) m.unknowns.residual[k] = share * m.unknowns.y[k];
+    for (int k = 0; k < m.n(); ++k) m.unknowns.residual[k] = share * m.unknowns.y[k];
   });
   add_body_residual(island);
 }
@@ -222,9 +216,9 @@ double body_residual(const Island& island) {
 // w = B (sum B^T B)^-1 r.
 void correct_wrenches(Island& island) {
   for (int body : island.bodies.indices) {
-    const BodyUnknowns& unknowns = (*island.bodies.all)[body].unknowns;
-    const int n = unknowns.freedom;
-    dense::Numbers square(n * n), factor, part = unknowns.residual;
+    const GeneralizedBody& m = (*island.bodies.all)[body];
+    const int n = m.n();
+    dense::Numbers square(n * n), factor, part = m.unknowns.residual;
     auto each_link = [&](auto what) {
       for (int l : island.bodies.carried)
         if (Link& link = (*island.bodies.links)[l]; link.body == body) what(link);
@@ -232,8 +226,7 @@ void correct_wrenches(Island& island) {
     each_link([&](const Link& link) {
       for (int row = 0; row < 6; ++row)
         for (int i = 0; i < n; ++i)
-          for (int j = 0; j < n; ++j)
-            square[i * n + j] += link.through()[row * n + i] * link.through()[row * n + j];
+          for (int j = 0; j < n; ++j) square[i * n + j] += link.root[row * n + i] * link.root[row * n + j];
     });
     dense::root(n, square, factor);
     dense::solve(factor, part);
@@ -517,12 +510,11 @@ void move_links(Island& island, int column) {
     const GeneralizedBody& m = (*island.bodies.all)[link.body];
     LinkColumns& of = island.bodies.of_links[l];
     of = {};
-    for (int k = 0; k < m.unknowns.freedom; ++k) {
+    for (int k = 0; k < m.n(); ++k) {
       const int lane = m.unknowns.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
-      for (int r = 0; r < 6; ++r)
-        of.twist[r][lane] = island.bodies.reach * link.reached[r * m.unknowns.freedom + k];
+      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.bodies.reach * link.reached[r * m.n() + k];
     }
   }
 }
@@ -567,11 +559,10 @@ BT_VECTOR void fill_corner(Island& island, int column) {
   for (int l : island.bodies.carried) {
     const Link& link = (*island.bodies.links)[l];
     const GeneralizedBody& m = (*island.bodies.all)[link.body];
-    for (int i = 0; i < m.unknowns.freedom; ++i) {
+    for (int i = 0; i < m.n(); ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (island.bodies.reach * link.reached[r * m.unknowns.freedom + i]) *
-               island.bodies.of_links[l].load[r];
+        sum += (island.bodies.reach * link.reached[r * m.n() + i]) * island.bodies.of_links[l].load[r];
       double* to = &island.bodies.corner[static_cast<size_t>(m.unknowns.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
@@ -590,11 +581,10 @@ void stiffen_turned(Island& island, bool definite) {
     const Sym3 k =
         (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
     auto spin = [&](int i) {
-      return Vec3{link.root[3 * m.unknowns.freedom + i], link.root[4 * m.unknowns.freedom + i],
-                  link.root[5 * m.unknowns.freedom + i]};
+      return Vec3{link.root[3 * m.n() + i], link.root[4 * m.n() + i], link.root[5 * m.n() + i]};
     };
-    for (int i = 0; i < m.unknowns.freedom; ++i)
-      for (int j = 0; j < m.unknowns.freedom; ++j)
+    for (int i = 0; i < m.n(); ++i)
+      for (int j = 0; j < m.n(); ++j)
         island.bodies.corner[static_cast<size_t>(m.unknowns.first + i) * n + m.unknowns.first + j] +=
             dot(spin(i), k * spin(j));
   }

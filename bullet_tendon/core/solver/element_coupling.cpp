@@ -5,7 +5,7 @@
 //
 //   r_y += sum B^T (dU/d twist),     D += sum B_one^T (d2U/d twist_one d twist_other) B_other,
 //
-// with B = s J E Q of the link as it is at the iterate (solver/body_schur.cpp). The second derivatives of all
+// with B = s J E of the link as it is at the iterate (solver/body_schur.cpp). The second derivatives of all
 // elements between the same two links are added up before they are multiplied by B, once for each pair of
 // links. Links of elements turn by finite rotations (bodies/finite_rotation.h): their arms, their loads and
 // the change of the loads with the rotation are those of the iterate. Links that nothing moves take part in
@@ -44,16 +44,16 @@ void transform(const dense::Numbers& j, int n, const std::array<double, 36>& k, 
 void add_pair(Island& island, const LinkPair& pair, dense::Numbers& half, dense::Numbers& block) {
   const Link &one = (*island.bodies.links)[pair.one], &other = (*island.bodies.links)[pair.other];
   if (!is_moved(island, one) || !is_moved(island, other)) return;
-  const BodyUnknowns &a = (*island.bodies.all)[one.body].unknowns,
-                     &b = (*island.bodies.all)[other.body].unknowns;
-  transform(one.reached, a.freedom, pair.stiffness, other.reached, b.freedom, half, block);
+  const GeneralizedBody &a = (*island.bodies.all)[one.body], &b = (*island.bodies.all)[other.body];
+  transform(one.reached, a.n(), pair.stiffness, other.reached, b.n(), half, block);
   const double square = island.bodies.reach * island.bodies.reach;
   const size_t n = island.bodies.freedom;
-  for (int i = 0; i < a.freedom; ++i)
-    for (int j = 0; j < b.freedom; ++j) {
-      const double value = square * block[i * b.freedom + j];
-      island.bodies.corner[(a.first + i) * n + b.first + j] += value;
-      if (pair.one != pair.other) island.bodies.corner[(b.first + j) * n + a.first + i] += value;
+  for (int i = 0; i < a.n(); ++i)
+    for (int j = 0; j < b.n(); ++j) {
+      const double value = square * block[i * b.n() + j];
+      island.bodies.corner[(a.unknowns.first + i) * n + b.unknowns.first + j] += value;
+      if (pair.one != pair.other)
+        island.bodies.corner[(b.unknowns.first + j) * n + a.unknowns.first + i] += value;
     }
 }
 

@@ -64,33 +64,9 @@ void World::find_point_masses() {
     }
 }
 
-// Marks free rigid bodies on which attachments and elements act at the centre of mass alone, such as the node
-// between a tendon and its fixation. Without contacts, shapes or tunnels, no torque acts on them.
-void World::find_central_bodies() {
-  for (GeneralizedBody& m : scene.bodies) m.turning.central = m.n() == 6;
-  for (size_t l = 0; l < scene.links.size(); ++l)
-    if (!scene.links[l].jacobian.empty() || islands_.solid[l])
-      if (scene.links[l].body >= 0) scene.bodies[scene.links[l].body].turning.central = false;
-  auto act = [&](const Link& link, Vec3 arm) {
-    if (!link.yields()) return;
-    const double of_mass = trace(link.mobility(link.centre));
-    if (trace(link.mobility(link.centre + arm)) - of_mass > kRoundingShare * of_mass)
-      scene.bodies[link.body].turning.central = false;
-  };
-  each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
-    if (h.link >= 0) act(scene.links[h.link], scene.links[h.link].held_arm_of(h.local));
-  });
-  for (const Contact& contact : contacts_.all)
-    if (contact.link >= 0) act(scene.links[contact.link], contact.arm);
-  each_acting([&](const Element& element) {
-    for (const TouchedLink& touched : element.touched()) act(scene.links[touched.link], touched.lever);
-  });
-}
-
 // All bodies that tendons touch, except point masses, are unknowns of an implicit step.
 void World::find_unknowns() {
   count_touches();
-  find_central_bodies();
   for (GeneralizedBody& m : scene.bodies)
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Link& l : scene.links) {
@@ -99,6 +75,7 @@ void World::find_unknowns() {
     if (!l.yields()) continue;
     const GeneralizedBody& m = scene.bodies[l.body];
     l.turned.far = m.unknowns.any && m.turning.far;
+    if (m.unknowns.any) l.reached = l.root;
   }
   for (Contact& contact : contacts_.all)
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&
@@ -122,44 +99,6 @@ void World::find_solid_links() {
     if (shape) islands_.solid[shape->link] = 1;
   for (const auto& tunnel : scene.tunnels)
     if (tunnel) islands_.solid[tunnel->link] = 1;
-}
-
-// Reduces the unknowns of each body to the motions that tendons can cause. Tendons can touch links with
-// shapes or tunnels at any point, and other links only at attached points. A body that turns far keeps all
-// unknowns, unless nothing acts off its centre of mass.
-void World::narrow_bodies() {
-  if (std::none_of(scene.bodies.begin(), scene.bodies.end(),
-                   [](const GeneralizedBody& m) { return m.unknowns.any; }))
-    return;
-  auto each_reached = [&](auto what) {  // what(link, number of directions, arm)
-    for (size_t l = 0; l < scene.links.size(); ++l)
-      if (islands_.solid[l] && scene.links[l].yields()) what(scene.links[l], 6, Vec3{});
-    each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
-      if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
-      what(scene.links[h.link], 3, scene.links[h.link].held_arm_of(h.local));
-    });
-  };
-  for (GeneralizedBody& m : scene.bodies) {
-    m.unknowns.freedom = 0;
-    m.unknowns.basis.clear();
-  }
-  each_reached([&](const Link& link, int count, Vec3) { scene.bodies[link.body].unknowns.freedom += count; });
-  for (GeneralizedBody& m : scene.bodies) {
-    // What elements alone act on has no attachment that tells its directions.
-    const bool point = m.turning.central && m.unknowns.freedom > 0;
-    const bool all = !m.unknowns.any || (m.turning.far && !point) || m.unknowns.freedom >= m.n();
-    m.unknowns.freedom = all ? m.n() : 0;
-    m.turning.central = !all;
-  }
-  each_reached([&](const Link& link, int count, Vec3 arm) {
-    GeneralizedBody& m = scene.bodies[link.body];
-    for (int k = 0; k < count && m.unknowns.freedom < m.n(); ++k) m.widen(link.motion_of(k, arm));
-  });
-  for (Link& l : scene.links)
-    if (l.yields() && scene.bodies[l.body].unknowns.any) {
-      l.turned.far &= !scene.bodies[l.body].turning.central;
-      l.reach(scene.bodies[l.body]);
-    }
 }
 
 // Computes the generalized forces of bodies from wrenches on their links, times scale.

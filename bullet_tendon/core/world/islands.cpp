@@ -40,7 +40,6 @@ void World::make_islands() {
   for (const Contact& contact : contacts_.all)
     if (contact.b.tendon >= 0) join_islands(contact.a.tendon, contact.b.tendon);
   find_bodies();
-  narrow_bodies();
   islands_.all.resize(count);
   for (int c = 0; c < count; ++c) {
     Island& g = islands_.all[c];
@@ -71,7 +70,7 @@ void World::make_islands() {
       Island& g = islands_.all[island_root(islands_.touches[m])];
       g.bodies.indices.push_back(static_cast<int>(m));
       scene.bodies[m].unknowns.first = g.bodies.freedom;
-      g.bodies.freedom += scene.bodies[m].unknowns.freedom;
+      g.bodies.freedom += scene.bodies[m].n();
     }
   for (size_t l = 0; l < scene.links.size(); ++l)
     if (scene.links[l].yields() && scene.bodies[scene.links[l].body].unknowns.any)

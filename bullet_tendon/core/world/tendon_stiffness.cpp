@@ -27,7 +27,6 @@ GeneralizedBody body_of_one_link(int number) {
   dense::set_identity(kTwist, body.root);
   BodyUnknowns& unknowns = body.unknowns;
   unknowns.any = true;
-  unknowns.freedom = kTwist;
   unknowns.y.assign(kTwist, 0.0);
   unknowns.dy.assign(kTwist, 0.0);
   unknowns.residual.assign(kTwist, 0.0);

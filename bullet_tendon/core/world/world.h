@@ -336,14 +336,12 @@ class World {
   void find_point_masses();
   void find_unknowns();
   void find_bodies();
-  void narrow_bodies();
   template <class Of>
   void sum_forces(double scale, Of wrench_of);
   void act_on_bodies();
   bool turns_finitely() const;
   void mark_touchable_bodies();
   bool find_turning();
-  void find_central_bodies();
   void push_bodies();
   bool settle_stops();
   void find_solid_links();
