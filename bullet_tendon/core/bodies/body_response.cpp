@@ -1,10 +1,8 @@
 #include "bodies/body_response.h"
 
-#include <cmath>
 #include <cstddef>
 
 #include "math/rounding.h"
-#include "math/sym3.h"
 
 namespace bt {
 

@@ -5,7 +5,6 @@
 #include <numeric>
 #include <vector>
 
-#include "collision/proximity_cache.h"
 #include "math/rounding.h"
 #include "tendon/tendon.h"
 

@@ -1,7 +1,6 @@
 #include "collision/narrow_phase.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "collision/proximity_cache.h"
 

@@ -1,7 +1,6 @@
 #include "collision/tendon_bvh.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <utility>
 

@@ -2,7 +2,6 @@
 #include <cmath>
 #include <limits>
 
-#include "solver/body_schur.h"
 #include "solver/solver.h"
 
 namespace bt {

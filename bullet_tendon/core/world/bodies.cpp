@@ -1,7 +1,6 @@
 // Bodies in a step: which are unknowns of the solution, their prediction, and the forces on them.
 #include <algorithm>
 #include <utility>
-#include <vector>
 
 #include "math/rounding.h"
 #include "world/world.h"
