@@ -325,7 +325,7 @@ class ModelCheck {
       for (int i = 0; i < c->n(); ++i) c->residual.set(i, {draw(), draw(), draw()});
     project_anchors(island_, &Tendon::residual);
     for (int m : island_.bodies.indices) {
-      BodyUnknowns& of = (*island_.bodies.all)[m].unknowns;
+      BodyUnknowns& of = island_.bodies.body(m).unknowns;
       for (double& r : of.residual) r = of.lever * draw();
     }
   }
@@ -337,7 +337,7 @@ class ModelCheck {
       for (int i = 0; i < c->n(); ++i)
         for (const double r : {c->residual[0][i], c->residual[1][i], c->residual[2][i]}) all.push_back(r);
     for (int m : island_.bodies.indices) {
-      const BodyUnknowns& of = (*island_.bodies.all)[m].unknowns;
+      const BodyUnknowns& of = island_.bodies.body(m).unknowns;
       for (const double r : of.residual) all.push_back(r / of.lever);
     }
     return all;

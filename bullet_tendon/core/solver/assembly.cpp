@@ -266,7 +266,7 @@ void follow(Island& island, Contact& contact) {
     // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
     if (contact.is_round() && contact.friction.coefficient == 0) return;
     const Vec3 at = contact.at_start ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
-    const Rot3& turn = (*island.bodies.links)[contact.link].turned.rotation;
+    const Rot3& turn = island.bodies.link(contact.link).turned.rotation;
     contact.arm += transposed_times(turn, at - contact.arm_end);
     contact.arm_end = at;
   } else if (contact.b.tendon >= 0) {

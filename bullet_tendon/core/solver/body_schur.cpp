@@ -31,7 +31,7 @@ double reach_of(const Island& island) { return island.bodies.reach; }
 
 template <class Do>
 void each_body(const Island& island, Do what) {
-  for (int m : island.bodies.indices) what((*island.bodies.all)[m]);
+  for (int m : island.bodies.indices) what(island.bodies.body(m));
 }
 
 template <class Do>
@@ -39,7 +39,7 @@ void each_carried(Island& island, Do what) {
   for (Tendon* c : island.tendons)
     for (const Anchor& h : c->anchors)
       if (h.moves) {
-        Link& link = (*island.bodies.links)[h.link];
+        Link& link = island.bodies.link(h.link);
         what(*c, h, link, link.held_arm_of(h.local));
       }
 }
@@ -55,7 +55,7 @@ void add_load(Link& link, Vec3 force, Vec3 arm) {
 template <class Numbers>
 void add_generalized_loads(const Island& island, Numbers numbers_of) {
   for (int l : island.bodies.carried) {
-    const Link& link = (*island.bodies.links)[l];
+    const Link& link = island.bodies.link(l);
     link.add_generalized(link.reached, scaled(reach_of(island), link.load), numbers_of(link.body));
   }
 }
@@ -69,8 +69,8 @@ void carry_steps(Island& island, Which steps) {
 
 void place(Island& island) {
   for (int l : island.bodies.carried) {
-    Link& link = (*island.bodies.links)[l];
-    const GeneralizedBody& m = (*island.bodies.all)[link.body];
+    Link& link = island.bodies.link(l);
+    const GeneralizedBody& m = island.bodies.body(link.body);
     link.given = scaled(reach_of(island), link.spin_of(m.unknowns.y));
     if (link.turned.far) link.turn(m, 1);
   }
@@ -104,15 +104,15 @@ void start_bodies(Island& island) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [](GeneralizedBody& m) { m.unknowns.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
-    double& lever = (*island.bodies.all)[link.body].unknowns.lever;
+    double& lever = island.bodies.body(link.body).unknowns.lever;
     lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
   each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
-    if (contact->moves) reach_to((*island.bodies.links)[contact->link], contact->arm);
+    if (contact->moves) reach_to(island.bodies.link(contact->link), contact->arm);
   for (const Element* element : island.elements.all)
     for (const TouchedLink& touched : element->touched()) {
-      Link& link = (*island.bodies.links)[touched.link];
+      Link& link = island.bodies.link(touched.link);
       if (link.yields()) reach_to(link, touched.lever);
     }
   double shortest = std::numeric_limits<double>::infinity();
@@ -161,27 +161,27 @@ void move_bodies(Island& island, double share, Which x, dense::Numbers BodyUnkno
     for (int k = 0; k < m.n(); ++k) of[k] = share * island.bodies.corner_side[m.unknowns.first + k];
   });
   for (int l : island.bodies.carried) {
-    Link& link = (*island.bodies.links)[l];
-    link.stepped = scaled(reach_of(island), link.twist_of((*island.bodies.all)[link.body].unknowns.*change));
+    Link& link = island.bodies.link(l);
+    link.stepped = scaled(reach_of(island), link.twist_of(island.bodies.body(link.body).unknowns.*change));
   }
   carry_steps(island, x);
 }
 
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
-  const Link& link = (*island.bodies.links)[contact.link];
+  const Link& link = island.bodies.link(contact.link);
   return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced(contact.arm);
 }
 
 void clear_loads(Island& island) {
-  for (int l : island.bodies.carried) (*island.bodies.links)[l].load = {};
+  for (int l : island.bodies.carried) island.bodies.link(l).load = {};
 }
 
 void clear_pulls(Island& island) {
-  for (int l : island.bodies.carried) (*island.bodies.links)[l].turned.pulls = {{}, {}, {}};
+  for (int l : island.bodies.carried) island.bodies.link(l).turned.pulls = {{}, {}, {}};
 }
 
 void load_body(Island& island, const Contact& contact, Vec3 force) {
-  add_load((*island.bodies.links)[contact.link], force, contact.arm);
+  add_load(island.bodies.link(contact.link), force, contact.arm);
 }
 
 void load_carried(Island& island, Which forces) {
@@ -199,7 +199,7 @@ void start_body_residual(Island& island, double share) {
 
 void add_body_residual(Island& island) {
   add_generalized_loads(island,
-                        [&](int m) -> dense::Numbers& { return (*island.bodies.all)[m].unknowns.residual; });
+                        [&](int m) -> dense::Numbers& { return island.bodies.body(m).unknowns.residual; });
 }
 
 double body_residual(const Island& island) {
@@ -216,12 +216,12 @@ double body_residual(const Island& island) {
 // w = B (sum B^T B)^-1 r.
 void correct_wrenches(Island& island) {
   for (int body : island.bodies.indices) {
-    const GeneralizedBody& m = (*island.bodies.all)[body];
+    const GeneralizedBody& m = island.bodies.body(body);
     const int n = m.n();
     dense::Numbers square(n * n), factor, part = m.unknowns.residual;
     auto each_link = [&](auto what) {
       for (int l : island.bodies.carried)
-        if (Link& link = (*island.bodies.links)[l]; link.body == body) what(link);
+        if (Link& link = island.bodies.link(l); link.body == body) what(link);
     };
     each_link([&](const Link& link) {
       for (int row = 0; row < 6; ++row)
@@ -435,7 +435,7 @@ BT_WITHIN inline void each_carried_column(Island& island, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
       if (h.moves) {
-        const Link& link = (*island.bodies.links)[h.link];
+        const Link& link = island.bodies.link(h.link);
         what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.held_arm_of(h.local)));
       }
 }
@@ -506,8 +506,8 @@ void start_panel(Panel& panel, int n, const Border& border) {
 void move_links(Island& island, int column) {
   island.bodies.of_links.resize(island.bodies.links->size());
   for (int l : island.bodies.carried) {
-    const Link& link = (*island.bodies.links)[l];
-    const GeneralizedBody& m = (*island.bodies.all)[link.body];
+    const Link& link = island.bodies.link(l);
+    const GeneralizedBody& m = island.bodies.body(link.body);
     LinkColumns& of = island.bodies.of_links[l];
     of = {};
     for (int k = 0; k < m.n(); ++k) {
@@ -540,7 +540,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     if (!contact->moves) continue;
     LinkColumns& link = island.bodies.of_links[contact->link];
     if (!link.moves && !a.carried) continue;
-    const Vec3 arm = (*island.bodies.links)[contact->link].now(contact->arm);
+    const Vec3 arm = island.bodies.link(contact->link).now(contact->arm);
     couple(*contact, arm, a, a.panels[p], link);
     if (contact->follows()) couple_sliding_terms(*contact, arm, a.panels[p], link);
     if (!island.bodies.turn_surfaces) continue;
@@ -557,8 +557,8 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
 BT_VECTOR void fill_corner(Island& island, int column) {
   const int n = island.bodies.freedom, count = std::min(kLanes, n - column);
   for (int l : island.bodies.carried) {
-    const Link& link = (*island.bodies.links)[l];
-    const GeneralizedBody& m = (*island.bodies.all)[link.body];
+    const Link& link = island.bodies.link(l);
+    const GeneralizedBody& m = island.bodies.body(link.body);
     for (int i = 0; i < m.n(); ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
@@ -574,9 +574,9 @@ BT_VECTOR void fill_corner(Island& island, int column) {
 void stiffen_turned(Island& island, bool definite) {
   const int n = island.bodies.freedom;
   for (int l : island.bodies.carried) {
-    const Link& link = (*island.bodies.links)[l];
+    const Link& link = island.bodies.link(l);
     if (!link.turned.far) continue;
-    const GeneralizedBody& m = (*island.bodies.all)[link.body];
+    const GeneralizedBody& m = island.bodies.body(link.body);
     const double reach = island.bodies.reach;
     const Sym3 k =
         (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());

@@ -25,7 +25,7 @@ namespace {
 
 // Whether the link is moved by unknowns of the island.
 bool is_moved(const Island& island, const Link& link) {
-  return link.yields() && (*island.bodies.all)[link.body].unknowns.any;
+  return link.yields() && island.bodies.body(link.body).unknowns.any;
 }
 
 // block (n x m) = J^T K L, with J (6 n), K (6 6) and L (6 m).
@@ -42,9 +42,9 @@ void transform(const dense::Numbers& j, int n, const std::array<double, 36>& k, 
 }
 
 void add_pair(Island& island, const LinkPair& pair, dense::Numbers& half, dense::Numbers& block) {
-  const Link &one = (*island.bodies.links)[pair.one], &other = (*island.bodies.links)[pair.other];
+  const Link &one = island.bodies.link(pair.one), &other = island.bodies.link(pair.other);
   if (!is_moved(island, one) || !is_moved(island, other)) return;
-  const GeneralizedBody &a = (*island.bodies.all)[one.body], &b = (*island.bodies.all)[other.body];
+  const GeneralizedBody &a = island.bodies.body(one.body), &b = island.bodies.body(other.body);
   transform(one.reached, a.n(), pair.stiffness, other.reached, b.n(), half, block);
   const double square = island.bodies.reach * island.bodies.reach;
   const size_t n = island.bodies.freedom;
@@ -71,7 +71,7 @@ double load_elements(Island& island) {
   for (const Element* element : island.elements.all) {
     largest = std::max(largest, element->largest_force());
     for (const TouchedLink& touched : element->touched()) {
-      Link& link = (*island.bodies.links)[touched.link];
+      Link& link = island.bodies.link(touched.link);
       if (!is_moved(island, link)) continue;
       link.load.linear -= touched.force;
       link.load.angular -= touched.torque;

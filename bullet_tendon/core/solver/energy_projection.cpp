@@ -106,7 +106,7 @@ void each_pair(const Island& island, Do what) {
     if (!contact->acts()) continue;
     Pair pair{contact->a, contact->b, contact->geometry.normal, {}, contact};
     if (contact->b.tendon < 0) {
-      const Link& link = (*island.bodies.links)[contact->link];
+      const Link& link = island.bodies.link(contact->link);
       if (link.yields()) continue;
       const Tendon& c = island.at(contact->a);
       pair.link_velocity = (1 / c.h_eff) * link.drift(contact->a.of(c.x), c.h_eff);
@@ -144,7 +144,7 @@ double gained(Tendon& c, Vec3 gravity) {
 // Displacement of the link at a contact in the step [m].
 Vec3 link_displacement(const Island& island, const Contact& contact) {
   const Tendon& c = island.at(contact.a);
-  const Vec3 drift = (*island.bodies.links)[contact.link].drift(contact.a.of(c.x), c.h_eff);
+  const Vec3 drift = island.bodies.link(contact.link).drift(contact.a.of(c.x), c.h_eff);
   return contact.moves ? drift + body_moved(island, contact, false) : drift;
 }
 

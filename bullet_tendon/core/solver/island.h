@@ -55,6 +55,9 @@ struct IslandBodies {
   // The Schur complement (freedom x freedom), its Cholesky factor, and its right-hand side, later the
   // solution (freedom).
   dense::Numbers corner, corner_root, corner_side;
+
+  GeneralizedBody& body(int slot) const { return (*all)[slot]; }
+  Link& link(int slot) const { return (*links)[slot]; }
 };
 
 // Elements between the links of the bodies (solver/element_coupling.h).

@@ -340,7 +340,7 @@ bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
   if (!apply_inverse_at_border(island, o, b, x)) return false;
   island.bodies.corner_side.resize(island.bodies.freedom);
   for (int m : island.bodies.indices) {
-    const GeneralizedBody& body = (*island.bodies.all)[m];
+    const GeneralizedBody& body = island.bodies.body(m);
     std::copy(body.unknowns.residual.begin(), body.unknowns.residual.end(),
               island.bodies.corner_side.begin() + body.unknowns.first);
   }
