@@ -444,11 +444,9 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("any_held", &any_held)
       .def("held_bodies",
            [](const World& w) {
-             std::vector<int> held;
-             for (size_t i = 0; i < w.scene.bodies.size(); ++i)
-               if (w.scene.bodies[i].observer.held() && !w.scene.bodies[i].observer.released())
-                 held.push_back(static_cast<int>(i));
-             return held;
+             return slots_where(w.scene.bodies, [](const GeneralizedBody& m) {
+               return m.observer.held() && !m.observer.released();
+             });
            })
       .def("let_go", &World::let_go)
       .def("stopped",
@@ -458,11 +456,9 @@ void bind_world_bodies(GuardedWorld& world) {
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
       .def("pushable",
            [](const World& w) {
-             std::vector<int> free;
-             for (size_t i = 0; i < w.scene.links.size(); ++i)
-               if (w.scene.links[i].yields() && !w.scene.bodies[w.scene.links[i].body].observer.held())
-                 free.push_back(static_cast<int>(i));
-             return free;
+             return slots_where(w.scene.links, [&](const Link& l) {
+               return l.yields() && !w.scene.bodies[l.body].observer.held();
+             });
            })
       .def("joint_forces",
            [](const World& w, int body, const Articulated& tree) {

@@ -84,10 +84,7 @@ bool World::take_back() {
 }
 
 std::vector<int> World::released_bodies() const {
-  std::vector<int> released;
-  for (size_t i = 0; i < scene.bodies.size(); ++i)
-    if (scene.bodies[i].observer.released()) released.push_back(static_cast<int>(i));
-  return released;
+  return slots_where(scene.bodies, [](const GeneralizedBody& m) { return m.observer.released(); });
 }
 
 // Stretch of a tendon by the motion of the attached point away from its particle, over the tendon's length
@@ -116,8 +113,7 @@ double World::pulled_away(const Tendon& c, const Anchor& h) const {
 }
 
 std::vector<int> World::pulled_bodies() const {
-  std::vector<int> all;
-  if (!history_.may_resolve) return all;
+  if (!history_.may_resolve) return {};
   std::vector<double> most(scene.bodies.size());
   for (const auto& c : scene.tendons)
     for (size_t i = 0; c && i < c->anchors.size(); ++i) {
@@ -129,9 +125,7 @@ std::vector<int> World::pulled_bodies() const {
       const double away = pulled_away(*c, h);
       of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);
     }
-  for (size_t m = 0; m < scene.bodies.size(); ++m)
-    if (most[m] > kSuddenPull) all.push_back(static_cast<int>(m));
-  return all;
+  return slots_where(most, [](double away) { return away > kSuddenPull; });
 }
 
 bool World::rewind(const std::vector<int>& pulled) {

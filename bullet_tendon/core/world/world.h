@@ -160,6 +160,15 @@ struct History {
   bool may_resolve = false;  // the last step can be solved again; only where bodies move
 };
 
+// The slots of parts of which is(part) is true.
+template <class Part, class Is>
+std::vector<int> slots_where(const std::vector<Part>& parts, Is is) {
+  std::vector<int> found;
+  for (size_t i = 0; i < parts.size(); ++i)
+    if (is(parts[i])) found.push_back(static_cast<int>(i));
+  return found;
+}
+
 // Calls what(tendon, anchor) for every anchor of these tendons; null entries are left out.
 template <class Do>
 void each_anchor(const std::vector<Tendon*>& tendons, Do what) {
