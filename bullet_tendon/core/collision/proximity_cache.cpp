@@ -57,11 +57,6 @@ bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
   return std::any_of(bores.begin(), bores.end(), [&](const Bore& b) { return b.removes(p); });
 }
 
-bool outside(Vec3 lo, Vec3 hi, const Shape& s, double reach) {
-  return lo.x > s.hi.x + reach || lo.y > s.hi.y + reach || lo.z > s.hi.z + reach || hi.x < s.lo.x - reach ||
-         hi.y < s.lo.y - reach || hi.z < s.lo.z - reach;
-}
-
 // Of a mesh, which has no points in holes.
 Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, Vec3 fallback) {
   return {found.point, unit_or((1 - found.u) * a + found.u * b - found.point, fallback), found.u, false};
@@ -167,19 +162,18 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   local.resize(n);
   motion.resize(n);
   const Pose pose = in_world(shape, link);
-  Vec3 lo{1e300, 1e300, 1e300}, hi = -lo;
+  Box box;
   double reach = 0;
   for (int i = 0; i < n; ++i) {
     local[i] = to_local(pose, tendon.x.at(i));
-    lo = lowest(lo, local[i]);
-    hi = highest(hi, local[i]);
+    box.include(local[i]);
     motion[i] = motion_of(tendon, i, link, context.dt);
     reach = std::max(reach, motion[i] + tendon.slack[i]);
   }
   const double skin = tendon.radius + context.threshold;
   reach += skin;
   for (Entry& e : cache.entries) e.wanted = false;
-  if (outside(lo, hi, shape, reach)) {
+  if (!overlap(box, shape.box(), reach)) {
     counts.culled += 2 * n - 1;
     return;
   }
@@ -195,14 +189,14 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
     const Vec3 here = cache.local[i];
     const double now = skin + cache.motion[i] + tendon.slack[i];
     const bool bored = !context.bores->empty() && drilled(i);
-    if (outside(here, here, shape, now) || bored)
+    if (!overlap({here, here}, shape.box(), now) || bored)
       ++counts.culled;
     else
       consider(cache.entries[i], {tendon_slot, shape_slot, i, here, here}, cache.motion[i], now);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
-      if (outside(lowest(last, here), highest(last, here), shape, most) || bored || bored_before)
+      if (!overlap({lowest(last, here), highest(last, here)}, shape.box(), most) || bored || bored_before)
         ++counts.culled;
       else
         consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here},

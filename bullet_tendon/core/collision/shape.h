@@ -19,6 +19,7 @@ struct Shape {
   double friction = 0;                     // coefficient [-]
   std::shared_ptr<const Surface> surface;  // mesh; else null
   Primitive primitive;                     // closed form; else of kind none
+  Box box() const { return {lo, hi}; }
 };
 
 Pose in_world(const Shape& shape, const Link& link);

@@ -8,13 +8,6 @@
 
 namespace bt {
 
-namespace {
-
-// Empty if both are empty.
-Box around_both(const Box& p, const Box& q) { return {lowest(p.lo, q.lo), highest(p.hi, q.hi)}; }
-
-}  // namespace
-
 Box swept_box(const Tendon& c, int segment, Vec3 mean_motion, double skin) {
   Box box;
   for (int i : {segment, segment + 1}) {
@@ -59,8 +52,9 @@ void TendonBvh::refit() {
                            {lowest(x_ahead, y_ahead), highest(x_ahead, y_ahead)}};
   }
   for (int i = leaves_ - 1; i > 0; --i) {
-    const Node &p = nodes_[2 * i], &q = nodes_[2 * i + 1];
-    nodes_[i] = {around_both(p.at, q.at), around_both(p.ahead, q.ahead)};
+    nodes_[i] = nodes_[2 * i];
+    nodes_[i].at.include(nodes_[2 * i + 1].at);
+    nodes_[i].ahead.include(nodes_[2 * i + 1].ahead);
   }
 }
 

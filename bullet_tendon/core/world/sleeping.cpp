@@ -77,12 +77,11 @@ BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
   return box;
 }
 
-// Whether the box lo, hi in the frame `pose` on a link comes within reach [m] of a tendon in the link's step.
-bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, Vec3 lo, Vec3 hi, double reach) {
-  Box box, around;
+// Whether a box in the frame `pose` on a link comes within reach [m] of a tendon in the link's step.
+bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, const Box& around,
+             double reach) {
+  Box box;
   double moves = 0;
-  around.include(lo);
-  around.include(hi);
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i);
     box.include(to_local(pose, x));
@@ -138,12 +137,11 @@ bool World::feels(int tendon, int slot, double dt) const {
     if (!scene.shapes[s] || scene.shapes[s]->link != slot) continue;
     if (scene.shapes[s]->half_space) return true;
     const Shape& shape = *scene.shapes[s];
-    if (is_near(c, in_world(shape, link), link, dt, shape.lo, shape.hi, skin)) return true;
+    if (is_near(c, in_world(shape, link), link, dt, shape.box(), skin)) return true;
   }
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!scene.tunnels[t] || scene.tunnels[t]->link != slot) continue;
-    const Box box = scene.bore_in_link(static_cast<int>(t)).box;
-    if (is_near(c, link.pose, link, dt, box.lo, box.hi, skin)) return true;
+    if (is_near(c, link.pose, link, dt, scene.bore_in_link(static_cast<int>(t)).box, skin)) return true;
   }
   return false;
 }
