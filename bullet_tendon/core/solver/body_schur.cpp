@@ -15,7 +15,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "solver/assembly.h"
 #include "solver/solver.h"
@@ -90,14 +89,6 @@ void guess(const Island& island, GeneralizedBody& m) {
   for (double& v : m.unknowns.y) v *= reach_of(island);
 }
 
-// Limits the guess to a displacement of `most` [m]. A larger one than the length of a segment could turn the
-// segment over.
-void shorten(GeneralizedBody& m, double most) {
-  const double moved = m.unknowns.lever * std::sqrt(dense::dot(m.unknowns.y, m.unknowns.y));
-  if (moved > most)
-    for (double& v : m.unknowns.y) v *= most / moved;
-}
-
 }  // namespace
 
 void start_bodies(Island& island) {
@@ -115,13 +106,9 @@ void start_bodies(Island& island) {
       Link& link = island.bodies.link(touched.link);
       if (link.yields()) reach_to(link, touched.lever);
     }
-  double shortest = std::numeric_limits<double>::infinity();
-  for (const Tendon* c : island.tendons) shortest = std::min(shortest, c->shortest_rest());
   each_body(island, [&](GeneralizedBody& m) {
-    // Contacts were detected again: the last solution of the substep is kept.
-    if (static_cast<int>(m.unknowns.y.size()) == m.n()) return;
-    guess(island, m);
-    shorten(m, shortest);
+    // Where contacts were detected again, the last solution of the substep is kept.
+    if (static_cast<int>(m.unknowns.y.size()) != m.n()) guess(island, m);
   });
   place(island);
 }
