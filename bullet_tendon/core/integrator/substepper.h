@@ -10,12 +10,9 @@
 
 namespace bt {
 
-// Units in a step [-], three times a power of two. One unit is the shortest substep, which only motion near a
-// body or another tendon can require.
+// Units in a step [-], three times a power of two. One unit is the shortest substep. More: steps that cannot
+// be solved cost more, up to the budget. Fewer: light bodies on stiff, taut tendons are not solved.
 constexpr int kUnits = 3 * 8192;
-// Largest number of substeps of a step that does not converge [-]. Larger: steps that cannot be solved cost
-// more. Smaller: light bodies on stiff, taut tendons are not solved.
-constexpr int kMostSubsteps = 512;
 // Largest number of times that contacts are detected again for a substep before it is halved, and that stops
 // of bodies are for a step [-]. Smaller: more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
@@ -61,8 +58,6 @@ class Substepper {
   bool ends_early() const { return ends_early_; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
-  // Whether a substep that does not converge may be halved.
-  bool may_halve() const { return divisible_ && size_ > kUnits / kMostSubsteps; }
   bool may_cut() const { return divisible_ && size_ > 1; }
 
   // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided

@@ -10,9 +10,11 @@
 // of springs and contacts are positive semidefinite in this linearisation, so that the matrix is positive
 // definite and the step descends on the potential, whose gradient is the residual at given friction limits. A
 // line search on the slope of the potential shortens the step. Each step keeps the friction limits of the
-// last iterate. Near the solution the mixed method goes on, which converges faster. If this fails too, the
-// Substepper cuts the substep. If it cannot be cut, or the budget is exhausted, the end of the descent is
-// accepted: the potential bounds its energy, and bodies move as it does (correct_wrenches).
+// last iterate. Near the solution, steps of the mixed method are taken, which converge faster, but only where
+// their matrix is definite: a straight tendon that is compressed is a saddle of the potential, which only the
+// descent leaves. If this fails too, the Substepper cuts the substep. If it cannot be cut, or the budget is
+// exhausted, the end of the descent is accepted: the potential bounds its energy, and bodies move as it does
+// (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 
@@ -34,10 +36,16 @@ constexpr double kNear = 0.1;
 // next one.
 constexpr double kStiffened = 3e-3;
 
-// Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
-// that would converge, because the residual of the mixed method may rise temporarily. More: violent steps are
-// slower, because most of their iterations belong to solutions that are abandoned.
+// Iterations without progress after which a solution is abandoned [-]: without a new smallest residual, or a
+// point that a line search found. Fewer: substeps are cut that would converge, because the residual of the
+// mixed method may rise temporarily. More: violent steps are slower, because most of their iterations belong
+// to solutions that are abandoned.
 constexpr int kPatience = 10;
+
+// Residual, relative to that from which a mixed step of a descent led far away, below which the next one is
+// tried [-]. Larger: mixed steps and descent alternate. Smaller: the descent, which converges more slowly,
+// goes on for longer.
+constexpr double kNearer = 0.1;
 
 // Growth of the residual from its smallest value after which a solution without contacts is abandoned [-].
 // Smaller: a good guess is abandoned. Larger: iterations are spent far from the solution, and rounding
@@ -71,12 +79,15 @@ enum class Next { step, judge, stop };
 struct Solution {
   Island& island;
   const StepContext& context;
-  bool descends = false;  // uses descent directions and a line search
+  bool descends = false;  // uses descent directions and line searches, and mixed steps only near the solution
+  bool searches = false;  // the last step was along a descent direction
+  bool advanced = false;  // the last line search found a point
   bool far = true;        // the relative residual is larger than kNear
   bool turns = false;     // `far` was true in some iteration, so that segments turn
   bool changed = false;   // a direct contact became active or inactive in this iteration
   int iteration = 0;
   int stiffened = 0;  // number of times that contacts were stiffened
+  double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   int idle = 0;
@@ -134,20 +145,15 @@ bool update_directs(Island& island) {
 void note_distance(Solution& s, const Assembly& a) {
   s.far = !(a.residual <= kNear * a.scale);
   s.turns |= s.far;
+  if (s.far && s.descends && !s.searches) s.trusted = kNearer * s.last_residual;
 }
 
 void note_progress(Solution& s, double residual) {
   s.last_residual = residual;
-  ++s.idle;
+  s.idle = s.advanced ? 0 : s.idle + 1;
   if (!(residual < s.smallest)) return;
   s.smallest = residual;
   s.idle = 0;
-}
-
-// The mixed method goes on.
-void end_descent(Solution& s) {
-  s.descends = false;
-  s.start_anew();
 }
 
 // Computes the residual at the iterate, and whether it is small enough.
@@ -163,9 +169,8 @@ Assembly judge(Solution& s) {
   const bool enough =
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
   island.result.converged = !s.changed && enough;
-  note_progress(s, a.residual);
   note_distance(s, a);
-  if (s.descends && s.context.may_halve && !s.far) end_descent(s);
+  note_progress(s, a.residual);
   return a;
 }
 
@@ -261,22 +266,24 @@ bool find_step(Solution& s, const Assembly& a) {
   const double enough = s.options().tolerance * a.scale;
   // A more exact step would not reduce the residual of this iteration further.
   island.matrix.tolerance = 0.05 * enough / a.residual;
-  if (!s.descends) {
+  s.searches = s.descends;
+  if (!s.descends || (s.context.may_halve && !s.far && a.residual < s.trusted)) {
     assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
+      s.searches = false;
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
     }
     // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
-    residual_of(island, true);
+    residual_of(island, true, s.descends);
   }
   assemble(island, s.descends ? Linearisation::position : Linearisation::multiplier, true, true);
   return solve_linear(island, s.context, true);
 }
 
 // Advances along the arc to a point where the slope has at least halved, by regula falsi. It uses slopes
-// only, because differences of the potential would suffer from cancellation.
-void line_search(Solution& s, double residual) {
+// only, because differences of the potential would suffer from cancellation. false: no such point was found.
+bool line_search(Solution& s, double residual) {
   Island& island = s.island;
   const double start = slope_along_arc(island, 0);
   find_correction(island, s.options(), residual);
@@ -289,8 +296,8 @@ void line_search(Solution& s, double residual) {
     measure_residual(island, a);
     const double slope = slope_along_arc(island, alpha);
     const bool finite = std::isfinite(slope);
-    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
-    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
+    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return true;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return true;
     if (finite && slope < 0) {
       lo = alpha;
       slope_lo = slope;
@@ -302,13 +309,14 @@ void line_search(Solution& s, double residual) {
     const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
     alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
   }
+  return false;
 }
 
 void take_step(Solution& s, double residual) {
   Island& island = s.island;
   island.curved = false;
-  if (s.descends) {
-    line_search(s, residual);
+  s.advanced = s.searches && line_search(s, residual);
+  if (s.searches) {
     for (Tendon* c : island.tendons)
       for (Anchor& h : c->anchors) h.slips = h.exceeds_limit(h.raw);
     // The normal force of a direct contact is that before the line search. Its limit is kept.
@@ -326,9 +334,31 @@ void take_step(Solution& s, double residual) {
   for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
-// The incremental potential of springs, particles and bodies at the evaluated iterate [J].
+// Of a soft anchor [J].
+double anchor_potential(const Tendon& c, const Anchor& h) {
+  const Vec3 stretch = c.x_new.at(h.particle) - h.aim, v = c.motion().velocity(h.particle);
+  const double sum = 0.5 * (dot(stretch, h.stiffness * stretch) + c.h_eff * h.viscosity * dot(v, v));
+  const double beyond = h.exceeds_limit(h.raw) ? norm(h.raw) - h.most_force : 0;
+  return beyond > 0 ? sum - 0.5 * beyond * beyond / h.slope(c.h_eff).xx : sum;
+}
+
+// Of a contact's normal force, and of its friction at the given limit [J].
+double contact_potential(const Contact& contact) {
+  const NormalForce& normal = contact.normal_force;
+  const Friction& friction = contact.friction;
+  const double sum = normal.direct ? 0 : 0.5 * normal.value * normal.value / normal.stiffness;
+  if (friction.coefficient <= 0 || friction.limit <= 0) return sum;
+  const double stretch = norm(friction.raw), most = friction.limit / friction.stiffness;
+  const double beyond = std::max(0.0, stretch - most);
+  return sum + 0.5 * friction.stiffness * (stretch * stretch - beyond * beyond);
+}
+
+// The incremental potential at the evaluated iterate [J], whose gradient is the residual at the present
+// friction limits.
 double potential(const Island& island) {
   double sum = body_potential(island) + element_potential(island);
+  for (const Contact* contact : island.contacts)
+    if (contact->acts()) sum += contact_potential(*contact);
   for (const Tendon* c : island.tendons) {
     for (int i = 0; i < c->n(); ++i) {
       const Vec3 off = (1 / c->h_eff) * (c->displacement.at(i) - c->inertial_displacement.at(i));
@@ -336,6 +366,8 @@ double potential(const Island& island) {
     }
     for (const SpringSet* s : {&c->structure, &c->shear}) sum += stored_energy(*s, c->material.law);
     sum += bending_energy(*c, c->x_new);
+    for (const Anchor& h : c->anchors)
+      if (!h.rigid) sum += anchor_potential(*c, h);
   }
   return sum;
 }
@@ -363,7 +395,7 @@ void begin_descent(Solution& s) {
     place_at_dx(island);
     advance_bodies(island, 1);
   }
-  s.descends = true;
+  s.descends = s.searches = true;
   s.start_anew();
 }
 

@@ -203,7 +203,7 @@ std::optional<Reason> World::solve_islands() {
   make_islands();
   if (step_.substeps.ends_early()) leave_out_near();
   step_.context.warm = step_.detections > 0;
-  const bool may_halve = step_.substeps.may_halve() && !step_.substeps.ends_early();
+  const bool may_halve = step_.substeps.may_cut() && !step_.substeps.ends_early();
   const bool may_detect = step_.substeps.divisible() && (step_.detections < kMostDetections || may_halve);
   const bool may_repeat = step_.substeps.ends_early() || !step_.budget.exhausted();
   step_.context.may_detect = may_detect && may_repeat;
