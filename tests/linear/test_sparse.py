@@ -43,9 +43,9 @@ def dense(edges, diagonal, beside):
     return matrix.reshape(3 * n, 3 * n)
 
 
-def agree(one):
+def agree(one, **options):
     """The solution is the dense one, to the condition of the matrix."""
-    ((found, _),) = _core.testing.sparse_solutions([one])
+    ((found, _),) = _core.testing.sparse_solutions([one], **options)
     expected = np.linalg.solve(dense(*one[:3]), one[3].ravel())
     np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
@@ -122,8 +122,10 @@ def test_what_is_not_definite_is_told():
     random = np.random.default_rng(6)
     edges, diagonal, beside, right = system(random, 30, chains(random, 3, 10, 2, 8))
     diagonal[17] -= 2 * np.trace(diagonal[17]) * np.eye(3)
-    ((found, _),) = _core.testing.sparse_solutions([(edges, diagonal, beside, right)])
+    indefinite = edges, diagonal, beside, right
+    ((found, _),) = _core.testing.sparse_solutions([indefinite])
     assert found is None
+    agree(indefinite, through=True)
 
 
 @pytest.mark.parametrize(("reach", "blocks"), [(1, 1.0), (2, 2.0)])

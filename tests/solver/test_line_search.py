@@ -1,8 +1,11 @@
 """Steps that Newton's method does not solve in its iterations, and that cannot be cut any further."""
 
+import math
+
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import free_ball
 
 import bullet_tendon as bt
 
@@ -48,3 +51,32 @@ def test_a_strand_whose_damping_holds_its_force_at_zero_is_solved(make_world, cl
         world.step()
         assert world.report.converged and world.report.iterations < 50
         assert tendon.tension.min() >= 0
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "particles", "step", "length", "drop"),
+    [(8, 2e3, 41, 1 / 240, 0.15, 0.4), (50, 2e4, 21, 1 / 240, 0.1, 0.7), (90, 2.3e4, 21, 1 / 212, 0.094, 0.78)],
+)
+def test_steps_in_which_a_thread_buckles_converge(
+    make_world, client, mass, stiffness, particles, step, length, drop
+):
+    """A ball falls into a slack thread, which resists compression, and comes back up under it. The thread is
+    straight to rounding: a saddle of the potential, near which the residual is small.
+    """
+    world = make_world(step, (0, 0, -9.81))
+    material = bt.Material(stiffness=stiffness, density=1000.0)
+    t = world.add_tendon([[0, 0, 0], [0, 0, -length]], 5e-4, material, particles)
+    t.grip(0)
+    top = -length * (1 - drop)
+    ball = free_ball(client, mass, at=(0, 0, -length))
+    p.changeDynamics(ball, -1, linearDamping=0, angularDamping=0)
+    t.attach(-1, ball)
+    side = np.interp(np.linspace(0, 1, particles), [0, 0.5, 1], [0, 0.5 * math.sqrt(length**2 - top**2), 0])
+    t.set_positions(np.c_[side, 0 * side, np.linspace(0, top, particles)])
+    p.resetBasePositionAndOrientation(ball, [0, 0, top], [0, 0, 0, 1])
+    solves = 0
+    for _ in range(140):
+        world.step()
+        assert world.report.converged
+        solves += world.report.counts["linear_solves"]
+    assert solves < 3000

@@ -471,9 +471,9 @@ void fill_factor(SparseFactor& factor, const SparseFactor::Edges& edges, const A
 }
 
 // One factor for several systems, one after the other: (edges (m, 2), diagonal (n, 3, 3), beside (m, 3, 3),
-// right (n, 3)) each. Solutions (n, 3), or None where a matrix is not definite, with the number of blocks
-// below the diagonal of the factor.
-py::list sparse_solutions(const py::list& systems) {
+// right (n, 3)) each. Solutions (n, 3), or None where a matrix is not definite and not `through`, with the
+// number of blocks below the diagonal of the factor.
+py::list sparse_solutions(const py::list& systems, bool through) {
   SparseFactor factor;
   py::list out;
   for (const py::handle& system : systems) {
@@ -482,9 +482,9 @@ py::list sparse_solutions(const py::list& systems) {
     factor.analyse(static_cast<int>(diagonal.shape(0)), edges);
     fill_factor(factor, edges, diagonal, beside);
     std::vector<Vec3> b = points_of(right);
-    const bool definite = factor.factorise();
-    if (definite) factor.solve(b);
-    out.append(py::make_tuple(definite ? py::object(rows_of(b)) : py::none(), factor.below()));
+    const bool solved = factor.factorise(through) || through;
+    if (solved) factor.solve(b);
+    out.append(py::make_tuple(solved ? py::object(rows_of(b)) : py::none(), factor.below()));
   }
   return out;
 }
@@ -559,7 +559,7 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
 }  // namespace
 
 void bind_sparse(py::module_& testing) {
-  testing.def("sparse_solutions", &sparse_solutions)
+  testing.def("sparse_solutions", &sparse_solutions, py::arg("systems"), py::arg("through") = false)
       .def("sparse_columns", &sparse_columns)
       .def("band_solutions", &band_solutions);
 }

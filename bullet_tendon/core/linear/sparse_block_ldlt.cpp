@@ -28,11 +28,13 @@ inline PaddedBlock transposed(const PaddedBlock& b) {
   return t;
 }
 
+// Returns whether b is positive definite.
 inline bool invert(PaddedBlock& b) {
   Sym3 a{b.row[0][0], b.row[0][1], b.row[0][2], b.row[1][1], b.row[1][2], b.row[2][2]};
-  if (!invert_definite(a)) return false;
+  const bool definite = invert_definite(a);
+  if (!definite) a = inverse(a);
   b = {{Lanes4{a.xx, a.xy, a.xz, 0}, Lanes4{a.xy, a.yy, a.yz, 0}, Lanes4{a.xz, a.yz, a.zz, 0}}};
-  return true;
+  return definite;
 }
 
 // A set of blocks, one bit each.
@@ -189,10 +191,12 @@ void SparseFactor::add(int i, int j, const Block3& b) {
     for (int c = 0; c < 3; ++c) to.row[r][c] += lower ? b.v[3 * r + c] : b.v[3 * c + r];
 }
 
-BT_VECTOR bool SparseFactor::factorise() {
+BT_VECTOR bool SparseFactor::factorise(bool through) {
+  bool definite = true;
   const int* target = target_.data();
   for (int k = 0; k < n_; ++k) {
-    if (!invert(diagonal_[k])) return false;
+    definite &= invert(diagonal_[k]);
+    if (!definite && !through) return false;
     const int r = first_[k + 1] - first_[k];
     PaddedBlock* column = below_.data() + first_[k];
     scaled_.resize(r);
@@ -204,7 +208,7 @@ BT_VECTOR bool SparseFactor::factorise() {
     }
     std::copy(scaled_.begin(), scaled_.end(), column);
   }
-  return true;
+  return definite;
 }
 
 void SparseFactor::solve(std::vector<Vec3>& b) {

@@ -40,8 +40,9 @@ class SparseFactor {
   void start();  // all blocks zero
   // A(i, j) += B, and A(j, i) += B^T.
   void add(int i, int j, const Block3& b);
-  // false: a pivot is not positive, so the matrix is not positive definite.
-  bool factorise();
+  // false: a pivot is not positive, so the matrix is not positive definite. Its factors, which solve with it
+  // all the same, are complete only if `through`.
+  bool factorise(bool through = false);
   // b becomes A^-1 b.
   void solve(std::vector<Vec3>& b);
   // The same for eight right-hand sides at once, with the same bits in each lane.

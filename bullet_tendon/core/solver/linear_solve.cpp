@@ -113,7 +113,7 @@ void add_coupling(Island& island, const Contact& contact) {
       }
 }
 
-bool factorise_coupled(Island& island) {
+bool factorise_coupled(Island& island, bool through) {
   find_pattern(island);
   find_freedom(island);
   island.matrix.factor.start();
@@ -121,7 +121,7 @@ bool factorise_coupled(Island& island) {
     add_band(island.matrix.factor, *island.tendons[k], island.matrix.offset[island.numbers[k]]);
   for (const Contact* contact : island.acting)
     if (contact->b.tendon >= 0) add_coupling(island, *contact);
-  return island.matrix.factor.factorise();
+  return island.matrix.factor.factorise(through);
 }
 
 void solve_coupled(Island& island, Which b, Which x) {
@@ -247,12 +247,13 @@ bool conjugate_gradients(Island& island, const Options& o, Which b, Which x) {
   return true;
 }
 
-bool factorise(Island& island, const Options& o) {
+// Returns whether the matrix of the tendons is definite. through: factors an indefinite one completely.
+bool factorise(Island& island, const Options& o, bool through) {
   if (o.linear_solver == LinearSolver::pcg) {
     for (Tendon* c : island.tendons) prepare_blocks(*c);
     return true;
   }
-  if (island.coupled) return factorise_coupled(island);
+  if (island.coupled) return factorise_coupled(island, through);
   bool definite = true;
   for (Tendon* c : island.tendons) definite &= c->factor.factorise(c->matrix);
   return definite;
@@ -358,13 +359,13 @@ bool solve_again(Island& island, const Options& o, Which b, Which x) {
 
 bool eliminate_tendons(Island& island, const StepContext& context) {
   context.budget->spend();
-  return factorise(island, context.options) && complement(island, context.options);
+  return factorise(island, context.options, false) && complement(island, context.options);
 }
 
-bool solve_linear(Island& island, const StepContext& context, bool definite) {
+bool solve_linear(Island& island, const StepContext& context, bool definite, bool indefinite_too) {
   const Options& o = context.options;
   context.budget->spend();
-  if (!factorise(island, o)) return false;
+  if (!factorise(island, o, indefinite_too) && !indefinite_too) return false;
   if (!island.bodies.indices.empty() && !factorise_bodies(island, o, definite)) return false;
   if (!solve_again(island, o, &Tendon::residual, &Tendon::dx)) return false;
   for (Tendon* c : island.tendons)

@@ -86,7 +86,7 @@ struct Solution {
   bool turns = false;     // `far` was true in some iteration, so that segments turn
   bool changed = false;   // a direct contact became active or inactive in this iteration
   int iteration = 0;
-  int stiffened = 0;  // number of times that contacts were stiffened
+  int stiffened = 0;          // number of times that contacts were stiffened
   double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
@@ -260,6 +260,16 @@ Next decide(Solution& s, const Assembly& a, int start) {
   return Next::step;
 }
 
+// Computes Newton's step with an indefinite matrix. It ends at a saddle, and is taken where it descends: a
+// tendon that has buckled in a plane has no residual across it, and without the negative curvature across it
+// the descent converges slowly. false: it does not descend.
+bool find_saddle_step(Solution& s) {
+  Island& island = s.island;
+  residual_of(island, true, true);
+  assemble(island, Linearisation::position, false, false);
+  return solve_linear(island, s.context, false, true) && slope_along_arc(island, 0) < 0;
+}
+
 // Computes the step of particles (tendon.dx) and bodies. false: the linear solution failed.
 bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
@@ -274,6 +284,7 @@ bool find_step(Solution& s, const Assembly& a) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
     }
+    if (s.descends && find_saddle_step(s)) return true;
     // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
     residual_of(island, true, s.descends);
   }

@@ -31,8 +31,9 @@ void explicit_euler(Island& island, const StepContext& context);
 
 // Solves A step = -residual, with all anchors applied and with the unknowns of bodies. A is banded, or sparse
 // where tendons touch. Alternatively it uses preconditioned conjugate gradients. definite: the matrix was
-// assembled to be positive definite. false: the matrix is not positive definite.
-bool solve_linear(Island& island, const StepContext& context, bool definite);
+// assembled to be positive definite. false: the matrix is not positive definite. indefinite_too: the tendons'
+// part of it need not be, if factors solve.
+bool solve_linear(Island& island, const StepContext& context, bool definite, bool indefinite_too = false);
 // Computes the Schur complement of the tendons (bodies.corner) alone, which need not be definite. false: the
 // tendons' matrix is not positive definite.
 bool eliminate_tendons(Island& island, const StepContext& context);
