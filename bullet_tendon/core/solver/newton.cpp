@@ -47,9 +47,8 @@ constexpr int kPatience = 10;
 // goes on for longer.
 constexpr double kNearer = 0.1;
 
-// Growth of the residual from its smallest value after which a solution without contacts is abandoned [-].
-// Smaller: a good guess is abandoned. Larger: iterations are spent far from the solution, and rounding
-// decides whether they come back. A contact that becomes active multiplies the residual by more.
+// Growth of the residual from its smallest value after which the descent begins [-]. Smaller: a good guess is
+// abandoned. Larger: iterations are spent far from the solution, and rounding decides whether they come back.
 constexpr double kDivergence = 100;
 
 // Largest number of trial points of a line search [-]. Fewer: a step along a very inaccurate direction is not
@@ -87,6 +86,7 @@ struct Solution {
   bool changed = false;   // a direct contact became active or inactive in this iteration
   int iteration = 0;
   int stiffened = 0;          // number of times that contacts were stiffened
+  bool stepped = true;        // a step was taken since then
   double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
@@ -231,8 +231,9 @@ bool stiffen_contacts(Island& island) {
 // After an iteration with a small residual: stiffens contacts, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
-  if (s.stiffened < kMostCorrections && stiffen_contacts(island)) {
+  if (s.stepped && s.stiffened < kMostCorrections && stiffen_contacts(island)) {
     ++s.stiffened;
+    s.stepped = false;
     s.start_anew();
     return Next::judge;
   }
@@ -255,7 +256,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
-  if (!s.descends && !touches(island) && a.residual > kDivergence * s.smallest) return Next::stop;
+  if (!s.descends && a.residual > kDivergence * s.smallest) return Next::stop;
   if (s.iteration - start >= fewest_steps(s) && s.context.budget->refuses_solve()) return Next::stop;
   return Next::step;
 }
@@ -325,6 +326,7 @@ bool line_search(Solution& s, double residual) {
 
 void take_step(Solution& s, double residual) {
   Island& island = s.island;
+  s.stepped = true;
   island.curved = false;
   s.advanced = s.searches && line_search(s, residual);
   if (s.searches) {
