@@ -36,10 +36,9 @@ constexpr double kNear = 0.1;
 // next one.
 constexpr double kStiffened = 3e-3;
 
-// Iterations without progress after which a solution is abandoned [-]: without a new smallest residual, or a
-// point that a line search found. Fewer: substeps are cut that would converge, because the residual of the
-// mixed method may rise temporarily. More: violent steps are slower, because most of their iterations belong
-// to solutions that are abandoned.
+// Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
+// that would converge, because the residual may rise temporarily. More: violent steps are slower, because
+// most of their iterations belong to solutions that are abandoned.
 constexpr int kPatience = 10;
 
 // Residual, relative to that from which a mixed step of a descent led far away, below which the next one is
@@ -80,7 +79,6 @@ struct Solution {
   const StepContext& context;
   bool descends = false;  // uses descent directions and line searches, and mixed steps only near the solution
   bool searches = false;  // the last step was along a descent direction
-  bool advanced = false;  // the last line search found a point
   bool far = true;        // the relative residual is larger than kNear
   bool turns = false;     // `far` was true in some iteration, so that segments turn
   bool changed = false;   // a direct contact became active or inactive in this iteration
@@ -150,7 +148,7 @@ void note_distance(Solution& s, const Assembly& a) {
 
 void note_progress(Solution& s, double residual) {
   s.last_residual = residual;
-  s.idle = s.advanced ? 0 : s.idle + 1;
+  ++s.idle;
   if (!(residual < s.smallest)) return;
   s.smallest = residual;
   s.idle = 0;
@@ -294,8 +292,8 @@ bool find_step(Solution& s, const Assembly& a) {
 }
 
 // Advances along the arc to a point where the slope has at least halved, by regula falsi. It uses slopes
-// only, because differences of the potential would suffer from cancellation. false: no such point was found.
-bool line_search(Solution& s, double residual) {
+// only, because differences of the potential would suffer from cancellation.
+void line_search(Solution& s, double residual) {
   Island& island = s.island;
   const double start = slope_along_arc(island, 0);
   find_correction(island, s.options(), residual);
@@ -308,8 +306,8 @@ bool line_search(Solution& s, double residual) {
     measure_residual(island, a);
     const double slope = slope_along_arc(island, alpha);
     const bool finite = std::isfinite(slope);
-    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return true;
-    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return true;
+    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
     if (finite && slope < 0) {
       lo = alpha;
       slope_lo = slope;
@@ -321,15 +319,14 @@ bool line_search(Solution& s, double residual) {
     const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
     alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
   }
-  return false;
 }
 
 void take_step(Solution& s, double residual) {
   Island& island = s.island;
   s.stepped = true;
   island.curved = false;
-  s.advanced = s.searches && line_search(s, residual);
   if (s.searches) {
+    line_search(s, residual);
     for (Tendon* c : island.tendons)
       for (Anchor& h : c->anchors) h.slips = h.exceeds_limit(h.raw);
     // The normal force of a direct contact is that before the line search. Its limit is kept.
