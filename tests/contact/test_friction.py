@@ -80,7 +80,7 @@ def test_sliding_contacts_are_at_their_limits(make_world, client):
 def test_what_is_pulled_less_slides_back_near_the_pull_only(make_world, client, stiffness, after):
     """Beyond that, the tension stays as it was: it has a maximum between, where both slopes meet.
 
-    At 1/960 s the pull, which begins at once, is resolved. At 1/240 s it overshoots by the motion of one step.
+    At 1/960 s the pull, which begins at once, is resolved. At 1/240 s it overshoots by one step's motion.
     """
     mu, pull, bone, radius = 0.5, 10.0, 0.02, 0.001
     shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=bone, height=0.1, physicsClientId=client)

@@ -55,7 +55,11 @@ def test_a_strand_whose_damping_holds_its_force_at_zero_is_solved(make_world, cl
 
 @pytest.mark.parametrize(
     ("mass", "stiffness", "particles", "step", "length", "drop"),
-    [(8, 2e3, 41, 1 / 240, 0.15, 0.4), (50, 2e4, 21, 1 / 240, 0.1, 0.7), (90, 2.3e4, 21, 1 / 212, 0.094, 0.78)],
+    [
+        (8, 2e3, 41, 1 / 240, 0.15, 0.4),
+        (50, 2e4, 21, 1 / 240, 0.1, 0.7),
+        (90, 2.3e4, 21, 1 / 212, 0.094, 0.78),
+    ],
 )
 def test_steps_in_which_a_thread_buckles_converge(
     make_world, client, mass, stiffness, particles, step, length, drop
