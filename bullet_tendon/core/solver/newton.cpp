@@ -71,6 +71,15 @@ constexpr double kRounding = 8.0;
 // that are pushed against a surface gain energy. Smaller: substeps are cut that are right.
 constexpr double kCreated = 0.02;
 
+// Compression of a spring above which a solution may be a saddle [-]: negative transverse stiffness, over the
+// inertia of its particles. Larger: more struts stand that have no bending stiffness. Smaller: slack tendons
+// are looked at too, which buckle slowly.
+constexpr double kStrut = 10.0;
+
+// Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
+// saddle only within the tolerance is moved visibly. Smaller: more iterations.
+constexpr double kDisturbance = 1e-6;
+
 enum class Next { step, judge, stop };
 
 // The state of one Newton solution.
@@ -82,6 +91,7 @@ struct Solution {
   bool far = true;        // the relative residual is larger than kNear
   bool turns = false;     // `far` was true in some iteration, so that segments turn
   bool changed = false;   // a direct contact became active or inactive in this iteration
+  bool disturbed = false;  // a saddle was left
   int iteration = 0;
   int stiffened = 0;          // number of times that contacts were stiffened
   bool stepped = true;        // a step was taken since then
@@ -226,13 +236,55 @@ bool stiffen_contacts(Island& island) {
   return any;
 }
 
-// After an iteration with a small residual: stiffens contacts, or ends the solution.
+// Whether a spring is compressed so much that inertia does not keep its particles from moving across it.
+bool is_strut(const Tendon& c) {
+  const SpringSet& springs = c.structure;
+  for (int k = 0; k < springs.count; ++k)
+    if (-4 * springs.force[k] * c.h_eff * c.h_eff > kStrut * springs.lighter[k] * springs.length[k])
+      return true;
+  return false;
+}
+
+// Whether the solution is a saddle of the potential: tendons are straight that would buckle at any
+// disturbance.
+bool is_saddle(Solution& s) {
+  Island& island = s.island;
+  if (std::none_of(island.tendons.begin(), island.tendons.end(),
+                   [](const Tendon* c) { return is_strut(*c); }))
+    return false;
+  residual_of(island, true, true);
+  assemble(island, Linearisation::position, false, false);
+  return !solve_linear(island, s.context, false);
+}
+
+// Moves all free particles by a little across the tendon, each by the golden angle from the last, and
+// descends from there.
+void leave_saddle(Solution& s) {
+  for (Tendon* c : s.island.tendons) {
+    for (int i = 1; i + 1 < c->n(); ++i) {
+      const Vec3 way = c->x_new.at(i + 1) - c->x_new.at(i - 1), along = unit_or(way, {0, 0, 1});
+      const Vec3 side = any_perpendicular(along), other = cross(along, side);
+      const double angle = 2.399963229728653 * i, size = kDisturbance * c->shortest_rest();
+      c->move(i, size * (std::cos(angle) * side + std::sin(angle) * other));
+    }
+    c->place_anchors();
+  }
+  place_bodies(s.island);
+  s.disturbed = s.descends = s.searches = true;
+  s.start_anew();
+}
+
+// After an iteration with a small residual: stiffens contacts, leaves a saddle, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
   if (s.stepped && s.stiffened < kMostCorrections && stiffen_contacts(island)) {
     ++s.stiffened;
     s.stepped = false;
     s.start_anew();
+    return Next::judge;
+  }
+  if (island.result.converged && !s.disturbed && s.context.may_halve && is_saddle(s)) {
+    leave_saddle(s);
     return Next::judge;
   }
   if (island.result.converged) return Next::stop;
