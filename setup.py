@@ -114,6 +114,7 @@ setup(
     package_data={
         "bullet_tendon": ["py.typed", "*.pyi", "*.js"],
         "bullet_tendon.urdf": ["*.urdf", "*.csv", "meshes/*.obj"],
+        "bullet_tendon.scenarios.benchmarks": ["records/*.json"],
         "bullet_tendon.scenarios.tasks": ["*.npz"],
     },
     ext_modules=[core],
