@@ -245,16 +245,20 @@ bool is_strut(const Tendon& c) {
   return false;
 }
 
+// Computes Newton's step with the second derivatives of the potential. false: they are not definite, which
+// `indefinite_too` allows those of the tendons.
+bool find_exact_step(Solution& s, bool indefinite_too) {
+  residual_of(s.island, true, true);
+  assemble(s.island, Linearisation::position, false, false);
+  return solve_linear(s.island, s.context, false, indefinite_too);
+}
+
 // Whether the solution is a saddle of the potential: tendons are straight that would buckle at any
 // disturbance.
 bool is_saddle(Solution& s) {
-  Island& island = s.island;
-  if (std::none_of(island.tendons.begin(), island.tendons.end(),
-                   [](const Tendon* c) { return is_strut(*c); }))
-    return false;
-  residual_of(island, true, true);
-  assemble(island, Linearisation::position, false, false);
-  return !solve_linear(island, s.context, false);
+  const std::vector<Tendon*>& all = s.island.tendons;
+  const bool any = std::any_of(all.begin(), all.end(), [](const Tendon* c) { return is_strut(*c); });
+  return any && !find_exact_step(s, false);
 }
 
 // Moves all free particles by a little across the tendon, each by the golden angle from the last, and
@@ -314,12 +318,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
 // Computes Newton's step with an indefinite matrix. It ends at a saddle, and is taken where it descends: a
 // tendon that has buckled in a plane has no residual across it, and without the negative curvature across it
 // the descent converges slowly. false: it does not descend.
-bool find_saddle_step(Solution& s) {
-  Island& island = s.island;
-  residual_of(island, true, true);
-  assemble(island, Linearisation::position, false, false);
-  return solve_linear(island, s.context, false, true) && slope_along_arc(island, 0) < 0;
-}
+bool find_saddle_step(Solution& s) { return find_exact_step(s, true) && slope_along_arc(s.island, 0) < 0; }
 
 // Computes the step of particles (tendon.dx) and bodies. false: the linear solution failed.
 bool find_step(Solution& s, const Assembly& a) {
