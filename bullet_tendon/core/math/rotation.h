@@ -6,6 +6,9 @@
 
 namespace bt {
 
+// Directions that are each turned from the last by it are spread evenly, however many there are [rad].
+constexpr double kGoldenAngle = 2.399963229728653;
+
 inline bool same(Vec3 a, Vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
 // A rotation matrix, by rows.

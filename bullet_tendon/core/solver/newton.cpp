@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "math/rotation.h"
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
@@ -268,7 +269,7 @@ void leave_saddle(Solution& s) {
     for (int i = 1; i + 1 < c->n(); ++i) {
       const Vec3 way = c->x_new.at(i + 1) - c->x_new.at(i - 1), along = unit_or(way, {0, 0, 1});
       const Vec3 side = any_perpendicular(along), other = cross(along, side);
-      const double angle = 2.399963229728653 * i, size = kDisturbance * c->shortest_rest();
+      const double angle = kGoldenAngle * i, size = kDisturbance * c->shortest_rest();
       c->move(i, size * (std::cos(angle) * side + std::sin(angle) * other));
     }
     c->place_anchors();

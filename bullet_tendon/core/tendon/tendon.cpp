@@ -5,6 +5,7 @@
 #include <numeric>
 #include <vector>
 
+#include "math/rotation.h"
 #include "math/rounding.h"
 
 namespace bt {
@@ -207,7 +208,7 @@ void Tendon::spread_coincident() {
   const Field given = x;
   for (int i = 1; i < n_; ++i) {
     if (norm(given.at(i) - given.at(i - 1)) >= kRoundingShare * rest[i - 1]) continue;
-    const double height = 1 - (2 * i + 1.0) / (2 * n_ + 1), angle = 2.399963229728653 * i;
+    const double height = 1 - (2 * i + 1.0) / (2 * n_ + 1), angle = kGoldenAngle * i;
     const double around = std::sqrt(1 - height * height);
     x.add(i, kSpread * rest[i - 1] * Vec3{around * std::cos(angle), around * std::sin(angle), height});
   }
