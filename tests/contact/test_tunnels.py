@@ -331,7 +331,7 @@ def test_a_tendon_that_is_as_thick_as_a_bore_finds_solid_bone(drilled, ratio):
         hand.target = hand.target + [0.05 / 240, 0, 0]
         world.step()
         assert world.report.converged
-        assert world.report.iterations <= 50
+        assert world.report.iterations <= 100  # where the tendon buckles; else 10
     end = t.positions[-1, 0]
     assert end == pytest.approx(-0.06 + 100 * 0.05 / 240 if ratio < 1 else -HALF - radius, abs=1e-3)
 

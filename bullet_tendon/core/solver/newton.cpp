@@ -18,7 +18,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "math/rotation.h"
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
 #include "solver/solver.h"
@@ -71,15 +70,6 @@ constexpr double kRounding = 8.0;
 // that creates more, which no impulse can remove, is another one than the tendon would move to. Larger: ends
 // that are pushed against a surface gain energy. Smaller: substeps are cut that are right.
 constexpr double kCreated = 0.02;
-
-// Compression of a spring above which a solution may be a saddle [-]: negative transverse stiffness, over the
-// inertia of its particles. Larger: more struts stand that have no bending stiffness. Smaller: slack tendons
-// are looked at too, which buckle slowly.
-constexpr double kStrut = 10.0;
-
-// Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
-// saddle only within the tolerance is moved visibly. Smaller: more iterations.
-constexpr double kDisturbance = 1e-6;
 
 enum class Next { step, judge, stop };
 
@@ -237,15 +227,6 @@ bool stiffen_contacts(Island& island) {
   return any;
 }
 
-// Whether a spring is compressed so much that inertia does not keep its particles from moving across it.
-bool is_strut(const Tendon& c) {
-  const SpringSet& springs = c.structure;
-  for (int k = 0; k < springs.count; ++k)
-    if (-4 * springs.force[k] * c.h_eff * c.h_eff > kStrut * springs.lighter[k] * springs.length[k])
-      return true;
-  return false;
-}
-
 // Computes Newton's step with the second derivatives of the potential. false: they are not definite, which
 // `indefinite_too` allows those of the tendons.
 bool find_exact_step(Solution& s, bool indefinite_too) {
@@ -254,29 +235,54 @@ bool find_exact_step(Solution& s, bool indefinite_too) {
   return solve_linear(s.island, s.context, false, indefinite_too);
 }
 
-// Whether the solution is a saddle of the potential: tendons are straight that would buckle at any
-// disturbance.
-bool is_saddle(Solution& s) {
-  const std::vector<Tendon*>& all = s.island.tendons;
-  const bool any = std::any_of(all.begin(), all.end(), [](const Tendon* c) { return is_strut(*c); });
-  return any && !find_exact_step(s, false);
+// Advances along the arc to a point where the slope has at least halved, by regula falsi. It uses slopes
+// only, because differences of the potential would suffer from cancellation.
+void line_search(Solution& s, double residual) {
+  Island& island = s.island;
+  const double start = slope_along_arc(island, 0);
+  find_correction(island, s.options(), residual);
+  // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
+  double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
+  for (int trial = 0; trial < kMostTrials; ++trial) {
+    advance_along_arc(island, at, alpha);
+    at = alpha;
+    Assembly a = residual_of(island, true, true);
+    measure_residual(island, a);
+    const double slope = slope_along_arc(island, alpha);
+    const bool finite = std::isfinite(slope);
+    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
+    if (finite && slope < 0) {
+      lo = alpha;
+      slope_lo = slope;
+    } else {
+      hi = alpha;
+      slope_hi = finite ? slope : 1e3 * std::fabs(start);
+    }
+    const double width = hi - lo;
+    const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
+    alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
+  }
 }
 
-// Moves all free particles by a little across the tendon, each by the golden angle from the last, and
-// descends from there.
+// Whether the solution is a saddle of the potential: tendons are straight that would buckle at any
+// disturbance.
+bool is_saddle(Solution& s) { return has_struts(s.island) && !find_exact_step(s, false); }
+
+// Leaves a saddle, and descends from there: by a small zigzag, or, where that is stable, along the mode in
+// which the struts buckle.
 void leave_saddle(Solution& s) {
-  for (Tendon* c : s.island.tendons) {
-    for (int i = 1; i + 1 < c->n(); ++i) {
-      const Vec3 way = c->x_new.at(i + 1) - c->x_new.at(i - 1), along = unit_or(way, {0, 0, 1});
-      const Vec3 side = any_perpendicular(along), other = cross(along, side);
-      const double angle = kGoldenAngle * i, size = kDisturbance * c->shortest_rest();
-      c->move(i, size * (std::cos(angle) * side + std::sin(angle) * other));
-    }
-    c->place_anchors();
-  }
-  place_bodies(s.island);
+  Island& island = s.island;
   s.disturbed = s.descends = s.searches = true;
   s.start_anew();
+  find_zigzag(island);
+  advance_along_arc(island, 0, kDisturbance);
+  residual_of(island, true, true);
+  if (slope_along_arc(island, 0) < 0) return;
+  if (!find_exact_step(s, true) || !find_buckling_mode(island, s.options())) return;
+  advance_along_arc(island, 0, kDisturbance);
+  residual_of(island, true, true);
+  if (slope_along_arc(island, 0) < 0) line_search(s, 0);
 }
 
 // After an iteration with a small residual: stiffens contacts, leaves a saddle, or ends the solution.
@@ -341,36 +347,6 @@ bool find_step(Solution& s, const Assembly& a) {
   }
   assemble(island, s.descends ? Linearisation::position : Linearisation::multiplier, true, true);
   return solve_linear(island, s.context, true);
-}
-
-// Advances along the arc to a point where the slope has at least halved, by regula falsi. It uses slopes
-// only, because differences of the potential would suffer from cancellation.
-void line_search(Solution& s, double residual) {
-  Island& island = s.island;
-  const double start = slope_along_arc(island, 0);
-  find_correction(island, s.options(), residual);
-  // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
-  double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
-  for (int trial = 0; trial < kMostTrials; ++trial) {
-    advance_along_arc(island, at, alpha);
-    at = alpha;
-    Assembly a = residual_of(island, true, true);
-    measure_residual(island, a);
-    const double slope = slope_along_arc(island, alpha);
-    const bool finite = std::isfinite(slope);
-    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
-    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
-    if (finite && slope < 0) {
-      lo = alpha;
-      slope_lo = slope;
-    } else {
-      hi = alpha;
-      slope_hi = finite ? slope : 1e3 * std::fabs(start);
-    }
-    const double width = hi - lo;
-    const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
-    alpha = std::min(std::max(guess, lo + 0.1 * width), hi - 0.1 * width);
-  }
 }
 
 void take_step(Solution& s, double residual) {
@@ -528,6 +504,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
+  bend_straight_struts(island);
   for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
       by_euler(island, context)) {

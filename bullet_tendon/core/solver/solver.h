@@ -66,6 +66,24 @@ void advance_along_arc(Island& island, double from, double to);
 // r . dx/dalpha at the iterate x(alpha): the derivative of the incremental potential along the arc.
 double slope_along_arc(const Island& island, double alpha);
 
+// Struts that would buckle (solver/buckling.cpp).
+
+// Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
+// saddle only within the tolerance is moved visibly. Smaller: more iterations.
+constexpr double kDisturbance = 1e-6;
+
+// Whether tendons are compressed so much that the evaluated iterate may be a saddle.
+bool has_struts(const Island& island);
+
+// Computes, as tendon.dx and dy of the bodies, a step in which the particles of struts zigzag across them.
+void find_zigzag(Island& island);
+// The same for the mode in which struts buckle, by the factors of the last solution. Afterwards the residual
+// is undefined. false: the mode is not finite. The largest displacements of both are a segment.
+bool find_buckling_mode(Island& island, const Options& options);
+
+// Bends struts that are straight to the last bit by so little that only instability makes it visible.
+void bend_straight_struts(Island& island);
+
 // Removes the energy that a step of implicit Euler created from tendon.v_new. Returns how much of it remains
 // [J], without the work of contacts that correct depth.
 double project_energy(Island& island, Vec3 gravity);
