@@ -63,6 +63,31 @@ def test_a_sticking_tendon_turns_a_wheel_as_fast_as_it_runs(make_world, client, 
     assert np.mean(rates[len(rates) // 2 :]) == pytest.approx(speed / ARM, rel=0.01)
 
 
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 120, 1 / 480])
+@pytest.mark.parametrize("mass", [0.03, 0.5])
+def test_a_wheel_is_driven_by_the_difference_of_two_weights(make_world, client, mass, dt, integrator):
+    """Atwood's machine with the inertia I of its wheel: a = g (m1 - m2)/(m1 + m2 + I/ARM^2)."""
+    world = make_world(dt, (0, 0, -9.81), integrator=integrator)
+    body = wheel(client, mass)
+    world.add_obstacle(body, 0, friction=1.0)
+    turned = np.linspace(0, math.pi, 60)
+    arc = ARM * np.c_[-np.cos(turned), 0 * turned, np.sin(turned)]
+    points = np.vstack([[[-ARM, 0, -0.25]], arc, [[ARM, 0, -0.05]]])
+    tendon = world.add_tendon(points, R, bt.Material(stiffness=2e4, density=10, friction=1.0), 120)
+    weights = 0.4, 0.5
+    for end, weight in zip((0, -1), weights, strict=True):
+        tendon.set_point_mass(end, weight)
+    inertia = p.getDynamicsInfo(body, 0, client)[2][2]
+    fall = 9.81 * (weights[1] - weights[0]) / (sum(weights) + inertia / ARM**2)
+    world.step(round(0.1 / dt))  # until the weights have stretched it
+    steps, speeds = round(0.3 / dt), []
+    for _ in range(steps):
+        world.step()
+        speeds.append(-tendon.velocities[-1, 2])
+    assert np.polyfit(dt * np.arange(steps), speeds, 1)[0] == pytest.approx(fall, rel=0.01)
+
+
 @pytest.mark.parametrize("dt", [1 / 60, 1 / 240, 1 / 1000])
 @pytest.mark.parametrize("mass", [0.005, 0.02, 0.5])
 @pytest.mark.parametrize("rate", [0.0, 10.0])

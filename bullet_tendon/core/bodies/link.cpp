@@ -96,6 +96,10 @@ Vec3 Link::displaced(Vec3 arm) const {
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
 }
 
+Vec3 Link::displaced_from_end(Vec3 arm) const {
+  return turned.far ? given.linear + now(arm) - turned.predicted() * arm : given.at(arm);
+}
+
 Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
 
 Twist Link::response(const GeneralizedBody& m) const {

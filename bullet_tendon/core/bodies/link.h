@@ -119,6 +119,8 @@ struct Link {
   // Displacement of the point at the arm by the unknowns. If the link rotates far, relative to the straight
   // predicted path.
   Vec3 displaced(Vec3 arm) const;
+  // The same relative to where the link rotates to without them.
+  Vec3 displaced_from_end(Vec3 arm) const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
   // Acceleration by the last generalized forces of the tendons.

@@ -256,18 +256,31 @@ void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other)
   c.matrix.add_below(first, share, other, one);
 }
 
+// Displacement of the surface of a contact by the unknowns of its body: of the axis of a round one.
+Vec3 surface_moved(const Island& island, const Contact& contact) {
+  if (!contact.moves) return {};
+  if (!contact.is_round()) return body_moved(island, contact, false);
+  return island.bodies.link(contact.link).displaced_from_end(contact.axis_arm);
+}
+
 }  // namespace
 
 void follow(Island& island, Contact& contact) {
   if (contact.follows()) {
     const Field& x = island.at(contact.a).x_new;
-    const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
+    const Vec3 moved = surface_moved(island, contact);
     contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
     // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
-    if (contact.is_round() && contact.friction.coefficient == 0) return;
     const Vec3 at = contact.at_start ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
     const Rot3& turn = island.bodies.link(contact.link).turned.rotation;
-    contact.arm += transposed_times(turn, at - contact.arm_end);
+    if (!contact.is_round()) {
+      contact.arm += transposed_times(turn, at - contact.arm_end);
+    } else {
+      if (contact.friction.coefficient > 0)
+        contact.arm = contact.axis_arm + transposed_times(turn, at - contact.geometry.rim.centre);
+      // A round surface that rotates about its axis stays where it is, while the contact point moves with it.
+      contact.geometry.axis_shift = contact.moves ? body_moved(island, contact, false) - moved : Vec3{};
+    }
     contact.arm_end = at;
   } else if (contact.b.tendon >= 0) {
     Vec3 x[4];
@@ -280,7 +293,7 @@ void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
   Vec3 x[4];
   Tendon& a = island.at(contact.a);
   const int i = contact.a.first;
-  const Vec3 moved = contact.moves ? body_moved(island, contact, false) : Vec3{};
+  const Vec3 moved = surface_moved(island, contact);
   if (contact.follows())
     contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
   else if (contact.b.tendon >= 0) {

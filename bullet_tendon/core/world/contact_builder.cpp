@@ -291,7 +291,10 @@ void World::set_arm(Contact& contact) const {
   // A force without friction passes through the centre of a round surface, wherever it acts.
   if (contact.is_round() && contact.friction.coefficient == 0) contact.arm_end = contact.geometry.rim.centre;
   contact.arm = contact.arm_end - centre;
-  if (far) contact.arm = transposed_times(link.turned.predicted(), contact.arm);
+  contact.axis_arm = contact.geometry.rim.centre - centre;
+  if (!far) return;
+  contact.arm = transposed_times(link.turned.predicted(), contact.arm);
+  contact.axis_arm = transposed_times(link.turned.predicted(), contact.axis_arm);
 }
 
 void World::add_contact(const Contact& contact) {
