@@ -235,29 +235,34 @@ bool find_exact_step(Solution& s, bool indefinite_too) {
   return solve_linear(s.island, s.context, false, indefinite_too);
 }
 
-// Advances along the arc to a point where the slope has at least halved, by regula falsi. It uses slopes
-// only, because differences of the potential would suffer from cancellation.
+// Advances along the arc to a point where the slope has at least halved, by regula falsi, or to its end, if
+// the slope is not positive there. Where the curvature along the arc is negative, it goes on beyond its end:
+// the step of a positive definite matrix is a small share of the way from a saddle. It uses slopes only,
+// because differences of the potential would suffer from cancellation.
 void line_search(Solution& s, double residual) {
   Island& island = s.island;
   const double start = slope_along_arc(island, 0);
   find_correction(island, s.options(), residual);
-  // The full step is taken if the slope is not positive there, so that `hi` is set before it is read.
-  double lo = 0, hi = 1, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
+  double lo = 0, hi = HUGE_VAL, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
   for (int trial = 0; trial < kMostTrials; ++trial) {
     advance_along_arc(island, at, alpha);
     at = alpha;
     Assembly a = residual_of(island, true, true);
     measure_residual(island, a);
     const double slope = slope_along_arc(island, alpha);
-    const bool finite = std::isfinite(slope);
-    if (finite && slope <= 0 && (alpha == 1 || slope >= 0.5 * start)) return;
-    if (finite && std::fabs(slope) <= 0.5 * std::fabs(start)) return;
+    const bool finite = std::isfinite(slope), first = hi == HUGE_VAL;
+    if (finite && slope <= 0 && slope > (first ? slope_lo : 0.5 * slope_lo)) return;
+    if (finite && std::fabs(slope) <= 0.5 * std::fabs(slope_lo)) return;
     if (finite && slope < 0) {
       lo = alpha;
       slope_lo = slope;
     } else {
       hi = alpha;
       slope_hi = finite ? slope : 1e3 * std::fabs(start);
+    }
+    if (hi == HUGE_VAL) {
+      alpha *= 2;
+      continue;
     }
     const double width = hi - lo;
     const double guess = lo - slope_lo * width / (slope_hi - slope_lo);
