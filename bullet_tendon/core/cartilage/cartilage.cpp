@@ -15,6 +15,7 @@ namespace {
 // Of the grid's spacing: how far points of B may move before the list of near ones is made anew [-]. More:
 // points are listed that are far from contact. Less: more lists.
 constexpr double kMargin = 1.0;
+constexpr int kLeaf = 8;  // points of the smallest boxes at most [-]
 
 // The matrix T of 6 x 6 with which a twist about the point s from the origin has the twist T^T about the
 // origin, in axes that `turn` takes to the world's: rows of v and of w.
@@ -59,8 +60,10 @@ Cartilage::Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int l
       grid_(std::move(grid)),
       triangles_(std::move(triangles)),
       points_(points),
-      tree_(points.centres),
       model_(model) {
+  std::vector<Box> boxes;
+  for (const Vec3& centre : points.centres) boxes.push_back({centre, centre});
+  tree_ = BoxTree(boxes, kLeaf);
   regions.resize(1 + *std::max_element(points.regions.begin(), points.regions.end()));
   for (int i = 0; i < points.size(); ++i) {
     const int given = tree_.order()[i];
@@ -97,14 +100,17 @@ double Cartilage::motion(const std::vector<Link>& links, const Twist& of_a, cons
   const Link &a = links[link_a_], &b = links[link_b_];
   const double turn = norm(of_b.angular - of_a.angular);
   auto moved = [&](Vec3 at) { return norm(of_b.at(at - b.centre) - of_a.at(at - a.centre)); };
-  const double bound = moved(to_world(b.pose, tree_.centre())) + turn * tree_.radius();
+  auto most_of = [&](const Box& box) {
+    return moved(to_world(b.pose, box.middle())) + turn * box.half_diagonal();
+  };
+  const double bound = most_of(tree_.box());
   if (bound <= enough) return bound;
   double most = 0;
   tree_.each(
-      [&](Vec3 centre, double radius) {
-        const Vec3 at = to_world(b.pose, centre);
-        const double far = moved(at) + turn * radius;
-        return far <= most || grid_->bound(to_local(a.pose, at), radius + far) > 0;
+      [&](const Box& box) {
+        const double far = most_of(box);
+        const Vec3 at = to_local(a.pose, to_world(b.pose, box.middle()));
+        return far <= most || grid_->bound(at, box.half_diagonal() + far) > 0;
       },
       [&](int i) { most = std::max(most, moved(to_world(b.pose, points_.centres[i]))); });
   return most;
@@ -129,8 +135,9 @@ void Cartilage::begin(const std::vector<Link>& links, double h) {
   for (int side : {0, 1}) {
     const Link& link = links[side == 0 ? link_a_ : link_b_];
     start_[side] = {link.pose.rotation, link.pose.origin - link.centre};
-    touched_[place_[side]].lever =
-        side == 0 ? to_world(links[link_b_].pose, tree_.centre()) - link.centre : link.arm_of(tree_.centre());
+    touched_[place_[side]].lever = side == 0
+                                       ? to_world(links[link_b_].pose, tree_.box().middle()) - link.centre
+                                       : link.arm_of(tree_.box().middle());
   }
   if (model_.damping == 0) return;
   start_depths_.assign(points_.size(), 0.0);
@@ -149,15 +156,15 @@ void Cartilage::find_behind(const Frame& b) {
   grid_->behind(b.rotation, b.origin, near_.centres, behind_);
 }
 
-// The motion of a point x of B since the list was made is that of the tree's centre c, and D (x - c) with the
+// The motion of a point x of B since the list was made is that of the box's middle c, and D (x - c) with the
 // difference D of the rotations.
 bool Cartilage::is_listed(const Frame& b) const {
   if (!near_.is_made) return false;
   const Rot3 change = minus(b.rotation, near_.of.rotation);
-  const Vec3 shift = change * tree_.centre() + (b.origin - near_.of.origin);
+  const Vec3 shift = change * tree_.box().middle() + (b.origin - near_.of.origin);
   const double turn =
       std::sqrt(dot(change.r0, change.r0) + dot(change.r1, change.r1) + dot(change.r2, change.r2));
-  return norm(shift) + turn * tree_.radius() < kMargin * grid_->spacing();
+  return norm(shift) + turn * tree_.box().half_diagonal() < kMargin * grid_->spacing();
 }
 
 void Cartilage::list_near(const Frame& b) {
@@ -166,13 +173,14 @@ void Cartilage::list_near(const Frame& b) {
   near_.of = b;
   near_.points.clear();
   near_.centres.clear();
-  tree_.each([&](Vec3 centre,
-                 double radius) { return grid_->bound(b.rotation * centre + b.origin, radius + margin) > 0; },
-             [&](int i) {
-               if (grid_->bound(b.rotation * points_.centres[i] + b.origin, margin) > 0) return;
-               near_.points.push_back(i);
-               near_.centres.push_back(points_.centres[i]);
-             });
+  auto is_far = [&](const Box& box) {
+    return grid_->bound(b.rotation * box.middle() + b.origin, box.half_diagonal() + margin) > 0;
+  };
+  tree_.each(is_far, [&](int i) {
+    if (grid_->bound(b.rotation * points_.centres[i] + b.origin, margin) > 0) return;
+    near_.points.push_back(i);
+    near_.centres.push_back(points_.centres[i]);
+  });
 }
 
 Cartilage::Frame Cartilage::end_of(int side, const LinkEnd& end) const {

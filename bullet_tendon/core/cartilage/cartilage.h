@@ -121,7 +121,7 @@ class Cartilage : public Element, public CartilageState {
   int link_a_, link_b_;
   std::shared_ptr<const DistanceGrid> grid_;
   FoundationSurface triangles_, points_;
-  SphereTree tree_;
+  BoxTree tree_;  // of the points
   CartilageModel model_;
   // Of the substep: the links' frames at its start, from their centres of mass; its length.
   Frame start_[2];

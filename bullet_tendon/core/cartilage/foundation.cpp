@@ -4,13 +4,10 @@
 #include <array>
 #include <numeric>
 
-#include "geometry/bounds.h"
-
 namespace bt {
 
 namespace {
 
-constexpr int kLeaf = 8;             // points of the smallest sets at most [-]
 constexpr double kTurn = 1.0 / 3.0;  // components of normals that differ by this count as a resolution [-]
 
 // Centre and scaled normal: what has to be near to each other in a patch.
@@ -79,31 +76,6 @@ FoundationSurface merged(const FoundationSurface& triangles, const std::vector<V
     begin = end;
   }
   return std::move(merger.out);
-}
-
-SphereTree::SphereTree(const std::vector<Vec3>& points) : order_(points.size()) {
-  std::iota(order_.begin(), order_.end(), 0);
-  add(points, 0, static_cast<int>(points.size()));
-}
-
-void SphereTree::add(const std::vector<Vec3>& points, int first, int count) {
-  Box box;
-  for (int i = first; i < first + count; ++i) box.include(points[order_[i]]);
-  Node node{first, count, count <= kLeaf, 0, 0.5 * (box.lo + box.hi), 0};
-  for (int i = first; i < first + count; ++i)
-    node.radius = std::max(node.radius, norm(points[order_[i]] - node.centre));
-  const size_t place = nodes_.size();
-  nodes_.push_back(node);
-  if (!node.is_leaf) {
-    const Vec3 size = box.hi - box.lo;
-    const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-    const int half = count / 2;
-    std::nth_element(order_.begin() + first, order_.begin() + first + half, order_.begin() + first + count,
-                     [&](int s, int t) { return dot(points[s] - points[t], unit_axis(axis)) < 0; });
-    add(points, first, half);
-    add(points, first + half, count - half);
-  }
-  nodes_[place].next = nodes_.size();
 }
 
 }  // namespace bt

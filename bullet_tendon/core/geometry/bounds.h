@@ -14,6 +14,8 @@ struct Box {
     include(b.lo);
     include(b.hi);
   }
+  Vec3 middle() const { return 0.5 * (lo + hi); }
+  double half_diagonal() const { return 0.5 * norm(hi - lo); }
   void grow(double margin) {
     Vec3 m{margin, margin, margin};
     lo -= m;
@@ -36,7 +38,7 @@ struct MotionBound {
 inline MotionBound motion_between(const Field& from, const Field& to) {
   Box moved;
   for (int i = 0; i < from.size(); ++i) moved.include(to.at(i) - from.at(i));
-  return {0.5 * (moved.lo + moved.hi), 0.5 * norm(moved.hi - moved.lo)};
+  return {moved.middle(), moved.half_diagonal()};
 }
 
 // By how much a point of one and a point of the other approach each other at most [m].

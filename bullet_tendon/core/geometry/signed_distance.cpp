@@ -5,15 +5,11 @@
 #include <map>
 #include <utility>
 
-#include "math/rotation.h"
+#include "math/rounding.h"
 
 namespace bt {
 
 namespace {
-
-// Share of a squared distance by which that of a group may be too large: its roundings, and those of
-// triangles that are a million times longer than wide.
-constexpr double kRounding = 1e-6;
 
 // The point of a triangle that is nearest to x, and its feature (Ericson 2005, section 5.1.5).
 Vec3 nearest_in(Vec3 a, Vec3 b, Vec3 c, Vec3 x, int& feature) {
@@ -38,68 +34,11 @@ Vec3 nearest_in(Vec3 a, Vec3 b, Vec3 c, Vec3 x, int& feature) {
 
 SignedDistance::SignedDistance(std::vector<Vec3> vertices, std::vector<Indices> triangles)
     : vertices_(std::move(vertices)), triangles_(std::move(triangles)) {
-  build(0, static_cast<int>(triangles_.size()));
-  fill_groups();
+  std::vector<Box> boxes(triangles_.size());
+  for (size_t i = 0; i < triangles_.size(); ++i)
+    for (int v : triangles_[i]) boxes[i].include(vertices_[v]);
+  tree_ = BoxTree(boxes, 1);
   find_features();
-}
-
-int SignedDistance::build(int first, int count) {
-  const int at = static_cast<int>(nodes_.size());
-  nodes_.emplace_back();
-  Box box, middles;
-  Vec3 normals;
-  auto middle = [&](const Indices& t) { return vertices_[t[0]] + vertices_[t[1]] + vertices_[t[2]]; };
-  for (int i = first; i < first + count; ++i) {
-    const Indices& t = triangles_[i];
-    for (int v : t) box.include(vertices_[v]);
-    middles.include(middle(t));
-    normals += cross(vertices_[t[1]] - vertices_[t[0]], vertices_[t[2]] - vertices_[t[0]]);
-  }
-  Node node;
-  node.box = box;
-  node.normal = unit_or(normals, {0, 0, 1});
-  node.low = HUGE_VAL;
-  node.high = -HUGE_VAL;
-  for (int i = first; i < first + count; ++i)
-    for (int v : triangles_[i]) {
-      const double height = dot(node.normal, vertices_[v]);
-      node.low = std::min(node.low, height);
-      node.high = std::max(node.high, height);
-    }
-  if (count <= kLanes) {
-    node.group = first / kLanes;
-    nodes_[at] = node;
-    return at;
-  }
-  const Vec3 size = middles.hi - middles.lo;
-  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-  auto along = [&](const Indices& t) { return dot(middle(t), unit_axis(axis)); };
-  const int half = (count / kLanes + 1) / 2 * kLanes;  // of whole groups
-  std::nth_element(triangles_.begin() + first, triangles_.begin() + first + half,
-                   triangles_.begin() + first + count,
-                   [&](const Indices& s, const Indices& t) { return along(s) < along(t); });
-  build(first, half);
-  node.second = build(first + half, count - half);
-  nodes_[at] = node;
-  return at;
-}
-
-void SignedDistance::fill_groups() {
-  const int count = static_cast<int>(triangles_.size());
-  groups_.resize((count + kLanes - 1) / kLanes);
-  for (int i = 0; i < static_cast<int>(groups_.size()) * kLanes; ++i) {
-    const Indices& t = triangles_[std::min(i, count - 1)];
-    const Vec3 a = vertices_[t[0]], one = vertices_[t[1]] - a, other = vertices_[t[2]] - a;
-    Group& group = groups_[i / kLanes];
-    auto put = [&](Eight* to, Vec3 v) {
-      to[0][i % kLanes] = v.x;
-      to[1][i % kLanes] = v.y;
-      to[2][i % kLanes] = v.z;
-    };
-    put(group.corner, a);
-    put(group.one, one);
-    put(group.other, other);
-  }
 }
 
 void SignedDistance::find_features() {
@@ -142,84 +81,9 @@ void SignedDistance::measure(int triangle, Vec3 x, Found& best) const {
   int feature;
   const Vec3 point = nearest_in(vertices_[t[0]], vertices_[t[1]], vertices_[t[2]], x, feature);
   const double square = dot(x - point, x - point);
-  if (square < best.square) best = {square, point, triangle, feature};
-}
-
-BT_WITHIN inline double SignedDistance::square_to(const Node& node, Vec3 x) {
-  const Vec3 off = highest(highest(node.box.lo - x, x - node.box.hi), Vec3{});
-  const double height = dot(node.normal, x);
-  const double beyond = std::max(0.0, std::max(node.low - height, height - node.high));
-  return std::max(beyond * beyond, dot(off, off));
-}
-
-BT_WITHIN inline void dot(const Eight* a, const Eight* b, Eight& out) {
-  out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-// Makes `least` the squared distance of x to an edge where that is less: from that of x to the edge's start,
-// the edge's squared length, and its product with the way from there.
-BT_WITHIN inline void take_edge(const Eight& to_start, const Eight& length, const Eight& along,
-                                Eight& least) {
-  const Eight zero{}, one = zero + 1.0;
-  Eight share = along / length;
-  share = share < zero ? zero : share;
-  share = share > one ? one : share;
-  const Eight square = to_start + share * (share * length - 2.0 * along);
-  least = square < least ? square : least;
-}
-
-// Squared distances of x to the triangles of a group: to the plane above the inside, else to the nearest of
-// the three edges.
-BT_WITHIN inline void squares_to(const SignedDistance::Group& group, Vec3 x, Eight& squares) {
-  const Eight r[3] = {x.x - group.corner[0], x.y - group.corner[1], x.z - group.corner[2]};
-  const Eight *e = group.one, *f = group.other;
-  Eight ee, ef, ff, er, fr, rr;
-  dot(e, e, ee);
-  dot(e, f, ef);
-  dot(f, f, ff);
-  dot(e, r, er);
-  dot(f, r, fr);
-  dot(r, r, rr);
-  squares = rr;
-  take_edge(rr, ee, er, squares);
-  take_edge(rr, ff, fr, squares);
-  take_edge(rr - 2.0 * er + ee, ee - 2.0 * ef + ff, fr - er - ef + ee, squares);
-  const Eight n[3] = {e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]};
-  Eight height;
-  dot(n, r, height);
-  const Eight det = ee * ff - ef * ef, s = ff * er - ef * fr, w = ee * fr - ef * er;
-  const auto inside = (s >= 0.0) & (w >= 0.0) & (s + w <= det);
-  squares = inside ? height * height / det : squares;
-}
-
-BT_VECTOR void search(const SignedDistance& mesh, Vec3 x, SignedDistance::Found& best) {
-  struct Open {
-    int node;
-    double square;
-  };
-  Open open[64];
-  int count = 0;
-  open[count++] = {0, SignedDistance::square_to(mesh.nodes_[0], x)};
-  while (count > 0) {
-    const Open at = open[--count];
-    if (at.square >= best.square) continue;
-    const SignedDistance::Node& node = mesh.nodes_[at.node];
-    if (node.group >= 0) {
-      Eight squares;
-      squares_to(mesh.groups_[node.group], x, squares);
-      for (int lane = 0; lane < kLanes; ++lane)
-        if (squares[lane] * (1 - kRounding) < best.square) {
-          const int triangle = node.group * kLanes + lane;
-          if (triangle < static_cast<int>(mesh.triangles_.size())) mesh.measure(triangle, x, best);
-        }
-      continue;
-    }
-    Open near{at.node + 1, SignedDistance::square_to(mesh.nodes_[at.node + 1], x)};
-    Open far{node.second, SignedDistance::square_to(mesh.nodes_[node.second], x)};
-    if (near.square > far.square) std::swap(near, far);
-    if (far.square < best.square) open[count++] = far;
-    if (near.square < best.square) open[count++] = near;
-  }
+  // Of several triangles at the same distance the first counts, so that the order of the search does not.
+  if (square < best.square || (square == best.square && triangle < best.triangle))
+    best = {square, (1 + kRoundingShare) * std::sqrt(square), point, triangle, feature};
 }
 
 double SignedDistance::operator()(Vec3 x) const {
@@ -228,9 +92,9 @@ double SignedDistance::operator()(Vec3 x) const {
 }
 
 double SignedDistance::operator()(Vec3 x, int& triangle) const {
-  Found best{HUGE_VAL, {}, -1, 0};
+  Found best{HUGE_VAL, HUGE_VAL, {}, -1, 0};
   measure(triangle, x, best);
-  search(*this, x, best);
+  tree_.visit({x, x}, best.reach, [&](int k) { measure(tree_.order()[k], x, best); });
   triangle = best.triangle;
   const Features& f = features_[best.triangle];
   const int k = (best.feature + 2) % 3;  // of an edge (1 to 3) or a corner (4 to 6)
@@ -244,7 +108,7 @@ double SignedDistance::operator()(Vec3 x, int& triangle) const {
 }
 
 Box SignedDistance::box(double depth) const {
-  Box box = nodes_[0].box;
+  Box box = tree_.box();
   for (size_t i = 0; open_ && i < triangles_.size(); ++i)
     for (int v : triangles_[i]) box.include(vertices_[v] - depth * features_[i].face);
   return box;

@@ -15,8 +15,7 @@
 #include <array>
 #include <vector>
 
-#include "geometry/bounds.h"
-#include "math/simd.h"
+#include "geometry/box_tree.h"
 
 namespace bt {
 
@@ -34,19 +33,6 @@ class SignedDistance {
   double volume() const;
 
  private:
-  // Of a binary tree in order of depth first: the first child is the next node. Its triangles are between two
-  // planes, at low <= n.x <= high. A leaf has the triangles of one group.
-  struct Node {
-    Box box;
-    Vec3 normal;
-    double low = 0, high = 0;  // [m]
-    int group = -1;            // -1: not a leaf
-    int second = -1;           // its other child
-  };
-  // Eight triangles side by side: a corner, and the edges from there to the two others.
-  struct Group {
-    Eight corner[3], one[3], other[3];
-  };
   // Pseudonormals of a triangle's features: face; edges opposite to the corners; corners. And which edges and
   // corners are on the border.
   struct Features {
@@ -55,23 +41,17 @@ class SignedDistance {
   };
   // A nearest point and its feature: 0 the face, 1 to 3 the edge opposite to a corner, 4 to 6 a corner.
   struct Found {
-    double square;
+    double square, reach;  // squared distance, and the distance beyond which nothing is nearer [m]
     Vec3 point;
     int triangle, feature;
   };
-  int build(int first, int count);
-  void fill_groups();
   void find_features();
   void measure(int triangle, Vec3 x, Found& best) const;
-  static double square_to(const Node& node, Vec3 x);
-  friend void squares_to(const Group& group, Vec3 x, Eight& squares);
-  friend void search(const SignedDistance& mesh, Vec3 x, Found& best);
 
   std::vector<Vec3> vertices_;
   std::vector<Indices> triangles_;
   std::vector<Features> features_;
-  std::vector<Node> nodes_;
-  std::vector<Group> groups_;
+  BoxTree tree_;  // of the triangles
   bool open_ = false;
 };
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 #include <vector>
 
 #include "geometry/segment_distance.h"
@@ -22,10 +21,6 @@ constexpr size_t kMostNearby = 64;
 // slides changes. Smaller: more contacts on rough surfaces.
 constexpr double kValley = 1e-3;
 
-double along(Vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
-
-Vec3 middle(const Triangle& t) { return (1.0 / 3) * (t.a + t.b + t.c); }
-
 Box box_of(const Triangle& t) {
   Box box;
   box.include(t.a);
@@ -39,11 +34,6 @@ Box box_of(Vec3 a, Vec3 b) {
   box.include(a);
   box.include(b);
   return box;
-}
-
-double square_between(const Box& p, const Box& q) {
-  const Vec3 apart = gap_between(p, q);
-  return dot(apart, apart);
 }
 
 // Whether p lies over the inside of the triangle, and the foot of its perpendicular there: its barycentric
@@ -109,64 +99,20 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
   return rooted(best);
 }
 
-Surface::Surface(std::vector<Triangle> triangles) : triangles_(std::move(triangles)) {
-  nodes_.reserve(2 * triangles_.size());
-  if (!triangles_.empty()) build(0, static_cast<int>(triangles_.size()));
-  if (!nodes_.empty()) size_ = norm(nodes_[0].box.hi - nodes_[0].box.lo);
-  const auto* bytes = reinterpret_cast<const unsigned char*>(triangles_.data());
-  for (size_t k = 0; k < triangles_.size() * sizeof(Triangle); ++k)
+Surface::Surface(const std::vector<Triangle>& triangles) {
+  std::vector<Box> boxes;
+  for (const Triangle& t : triangles) boxes.push_back(box_of(t));
+  tree_ = BoxTree(boxes, 1);
+  for (const int k : tree_.order()) triangles_.push_back(triangles[k]);
+  if (!triangles_.empty()) size_ = norm(tree_.box().hi - tree_.box().lo);
+  const auto* bytes = reinterpret_cast<const unsigned char*>(triangles.data());
+  for (size_t k = 0; k < triangles.size() * sizeof(Triangle); ++k)
     mark_ = (mark_ ^ bytes[k]) * 1099511628211ull;
-}
-
-// Halves by number, across the longest side.
-int Surface::build(int first, int count) {
-  const int at = static_cast<int>(nodes_.size());
-  Node node{{}, first, count, -1};
-  for (int k = first; k < first + count; ++k) node.box.include(box_of(triangles_[k]));
-  nodes_.push_back(node);
-  if (count == 1) return at;
-  const Vec3 size = node.box.hi - node.box.lo;
-  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-  const auto begin = triangles_.begin() + first;
-  std::nth_element(begin, begin + count / 2, begin + count, [&](const Triangle& s, const Triangle& t) {
-    return along(middle(s), axis) < along(middle(t), axis);
-  });
-  build(first, count / 2);
-  const int second = build(first + count / 2, count - count / 2);
-  nodes_[at].second = second;
-  return at;
-}
-
-// Leaves within reach, which may shrink meanwhile: of each node's children the nearer one first.
-template <class Visit>
-void Surface::visit(const Box& around, const double& reach, Visit leaf) const {
-  struct Open {
-    int node;
-    double square;
-  };
-  // One child waits at each depth, and halving by number leaves fewer than 32 of those.
-  Open open[64];
-  int count = 0;
-  if (!nodes_.empty()) open[count++] = {0, square_between(nodes_[0].box, around)};
-  while (count > 0) {
-    const Open at = open[--count];
-    if (at.square > reach * reach) continue;
-    const Node& node = nodes_[at.node];
-    if (node.second < 0) {
-      leaf(node);
-      continue;
-    }
-    Open first{at.node + 1, square_between(nodes_[at.node + 1].box, around)};
-    Open second{node.second, square_between(nodes_[node.second].box, around)};
-    if (first.square < second.square) std::swap(first, second);
-    if (first.square <= reach * reach) open[count++] = first;
-    if (second.square <= reach * reach) open[count++] = second;
-  }
 }
 
 double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) const {
   out.clear();
-  visit(box_of(a, b), reach, [&](const Node& leaf) { list_leaf(leaf, a, b, reach, out); });
+  tree_.visit(box_of(a, b), reach, [&](int k) { list_triangle(k, a, b, reach, out); });
   std::sort(out.begin(), out.end(), [](const Nearby& p, const Nearby& q) { return p.triangle < q.triangle; });
   return reach;
 }
@@ -211,30 +157,23 @@ Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b
 bool Surface::is_between(Vec3 from, Vec3 to) const {
   bool found = false;
   const double reach = 0;
-  visit(box_of(from, to), reach, [&](const Node& leaf) {
-    for (int k = leaf.first; k < leaf.first + leaf.count && !found; ++k)
-      found = is_pierced(triangles_[k], from, to);
-  });
+  tree_.visit(box_of(from, to), reach, [&](int k) { found = found || is_pierced(triangles_[k], from, to); });
   return found;
 }
 
 // Of more than are kept, the nearest; `reach` then ends where the farthest of them is.
-void Surface::list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const {
-  const Box around = box_of(a, b);
-  for (int k = leaf.first; k < leaf.first + leaf.count; ++k) {
-    if (square_between(box_of(triangles_[k]), around) > reach * reach) continue;
-    Nearest found = nearest_of(triangles_[k], a, b);
-    if (is_pierced(triangles_[k], a, b)) found.distance = 0;
-    if (found.distance > reach) continue;
-    if (out.size() == kMostNearby) {
-      std::pop_heap(out.begin(), out.end(), nearer);
-      out.pop_back();
-    }
-    const Vec3 n = unit_or((1 - found.u) * a + found.u * b - found.point, {});
-    out.push_back({k, found.distance, n, dot(n, found.point)});
-    std::push_heap(out.begin(), out.end(), nearer);
-    if (out.size() == kMostNearby) reach = out.front().distance;
+void Surface::list_triangle(int k, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const {
+  Nearest found = nearest_of(triangles_[k], a, b);
+  if (is_pierced(triangles_[k], a, b)) found.distance = 0;
+  if (found.distance > reach) return;
+  if (out.size() == kMostNearby) {
+    std::pop_heap(out.begin(), out.end(), nearer);
+    out.pop_back();
   }
+  const Vec3 n = unit_or((1 - found.u) * a + found.u * b - found.point, {});
+  out.push_back({k, found.distance, n, dot(n, found.point)});
+  std::push_heap(out.begin(), out.end(), nearer);
+  if (out.size() == kMostNearby) reach = out.front().distance;
 }
 
 Nearest Surface::nearest(const std::vector<Nearby>& listed, Vec3 a, Vec3 b) const {

@@ -14,7 +14,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "geometry/bounds.h"
+#include "geometry/box_tree.h"
 
 namespace bt {
 
@@ -41,7 +41,7 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b);
 
 class Surface {
  public:
-  explicit Surface(std::vector<Triangle> triangles);
+  explicit Surface(const std::vector<Triangle>& triangles);
   // Lists the triangles within reach of a segment, the kMostNearby nearest of them at most; one that the
   // segment crosses is at the distance 0. Returns the distance below which none is missing [m].
   double list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) const;
@@ -63,18 +63,9 @@ class Surface {
   uint64_t mark() const { return mark_; }
 
  private:
-  // Of a binary tree in order of depth first: the first child is the next node.
-  struct Node {
-    Box box;
-    int first = 0, count = 0;  // its triangles
-    int second = -1;           // its other child; -1: a leaf
-  };
-  int build(int first, int count);
-  template <class Visit>
-  void visit(const Box& around, const double& reach, Visit leaf) const;
-  void list_leaf(const Node& leaf, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const;
-  std::vector<Triangle> triangles_;  // in the order of the leaves
-  std::vector<Node> nodes_;
+  void list_triangle(int k, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const;
+  std::vector<Triangle> triangles_;  // in the order of the tree
+  BoxTree tree_;
   double size_ = 0;                          // [m]
   uint64_t mark_ = 14695981039346656037ull;  // FNV-1a over the triangles
 };

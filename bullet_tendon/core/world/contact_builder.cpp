@@ -581,14 +581,12 @@ void World::find_near_tunnels(int tendon) {
   }
   for (double l : c.rest) longest = std::max(longest, l);
   const double own = c.radius + options.contact_threshold + c.most_slack + moved + longest;
-  const Vec3 middle = 0.5 * (box.lo + box.hi);
-  const double half = 0.5 * norm(box.hi - box.lo);
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!may_enter(tendon, static_cast<int>(t))) continue;
     const Link& link = scene.links[scene.tunnels[t]->link];
     // Motion of the bore, which is linear in position: its bound over the tendon's box.
-    const double carried =
-        norm(link.drift(middle, step_.context.dt)) + step_.context.dt * norm(link.spin) * half;
+    const double carried = norm(link.drift(box.middle(), step_.context.dt)) +
+                           step_.context.dt * norm(link.spin) * box.half_diagonal();
     ++step_.report.near.tunnels;
     if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t]->chamfer) ||
         std::find(c.tunnel_of.begin(), c.tunnel_of.end(), t) != c.tunnel_of.end())
