@@ -100,14 +100,18 @@ class Placement:
                     warn(InsideWarning(_message(tendon, obstacle, depth)))
 
     def tell_coarse(self, slot: int, particle: int, link: int, angle: float) -> None:
-        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a mesh."""
+        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a body."""
         body, index = self._bodies.links[link]
         name, turn = self._tendons[slot].name, f"{math.degrees(angle):.0f} degrees at particle {particle}"
+        error, of, fine, cure = 1 / max(math.cos(angle), 0.5) - 1, "", "", ""
+        if any(shape.surface is not None for shape in self._obstacles.of_link(body, index)):
+            error, of = max(error, 0.2), "the mesh of "
+            fine, cure = " (by 6 % up to 15 degrees)", ", or use a finer mesh"
         warn(
             ResolutionWarning(
-                f"tendon {name!r} is too coarse for the mesh of body {body}, link {index}: "
-                f"it turns by {turn}, where its tension can be off by up to a fifth "
-                "(by 6 % up to 15 degrees). Add particles, or use a finer mesh"
+                f"tendon {name!r} is too coarse for {of}body {body}, link {index}: "
+                f"it turns by {turn}, where its tension can be off by up to {error:.0%}{fine}. "
+                f"Add particles{cure}"
             )
         )
 

@@ -1,9 +1,10 @@
-"""A taut tendon that turns far at one particle on a mesh: its tension is not exact, and it is told once."""
+"""A taut tendon that turns far at one particle on a body: its tension is not exact, and it is told once."""
 
 import math
 import warnings
 
 import numpy as np
+import pybullet as p
 import pytest
 from link_scenes import mesh_obstacle
 
@@ -76,3 +77,52 @@ def test_what_is_fine_or_slack_is_not_told(make_world, client, sides, particles,
     drawn_over(world, force, particles)
     assert not told(world, 60)
     assert len(world.contacts) > 0
+
+
+def through_a_bore(world, client, particles, force):
+    """A smooth tendon through a bore of a box, pulled at 40 degrees beyond its mouth; the hand behind it."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.0175, 0.05, 0.05), physicsClientId=client)
+    block = p.createMultiBody(0, shape, physicsClientId=client)
+    world.add_obstacle(block)
+    world.add_tunnel(block, -1, (-0.0175, 0, 0), (0.0175, 0, 0), radius=0.0045)
+    way = np.array([math.cos(0.7), 0, math.sin(0.7)])
+    line = [(-0.0275, 0, 0), (0.0175, 0, 0), np.array([0.0175, 0, 0]) + 0.03 * way]
+    material = bt.Material(stiffness=1e4, damping=60.0, friction=0.0)
+    t = world.add_tendon(line, 0.004, material, particles, name="graft")
+    t.set_force(-1, force * way)
+    return t.grip(0)
+
+
+@pytest.mark.parametrize(
+    ("particles", "error", "coarse"), [(8, 0.2, True), (15, 0.1, True), (120, 0.01, False)]
+)
+def test_a_tendon_that_turns_far_at_a_mouth_is_told(make_world, client, particles, error, coarse):
+    """Without friction the hand feels the pull, as far as the tendon turns by little at each particle."""
+    world = make_world(1 / 240, (0, 0, 0))
+    hand = through_a_bore(world, client, particles, 80.0)
+    texts = told(world, 240)
+    assert len(texts) == coarse
+    assert all(
+        text.startswith("tendon 'graft' is too coarse for body 0, link -1: it turns by") for text in texts
+    )
+    assert all(text.endswith("%. Add particles") for text in texts)
+    assert np.linalg.norm(hand.force) == pytest.approx(80.0, rel=error)
+
+
+def test_what_turns_at_a_grip_is_not_told(make_world, client):
+    """It turns by 80 degrees at the particle that a hand holds above a plate, on which it lies."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    plate = p.createMultiBody(
+        0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client), physicsClientId=client
+    )
+    world.add_obstacle(plate, friction=1.0)
+    line = [(-0.05, 0, 0.001), (0, 0, 0.001), (0.01, 0, 0.05)]
+    t = world.add_tendon(line, 0.001, bt.Material(stiffness=1e3, damping=1.0, friction=0.5), 31)
+    middle = int(np.argmin(np.linalg.norm(t.positions, axis=1)))
+    for i in (0, middle, -1):
+        t.grip(i)
+    t.set_force(middle - 1, (0, 0, -1))
+    t.shorten(0.001)
+    t.shorten(0.001, end=0)
+    assert not told(world, 60)
+    assert t.tension.min() > 1.0

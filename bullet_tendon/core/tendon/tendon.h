@@ -84,7 +84,7 @@ struct TendonWorkspace : PredictedRegion {
   int worst_particle = 0;
 };
 
-// The farthest turn of a taut tendon at a particle on a mesh, where it is too far (world/report.cpp).
+// The farthest turn of a taut tendon at a particle on a body, where it is too far (world/report.cpp).
 struct CoarseTurn {
   int particle = -1, link = -1;  // slot of the link
   double angle = 0;              // [rad]

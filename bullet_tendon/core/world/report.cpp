@@ -15,16 +15,24 @@ namespace {
 // same to 6 % without friction (261 of 261 coarse bones; beyond it 17 of 39) [rad]. Larger: wrong tensions
 // are not told. Smaller: warnings of right ones.
 constexpr double kCoarseTurn = 15 * M_PI / 180;
+// The same at edges and mouths [rad]. A chord that turns by the angles a and b at its ends has the tensions
+// T_a cos a = T_b cos b beside it. So a turn by an angle at one particle changes the tension by up to 1/cos -
+// 1: 6 % at 20 degrees, 41 % at 45. On round surfaces chords turn by as much at both ends: tendons without
+// friction had the same tension at both ends to 2 % (37 cylinders, up to 45 degrees).
+constexpr double kCoarseTurnAtEdge = 20 * M_PI / 180;
+constexpr double kCoarseTurnOnRound = 45 * M_PI / 180;
 // Steps for which it lasts [-]. Fewer: impacts are told.
 constexpr int kCoarseSteps = 10;
 
-// Angle between the segments of a particle, if it is larger than kCoarseTurn and both segments carry more
-// than the weight of the tendon; else 0 [rad].
-double coarse_turn(const Tendon& c, int i, double gravity) {
+// Angle between the segments of a particle that nothing holds, if it is larger than `most` and both segments
+// carry more than the weight of the tendon; else 0 [rad].
+double coarse_turn(const Tendon& c, int i, double most, double gravity) {
   if (i < 1 || i > c.n() - 2) return 0;
+  for (const Anchor& h : c.anchors)
+    if (h.particle == i) return 0;
   const Vec3 come = c.x.at(i) - c.x.at(i - 1), go = c.x.at(i + 1) - c.x.at(i);
   const double angle = std::atan2(norm(cross(come, go)), dot(come, go));
-  if (angle <= kCoarseTurn) return 0;
+  if (angle <= most) return 0;
   const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);
   return std::min(c.structure.lambda[i - 1], c.structure.lambda[i]) > weight ? angle : 0;
 }
@@ -38,11 +46,13 @@ void World::find_coarse_turns() {
   for (Tendon* c : step_.slots)
     if (c) c->coarse.angle = 0;
   for (const Contact& contact : contacts_.all) {
-    if (contact.key.kind != ContactKind::bone || !scene.shapes[contact.key.other]->surface) continue;
-    if (!(contact.normal_force.value > 0)) continue;
+    const bool bone = contact.key.kind == ContactKind::bone;
+    if (!(bone || contact.key.kind == ContactKind::mouth) || !(contact.normal_force.value > 0)) continue;
+    const bool mesh = bone && scene.shapes[contact.key.other]->surface;
+    const double most = mesh ? kCoarseTurn : contact.is_round() ? kCoarseTurnOnRound : kCoarseTurnAtEdge;
     Tendon& c = *step_.slots[contact.a.tendon];
     for (int i : {contact.a.first, contact.a.first + 1}) {
-      const double angle = coarse_turn(c, i, gravity);
+      const double angle = coarse_turn(c, i, most, gravity);
       if (angle > c.coarse.angle) c.coarse = {i, contact.link, angle, c.coarse.steps, c.coarse.reported};
     }
   }

@@ -44,7 +44,7 @@ with open("finger.urdf", "w") as file:
   <tunnel name="finger eyelet" link="phalanx" radius="0.0015" friction="0" chamfer="0.002">
     <start xyz="0.006 0 -0.006"/><end xyz="0.025 0 -0.006"/>
   </tunnel>
-  <tendon name="flexor" radius="0.0005" particles="60">
+  <tendon name="flexor" radius="0.0005" particles="100">
     <material stiffness="5e3" damping="2" friction="0.1"/>
     <point link="palm" xyz="-0.045 0 -0.006"/>
     <point link="phalanx" xyz="0.035 0 -0.006" attach="true"/>
