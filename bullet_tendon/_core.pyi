@@ -74,6 +74,7 @@ class Report:
     worst_tendon: int
     worst_particle: int
     coarse_tendon: int  # -1: none
+    flat_cartilage: int  # -1: none
     sense_seconds: float
     near_seconds: float
     solve_seconds: float
@@ -248,12 +249,18 @@ class World:
         normals: ArrayLike,
         resolution: float,
         foundation: float,
+        thickness: float,
+        logarithmic: bool,
         damping: float,
         /,
     ) -> int: ...
     def remove_cartilage(self, cartilage: int, /) -> None: ...
-    # of each region: force, torque, area, centre, largest pressure
-    def pressed_regions(self, cartilage: int, /) -> list[tuple[_Vector, _Vector, float, _Vector, float]]: ...
+    # of each region: force, torque, area, centre, largest pressure, greatest depth
+    def pressed_regions(
+        self, cartilage: int, /
+    ) -> list[tuple[_Vector, _Vector, float, _Vector, float, float]]: ...
+    # beyond the thickness [m], once; 0: none, or it was asked before
+    def flat_depth(self, cartilage: int, /) -> float: ...
     def cartilage_depths(self, cartilage: int, /) -> _Floats: ...
     def cartilage_points(self, cartilage: int, /) -> tuple[_Floats, _Floats]: ...  # centres, areas
     def cartilage_facing(self, cartilage: int, normals: ArrayLike, /) -> list[tuple[int, float]]: ...

@@ -22,6 +22,7 @@ from .mesh_files import clean_triangles, read_mesh
 
 _MOST_NODES = 3e7  # of a grid: 240 MB
 _DEPTH = 2.0  # thicknesses behind the surface, to which its distance is known
+LAWS = "linear", "logarithmic"
 RESOLUTION = 1.0  # of the grid's spacing, within which triangles are merged by default
 _FAR = 0.05  # m between surfaces from which they are not meant for each other
 _FACING = -0.2  # mean cosine of the normals of surfaces that face each other, at most
@@ -37,7 +38,7 @@ class Region:
 
     wrench (6,): force [N] and torque about its link's centre of mass [N m], world frame. area [m^2] of the
     pressed points. centre (3,) of pressure, world frame [m]; zero where nothing is pressed. max_pressure
-    [Pa].
+    [Pa], max_depth [m].
 
     Example:
         >>> plate = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * 0.02 - (0.01, 0.01, 0)
@@ -53,6 +54,7 @@ class Region:
     area: float
     centre: np.ndarray
     max_pressure: float
+    max_depth: float
 
 
 class Surface(NamedTuple):
@@ -124,8 +126,8 @@ class Cartilage(NotCopied):
         """One for each connected patch of B, in the order of their first triangles."""
         found = self._core.pressed_regions(self._there())
         return tuple(
-            Region(np.array([*force, *torque]), area, np.array(centre), most)
-            for force, torque, area, centre, most in found
+            Region(np.array([*force, *torque]), area, np.array(centre), pressure, depth)
+            for force, torque, area, centre, pressure, depth in found
         )
 
     @property
@@ -151,11 +153,28 @@ class Cartilage(NotCopied):
         """[Pa]."""
         return max(region.max_pressure for region in self.regions)
 
+    @property
+    def max_depth(self) -> float:
+        """Of the pressed points of B [m]. More than the thickness: the layer is pressed flat."""
+        return max(region.max_depth for region in self.regions)
+
+    def _tell_flat(self) -> None:
+        """A CartilageWarning where it was pressed by more than its thickness, once."""
+        depth = self._core.flat_depth(self.slot)
+        if depth > 0:
+            warn(
+                CartilageWarning(
+                    f"cartilage {self.name!r} is pressed by {depth:.3g} m, more than its thickness of "
+                    f"{self.thickness:.3g} m. Behind two thicknesses nothing is pushed out. Lower the load, "
+                    'or take a thicker or stiffer layer, or law="logarithmic"'
+                )
+            )
+
     def depths(self) -> np.ndarray:
         """(t,) depth of the centre of each triangle of B inside A, where the bodies were last read [m].
 
         In the order of B's triangles, without those that have no area. Negative: outside, by at least that
-        much. The pressure is `foundation` times a depth above 0.
+        much. The pressure of a linear law is `foundation` times a depth above 0.
 
         Raises:
             UnknownId: the cartilage was removed.

@@ -185,9 +185,10 @@ class SlackWarning(RuntimeWarning):
 
 
 class CartilageWarning(RuntimeWarning):
-    """Surfaces of cartilage that are far apart, or that do not face each other.
+    """Surfaces of cartilage that are far apart, or that do not face each other, or a layer pressed flat.
 
-    It is given by add_cartilage.
+    The first two are given by add_cartilage. The last one is given by the first step, or relax, in which a
+    depth exceeds the thickness.
 
     Example:
         >>> import warnings

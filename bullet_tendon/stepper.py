@@ -14,6 +14,7 @@ import pybullet as p
 
 from . import _core, checks
 from .bodies import Bodies
+from .cartilage import Cartilage
 from .errors import InvalidType, InvalidValue, StepFailed, StepWarning
 from .obstacles import Obstacles
 from .options import SolverOptions
@@ -23,7 +24,7 @@ from .tendon import Tendon
 
 _GRAVITY = ["gravityAcceleration" + axis for axis in "XYZ"]
 _ITERATING = 'SolverOptions with iteration="newton" and an implicit integrator, for ligaments and cartilage'
-_FAILED, _SOLVED, _COARSELY, _BAD_PARAMETERS = range(4)  # what the core's apply returns
+_FAILED, _SOLVED, _TO_TELL, _BAD_PARAMETERS = range(4)  # what the core's apply returns
 
 
 class Stepper:
@@ -37,6 +38,7 @@ class Stepper:
         obstacles: Obstacles,
         placement: Placement,
         tendons: dict[int, Tendon],
+        cartilages: dict[int, Cartilage],
         options: SolverOptions,
     ):
         self._client = client
@@ -45,6 +47,7 @@ class Stepper:
         self._links = bodies.links
         self._placement = placement
         self._tendons = tendons
+        self._cartilages = cartilages
         self._is_read, self._report = True, StepReport()  # whether _report is what the core reports
         self.options = options
         self._measure = obstacles.measure  # what the core calls; bound once
@@ -105,9 +108,12 @@ class Stepper:
             self._bodies.apply_wrenches()
             self._react = perf_counter() - start
         self._bodies.forget_external_forces()
-        if outcome == _COARSELY:
-            slot = self._core.report().coarse_tendon
-            self._placement.tell_coarse(slot, *self._core.coarse_turn(slot))
+        if outcome == _TO_TELL:
+            report = self._core.report()
+            if (slot := report.coarse_tendon) >= 0:
+                self._placement.tell_coarse(slot, *self._core.coarse_turn(slot))
+            if (slot := report.flat_cartilage) >= 0:
+                self._cartilages[slot]._tell_flat()
 
     def step(self) -> None:
         """apply, pybullet's step, and the observation of held bodies right after it."""

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Numbers
 from .bodies import Bodies, client_of
-from .cartilage import RESOLUTION, Cartilage, foundation_of, grid_of, look, side_of
+from .cartilage import LAWS, RESOLUTION, Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
 from .equilibrium import Equilibrium, HeldTendons
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
@@ -90,7 +90,7 @@ class TendonWorld(NotCopied):
         self._placement = Placement(self._bodies, self._obstacles, *parts)
         chosen = SolverOptions() if options is None else options
         places = self._core, self._bodies, self._obstacles
-        self._stepper = Stepper(client, *places, self._placement, self._tendons, chosen)
+        self._stepper = Stepper(client, *places, self._placement, self._tendons, self._cartilages, chosen)
         self._states = States(*places, *parts, self._numbers, self._stepper)
         self._readouts = Readouts(*places, *parts)
         self._listeners = StepListeners()
@@ -503,16 +503,21 @@ class TendonWorld(NotCopied):
         cache: bool = False,
         name: str | None = None,
         resolution: float | None = None,
+        law: str = "linear",
     ) -> Cartilage:
         """Cartilage between two links: an elastic foundation of surface B against the distance to surface A.
 
         Each point of B that is at a depth d behind A is pushed out along the gradient of the distance by the
         pressure p = K d, K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness (Bei and Fregly 2004), times the area
-        of the triangles for which it stands. The distance is measured once, on a grid of nodes, with smooth
-        interpolation. It acts implicitly, together with ligaments and tendons, and has no friction. Surfaces
-        may be open: nothing is behind their borders. pybullet's own contact between the two links has to be
-        switched off. It needs SolverOptions with iteration="newton" and an implicit integrator. It gives a
-        CartilageWarning where the surfaces are more than 50 mm apart, or do not face each other.
+        of the triangles for which it stands. With law="logarithmic" the pressure of a layer of thickness h is
+        p = -K h ln(1 - d/h) (Blankevoort et al. 1991): it is K d of small depths, and grows without bound
+        towards d = h. Where d exceeds the thickness, a step gives a CartilageWarning, once for each
+        cartilage; behind two thicknesses nothing is pushed out. The distance is measured once, on a grid of
+        nodes, with smooth interpolation. It acts implicitly, together with ligaments and tendons, and has no
+        friction. Surfaces may be open: nothing is behind their borders. pybullet's own contact between the
+        two links has to be switched off. It needs SolverOptions with iteration="newton" and an implicit
+        integrator. It gives a CartilageWarning where the surfaces are more than 50 mm apart, or do not face
+        each other.
 
         Args:
             first: (bodyUniqueId, linkIndex, mesh) of A. mesh: the path of an STL or OBJ file, or (vertices
@@ -521,7 +526,7 @@ class TendonWorld(NotCopied):
             modulus: E [Pa], > 0.
             poisson: nu [-], >= 0 and < 0.5.
             thickness: of both layers together [m], at least the spacing.
-            damping: c [s/m] of p = K d (1 + c dd/dt) (Hunt and Crossley 1975); None: none.
+            damping: c [s/m] of the factor 1 + c dd/dt of the pressure (Hunt and Crossley 1975); None: none.
             spacing: of the grid's nodes [m].
             cache: keeps the grid in a file beside the mesh of A, which has to be a path.
             name: of the cartilage; None: one is made up.
@@ -529,6 +534,8 @@ class TendonWorld(NotCopied):
                 one point, with their area and their centre of area [m]; None: the spacing; 0: none are. The
                 force differs from that of all triangles by less than 1 % where about a hundred of the points
                 are pressed.
+            law: "linear" or "logarithmic". The latter is followed up to 0.95 thickness, where p = 3 K h, and
+                goes on along its tangent.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: a closed mesh that is wound inwards, or a layer that is
@@ -557,6 +564,7 @@ class TendonWorld(NotCopied):
         resolution = checks.number("resolution", resolution, at_least=0)
         foundation = foundation_of(modulus, poisson, thickness)
         damping = 0.0 if damping is None else checks.number("damping", damping, at_least=0)
+        logarithmic = checks.choice("law", law, LAWS) == "logarithmic"
         if checks.flag("cache", cache) and file is None:
             raise InvalidValue("cache", cache, "False for a mesh that is not a path")
         name = f"cartilage{self._numbers.next()}" if name is None else checks.text("name", name)
@@ -577,6 +585,8 @@ class TendonWorld(NotCopied):
             normals / areas[:, None],
             resolution,
             foundation,
+            thickness,
+            logarithmic,
             damping,
         )
         layer = foundation, thickness
@@ -757,8 +767,12 @@ class TendonWorld(NotCopied):
             raise InvalidType("forces", forces, "a sequence")
         if forces and not bodies:
             raise InvalidValue("forces", forces, "none where no bodies are free")
-        if bodies and not self._balance(bodies, forces, tolerance, max_steps):
-            return
+        if bodies:
+            has_tendons_left = self._balance(bodies, forces, tolerance, max_steps)
+            for cartilage in self.cartilages:
+                cartilage._tell_flat()
+            if not has_tendons_left:
+                return
         self._relaxation().run(tolerance, max_steps)
 
     @property

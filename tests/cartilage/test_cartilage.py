@@ -158,8 +158,17 @@ def test_a_sphere_on_a_plate_is_pressed_as_in_closed_form(make_world, client, de
 
 @pytest.mark.parametrize("surface", ["plate", "ball"])
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)], ids=["a first", "b first"])
-def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, client, surface, order):
-    """By central differences, with either link first."""
+@pytest.mark.parametrize(
+    "layer",
+    [
+        {},
+        {"law": "logarithmic", "thickness": 5e-4},
+        {"law": "logarithmic", "thickness": 5e-4, "damping": 2.0},
+    ],
+    ids=["linear", "logarithmic", "damped"],
+)
+def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, client, surface, order, layer):
+    """By central differences, with either link first; depths of up to 0.85 and 0.95 of the thin layers."""
     world = make_world()
     places = [(0.01, 0.02, 0.03), (0.0, 0.01, 0.1)]
     made = [body(client, 1.0, at) for at in places]
@@ -167,7 +176,7 @@ def test_gradient_and_hessian_are_derivatives_of_the_potential(make_world, clien
     world.add_ligament(path, bt.Material(stiffness=1.0))
     lower = plate(40, 0.05) if surface == "plate" else ball(0.03)
     upper = plate(15, 0.02, up=False)
-    pad = world.add_cartilage((made[0], -1, lower), (made[1], -1, upper))
+    pad = world.add_cartilage((made[0], -1, lower), (made[1], -1, upper), **layer)
     world.step()
     moves = np.zeros((2, 6))
     moves[order[0], 3:], moves[order[1], 3:] = [0.02, -0.01, 0.03], [0.05, 0.02, 0.01]
@@ -278,6 +287,66 @@ def test_points_that_come_near_are_noticed_in_every_evaluation(make_world, clien
         world.remove_cartilage(fresh)
         pressed += pad.wrench[2] > 10
     assert 10 <= pressed <= 50
+
+
+def pressed(world, client, force, damping=2.0, **layer):
+    """A slab of 4 cm^2 on a plate, under a force [N] for 1 s: the cartilage, and how deep the slab is [m]."""
+    stand, slab = body(client, 0), body(client, 2.0)
+    meshes = (stand, -1, plate(10, 0.06)), (slab, -1, plate(8, 0.02, up=False))
+    pad = world.add_cartilage(*meshes, damping=damping, **layer)
+    for _ in range(240):
+        at = p.getBasePositionAndOrientation(slab, client)[0]
+        world.apply_external_force(slab, -1, (0, 0, -force), at, p.WORLD_FRAME)
+        world.step()
+        assert world.report.converged
+    return pad, -height(slab, client)
+
+
+@pytest.mark.parametrize("damping", [0.3, 2.0])
+@pytest.mark.parametrize("share", [0.01, 0.3, 1.0, 2.9])
+def test_a_layer_of_the_logarithmic_law_is_not_pressed_flat(make_world, client, recwarn, share, damping):
+    """p = -K h ln(1 - d/h), under up to 2.9 K h, where the linear law has 2.9 thicknesses. The force alone
+    would move the slab by up to 19 thicknesses in a step, to where nothing presses.
+    """
+    h = 0.002
+    force = share * 1e6 * 0.55 / (1.45 * 0.1) * 4e-4
+    pad, depth = pressed(make_world(), client, force, damping, law="logarithmic", thickness=h, modulus=1e6)
+    assert pad.wrench[2] == pytest.approx(force, rel=1e-6)
+    assert depth == pytest.approx(h * (1 - math.exp(-share)), rel=1e-4)
+    assert pad.max_depth == pytest.approx(depth, rel=1e-4)
+    assert pad.max_pressure == pytest.approx(force / 4e-4, rel=1e-4)
+    assert not recwarn
+
+
+def test_beyond_95_percent_the_logarithmic_law_goes_on_along_its_tangent(make_world, client):
+    world, h = make_world(), 0.002
+    stand, slab = body(client, 0), body(client, 1e12, (0, 0, -0.97 * h))
+    meshes = (stand, -1, plate(10, 0.06)), (slab, -1, plate(8, 0.02, up=False))
+    pad = world.add_cartilage(*meshes, law="logarithmic", thickness=h)
+    world.apply()
+    stiffness = pad.foundation * h
+    assert pad.max_pressure == pytest.approx(stiffness * (math.log(20) + 20 * 0.02), rel=1e-6)
+
+
+def test_a_layer_that_is_pressed_flat_is_told_once(make_world, client):
+    layer = {"thickness": 0.002, "modulus": 1e6}
+    force = 1.5 * 1e6 * 0.55 / (1.45 * 0.1) * 4e-4
+    with pytest.warns(bt.CartilageWarning) as told:
+        pad, depth = pressed(make_world(), client, force, name="meniscus", **layer)
+    assert depth == pytest.approx(0.003, rel=1e-4) and pad.max_depth == pytest.approx(depth, rel=1e-4)
+    (text,) = (str(warning.message) for warning in told)
+    assert text.startswith("cartilage 'meniscus' is pressed by 0.00")
+    assert "more than its thickness of 0.002 m" in text
+
+
+def test_relax_tells_of_a_layer_that_is_pressed_flat(make_world, client):
+    world = make_world(1 / 240, (0, 0, -G))
+    stand, slab = body(client, 0), body(client, 300.0, (0, 0, -0.0004))
+    meshes = (stand, -1, plate(10, 0.06)), (slab, -1, plate(8, 0.02, up=False))
+    world.add_cartilage(*meshes, thickness=0.002, modulus=1e6)
+    with pytest.warns(bt.CartilageWarning, match="more than its thickness"):
+        world.relax(bodies=[slab])
+    assert world.report.converged
 
 
 def test_a_weight_rests_on_its_cartilage(make_world, client):
@@ -413,6 +482,7 @@ def test_bad_calls_change_nothing(make_world, client):
         ({"spacing": 1e-6}, bt.InvalidValue, "nodes"),
         ({"resolution": -1e-3}, bt.InvalidValue, ">= 0"),
         ({"cache": True}, bt.InvalidValue, "not a path"),
+        ({"law": "log"}, bt.InvalidValue, "linear"),
         ({"second": (a, -1, plate(5, 0.01))}, bt.InvalidValue, "another link"),
         ({"second": (b, -1, "none.stl")}, bt.InvalidValue, "readable"),
         ({"second": (b, 4, plate(5, 0.01))}, bt.UnknownId, "integer from -1"),

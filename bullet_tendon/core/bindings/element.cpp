@@ -57,25 +57,27 @@ SignedDistance distance_of(const Array& vertices, const Ints& triangles) {
 using Grid = std::shared_ptr<DistanceGrid>;
 
 // centres (t, 3), areas (t), regions (t) and unit normals (t, 3) of the triangles of B, in the frame of its
-// link. resolution [m]: within which they are merged.
+// link. resolution [m]: within which they are merged. law: its numbers, and whether it is logarithmic.
 int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const Array& centres,
                   const Array& areas, const Ints& regions, const Array& normals, double resolution,
-                  double foundation, double damping) {
+                  double foundation, double thickness, bool logarithmic, double damping) {
   FoundationSurface triangles{
       points_of(centres), list_of(areas), {regions.data(), regions.data() + regions.size()}};
   const FoundationSurface points = merged(triangles, points_of(normals), resolution);
-  return w.add_element(w.scene.cartilages,
-                       std::make_unique<Cartilage>(link_a, grid, link_b, std::move(triangles), points,
-                                                   CartilageModel{foundation, damping}));
+  return w.add_element(
+      w.scene.cartilages,
+      std::make_unique<Cartilage>(link_a, grid, link_b, std::move(triangles), points,
+                                  CartilageModel{{foundation, thickness, logarithmic}, damping}));
 }
 
 Cartilage& cartilage_of(const World& w, int slot) { return *w.scene.cartilages.at(slot); }
 
-// Of each connected patch: force, torque, area, centre of pressure, largest pressure.
+// Of each connected patch: force, torque, area, centre of pressure, largest pressure, greatest depth.
 py::list pressed_regions(const World& w, int slot) {
   py::list out;
   for (const PressedRegion& r : cartilage_of(w, slot).regions)
-    out.append(py::make_tuple(tuple(r.force), tuple(r.torque), r.area, tuple(r.centre), r.max_pressure));
+    out.append(py::make_tuple(tuple(r.force), tuple(r.torque), r.area, tuple(r.centre), r.max_pressure,
+                              r.max_depth));
   return out;
 }
 
@@ -215,6 +217,13 @@ void bind_world_elements(GuardedWorld& world) {
       .def("forbid_resolve", &World::forbid_resolve)
       .def("add_cartilage", &add_cartilage)
       .def("remove_cartilage", [](World& w, int slot) { w.remove_element(w.scene.cartilages, slot); })
+      .def("flat_depth",
+           [](World& w, int cartilage) {
+             Cartilage::Flattening& of = cartilage_of(w, cartilage).flattening;
+             const double depth = of.reported ? 0 : of.depth;
+             of.reported |= depth > 0;
+             return depth;
+           })
       .def("pressed_regions", &pressed_regions)
       .def("cartilage_depths",
            [](const World& w, int slot) { return copy_of(cartilage_of(w, slot).depths(w.scene.links)); })

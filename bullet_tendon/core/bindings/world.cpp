@@ -90,7 +90,8 @@ bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& se
 }
 
 // Result of `apply`.
-enum Outcome { kFailed = 0, kSolved = 1, kSolvedCoarsely = 2, kBadParameters = 3 };
+// kSolvedToTell: the report names what has to be warned of.
+enum Outcome { kFailed = 0, kSolved = 1, kSolvedToTell = 2, kBadParameters = 3 };
 
 // A step of p.getPhysicsEngineParameters' length and gravity.
 int apply(World& w, const py::dict& parameters, const py::object& sense, const py::object& measure) {
@@ -111,7 +112,7 @@ int apply(World& w, const py::dict& parameters, const py::object& sense, const p
   }
   if (!(values[0] > 0)) return kBadParameters;
   if (!attempt(w, values[0], {values[1], values[2], values[3]}, false, sense, measure)) return kFailed;
-  return w.report().coarse_tendon < 0 ? kSolved : kSolvedCoarsely;
+  return w.report().coarse_tendon < 0 && w.report().flat_cartilage < 0 ? kSolved : kSolvedToTell;
 }
 
 // A step of another length, which is not divided, and in which bodies neither move nor yield.
@@ -251,6 +252,7 @@ void bind_report(py::module_& m) {
       .def_readonly("search_seconds", &Report::search_seconds)
       .def_readonly("over_budget", &Report::over_budget)
       .def_readonly("coarse_tendon", &Report::coarse_tendon)
+      .def_readonly("flat_cartilage", &Report::flat_cartilage)
       .def_property_readonly(
           "reasons", [](const Report& r) { return std::vector<int>(r.reasons.begin(), r.reasons.end()); })
       .def("counts", &counts);

@@ -189,17 +189,18 @@ Cartilage::Frame Cartilage::end_of(int side, const LinkEnd& end) const {
 
 void Cartilage::press(const DistanceGrid::Behind& at) {
   const int i = near_.points[at.point];
-  const double k = model_.foundation, area = points_.areas[i], depth = -at.distance;
-  double factor = 1, slope = k, energy = 0.5 * k * depth * depth;
+  const double area = points_.areas[i], depth = -at.distance;
+  const FoundationLaw::Value elastic = model_.law.at(depth);
+  double pressure = elastic.pressure, slope = elastic.slope, energy = elastic.energy;
   if (model_.damping > 0 && h_ > 0) {
     const double rate = model_.damping / h_, start = start_depths_[i];
-    factor = 1 + rate * (depth - start);
+    const double factor = 1 + rate * (depth - start);
     if (factor <= 0) return;
-    slope = k * (factor + rate * depth);
-    energy += k * rate * depth * depth * (depth / 3 - start / 2);
+    pressure *= factor;
+    slope = elastic.slope * factor + rate * elastic.pressure;
+    energy += rate * (elastic.moment - start * elastic.energy);
   }
-  const double pressure = k * depth * factor;
-  pressed_.push_back({i, pressure, area * slope, at.place, at.gradient});
+  pressed_.push_back({i, depth, pressure, area * slope, at.place, at.gradient});
   potential_ += area * energy;
   stiffest_ += area * slope;
   largest_ += area * pressure;
@@ -350,6 +351,8 @@ void Cartilage::accept() {
     region.area += area;
     region.centre += (p.pressure * area) * place;
     region.max_pressure = std::max(region.max_pressure, p.pressure);
+    region.max_depth = std::max(region.max_depth, p.depth);
+    if (p.depth > model_.law.thickness) flattening.depth = std::max(flattening.depth, p.depth);
     loads[points_.regions[p.point]] += p.pressure * area;
   }
   for (size_t r = 0; r < regions.size(); ++r)

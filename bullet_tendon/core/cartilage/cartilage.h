@@ -6,9 +6,10 @@
 //
 //   p = K d,   K = E (1 - nu)/((1 + nu)(1 - 2 nu))/thickness,
 //
-// of a thin elastic layer on a rigid base that cannot bulge sideways (Bei and Fregly 2004). A damped layer
-// has p = K d (1 + c dd/dt), at least 0, with dd/dt the change of d in the substep over its length (Hunt and
-// Crossley 1975). Within a substep p is a function of d alone, with the potential sum A int p dd.
+// of a thin elastic layer on a rigid base that cannot bulge sideways (Bei and Fregly 2004), or that of a
+// layer that cannot be pressed flat (FoundationLaw). A damped layer has p (1 + c dd/dt), at least 0, with
+// dd/dt the change of d in the substep over its length (Hunt and Crossley 1975). Within a substep p is a
+// function of d alone, with the potential sum A int p dd.
 //
 // All sums over points are made in the frame of A, about its origin. The relative motion of the point x
 // there along n is n.v + (x x n).w for the relative twist v, w. So one wrench and one matrix of 6 x 6,
@@ -35,8 +36,8 @@
 namespace bt {
 
 struct CartilageModel {
-  double foundation = 0;  // K [Pa/m]
-  double damping = 0;     // c [s/m]
+  FoundationLaw law;
+  double damping = 0;  // c [s/m]
 };
 
 // What presses on a connected patch of B. World axes and origin.
@@ -45,6 +46,7 @@ struct PressedRegion {
   double area = 0;          // of the pressed triangles [m^2]
   Vec3 centre;              // of pressure [m]; zero where nothing is pressed
   double max_pressure = 0;  // [Pa]
+  double max_depth = 0;     // [m]
 };
 
 struct CartilageState {
@@ -73,6 +75,12 @@ class Cartilage : public Element, public CartilageState {
   double motion(const std::vector<Link>& links, const Twist& of_a, const Twist& of_b, double enough) const;
   // Tells surfaces apart.
   uint64_t mark() const;
+  // Depth beyond the thickness at the end of a substep [m], and whether it was reported: once.
+  struct Flattening {
+    double depth = 0;
+    bool reported = false;
+  };
+  Flattening flattening;
 
   void begin(const std::vector<Link>& links, double h) override;
   void evaluate(const std::vector<LinkEnd>& ends) override;
@@ -88,6 +96,7 @@ class Cartilage : public Element, public CartilageState {
   // A pressed point.
   struct Pressed {
     int point;
+    double depth;
     double pressure;
     double weight;       // area times dp/dd [N/m]
     Vec3 place, normal;  // in the frame of A

@@ -2,12 +2,16 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numeric>
 
 namespace bt {
 
 namespace {
 
+// Share of the thickness up to which the logarithm is followed [-]. More: a slope that Newton's method does
+// not follow. Less: a layer that can be pressed flat by less than what it bears.
+constexpr double kMostStrain = 0.95;
 constexpr double kTurn = 1.0 / 3.0;  // components of normals that differ by this count as a resolution [-]
 
 // Centre and scaled normal: what has to be near to each other in a patch.
@@ -76,6 +80,18 @@ FoundationSurface merged(const FoundationSurface& triangles, const std::vector<V
     begin = end;
   }
   return std::move(merger.out);
+}
+
+FoundationLaw::Value FoundationLaw::at(double d) const {
+  const double k = stiffness, h = thickness;
+  if (!logarithmic) return {k * d, k, 0.5 * k * d * d, k * d * d * d / 3};
+  const double most = kMostStrain * h, e = std::max(0.0, d - most);
+  const double v = 1 - std::min(d, most) / h, log = std::log(v);
+  const double pressure = -k * h * log, slope = k / v;
+  const double energy = k * h * h * (1 - v + v * log);
+  const double moment = k * h * h * h * (0.75 - v + 0.25 * v * v + (v - 0.5 * v * v) * log);
+  return {pressure + slope * e, slope, energy + e * (pressure + 0.5 * slope * e),
+          moment + e * (most * pressure + e * (0.5 * (most * slope + pressure) + slope * e / 3))};
 }
 
 }  // namespace bt

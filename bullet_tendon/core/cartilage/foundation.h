@@ -23,4 +23,22 @@ struct FoundationSurface {
 FoundationSurface merged(const FoundationSurface& triangles, const std::vector<Vec3>& normals,
                          double resolution);
 
+// The pressure p of a layer of the thickness h that is pressed by the depth d.
+//
+//   p = K d                          linear
+//   p = -K h ln(1 - d/h)             logarithmic (Blankevoort et al. 1991); beyond 0.95 h along its tangent
+//
+// The second one has the slope K where d is small, and grows without bound as d approaches h.
+struct FoundationLaw {
+  double stiffness = 0;  // K [Pa/m]
+  double thickness = 0;  // h [m]
+  bool logarithmic = false;
+
+  struct Value {
+    double pressure, slope;  // p [Pa], dp/dd [Pa/m]
+    double energy, moment;   // int p dd [J/m^2], int d p dd [J/m]
+  };
+  Value at(double depth) const;
+};
+
 }  // namespace bt

@@ -129,11 +129,32 @@ void World::list_elements(IslandElements& elements) {
 // that follows under the forces of the last step, and at least that with the present velocities.
 void World::limit_motion_of_cartilage() {
   for (GeneralizedBody& m : scene.bodies) m.limited = false;
-  if (step_.whole) return;
   const double h = step_.context.dt;
   auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
   auto present = [&](const Link& l) { return Twist{h * l.now_velocity, h * l.now_spin}; };
   auto held = [](const Link& l) { return l.foreseen; };
+  limit_cartilage([&](auto motion, double most) {
+    const double least = motion(drift);
+    return least > most ? std::min(least, std::max(motion(held), motion(present))) : least;
+  });
+}
+
+// Where the solution moves a point so far, it has not felt what it passed through: beyond the depth that is
+// known nothing presses, so that no force at all is a solution too.
+bool World::solution_passes_cartilage() {
+  auto solved = [&](const Link& l) {
+    const Twist drift{step_.context.dt * l.velocity, step_.context.dt * l.spin};
+    return l.yields() ? Twist{drift.linear + l.given.linear, drift.angular + l.given.angular} : drift;
+  };
+  limit_cartilage([&](auto motion, double) { return motion(solved); });
+  return step_.motion_limit < 1;
+}
+
+// measure(motion, most): motion of points of cartilage, by motion(twist of a link in the substep) [m], of
+// which at most `most` is allowed.
+template <class Measure>
+void World::limit_cartilage(Measure measure) {
+  if (step_.whole) return;
   for (const auto& cartilage : scene.cartilages) {
     if (!cartilage) continue;
     const double most = kLayerShare * cartilage->grid().depth();
@@ -141,8 +162,7 @@ void World::limit_motion_of_cartilage() {
       return cartilage->motion(scene.links, of(scene.links[cartilage->link_a()]),
                                of(scene.links[cartilage->link_b()]), most);
     };
-    double least = motion(drift);
-    if (least > most) least = std::min(least, std::max(motion(held), motion(present)));
+    const double least = measure(motion, most);
     if (least <= most) continue;
     step_.motion_limit = std::min(step_.motion_limit, most / least);
     for (const int link : {cartilage->link_a(), cartilage->link_b()})

@@ -64,6 +64,15 @@ void World::find_coarse_turns() {
   }
 }
 
+// Cartilage that was pressed by more than its thickness, and was not reported yet.
+void World::find_flat_cartilage() {
+  for (size_t e = 0; e < scene.cartilages.size(); ++e) {
+    const Cartilage* c = scene.cartilages[e].get();
+    if (c && c->flattening.depth > 0 && !c->flattening.reported)
+      step_.report.flat_cartilage = static_cast<int>(e);
+  }
+}
+
 void World::read_worst(const Island& g) {
   step_.attempt.residual = g.result.residual;
   if (g.tendons.empty()) return;

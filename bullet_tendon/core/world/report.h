@@ -36,6 +36,7 @@ struct Report {
   bool over_budget = false;  // the exhausted budget refused work
   ReasonCounts reasons{};    // number of repeated or cut substeps, by reason
   int coarse_tendon = -1;    // slot of a tendon of which a turn has to be reported; -1: none
+  int flat_cartilage = -1;   // slot of cartilage of which a depth beyond its thickness has to be; -1: none
   // Adds the report of a solved substep.
   void take(const Report& part);
   void add(const ReasonCounts& more) {

@@ -73,8 +73,9 @@ struct StateFields {
   BT_FIELDS(LigamentModel, rest, tension)
   BT_FIELDS(Tissue, weights, times, most_force, most_strain)
   BT_FIELDS(LigamentState, length, force, unrelaxed, memory, begun, ruptured)
-  BT_FIELDS(CartilageModel, foundation, damping)
-  BT_FIELDS(PressedRegion, force, torque, area, centre, max_pressure)
+  BT_FIELDS(FoundationLaw, stiffness, thickness, logarithmic)
+  BT_FIELDS(CartilageModel, law, damping)
+  BT_FIELDS(PressedRegion, force, torque, area, centre, max_pressure, max_depth)
   BT_FIELDS(CartilageState, regions)
   BT_FIELDS(ElementCheckpoint, ligaments, cartilages)
   // The elements are stored beside the other fields, where there are any.

@@ -170,6 +170,8 @@ std::optional<Reason> World::solve_substep() {
     if (share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (step_.failed) return {};
+    const bool may_cut = step_.substeps.may_cut() && !step_.substeps.ends_early();
+    if (may_cut && solution_passes_cartilage()) return Reason::motion;
     if (!step_.budget.exhausted() && restart_jolted()) return Reason::step_weights;
   }
   if (!any_moved() || step_.budget.refuses()) return {};
@@ -349,6 +351,7 @@ void World::finish_step_of_world() {
   begin_histories();
   each_anchor(step_.slots, [](const Tendon&, Anchor& h) { h.step_force = h.sum_force; });
   find_coarse_turns();
+  find_flat_cartilage();
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
   step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),

@@ -358,6 +358,7 @@ class World {
   bool solve_each_island();
   void read_worst(const Island& island);
   void find_coarse_turns();
+  void find_flat_cartilage();
   // world/contact_builder.cpp
   void collect_contacts();
   void limit_motion(Tendon& c, double share);
@@ -432,6 +433,9 @@ class World {
   void list_elements(IslandElements& elements);
   void accept_elements();
   void limit_motion_of_cartilage();
+  bool solution_passes_cartilage();
+  template <class Measure>
+  void limit_cartilage(Measure measure);
   void foresee_links();
   bool foresee_at_solution();
   bool knows_last_forces(const GeneralizedBody& m) const;

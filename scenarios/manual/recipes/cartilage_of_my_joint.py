@@ -70,8 +70,9 @@ print(f"K = {cartilage.foundation:.3g} Pa/m")
 # The law
 # -------
 # A sphere that is at a depth d in an elastic foundation has pressed an area of 2 pi R d, with a force of pi
-# K R d^2 and a greatest pressure of K d. Keep d below the thickness, and within the rim of the surfaces: a
-# load that presses farther goes through them, and ``cartilage.wrench`` is zero then.
+# K R d^2 and a greatest pressure of K d. Keep d within the rim of the surfaces, and below the thickness: a
+# step that presses farther gives a ``CartilageWarning``. With ``law="logarithmic"`` the pressure grows
+# without bound towards the thickness, as that of a layer that cannot be pressed flat.
 
 measured = []
 print("  force     depth      area   pressure")
