@@ -316,28 +316,6 @@ BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& bor
   add_force(link.load, pull, arm);
 }
 
-// The same for the sliding-point terms of a contact that follows. A motion of the edge is equivalent to the
-// opposite motion of both ends of the segment.
-BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 arm, Panel& panel,
-                                           LinkColumns& link) {
-  Eight u[3], along, at_end;
-  place_at(link.twist, arm, u);
-  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
-    const Vec3 ends[2] = {contact.geometry.sliding_term[k][0], contact.geometry.sliding_term[k][1]},
-               edge = -(ends[0] + ends[1]);
-    dot(contact.geometry.sliding_share[k] * edge, u, &along);
-    Eight sum = along;
-    for (int e : {0, 1}) {
-      add(panel.pulls.at(contact.a.first + e), &along, ends[e]);
-      dot(contact.geometry.sliding_share[k] * ends[e], panel.moves.at(contact.a.first + e), &at_end);
-      sum += at_end;
-    }
-    Eight force[3] = {};
-    add(force, &sum, edge);
-    add_force(link.load, force, arm);
-  }
-}
-
 BT_WITHIN inline void cross(Vec3 a, const Eight* v, Eight* out) {
   out[0] = a.y * v[2] - a.z * v[1];
   out[1] = a.z * v[0] - a.x * v[2];
@@ -345,14 +323,12 @@ BT_WITHIN inline void cross(Vec3 a, const Eight* v, Eight* out) {
 }
 
 // What a contact adds whose surface turns with the body. For the rotation w of the body and the motion d of
-// the point relative to it, its potential has the further term w.(d x f), with f on the tendon. Where the
-// point slides, the sliding term l.d is less by w.(s x n), with the segment s.
-BT_WITHIN inline void couple_turned_surface(const Contact& contact, Vec3 segment, Vec3 arm,
-                                            const Border& border, Panel& panel, LinkColumns& link) {
+// the point relative to it, its potential has the further term w.(d x f), with f on the tendon.
+BT_WITHIN inline void couple_turned_surface(const Contact& contact, Vec3 arm, const Border& border,
+                                            Panel& panel, LinkColumns& link) {
   const Vec3 f = contact.force.linear;
-  const Eight* turn = link.twist + 3;
   Eight u[3], pull[3], torque[3];
-  cross(-f, turn, pull);
+  cross(-f, link.twist + 3, pull);
   pull_back(panel, contact.a, pull);
   add_force(link.load, pull, arm);
   place_at(link.twist, arm, u);
@@ -363,27 +339,33 @@ BT_WITHIN inline void couple_turned_surface(const Contact& contact, Vec3 segment
     cross(-f, at, back);
     add(torque, 1, back);
   }
-  for (int c = 0; c < 3; ++c) link.load[3 + c] += torque[c];
-  const Vec3 by_turn = bt::cross(contact.geometry.normal, segment);
-  for (int k = 0; contact.follows() && k < contact.geometry.sliding_terms; ++k) {
+  add(link.load + 3, 1, torque);
+}
+
+// The sliding-point terms of a contact that follows. A motion of the edge is equivalent to the opposite
+// motion of both ends of the segment. by_turn: with the rotation w of a surface that turns with the body, the
+// sliding term l.d is less by w.(s x n), with the segment s; zero where it does not turn.
+BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 by_turn, Vec3 arm, Panel& panel,
+                                           LinkColumns& link) {
+  Eight u[3], by_body, by_rotation, at_end;
+  place_at(link.twist, arm, u);
+  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
     const Vec3* ends = contact.geometry.sliding_term[k];
     const Vec3 edge = -(ends[0] + ends[1]);
     const double share = contact.geometry.sliding_share[k];
-    Eight turned, whole;
-    dot(share * by_turn, turn, &turned);
-    dot(share * edge, u, &whole);
-    whole += turned;
+    dot(share * edge, u, &by_body);
+    dot(share * by_turn, link.twist + 3, &by_rotation);
+    by_body += by_rotation;
+    Eight sum = by_body;
     for (int e : {0, 1}) {
-      Eight at_end;
-      add(panel.pulls.at(contact.a.first + e), &turned, ends[e]);
+      add(panel.pulls.at(contact.a.first + e), &by_body, ends[e]);
       dot(share * ends[e], panel.moves.at(contact.a.first + e), &at_end);
-      whole += at_end;
+      sum += at_end;
     }
-    Eight force[3] = {}, on_body[3] = {};
-    add(force, &turned, edge);
+    Eight force[3] = {};
+    add(force, &sum, edge);
     add_force(link.load, force, arm);
-    add(on_body, &whole, by_turn);
-    for (int c = 0; c < 3; ++c) link.load[3 + c] += on_body[c];
+    add(link.load + 3, &sum, by_turn);
   }
 }
 
@@ -529,11 +511,13 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     if (!link.moves && !a.carried) continue;
     const Vec3 arm = island.bodies.link(contact->link).now(contact->arm);
     couple(*contact, arm, a, a.panels[p], link);
-    if (contact->follows()) couple_sliding_terms(*contact, arm, a.panels[p], link);
-    if (!island.bodies.turn_surfaces) continue;
-    const Field& x = island.at(contact->a).x_new;
-    const Vec3 segment = x.at(contact->a.first + 1) - x.at(contact->a.first);
-    couple_turned_surface(*contact, segment, arm, a, a.panels[p], link);
+    Vec3 by_turn;
+    if (island.bodies.turn_surfaces) {
+      const Field& x = island.at(contact->a).x_new;
+      by_turn = bt::cross(contact->geometry.normal, x.at(contact->a.first + 1) - x.at(contact->a.first));
+      couple_turned_surface(*contact, arm, a, a.panels[p], link);
+    }
+    if (contact->follows()) couple_sliding_terms(*contact, by_turn, arm, a.panels[p], link);
   }
   each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
