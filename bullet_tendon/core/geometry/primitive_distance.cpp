@@ -1,7 +1,6 @@
 #include "geometry/primitive_distance.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "math/rounding.h"
@@ -48,8 +47,6 @@ struct AlongPrimitive {
   const Primitive& primitive;
   const Vec3 a, d;
   const double reach = sum_of(d), rounding = kFormRounding * (sum_of(a) + reach);
-  std::array<double, 6> breaks{};
-  int count = 0;
 
   Vec3 at(double u) const { return a + u * d; }
 
@@ -60,55 +57,25 @@ struct AlongPrimitive {
     return std::fabs(value) <= reach * (kFormRounding * sum_of(gap) + rounding) ? 0 : value;
   }
 
-  void add_break(double u) {
-    if (u > 0 && u < 1) breaks[count++] = u;
-  }
-  void add_walls(double x, double way, double half) {
-    if (way != 0) {
-      add_break((half - x) / way);
-      add_break((-half - x) / way);
-    }
-  }
-  // Where the nearest point passes from one part of the surface to another.
-  void find_breaks() {
-    if (primitive.kind == Primitive::Kind::box) {
-      add_walls(a.x, d.x, primitive.half.x);
-      add_walls(a.y, d.y, primitive.half.y);
-      add_walls(a.z, d.z, primitive.half.z);
-    } else {
-      add_walls(a.z, d.z, primitive.half_length);
-      const double square = d.x * d.x + d.y * d.y;
-      if (square > 0) {
-        const double nearest = -(a.x * d.x + a.y * d.y) / square;  // to the axis: the root, beside the mantle
-        const double x = a.x + nearest * d.x, y = a.y + nearest * d.y;
-        const double chord = (primitive.radius * primitive.radius - x * x - y * y) / square;
-        const double half = std::sqrt(std::max(chord, 0.0));
-        add_break(nearest - half);
-        add_break(nearest);
-        add_break(nearest + half);
-      }
-    }
-    std::sort(breaks.begin(), breaks.begin() + count);
-  }
-
-  double nearest() {
+  double nearest() const {
     const double low = slope(0), high = slope(1);
     // Flat at both ends: parallel to the surface, so the middle speaks for it.
     if (low == 0 && high == 0 && reach > 0) return 0.5;
     if (low >= 0) return 0;
     if (high <= 0) return 1;
-    find_breaks();
     return root(low, high);
   }
 
-  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1. Breaks first, because between them a
-  // box's is linear and a cylinder's smooth; then regula falsi with the Illinois rule, which ends at once
-  // where it is linear. Every point is strictly between the ends, so that the search ends.
-  double root(double low, double high) {
-    double left = 0, right = 1, u = 0;
+  double nearest_to_axis() const { return -(a.x * d.x + a.y * d.y) / (d.x * d.x + d.y * d.y); }
+
+  // The zero of the slope, which is low < 0 at 0 and high > 0 at 1: by regula falsi with the Illinois rule.
+  // It begins at the point that is nearest to the axis, as that is the nearest to the mantle of a cylinder.
+  // Every point is strictly between the ends, so that the search ends.
+  double root(double low, double high) const {
+    double left = 0, right = 1, u = nearest_to_axis();
     int kept = 0;
-    for (int step = 0; right - left >= kFormRounding; ++step) {
-      u = step < count ? breaks[step] : (left * high - right * low) / (high - low);
+    if (!(u > 0 && u < 1)) u = low / (low - high);
+    for (; right - left >= kFormRounding; u = (left * high - right * low) / (high - low)) {
       const double value = slope(u);
       if (value == 0) break;
       if (value < 0) {
@@ -121,9 +88,7 @@ struct AlongPrimitive {
         kept = 1;
         right = u;
         high = value;
-        count = std::min(count, step);  // the others are beyond
       }
-      if (step < count) kept = 0;
     }
     return u;
   }
