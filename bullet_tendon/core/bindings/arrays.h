@@ -162,6 +162,20 @@ class GuardedWorld {
   py::class_<World> of_;
 };
 
+// What elements exert on links, about their centres of mass (k, 6), and the second derivatives of their
+// potentials by the twists of these links (6 k, 6 k), by further rotation vectors (bindings/element.cpp).
+struct ElementTerms {
+  Array wrenches, stiffness;
+  // links: number of all links. slots (k).
+  ElementTerms(size_t links, const std::vector<int>& slots);
+  // An element that is evaluated: its wrenches, and how its arms turn.
+  void add(const Element& element);
+  void add(const std::vector<LinkPair>& pairs);
+
+ private:
+  std::vector<py::ssize_t> place_;  // by slot of a link, its place among the k, or -1
+};
+
 // Readers of links and of bodies with joints (bindings/bodies.cpp).
 void bind_links(py::module_& m, GuardedWorld& world);
 void bind_bodies(py::module_& m, GuardedWorld& world);

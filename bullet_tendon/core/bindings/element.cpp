@@ -12,6 +12,41 @@
 
 namespace bt {
 
+ElementTerms::ElementTerms(size_t links, const std::vector<int>& slots)
+    : wrenches({static_cast<py::ssize_t>(slots.size()), py::ssize_t{6}}),
+      stiffness({6 * static_cast<py::ssize_t>(slots.size()), 6 * static_cast<py::ssize_t>(slots.size())}),
+      place_(links, -1) {
+  for (Array* array : {&wrenches, &stiffness})
+    std::fill(array->mutable_data(), array->mutable_data() + array->size(), 0.0);
+  for (size_t i = 0; i < slots.size(); ++i) place_.at(slots[i]) = static_cast<py::ssize_t>(i);
+}
+
+void ElementTerms::add(const Element& element) {
+  for (const TouchedLink& touched : element.touched()) {
+    const py::ssize_t at = place_[touched.link];
+    if (at < 0) continue;
+    const double six[6] = {touched.force.x,  touched.force.y,  touched.force.z,
+                           touched.torque.x, touched.torque.y, touched.torque.z};
+    for (int k = 0; k < 6; ++k) wrenches.mutable_at(at, k) += six[k];
+    FiniteRotation turned;
+    turned.pulls = touched.pulls;
+    const Block3 arms = block_of(turned.stiffness());  // the gradient is minus the force
+    for (int e = 0; e < 9; ++e) stiffness.mutable_at(6 * at + 3 + e / 3, 6 * at + 3 + e % 3) -= arms.v[e];
+  }
+}
+
+void ElementTerms::add(const std::vector<LinkPair>& pairs) {
+  for (const LinkPair& pair : pairs) {
+    const py::ssize_t one = place_[pair.one], other = place_[pair.other];
+    if (one < 0 || other < 0) continue;
+    for (int r = 0; r < 6; ++r)
+      for (int c = 0; c < 6; ++c) {
+        stiffness.mutable_at(6 * one + r, 6 * other + c) += pair.stiffness[6 * r + c];
+        if (one != other) stiffness.mutable_at(6 * other + c, 6 * one + r) += pair.stiffness[6 * r + c];
+      }
+  }
+}
+
 namespace {
 
 // wraps: (slot, shape, semi-axes, position, axes by rows), in the frame of its link.
@@ -81,18 +116,12 @@ py::list pressed_regions(const World& w, int slot) {
   return out;
 }
 
-// All elements where the links are now, at rest: potential [J], largest force [N], wrenches on the links of
-// these slots about their centres of mass (k, 6), and the second derivatives by their twists (6 k, 6 k), by
-// further rotation vectors. accept: this becomes the elements' state.
+// All elements where the links are now, at rest: potential [J], largest force [N], and ElementTerms of the
+// links of these slots. accept: this becomes the elements' state.
 py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
   std::vector<LinkEnd> ends;
   for (const Link& link : w.scene.links) ends.push_back({link.centre, {}});
-  const py::ssize_t count = static_cast<py::ssize_t>(slots.size());
-  Array wrenches({count, py::ssize_t{6}}), stiffness({6 * count, 6 * count});
-  std::fill(wrenches.mutable_data(), wrenches.mutable_data() + wrenches.size(), 0.0);
-  std::fill(stiffness.mutable_data(), stiffness.mutable_data() + stiffness.size(), 0.0);
-  std::vector<py::ssize_t> place(w.scene.links.size(), -1);
-  for (py::ssize_t i = 0; i < count; ++i) place.at(slots[i]) = i;
+  ElementTerms terms(w.scene.links.size(), slots);
   std::vector<LinkPair>& pairs = w.scene.element_pairs.all;
   for (LinkPair& pair : pairs) pair.stiffness.fill(0);
   double potential = 0, largest = 0;
@@ -104,30 +133,10 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
     if (accept) element.accept();
     potential += element.potential();
     largest = std::max(largest, element.largest_force());
-    for (const TouchedLink& touched : element.touched()) {
-      const py::ssize_t at = place[touched.link];
-      if (at < 0) continue;
-      const double six[6] = {touched.force.x,  touched.force.y,  touched.force.z,
-                             touched.torque.x, touched.torque.y, touched.torque.z};
-      for (int k = 0; k < 6; ++k) wrenches.mutable_at(at, k) += six[k];
-      FiniteRotation turned;
-      turned.pulls = touched.pulls;
-      const Sym3 arms = turned.stiffness();  // the gradient is minus the force
-      const double full[6] = {arms.xx, arms.xy, arms.xz, arms.yy, arms.yz, arms.zz};
-      for (int e = 0; e < 9; ++e)
-        stiffness.mutable_at(6 * at + 3 + e / 3, 6 * at + 3 + e % 3) -= full[kFull[e]];
-    }
+    terms.add(element);
   });
-  for (const LinkPair& pair : pairs) {
-    const py::ssize_t one = place[pair.one], other = place[pair.other];
-    if (one < 0 || other < 0) continue;
-    for (int r = 0; r < 6; ++r)
-      for (int c = 0; c < 6; ++c) {
-        stiffness.mutable_at(6 * one + r, 6 * other + c) += pair.stiffness[6 * r + c];
-        if (one != other) stiffness.mutable_at(6 * other + c, 6 * one + r) += pair.stiffness[6 * r + c];
-      }
-  }
-  return py::make_tuple(potential, largest, wrenches, stiffness);
+  terms.add(pairs);
+  return py::make_tuple(potential, largest, terms.wrenches, terms.stiffness);
 }
 
 // (n, n) by how much less generalized force there is by further coordinates, because Jacobians and forces

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <random>
 #include <tuple>
 #include <vector>
@@ -75,54 +76,31 @@ py::tuple bending_term(const World& w, int slot, const Array& at) {
 
 // An element where each of the links that it touches is displaced by a shift [m] and turned by a rotation
 // vector [rad] about its centre, at the end of a substep of h [s]: its potential [J], the gradient by the
-// twists of the links (6 k), and the Hessian (6 k, 6 k) by further rotation vectors. Twists: of the centre,
-// then the rotation. moves (k, 6): shift and rotation of each link.
+// twists of the links (6 k), and the Hessian (ElementTerms). moves (k, 6): shift and rotation of each link.
 py::tuple element_term(World& w, Element& element, const Array& moves, double h) {
   std::vector<LinkEnd> ends(w.scene.links.size());
-  PairList pairs;
-  const int count = static_cast<int>(element.touched().size());
-  for (int i = 0; i < count; ++i) {
-    const int slot = element.touched()[i].link;
-    const double* of = moves.data() + 6 * i;
+  std::vector<int> slots;
+  for (const TouchedLink& touched : element.touched()) {
+    const double* of = moves.data() + 6 * slots.size();
     const Vec3 turn = vec(of + 3);
-    ends[slot] = {w.scene.links[slot].centre + vec(of), rotation_about(unit_or(turn, {0, 0, 1}), norm(turn))};
+    ends[touched.link] = {w.scene.links[touched.link].centre + vec(of),
+                          rotation_about(unit_or(turn, {0, 0, 1}), norm(turn))};
+    slots.push_back(touched.link);
   }
+  PairList pairs;
   pairs.include(element);
   element.begin(w.scene.links, h);
   element.evaluate(ends);
   element.add_stiffness(pairs.all, false);
   element.add_curvature(pairs.all);
   w.scene.pair_elements();
-  Array gradient(6 * count), hessian({6 * count, 6 * count});
-  std::fill(hessian.mutable_data(), hessian.mutable_data() + hessian.size(), 0.0);
-  for (int i = 0; i < count; ++i) {
-    const TouchedLink& touched = element.touched()[i];
-    const Vec3 parts[2] = {-touched.force, -touched.torque};
-    for (int k = 0; k < 6; ++k) {
-      const Vec3 v = parts[k / 3];
-      gradient.mutable_at(6 * i + k) = k % 3 == 0 ? v.x : k % 3 == 1 ? v.y : v.z;
-    }
-  }
-  for (const LinkPair& pair : pairs.all) {
-    auto place = [&](int link) {
-      int i = 0;
-      while (element.touched()[i].link != link) ++i;
-      return 6 * i;
-    };
-    for (int r = 0; r < 6; ++r)
-      for (int c = 0; c < 6; ++c) {
-        const int i = place(pair.one) + r, j = place(pair.other) + c;
-        hessian.mutable_at(i, j) = pair.stiffness[6 * r + c];
-        hessian.mutable_at(j, i) = pair.stiffness[6 * r + c];
-      }
-  }
-  for (int i = 0; i < count; ++i) {
-    FiniteRotation turned;
-    turned.pulls = element.touched()[i].pulls;
-    const Block3 arms = block_of(turned.stiffness());  // the gradient is minus the force
-    for (int e = 0; e < 9; ++e) hessian.mutable_at(6 * i + 3 + e / 3, 6 * i + 3 + e % 3) -= arms.v[e];
-  }
-  return py::make_tuple(element.potential(), gradient, hessian);
+  ElementTerms terms(w.scene.links.size(), slots);
+  terms.add(element);
+  terms.add(pairs.all);
+  Array gradient(terms.wrenches.size());
+  std::transform(terms.wrenches.data(), terms.wrenches.data() + terms.wrenches.size(),
+                 gradient.mutable_data(), std::negate<>());
+  return py::make_tuple(element.potential(), gradient, terms.stiffness);
 }
 
 // A grip with a force limit, for the force R without the limit: the force, that of its linearisation, and the
