@@ -120,7 +120,8 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
       linearise(*s, c->material.law, how, floor_force, c->motion(), definite);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
-    start_matrix(c->structure, c->shear, c->mass, inverse, c->matrix);
+    start_matrix(c->structure, c->mass, inverse, c->matrix);
+    if (c->shear.count > 0) scatter_blocks(c->shear, c->matrix);
     add_bending_blocks(*c);
     add_soft_anchors(*c, c->x_new, true);
   }

@@ -386,39 +386,13 @@ BT_WITHIN inline void scatter(double* r, int m, int reach, Force f) {
   for (int i = std::max(m, reach); i < m + reach; ++i) r[i] += f(i - reach);
 }
 
-// d = own w + the diagonal blocks b of structure springs.
+// d = own w + the diagonal blocks b of structure springs, in one loop: the processor stalls where it reads
+// values, shifted by a place, that it has just stored.
 BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, int n) {
   d[0] = own * w[0] + b[0];
   d[n - 1] = own * w[n - 1] + b[n - 2];
 #pragma GCC ivdep
   for (int i = 1; i < n - 1; ++i) d[i] = own * w[i] + b[i] + b[i - 1];
-}
-
-// The same with the blocks s of shear springs. One loop adds all of them, because the processor stalls where
-// it reads values, shifted by a few places, that it has just stored.
-BT_WITHIN inline void start_diagonal(double* d, const double* w, double own, const double* b, const double* s,
-                                     int n) {
-  auto at = [&](int i) {
-    double sum = own * w[i];
-    for (int k : {i, i - 1})
-      if (k >= 0 && k < n - 1) sum += b[k];
-    for (int k : {i, i - 2})
-      if (k >= 0 && k < n - 2) sum += s[k];
-    return sum;
-  };
-  for (int i = 0; i < std::min(2, n); ++i) d[i] = at(i);
-#pragma GCC ivdep
-  for (int i = 2; i < n - 2; ++i) d[i] = own * w[i] + b[i] + b[i - 1] + s[i] + s[i - 2];
-  for (int i = std::max(2, n - 2); i < n; ++i) d[i] = at(i);
-}
-
-BT_WITHIN inline void start_below(const SpringSet& s, Planes& below) {
-  for (int c = 0; c < 9; ++c) {
-    const double* b = s.block[kFull[c]];
-    double* e = below[c];
-#pragma GCC ivdep
-    for (int k = 0; k < s.count; ++k) e[k] = -b[k];
-  }
 }
 
 }  // namespace
@@ -430,20 +404,19 @@ BT_VECTOR void scatter_forces(const SpringSet& s, Field& residual) {
   }
 }
 
-BT_VECTOR void start_matrix(const SpringSet& s, const SpringSet& shear, const std::vector<double>& mass,
-                            double inverse, Band& matrix) {
+BT_VECTOR void start_matrix(const SpringSet& s, const std::vector<double>& mass, double inverse,
+                            Band& matrix) {
   for (int c = 0; c < 6; ++c) {
     const double own = c == 0 || c == 3 || c == 5 ? inverse : 0;
-    if (shear.count > 0)
-      start_diagonal(matrix.diagonal[c], mass.data(), own, s.block[c], shear.block[c], matrix.n);
-    else
-      start_diagonal(matrix.diagonal[c], mass.data(), own, s.block[c], matrix.n);
+    start_diagonal(matrix.diagonal[c], mass.data(), own, s.block[c], matrix.n);
   }
-  start_below(s, matrix.below[0]);
-  if (shear.count > 0)
-    start_below(shear, matrix.below[1]);
-  else if (matrix.half == 2)
-    matrix.below[1].zero();
+  for (int c = 0; c < 9; ++c) {
+    const double* b = s.block[kFull[c]];
+    double* e = matrix.below[0][c];
+#pragma GCC ivdep
+    for (int k = 0; k < s.count; ++k) e[k] = -b[k];
+  }
+  if (matrix.half == 2) matrix.below[1].zero();
 }
 
 BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
@@ -461,7 +434,7 @@ BT_VECTOR void scatter_blocks(const SpringSet& s, Band& matrix) {
     const double* b = s.block[kFull[c]];
     double* e = off[c];
 #pragma GCC ivdep
-    for (int k = 0; k < m; ++k) e[k] = (reach == 1 ? e[k] : 0.0) - b[k];
+    for (int k = 0; k < m; ++k) e[k] -= b[k];
   }
 }
 

@@ -114,11 +114,9 @@ void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, d
 void scatter_linearisation(const SpringSet& s, const Law& law, Field& right_hand);
 // residual -= spring forces.
 void scatter_forces(const SpringSet& s, Field& residual);
-// matrix = inverse M + the blocks of structure and shear springs, inverse = 1/b^2.
-void start_matrix(const SpringSet& structure, const SpringSet& shear, const std::vector<double>& mass,
-                  double inverse, Band& matrix);
-// matrix += blocks. The off-diagonal blocks of shear springs are set, not added, because nothing else has
-// been added there before.
+// matrix = inverse M + the blocks of structure springs, inverse = 1/b^2.
+void start_matrix(const SpringSet& structure, const std::vector<double>& mass, double inverse, Band& matrix);
+// matrix += blocks.
 void scatter_blocks(const SpringSet& s, Band& matrix);
 // Sets T_e and T to the forces that the linearisation predicts after the displacements dx.
 void carry(SpringSet& s, const Law& law, const Field& dx);
