@@ -163,6 +163,14 @@ class Bodies:
                 if body_id == body.body:
                     body.add_force(self._core, link, force, point)
 
+    def rest(self) -> None:
+        """Tendons, or bodies, were put in equilibrium: the next step begins with the forces there.
+
+        Raises what read raises.
+        """
+        self.read()
+        self._core.rest_bodies()
+
     def sample(self) -> bool:
         """Motion of what is held, right after pybullet's step; whether any of it seems to be released."""
         held = self._core.held_bodies()

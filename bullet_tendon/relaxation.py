@@ -62,6 +62,8 @@ class Relaxation:
             raise
         if settled is None:  # nothing holds a tendon, or a step could not be solved
             self._states.take_back(kept)
+        else:
+            self._bodies.rest()
         report = self._stepper.report
         report.iterations, report.residual, report.tolerance = iterations, float(residual), tolerance
         report.converged = bool(report.converged and settled)

@@ -997,7 +997,9 @@ class TendonWorld(NotCopied):
             if coupled:
                 self._states.take_back(kept)
             raise
-        if coupled and not converged:
+        if converged:
+            self._bodies.rest()
+        elif coupled:
             self._states.take_back(kept)
         self._stepper.forbid_resolve()
         report = self._stepper.report

@@ -480,6 +480,7 @@ void bind_world_bodies(GuardedWorld& world) {
              return out;
            })
       .def("finish_resolve", &World::finish_resolve)
+      .def("rest_bodies", &World::rest_bodies)
       .def("wrenches", &wrenches)
       .def("pushes", &pushes);
 }

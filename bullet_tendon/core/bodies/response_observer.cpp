@@ -98,6 +98,12 @@ void Observer::act(const Numbers& tendons, const Numbers& others, double dt) {
   acted_ = true;
 }
 
+void Observer::rest(const Numbers& tendons) {
+  if (n_ != static_cast<int>(tendons.size())) start(static_cast<int>(tendons.size()));
+  forces_ = tendons;
+  acted_ = false;
+}
+
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);

@@ -48,6 +48,8 @@ class Observer {
   // Records the generalized forces that act during the next dt [s]: of the tendons, and all others that are
   // known: of the limits ahead, and the user's.
   void act(const Numbers& tendons, const Numbers& others, double dt);
+  // Records the generalized forces of the tendons on a body that was put at rest.
+  void rest(const Numbers& tendons);
   // Treats the body as free from this step on.
   void set_free();
   // The same, and forgets the last steps.

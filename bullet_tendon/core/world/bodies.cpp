@@ -188,6 +188,32 @@ void World::act_on_bodies() {
     if (m.n() > 0) m.act(step_.substeps.step(), step_.substeps.taken() == 1);
 }
 
+// After relaxation, bodies are where the last step that held them had them. What acts on them there is what
+// the next step begins with.
+void World::rest_bodies() {
+  const bool pulled = std::any_of(scene.tendons.begin(), scene.tendons.end(), [](auto& c) { return !!c; });
+  std::vector<LinkEnd> ends;
+  for (Link& l : scene.links) {
+    ends.push_back({l.centre, {}});
+    if (!pulled) l.wrench = {};
+    l.part = {};
+  }
+  scene.each_element([&](Element& element) {
+    element.begin(scene.links, 0);
+    element.evaluate(ends);
+    for (const TouchedLink& touched : element.touched()) {
+      Link& link = scene.links[touched.link];
+      link.part = link.part + Wrench{touched.force, touched.torque};
+    }
+  });
+  sum_forces(1, [](const Link& l) { return l.wrench + l.part; });
+  for (GeneralizedBody& m : scene.bodies) {
+    if (m.n() == 0) continue;
+    m.history.forget();
+    m.observer.rest(m.forces);
+  }
+}
+
 // The body of a link that tendons move, else null.
 const GeneralizedBody* World::body_of(const Link& l) const {
   return l.yields() ? &scene.bodies[l.body] : nullptr;

@@ -349,8 +349,8 @@ void World::remember() {
       contacts_.touching[tendon] += hash_of(contact.key);
     }
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
-    contacts_.memory.push_back({contact.key, contact.normal_force.value,
-                                std::min(contact.normal_force.value, contact.normal_force.lambda_previous),
+    const double now = contact.normal_force.value, previous = contact.normal_force.lambda_previous;
+    contacts_.memory.push_back({contact.key, now, step_.whole ? now : std::min(now, previous),
                                 contact.friction.sliding, contact.force.mean, contact.force.given,
                                 step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement),

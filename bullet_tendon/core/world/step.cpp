@@ -347,7 +347,7 @@ void World::finish_step_of_world() {
   step_.report.linear_solves = step_.budget.spent();
   step_.report.over_budget = step_.budget.refused();
   step_.report.converged &= !step_.report.over_budget;
-  act_on_bodies();
+  if (!step_.whole) act_on_bodies();
   begin_histories();
   each_anchor(step_.slots, [](const Tendon&, Anchor& h) { h.step_force = h.sum_force; });
   find_coarse_turns();
@@ -369,8 +369,8 @@ void World::expect_carried(Tendon& c) {
     const GeneralizedBody& m = scene.bodies[link.body];
     if (!knows_last_forces(m)) continue;
     const double reach = step_.context.reach;
-    const Vec3 moved = (reach * reach) * link.response(m).at(to_world(link.pose, h.local) - link.centre);
-    if (norm(moved) <= c.shortest_rest()) c.predicted.set(h.particle, h.aim + moved);
+    const Vec3 moved = link.response(m).at(to_world(link.pose, h.local) - link.centre);
+    c.predicted.set(h.particle, h.aim + (reach * reach) * moved);
   }
 }
 

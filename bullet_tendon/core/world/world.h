@@ -231,6 +231,9 @@ class World {
   bool rewind(const std::vector<int>& pulled);
   // Treats the body as free: nothing but the tendons holds it.
   void let_go(int body);
+  // Ends relaxation: bodies have rested under the forces of tendons and elements where they are now, and
+  // nothing is learned from how they came there. Call it once they were read.
+  void rest_bodies();
   // Ends the correction of the last step, in which the caller set the rates of bodies. That step is not
   // solved again. An attempt that fails restores this state.
   void finish_resolve();
