@@ -27,7 +27,6 @@ struct FiniteRotation {
 
   // The rotation within the substep, if it ends at this theta.
   Rot3 since_begun(Vec3 theta) const;
-  Rot3 predicted() const { return since_begun(begun + more); }
   void turn_by(double share, Vec3 by);
   void add_pull(Vec3 arm, Vec3 f);
   // The change of the torque on theta with theta, the symmetric part of it, at the pulls that were added.

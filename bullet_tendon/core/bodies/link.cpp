@@ -96,8 +96,17 @@ Vec3 Link::displaced(Vec3 arm) const {
   return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
 }
 
-Vec3 Link::displaced_from_end(Vec3 arm) const {
-  return turned.far ? given.linear + now(arm) - turned.predicted() * arm : given.at(arm);
+void Link::foresee(const Twist& by, double dt, bool far) {
+  const Twist all{dt * velocity + by.linear, dt * spin + by.angular};
+  const double angle = norm(all.angular);
+  const Rot3 turn = far ? turned.since_begun(turned.begun + all.angular)
+                        : rotation_about(unit_or(all.angular, {0, 0, 1}), angle);
+  foreseen = {all, by, turn, far};
+}
+
+Vec3 Link::displaced_from_foreseen(Vec3 arm) const {
+  const Twist more{given.linear - foreseen.given.linear, given.angular - foreseen.given.angular};
+  return turned.far ? more.linear + now(arm) - foreseen.turn * arm : more.at(arm);
 }
 
 Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }

@@ -46,6 +46,13 @@ struct LinkEnd {
   Vec3 at(Vec3 arm) const { return centre + rotation * arm; }
 };
 
+// Motion of a link that is foreseen for the substep.
+struct Foreseen {
+  Twist all, given;  // displacement: with the unknowns of the body, and the part of it that is theirs
+  Rot3 turn;
+  bool far = false;  // as FiniteRotation::far
+};
+
 struct Link {
   Pose pose;        // of the URDF link frame, at the start of the substep
   Vec3 centre;      // centre of mass, world axes, at the start of the substep [m]
@@ -54,7 +61,7 @@ struct Link {
   Vec3 now_velocity, now_spin;  // at the start of the step [m/s], [rad/s]
   // Mean in the substep, without the forces of the tendons in it [m/s], [rad/s].
   Vec3 velocity, spin;
-  Twist foreseen;           // displacement within the substep, for which contacts with tunnels are detected
+  Foreseen foreseen;        // motion within the substep, for which contacts are detected
   Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
   int body = -1;            // -1: tendons do not move it
   bool ends_known = false;  // forces of attachments act where their points are predicted to end
@@ -87,11 +94,8 @@ struct Link {
   void advance_to(const GeneralizedBody* m, double time);
   // Velocity and spin after a change of the body's rates.
   Twist rates_after(const dense::Numbers& change) const;
-  // Where a frame that is fixed to the link is after dt, without the tendons.
-  Pose ahead(const Pose& frame, double dt) const {
-    const Rot3 turn = rotation_about(unit_or(spin, {0, 0, 1}), dt * norm(spin));
-    return {turn * frame.rotation, centre + dt * velocity + turn * (frame.origin - centre)};
-  }
+  // Foresees that the unknowns give this displacement in a substep of dt. far: its body turns far.
+  void foresee(const Twist& given, double dt, bool far);
   // Where it is at the end of a substep of dt, which ends `time` after the start of the step [s], by the
   // unknowns of its body. Links of bodies that turn far are where they turn to.
   LinkEnd end(double dt, double time) const;
@@ -99,7 +103,7 @@ struct Link {
   Vec3 ahead_of(Vec3 local, double dt) const;
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
-  Vec3 foreseen_at(Vec3 p) const { return foreseen.at(p - centre); }
+  Vec3 foreseen_at(Vec3 p) const { return foreseen.all.at(p - centre); }
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const;
   // Adds a force at the world point p, averaged over the step [N].
@@ -119,8 +123,8 @@ struct Link {
   // Displacement of the point at the arm by the unknowns. If the link rotates far, relative to the straight
   // predicted path.
   Vec3 displaced(Vec3 arm) const;
-  // The same relative to where the link rotates to without them.
-  Vec3 displaced_from_end(Vec3 arm) const;
+  // The same relative to where the link is foreseen to be.
+  Vec3 displaced_from_foreseen(Vec3 arm) const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
   // Acceleration by the last generalized forces of the tendons.

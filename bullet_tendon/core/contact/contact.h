@@ -59,8 +59,7 @@ struct ContactGeometry {
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
   Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round
                                // surface: the circle of its curvature, plus the tendon's radius
-  Vec3 axis_shift;             // round surface: displacement of the contact point with the body, less that of
-                               // the surface's axis, by the unknowns of the body [m]
+  Vec3 rim_shift;              // displacement of the contact point with the body, less that of the rim [m]
   RimPoint edge;               // mouth: the point of its edge, as last evaluated
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
   bool beyond_edge = false;    // it passes there beyond the edge, within the bone
@@ -118,8 +117,7 @@ struct Contact {
   int link = -1;
   bool moves = false;     // the link's body is an unknown of the solve
   Vec3 arm;               // contact point, from that body's centre of mass [m]
-  Vec3 arm_end;           // the point to which the arm leads [m]
-  Vec3 axis_arm;          // axis of a round surface, from that centre of mass [m]
+  Vec3 rim_arm;           // centre of the rim, from that centre of mass [m]
   bool at_start = false;  // that point is of the start of the substep, else of its end
   bool joins = false;     // couples two tendons in the pattern of their matrix
   bool passes = false;    // predicted not to touch

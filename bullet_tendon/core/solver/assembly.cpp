@@ -257,32 +257,28 @@ void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other)
   c.matrix.add_below(first, share, other, one);
 }
 
-// Displacement of the surface of a contact by the unknowns of its body: of the axis of a round one.
-Vec3 surface_moved(const Island& island, const Contact& contact) {
+// Displacement of a rim from where it is foreseen to be.
+Vec3 rim_moved(const Island& island, const Contact& contact) {
   if (!contact.moves) return {};
-  if (!contact.is_round()) return body_moved(island, contact, false);
-  return island.bodies.link(contact.link).displaced_from_end(contact.axis_arm);
+  return island.bodies.link(contact.link).displaced_from_foreseen(contact.rim_arm);
 }
 
 }  // namespace
 
+// A round surface that rotates about its axis stays where it is, while the contact point moves with it.
 void follow(Island& island, Contact& contact) {
-  if (contact.follows()) {
-    const Field& x = island.at(contact.a).x_new;
-    const Vec3 moved = surface_moved(island, contact);
-    contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
-    // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
-    const Vec3 at = contact.at_start ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
-    const Rot3& turn = island.bodies.link(contact.link).turned.rotation;
-    if (!contact.is_round()) {
-      contact.arm += transposed_times(turn, at - contact.arm_end);
-    } else {
-      if (contact.friction.coefficient > 0)
-        contact.arm = contact.axis_arm + transposed_times(turn, at - contact.geometry.rim.centre);
-      // A round surface that rotates about its axis stays where it is, while the contact point moves with it.
-      contact.geometry.axis_shift = contact.moves ? body_moved(island, contact, false) - moved : Vec3{};
+  if (contact.is_curved()) {
+    const Vec3 moved = rim_moved(island, contact);
+    if (contact.follows()) {
+      const Field& x = island.at(contact.a).x_new;
+      contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
+      // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
+      const Vec3 at = contact.at_start ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
+      const Rot3& turn = island.bodies.link(contact.link).turned.rotation;
+      if (!contact.is_round() || contact.friction.coefficient > 0)
+        contact.arm = contact.rim_arm + transposed_times(turn, at - contact.geometry.rim.centre);
     }
-    contact.arm_end = at;
+    contact.geometry.rim_shift = contact.moves ? body_moved(island, contact, false) - moved : Vec3{};
   } else if (contact.b.tendon >= 0) {
     Vec3 x[4];
     ends_of(island, contact, x);
@@ -294,7 +290,7 @@ void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
   Vec3 x[4];
   Tendon& a = island.at(contact.a);
   const int i = contact.a.first;
-  const Vec3 moved = surface_moved(island, contact);
+  const Vec3 moved = rim_moved(island, contact);
   if (contact.follows())
     contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
   else if (contact.b.tendon >= 0) {

@@ -156,7 +156,7 @@ void move_bodies(Island& island, double share, Which x, dense::Numbers BodyUnkno
 
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
   const Link& link = island.bodies.link(contact.link);
-  return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced(contact.arm);
+  return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced_from_foreseen(contact.arm);
 }
 
 void clear_loads(Island& island) {

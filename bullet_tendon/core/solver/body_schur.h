@@ -47,7 +47,8 @@ void take_complement(Island& island, size_t p, size_t q);
 void take_steps(Island& island, size_t p, Which x);
 // tendon.column = b - C corner_side, the right-hand side of the tendons for known body unknowns.
 void answer_bodies(Island& island, Which b);
-// Displacement [m] of the body at a contact, by its unknowns y or (by_step) by their step dy.
+// Displacement [m] of the body at a contact, from where it is foreseen to be, or (by_step) by the step of its
+// unknowns.
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
 
 // Elements between bodies (solver/element_coupling.cpp).

@@ -144,8 +144,9 @@ double gained(Tendon& c, Vec3 gravity) {
 // Displacement of the link at a contact in the step [m].
 Vec3 link_displacement(const Island& island, const Contact& contact) {
   const Tendon& c = island.at(contact.a);
-  const Vec3 drift = island.bodies.link(contact.link).drift(contact.a.of(c.x), c.h_eff);
-  return contact.moves ? drift + body_moved(island, contact, false) : drift;
+  const Link& link = island.bodies.link(contact.link);
+  const Vec3 drift = link.drift(contact.a.of(c.x), c.h_eff);
+  return contact.moves ? drift + link.displaced(contact.arm) : drift;
 }
 
 bool has_compression(const Tendon& c) {

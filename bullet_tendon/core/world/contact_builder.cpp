@@ -140,11 +140,23 @@ Tangent in_world(const Tangent& surface, const Pose& pose) {
           surface.radius};
 }
 
-// Where a rim is at the end of the substep, without the tendons.
-Rim drifted(const Rim& rim, const Link& link, double dt) {
-  const Vec3 axis = unit_or(rim.axis + dt * cross(link.spin, rim.axis), rim.axis);
-  const Vec3 slope = without(rim.slope + dt * cross(link.spin, rim.slope), axis);
-  return rim_of(rim.centre + link.drift(rim.centre, dt), axis, rim.radius, slope, rim.half);
+// Where a frame that is fixed to a link is foreseen to be at the end of the substep.
+Pose foreseen_pose(const Pose& frame, const Link& link) {
+  const Rot3& turn = link.foreseen.turn;
+  return {turn * frame.rotation,
+          link.centre + link.foreseen.all.linear + turn * (frame.origin - link.centre)};
+}
+
+// Where a point of a link is foreseen to be. If the link does not turn far, the point moves linearly, as
+// attachments do.
+Vec3 foreseen_point(Vec3 x, const Link& link) {
+  return link.foreseen.far ? foreseen_pose({{}, x}, link).origin : x + link.foreseen_at(x);
+}
+
+Rim foreseen_rim(const Rim& rim, const Link& link) {
+  const Vec3 axis = unit_or(link.foreseen.turn * rim.axis, rim.axis);
+  const Vec3 slope = without(link.foreseen.turn * rim.slope, axis);
+  return rim_of(foreseen_point(rim.centre, link), axis, rim.radius, slope, rim.half);
 }
 
 // A particle as a point of a segment.
@@ -201,12 +213,11 @@ void World::drop_contacts_of_torn() {
                       contacts_.all.end());
 }
 
-// Contact with a plane on a link, given where it is at the end of the substep without tendon forces.
+// Contact with a plane on a link, given where it is foreseen to be at the end of the substep.
 Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& surface, const ContactKey& key,
                              double friction, int came) {
   const Link& link = scene.links[link_slot];
   const Tendon& c = *step_.slots[spot.tendon];
-  const double dt = step_.context.dt;
   Contact contact;
   contact.key = key;
   contact.came = came;
@@ -225,7 +236,7 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   contact.friction.anchored_at = spot.w1;
   contact.friction.coefficient = friction * c.friction;
   const Vec3 x = spot.of(c.x);
-  contact.friction.relative_start = x + link.drift(x, dt);
+  contact.friction.relative_start = foreseen_point(x, link);
   finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
   return contact;
 }
@@ -286,15 +297,15 @@ void World::set_arm(Contact& contact) const {
   const Link& link = scene.links[contact.link];
   const bool far = turns_far(link);
   contact.at_start = link.jacobian.empty() && !far;
-  contact.arm_end = contact.a.of(contact.at_start ? c.x : c.predicted);
-  const Vec3 centre = contact.at_start ? link.centre : link.centre + step_.context.dt * link.velocity;
+  Vec3 end = contact.a.of(contact.at_start ? c.x : c.predicted);
+  const Vec3 centre = contact.at_start ? link.centre : link.centre + link.foreseen.all.linear;
   // A force without friction passes through the centre of a round surface, wherever it acts.
-  if (contact.is_round() && contact.friction.coefficient == 0) contact.arm_end = contact.geometry.rim.centre;
-  contact.arm = contact.arm_end - centre;
-  contact.axis_arm = contact.geometry.rim.centre - centre;
+  if (contact.is_round() && contact.friction.coefficient == 0) end = contact.geometry.rim.centre;
+  contact.arm = end - centre;
+  contact.rim_arm = contact.geometry.rim.centre - centre;
   if (!far) return;
-  contact.arm = transposed_times(link.turned.predicted(), contact.arm);
-  contact.axis_arm = transposed_times(link.turned.predicted(), contact.axis_arm);
+  contact.arm = transposed_times(link.foreseen.turn, contact.arm);
+  contact.rim_arm = transposed_times(link.foreseen.turn, contact.rim_arm);
 }
 
 void World::add_contact(const Contact& contact) {
@@ -376,7 +387,7 @@ void World::bone_contacts() {
       const Link& link = scene.links[shape.link];
       const std::vector<Entry>& entries = detection_.caches[c][s].entries;
       if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
-      const Pose end = link.ahead(in_world(shape, link), step_.context.dt);
+      const Pose end = foreseen_pose(in_world(shape, link), link);
       const Surface* surface = surface_for(*step_.slots[c], static_cast<int>(s));
       const bool round = shape.primitive.is_round();
       auto will = [&](int k) {
@@ -445,7 +456,7 @@ void World::half_space_contacts(int tendon, int s) {
   const Tendon& c = *step_.slots[tendon];
   const Shape& shape = *scene.shapes[s];
   const Link& link = scene.links[shape.link];
-  const Pose pose = in_world(shape, link), end = link.ahead(pose, step_.context.dt);
+  const Pose pose = in_world(shape, link), end = foreseen_pose(pose, link);
   const Vec3 normal = pose.rotation * shape.plane_normal;
   const double offset = shape.plane_offset + dot(normal, pose.origin);
   for (int i = 0; i < c.n(); ++i) {
@@ -601,7 +612,6 @@ void World::bore_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
   const Link& link = scene.links[scene.tunnels[t]->link];
-  const double dt = step_.context.dt;
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.foreseen_at(x);
     const bool inside = c.tunnel_of[i] == t;
@@ -621,11 +631,11 @@ void World::bore_contacts(int tendon, int t) {
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
-    contact.geometry.rim = drifted(rim_of(on_axis, bore.axis, room, {}, 0), link, dt);
+    contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}, 0), link);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
-    contact.friction.relative_start = x + link.drift(x, dt);
+    contact.friction.relative_start = foreseen_point(x, link);
     finish_contact(contact, tendon, i);
     add_contact(contact);
   }
@@ -700,7 +710,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};
   contact.a = {tendon, k, 1 - u, u};
   contact.friction.anchored_at = u;
-  contact.geometry.rim = drifted(rim, link, dt);
+  contact.geometry.rim = foreseen_rim(rim, link);
   contact.geometry.margin = options.contact_threshold;
   contact.geometry.offset = c.radius + scene.tunnels[t]->chamfer + options.contact_threshold;
   contact.geometry.threads_mouth =
@@ -708,7 +718,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
   contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
-  contact.friction.relative_start = x + link.drift(x, dt);
+  contact.friction.relative_start = foreseen_point(x, link);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);
 }

@@ -132,7 +132,7 @@ void World::limit_motion_of_cartilage() {
   const double h = step_.context.dt;
   auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
   auto present = [&](const Link& l) { return Twist{h * l.now_velocity, h * l.now_spin}; };
-  auto held = [](const Link& l) { return l.foreseen; };
+  auto held = [](const Link& l) { return l.foreseen.all; };
   limit_cartilage([&](auto motion, double most) {
     const double least = motion(drift);
     return least > most ? std::min(least, std::max(motion(held), motion(present))) : least;
@@ -171,16 +171,15 @@ void World::limit_cartilage(Measure measure) {
 }
 
 // A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step.
-// Only tunnels and cartilage ask for it.
 void World::foresee_links() {
-  if (scene.tunnels.empty() && scene.cartilages.empty()) return;
-  const double h = step_.context.dt, square = step_.context.reach * step_.context.reach;
+  const double square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {
-    l.foreseen = {h * l.velocity, h * l.spin};
-    if (!l.yields() || !knows_last_forces(scene.bodies[l.body])) continue;
-    const Twist response = l.response(scene.bodies[l.body]);
-    l.foreseen.linear += square * response.linear;
-    l.foreseen.angular += square * response.angular;
+    Twist given;
+    if (l.yields() && knows_last_forces(scene.bodies[l.body])) {
+      const Twist response = l.response(scene.bodies[l.body]);
+      given = {square * response.linear, square * response.angular};
+    }
+    l.foresee(given, step_.context.dt, turns_far(l));
   }
 }
 
@@ -201,8 +200,8 @@ bool World::foresee_at_solution() {
     const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
     for (const Vec3 local : {tunnel->start, tunnel->end}) {
       const Vec3 arm = to_world(l.pose, local) - l.centre;
-      if (norm(solved.at(arm) - l.foreseen.at(arm)) <= slack) continue;
-      l.foreseen = solved;
+      if (norm(solved.at(arm) - l.foreseen.all.at(arm)) <= slack) continue;
+      l.foresee(l.given, h, turns_far(l));
       any = true;
     }
   }
