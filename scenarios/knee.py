@@ -40,6 +40,9 @@ MOST_RELAXATIONS = 60  # steps of Newton's method
 NEARLY = 1e-6  # motion in a step at rest [m, rad]
 # The mean place of so many steps is that of as many before, to [m] and [rad] of JOINTS.
 WINDOW, SAME_PLACE = 12, np.array([5e-6, 5e-6, 1e-4, 5e-6, 1e-4])
+# From the middle of the femur, after which a condyle has left its plateau: half of their widths, about 30 mm
+# across and 50 mm from front to back [m]; and the adduction that opens the knee as far [rad].
+DISLOCATED_LATERAL, DISLOCATED_ANTERIOR, DISLOCATED_ADDUCTION = 0.015, 0.025, 0.5
 LINE_RADIUS = 8e-4  # of a strand in pictures [m]
 
 
@@ -224,7 +227,7 @@ class KneeRig:
         found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
         taken with kinetic damping (Cundall), beside what implicit Euler damps. No time is meant to pass.
         Friction of tendons makes the end depend on the way. It gives up after 5 steps that were not solved,
-        as where the tibia is dislocated. The work of each is bounded by SolverOptions.max_linear_solves.
+        as where the tibia is `dislocated`. The work of each is bounded by SolverOptions.max_linear_solves.
         Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
@@ -264,6 +267,19 @@ class KneeRig:
             anterior=at.anterior,
             superior=at.superior + lean * at.lateral,
             lateral=at.lateral + lean * at.superior,
+        )
+
+    @property
+    def dislocated(self) -> bool:
+        """Whether a condyle has left its plateau: the tibia is by 15 mm beside the femur, 25 mm before or
+        behind it, or adducted or abducted by 0.5 rad. Loads of such a knee tell nothing of its laxity, and it
+        may have no equilibrium that `settle` finds.
+        """
+        at = self.coordinates
+        return bool(
+            abs(at.lateral) > DISLOCATED_LATERAL
+            or abs(at.anterior) > DISLOCATED_ANTERIOR
+            or abs(at.adduction) > DISLOCATED_ADDUCTION
         )
 
     @property

@@ -160,3 +160,17 @@ def test_drawer_is_within_a_standard_deviation_of_cadavers(flexion, surfaces):
             pose = model.solve(pose, force=(force, 0.0, 0.0))
         drawer = 1e3 * (pose.translations - unloaded.translations)[1]
         assert abs(drawer - mean) < deviation
+
+
+def test_a_knee_without_its_medial_ligament_dislocates():
+    with KneeRig() as rig:
+        for cut, dislocated in (("", False), ("MCL", True)):
+            if cut:
+                rig.cut(cut)
+            rig.load()
+            rig.flex(np.radians(60.0), increment=np.radians(20.0))
+            rig.settle()
+            assert not rig.dislocated
+            rig.load(anterior=134.0)
+            assert rig.settle()
+            assert rig.dislocated == dislocated
