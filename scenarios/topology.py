@@ -1,5 +1,7 @@
 """Which knot a polyline is tied in, measured from its projection, apart from the solver."""
 
+import functools
+
 import numpy as np
 
 from . import measure
@@ -35,11 +37,11 @@ def crossings(curve, direction=_DIRECTION) -> tuple[np.ndarray, np.ndarray]:
 
     Two arrays (c,): parameters of the upper and of the lower point of each crossing, segments counting 1.
     """
-    turned = np.asarray(curve, dtype=float) @ _axes(direction)
+    turned = np.asarray(curve, dtype=float) @ _axes(*map(float, direction))
     flat, height = turned[:, :2], turned[:, 2]
     along = np.roll(flat, -1, axis=0) - flat
     climb = np.roll(height, -1) - height
-    i, j = np.triu_indices(len(flat), 2)
+    i, j = _pairs(len(flat))
     area = _cross(along[i], along[j])
     safe = np.where(area != 0, area, np.inf)
     gap = flat[j] - flat[i]
@@ -76,9 +78,16 @@ def _arc(start, end) -> np.ndarray:
     return np.array([start, measure.unit(start + over), over, measure.unit(over + end), end])
 
 
-def _axes(direction) -> np.ndarray:
+@functools.lru_cache(maxsize=4)
+def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Segments of a closed polyline that are not neighbours."""
+    return np.triu_indices(count, 2)
+
+
+@functools.lru_cache(maxsize=4)
+def _axes(*direction: float) -> np.ndarray:
     """(3, 3) whose columns are two axes across `direction` and itself."""
-    third = measure.unit(np.asarray(direction, dtype=float))
+    third = measure.unit(np.array(direction))
     first = measure.unit(np.cross(third, np.eye(3)[np.argmin(np.abs(third))]))
     return np.column_stack([first, np.cross(third, first), third])
 

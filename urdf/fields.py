@@ -5,6 +5,8 @@ is enough: the zero level is exact, and blends only need values that are compara
 Smooth minimum after Inigo Quilez ("smooth minimum", quadratic polynomial), ellipsoid bound likewise.
 """
 
+import functools
+
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
@@ -57,12 +59,18 @@ def loft(points, table, power: float = 2.0):
     table: rows (y, centre x, centre z, half-width x, half-width z) [mm], y rising, monotone interpolation
     between rows, constant beyond the ends. power 2 is an ellipse, more is boxier.
     """
-    table = np.asarray(table, float)
-    level = np.clip(points[..., 1], table[0, 0], table[-1, 0])
-    cx, cz, hx, hz = np.moveaxis(PchipInterpolator(table[:, 0], table[:, 1:])(level), -1, 0)
+    level = np.clip(points[..., 1], table[0][0], table[-1][0])
+    cx, cz, hx, hz = np.moveaxis(_sections(tuple(map(tuple, table)))(level), -1, 0)
     across_x, across_z = np.abs((points[..., 0] - cx) / hx), np.abs((points[..., 2] - cz) / hz)
     size = (across_x**power + across_z**power) ** (1.0 / power)
     return (size - 1.0) * np.minimum(hx, hz)
+
+
+@functools.cache
+def _sections(table: tuple) -> PchipInterpolator:
+    """Of the level: centre and half-widths of the cross-section."""
+    rows = np.array(table, float)
+    return PchipInterpolator(rows[:, 0], rows[:, 1:])
 
 
 def gradient(field, points, reach: float = 1e-3):

@@ -333,12 +333,16 @@ def _arm(angle: float) -> float:
     return -FLEXOR * math.sqrt(2) * math.cos(math.pi / 4 - 0.5 * angle)
 
 
+# Angles of the first hinge, with the torque of its strap and the arm of the flexors there.
+_FIRSTS = np.linspace(0.0, 1.2, 121)
+_OPENING = np.array([_strap_torque(0, angle) for angle in _FIRSTS])
+_ARMS = np.array([_arm(angle) for angle in _FIRSTS])
+
+
 def _least_first(curl: float) -> float:
     """Angle of the first hinge [rad] at which the long flexor alone balances the straps at a curl."""
     tension = _strap_torque(1, curl) / _arm(curl)
-    angles = np.linspace(0.0, 1.2, 121)
-    missing = [_strap_torque(0, angle) - tension * _arm(angle) for angle in angles]
-    return float(np.interp(0.0, missing, angles))
+    return float(np.interp(0.0, _OPENING - tension * _ARMS, _FIRSTS))
 
 
 def _is_reachable(point) -> bool:
