@@ -13,6 +13,7 @@ from .errors import InvalidValue, MissingExtra
 
 WIDTH = 11.0  # of a figure [inch]
 TALLEST, LOW = 6.0, 2.0  # of a row of images, and height under which they are put into two rows [inch]
+LABELS_IN_ROW = 4  # of a legend
 MARGIN = 10  # pixels of white that are left around what images show
 MAPS_IN_ROW = 3
 MARKERS = "o^sDv"  # of the places that are marked in maps
@@ -177,5 +178,7 @@ def _draw_curves(axes, curves, xlabel, ylabel):
         axes.plot(curve["x"], curve["y"], **{key: curve[key] for key in curve.keys() - {"x", "y"}})
     axes.set(xlabel=xlabel, ylabel=ylabel)
     axes.grid(alpha=0.3)
-    if any(curve.get("label") for curve in curves):
-        axes.legend(frameon=False)
+    labels = [curve["label"] for curve in curves if curve.get("label")]
+    if labels:  # above the axes, where it covers no line
+        above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+        axes.legend(**above, ncols=min(len(labels), LABELS_IN_ROW), frameon=False)

@@ -26,6 +26,7 @@ from .visual_meshes import round_mesh
 from .visuals import LIGAMENT_RADIUS, TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
 
 MILLIMETRES = 1000.0
+BACKGROUND = 0xDDE4EC  # of the pages: white bodies are seen on it
 SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # that can be chosen, times real time
 _SHORT = 1.0  # s that a run has to last when it is played
 _BONE_OPACITY, _TUNNEL_OPACITY = 0.35, 0.15
@@ -187,7 +188,7 @@ def _page(scene: _Scene, contacts: bool) -> str:
         time_interpolation=False,
         camera_fov=scene.camera["fov"],
         colorbar_object_id=0,
-        background_color=0xFFFFFF,
+        background_color=BACKGROUND,
     )
     plot.camera = _numbers(scene.camera)
     for track in scene.recording.links:

@@ -86,8 +86,11 @@ def draw(path: str, panels: list[dict]) -> None:
     columns = 3 if len(panels) == 9 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
     page = Figure(figsize=(6.5 * columns, 4.8 * rows), dpi=130, layout="constrained")
-    for axes, panel in zip(page.subplots(rows, columns, squeeze=False).flat, panels, strict=False):
+    grid = page.subplots(rows, columns, squeeze=False)
+    for axes, panel in zip(grid.flat, panels, strict=False):
         _draw_panel(axes, panel)
+    if any("cells" in panel for panel in panels):  # which fill their panels
+        page.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     page.savefig(path, facecolor="white")
 
 
@@ -99,7 +102,8 @@ def _draw_panel(axes, panel) -> None:
         _draw_cells(axes, **panel["cells"])
     axes.set(title=panel["title"], xlabel=panel["xlabel"], ylabel=panel["ylabel"])
     axes.grid(alpha=0.3)
-    axes.legend(frameon="cells" in panel, fontsize=8)
+    if "cells" not in panel:
+        axes.legend(frameon=False, fontsize=8)
 
 
 def _draw_cells(axes, x, y, values, marked, label, mark, limits) -> None:

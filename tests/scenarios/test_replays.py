@@ -100,9 +100,11 @@ def has_color(image, place, color) -> bool:
 
 
 def is_drawn(image, place) -> bool:
-    """Whether one of 3 x 3 pixels is not of the white background."""
+    """Whether one of 3 x 3 pixels is not of the background."""
     row, column = place
-    return bool((image[row - 1 : row + 2, column - 1 : column + 2] < 250).any())
+    ground = [replay.BACKGROUND >> shift & 255 for shift in (16, 8, 0)]
+    patch = image[row - 1 : row + 2, column - 1 : column + 2].astype(int)
+    return bool((np.abs(patch - ground) > 5).any())
 
 
 def shown(browser, module, path, options) -> float:
