@@ -290,11 +290,11 @@ class _Bodies:
         found = {}
         for body, (number, joints) in self._present.items():
             place, turn = p.getBasePositionAndOrientation(body, client)
-            if joints:
-                states = p.getLinkStates(body, joints, 0, 1, client)
-                found[number] = (*place, *turn, *(x for s in states for part in s[4:6] for x in part))
-            else:
-                found[number] = place + turn
+            numbers = [*place, *turn]
+            for state in p.getLinkStates(body, joints, 0, 1, client) if joints else ():
+                numbers += state[4]
+                numbers += state[5]
+            found[number] = tuple(numbers)
         return found
 
     def _look(self, ids: list[int]) -> None:
