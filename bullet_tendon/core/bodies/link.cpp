@@ -144,6 +144,14 @@ Sym3 Link::mobility(Vec3 p) const {
   return sum;
 }
 
-void Link::note_motion() { moved |= !rests() || !same(pose, start_pose); }
+void Link::note_motion() {
+  const bool elsewhere = !same(pose, start_pose);
+  moved |= !rests() || elsewhere;
+  put = {};
+  const bool was_at_rest = was_read && norm(velocity) == 0 && norm(spin) == 0;
+  if (elsewhere && was_at_rest && rests())
+    put = {centre - start_centre, rotation_vector(pose.rotation * transposed(start_pose.rotation))};
+  was_read = true;
+}
 
 }  // namespace bt

@@ -68,8 +68,11 @@ struct Link {
   // Rotation in the step with the spin at its start, if they do; else none. Motion beyond it is linear: with
   // the spin that is predicted without the tendons, their forces would have to undo a far turn.
   Rot3 to_end;
-  bool yielded = false;     // tendons could move it in the last step
-  bool moved = false;       // its pose has changed, or it has a velocity, since the last step began
+  bool yielded = false;   // tendons could move it in the last step
+  bool moved = false;     // its pose has changed, or it has a velocity, since the last step began
+  bool was_read = false;  // start_pose is that of a step
+  // Of a link without mass or velocity that was put elsewhere since the last step, and the substep's share.
+  Twist put, shifted;
   dense::Numbers jacobian;  // J (6 n); empty: the identity, of a free rigid body
   dense::Numbers root;      // J E (6 n)
   WrenchHistory history;
@@ -84,7 +87,7 @@ struct Link {
 
   bool yields() const { return body >= 0; }
   bool rests() const { return !yields() && norm(now_velocity) == 0 && norm(now_spin) == 0; }
-  // Updates `moved`. Call it after the link was read and before start_pose is set.
+  // Updates `moved` and `put`. Call it after the link was read and before start_pose is set.
   void note_motion();
   // Sets velocity, spin and what it has turned, in a substep between these times since the step began [s].
   void begin_substep(const GeneralizedBody* m, double before, double at_end);
@@ -103,6 +106,8 @@ struct Link {
   Vec3 ahead_of(Vec3 local, double dt) const;
   // Displacement of the world point p within dt, without the tendons.
   Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
+  // The same, and what it was shifted by before.
+  Vec3 carry(Vec3 p, double dt) const { return drift(p, dt) + shifted.at(p - centre); }
   Vec3 foreseen_at(Vec3 p) const { return foreseen.all.at(p - centre); }
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const;

@@ -37,6 +37,12 @@ inline Rot3 operator*(const Rot3& a, const Rot3& b) {
   auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
   return {row(a.r0), row(a.r1), row(a.r2)};
 }
+// The rotation vector of a rotation by less than half a turn [rad].
+inline Vec3 rotation_vector(const Rot3& r) {
+  const Vec3 twice{r.r2.y - r.r1.z, r.r0.z - r.r2.x, r.r1.x - r.r0.y};
+  const double sine = 0.5 * norm(twice), cosine = 0.5 * (r.r0.x + r.r1.y + r.r2.z - 1);
+  return sine > 0 ? (0.5 * std::atan2(sine, cosine) / sine) * twice : Vec3{};
+}
 // Rotation matrix of a quaternion x, y, z, w, which need not be normalised.
 inline Rot3 rotation_of(const double* q) {
   const double x = q[0], y = q[1], z = q[2], w = q[3];

@@ -109,7 +109,7 @@ void each_pair(const Island& island, Do what) {
       const Link& link = island.bodies.link(contact->link);
       if (link.yields()) continue;
       const Tendon& c = island.at(contact->a);
-      pair.link_velocity = (1 / c.h_eff) * link.drift(contact->a.of(c.x), c.h_eff);
+      pair.link_velocity = (1 / c.h_eff) * link.carry(contact->a.of(c.x), c.h_eff);
     }
     what(pair);
   }
@@ -145,8 +145,8 @@ double gained(Tendon& c, Vec3 gravity) {
 Vec3 link_displacement(const Island& island, const Contact& contact) {
   const Tendon& c = island.at(contact.a);
   const Link& link = island.bodies.link(contact.link);
-  const Vec3 drift = link.drift(contact.a.of(c.x), c.h_eff);
-  return contact.moves ? drift + link.displaced(contact.arm) : drift;
+  const Vec3 carried = link.carry(contact.a.of(c.x), c.h_eff);
+  return contact.moves ? carried + link.displaced(contact.arm) : carried;
 }
 
 bool has_compression(const Tendon& c) {

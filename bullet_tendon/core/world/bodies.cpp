@@ -228,6 +228,8 @@ void World::lead_bodies() {
   for (Link& l : scene.links) {
     l.begin_substep(body_of(l), end - step_.context.dt, end);
     if (stays(l)) l.velocity = l.spin = {};
+    const double share = step_.substeps.share();
+    l.shifted = {share * l.put.linear, share * l.put.angular};
   }
 }
 
@@ -247,6 +249,7 @@ void World::sense(double dt, Vec3 gravity, bool held) {
   step_.context.gravity = gravity;
   for (Link& l : scene.links) {
     l.note_motion();
+    if (held) l.put = {};
     l.start_pose = l.pose;
     l.start_centre = l.centre;
     if (held) l.body = -1;

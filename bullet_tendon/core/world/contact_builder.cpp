@@ -153,6 +153,12 @@ Vec3 foreseen_point(Vec3 x, const Link& link) {
   return link.foreseen.far ? foreseen_pose({{}, x}, link).origin : x + link.foreseen_at(x);
 }
 
+// Where the point x of a tendon is if it sticks to a link. A body that was put elsewhere before the step
+// carries it along the surface, as one that moves there does.
+Vec3 carried_point(Vec3 x, const Link& link, Vec3 normal) {
+  return foreseen_point(x, link) + without(link.shifted.at(x - link.centre), normal);
+}
+
 Rim foreseen_rim(const Rim& rim, const Link& link) {
   const Vec3 axis = unit_or(link.foreseen.turn * rim.axis, rim.axis);
   const Vec3 slope = without(link.foreseen.turn * rim.slope, axis);
@@ -235,8 +241,7 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   contact.geometry.margin = options.contact_threshold;
   contact.friction.anchored_at = spot.w1;
   contact.friction.coefficient = friction * c.friction;
-  const Vec3 x = spot.of(c.x);
-  contact.friction.relative_start = foreseen_point(x, link);
+  contact.friction.relative_start = carried_point(spot.of(c.x), link, contact.geometry.normal);
   finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
   return contact;
 }
@@ -279,7 +284,15 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
                                        : kSpringTangentRatio * held.stiffness;
   if (contact.link >= 0) set_arm(contact);
   contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
-  contact.geometry.depth_allowance = depth_to_leave(contact, kPushOut * radius);
+  double most = kPushOut * radius;
+  if (contact.link >= 0) {
+    // A body that was put elsewhere before the step pushes by as much, as one that moves there does. Beyond a
+    // radius it may have passed the centreline, and the normal says nothing.
+    const Link& link = scene.links[contact.link];
+    const Vec3 shifted = link.put.at(contact.a.of(step_.slots[contact.a.tendon]->x) - link.centre);
+    most += std::min(std::max(dot(shifted, contact.geometry.normal), 0.0), radius);
+  }
+  contact.geometry.depth_allowance = depth_to_leave(contact, most);
   recall(contact, held.inertia);
 }
 
@@ -635,7 +648,7 @@ void World::bore_contacts(int tendon, int t) {
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
-    contact.friction.relative_start = foreseen_point(x, link);
+    contact.friction.relative_start = carried_point(x, link, contact.geometry.normal);
     finish_contact(contact, tendon, i);
     add_contact(contact);
   }
@@ -718,7 +731,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
   contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
-  contact.friction.relative_start = foreseen_point(x, link);
+  contact.friction.relative_start = carried_point(x, link, contact.geometry.normal);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);
 }
