@@ -345,3 +345,26 @@ def test_a_motor_that_just_holds_a_joint_is_not_thrown_off_its_limit(
         # 3 m/s, down to the other end of the rail, where the limit's force is that on the response learned
         assert abs(p.getJointState(body, 0, client)[1]) < 1.01 * speed
     assert p.getJointState(body, 0, client)[0] == pytest.approx(0.05, abs=1e-4)
+
+
+@pytest.mark.parametrize("step", [0.003, 0.003428, 0.004])
+@pytest.mark.parametrize("pulls", [(0.3631, 0.2812), (0.5, 0.45)])
+def test_a_finger_that_swings_into_its_stop_is_not_thrown_back(client, make_world, step, pulls):
+    """On the way there it leaves another stop. What pybullet's sweeps leave of that is no constraint."""
+    world = make_world(step, (0, 0, -9.81))
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    path = bt.data_path("tendon_finger.urdf")
+    finger = world.load_urdf(path, useFixedBase=True, flags=flags, obstacles=False)
+    for joint in range(3):
+        p.changeDynamics(finger, joint, **UNDAMPED, jointDamping=0, physicsClientId=client)
+        p.setJointMotorControl2(finger, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    for _ in range(60):
+        for tendon, pull in zip(world.tendons, pulls, strict=True):
+            end = tendon.positions[-1] - tendon.positions[-2]
+            tendon.set_force(-1, end / np.linalg.norm(end) * pull)
+        world.step()
+        assert world.report.converged
+        angles, rates = np.array([p.getJointState(finger, k, client)[:2] for k in range(3)]).T
+        assert angles.min() > -0.11
+        assert angles.max() < 1.21
+        assert np.abs(rates).max() < 60
