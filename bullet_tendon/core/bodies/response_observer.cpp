@@ -41,7 +41,8 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     compare(now_);
     now_.cut.assign(n_, 0.0);
     const Numbers& reached = sampled_.empty() ? rates : sampled_;
-    const bool cut = of.jointed ? note_cut(reached) : of.alone && leave_out_cut(reached);
+    const bool cut = (of.jointed || of.alone) && note_cut(reached);
+    if (!of.jointed) leave_out_cut();
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
     if (!cut || of.jointed) released_ = held_ && was_released(now_);
@@ -137,18 +138,10 @@ void Observer::compare(const Sample& now) {
 }
 
 // Without the cut-off, the rate would have been larger. A motion short of the prediction is replaced by the
-// prediction. A motion beyond it is the least possible one. Returns whether a rate was cut off; then nothing
-// is learned.
-bool Observer::leave_out_cut(const Numbers& rates) {
-  bool any = false;
-  for (int i = 0; i < n_; ++i) {
-    if (!is_cut_off(rates[i])) continue;
-    any = true;
-    now_.cut[i] = rates[i] > 0 ? 1 : -1;
-    if (missed_[i] * rates[i] >= 0) continue;
-    now_.acceleration[i] -= missed_[i];
-  }
-  return any;
+// prediction. A motion beyond it is the least possible one.
+void Observer::leave_out_cut() {
+  for (int i = 0; i < n_; ++i)
+    if (missed_[i] * now_.cut[i] < 0) now_.acceleration[i] -= missed_[i];
 }
 
 // Marks the rates that pybullet cut off. Returns whether there is any: then nothing is learned.

@@ -92,7 +92,7 @@ class Observer {
   void start(int n);
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
-  bool leave_out_cut(const Numbers& rates);
+  void leave_out_cut();
   bool note_cut(const Numbers& rates);
   void compare(const Sample& now);
   bool was_released(const Sample& now);

@@ -14,7 +14,6 @@ constexpr int kFacets = 64;
 // surface, in radii [-]. It is how far the surface may be from the mouth's plane (mouths.py). Larger: what is
 // pulled over the edge sinks in between the edge and what is left. Smaller: both are felt at once.
 constexpr double kBesideEdge = 0.25;
-constexpr double kPi = 3.14159265358979323846;
 
 using Polygon = std::vector<Vec3>;
 
@@ -31,7 +30,7 @@ Convex around(const Bore& bore, double radius) {
   const Vec3 one = any_perpendicular(bore.axis), other = cross(bore.axis, one);
   Convex found;
   for (int k = 0; k < kFacets; ++k) {
-    const double angle = 2 * kPi * k / kFacets;
+    const double angle = 2 * M_PI * k / kFacets;
     const Vec3 out = std::cos(angle) * one + std::sin(angle) * other;
     found.push_back({out, dot(out, bore.start) + radius});
   }

@@ -11,9 +11,8 @@ namespace bt {
 
 namespace {
 
-// Motion, as a share of its distance, for which a feature's nearest triangles are listed when it is measured
-// [-], and how many at most; where there are more, it is for less. Larger: lists cost more. Smaller: more
-// queries.
+// Most triangles of a list [-]; where there are more, it is for less motion. Larger: lists cost more.
+// Smaller: more queries.
 constexpr size_t kMostNearby = 64;
 
 // Least height of a point over the tangent plane of another, over their distance from the feature, from which
