@@ -55,13 +55,14 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
                      ? (normal_force.lambda - normal_force.stiffness * geometry.gap) * geometry.normal
                      : Vec3{};
   friction.force = {};
-  force.block = {};
+  force.block = force.turning = {};
   if (normal_force.pressed) force.block = normal_force.stiffness * outer(geometry.normal);
   if (normal_force.pressed && (curvature != 0 || across_edge != 0)) {
     const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
-    force.block += (normal_force.lambda_predicted * std::max(curvature, least)) * outer(around);
-    force.block += (normal_force.lambda_predicted * std::max(across_edge, least)) *
-                   outer(cross(around, geometry.normal));
+    force.turning = (normal_force.lambda_predicted * std::max(curvature, least)) * outer(around);
+    force.turning += (normal_force.lambda_predicted * std::max(across_edge, least)) *
+                     outer(cross(around, geometry.normal));
+    force.block += force.turning;
   }
   if (friction.coefficient <= 0 || (normal_force.direct && !normal_force.held)) return;
   friction.raw =

@@ -107,7 +107,8 @@ struct ContactForce {
   Vec3 last_mean;  // mean of the previous step [N]
   Vec3 given;      // to what it acts on, in this step and in the previous one [N] (World::given)
   Vec3 last_given;
-  Sym3 block;  // minus the derivative of the linear force [N/m]
+  Sym3 block;    // minus the derivative of the linear force [N/m]
+  Sym3 turning;  // the part of it by which the normal of a rim turns with the place relative to the rim [N/m]
 };
 
 struct Contact {

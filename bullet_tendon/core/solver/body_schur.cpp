@@ -300,17 +300,17 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
     }
 }
 
-// The coupling of a contact with a body. Its block in the tendon's own matrix is added elsewhere
-// (add_contact_block).
-BT_WITHIN inline void couple(const Contact& contact, Vec3 arm, const Border& border, Panel& panel,
-                             LinkColumns& link) {
+// The coupling of a contact with a body, by a block that acts at an arm. Its block in the tendon's own matrix
+// is added elsewhere (add_contact_block).
+BT_WITHIN inline void couple(const Contact& contact, const Sym3& block, Vec3 arm, const Border& border,
+                             Panel& panel, LinkColumns& link) {
   Eight u[3], pull[3], back[3];
   place_at(link.twist, arm, u);
-  times(contact.force.block, u, pull);
+  times(block, u, pull);
   pull_back(panel, contact.a, pull);
   if (border.carried) {
     moved(panel, contact.a, u);
-    times(contact.force.block, u, back);
+    times(block, u, back);
     add(pull, -1, back);
   }
   add_force(link.load, pull, arm);
@@ -510,14 +510,23 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     LinkColumns& link = island.bodies.of_links[contact->link];
     if (!link.moves && !a.carried) continue;
     const Vec3 arm = island.bodies.link(contact->link).now(contact->arm);
-    couple(*contact, arm, a, a.panels[p], link);
+    // A rim that does not turn with the body moves as its centre does, and so do the normal and the point
+    // that slides along it.
+    const bool apart = contact->is_curved() && !island.bodies.turn_surfaces;
+    const Vec3 rim = apart ? island.bodies.link(contact->link).now(contact->rim_arm) : arm;
+    if (apart) {
+      couple(*contact, contact->force.block + -1.0 * contact->force.turning, arm, a, a.panels[p], link);
+      couple(*contact, contact->force.turning, rim, a, a.panels[p], link);
+    } else {
+      couple(*contact, contact->force.block, arm, a, a.panels[p], link);
+    }
     Vec3 by_turn;
     if (island.bodies.turn_surfaces) {
       const Field& x = island.at(contact->a).x_new;
       by_turn = bt::cross(contact->geometry.normal, x.at(contact->a.first + 1) - x.at(contact->a.first));
       couple_turned_surface(*contact, arm, a, a.panels[p], link);
     }
-    if (contact->follows()) couple_sliding_terms(*contact, by_turn, arm, a.panels[p], link);
+    if (contact->follows()) couple_sliding_terms(*contact, by_turn, rim, a.panels[p], link);
   }
   each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
