@@ -173,21 +173,6 @@ Assembly judge(Solution& s) {
   return a;
 }
 
-// Whether the guess may be torn by bodies: see choose_guess.
-bool may_be_torn(const Solution& s) {
-  return !s.context.warm && !s.island.bodies.indices.empty() && !s.island.tendons.empty();
-}
-
-// Largest inertial force if no particle moves in this substep [N].
-double inertia_at_rest(const Island& island) {
-  double most = 0;
-  for (const Tendon* c : island.tendons)
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < c->n(); ++i)
-        most = std::max(most, c->mass[i] * std::fabs(c->inertial_displacement[k][i]) / (c->h_eff * c->h_eff));
-  return most;
-}
-
 // Sets all particles to their positions at the start of the substep, except for anchored ones.
 void place_at_start(Island& island) {
   for (Tendon* c : island.tendons) {
@@ -205,20 +190,6 @@ void place_at_dx(Island& island) {
     c->advance(1);
     c->place_anchors();
   }
-}
-
-// The guess continues the motion of the last step. If a body that carries particles was stopped since then,
-// this guess stretches the segments beside them far more than no motion at all. Takes the guess with the
-// smaller residual. residual: of the present guess [N].
-void choose_guess(Solution& s, double residual) {
-  Island& island = s.island;
-  for (Tendon* c : island.tendons) c->dx = c->displacement;
-  place_at_start(island);
-  Assembly a = residual_of(island, true);
-  measure_residual(island, a);
-  if (a.residual < residual) return;
-  place_at_dx(island);
-  place_bodies(island);
 }
 
 bool stiffen_contacts(Island& island) {
@@ -463,11 +434,7 @@ bool is_negligible(const Solution& s) {
 void iterate(Solution& s) {
   Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
-    Assembly a = judge(s);
-    if (s.iteration == 0 && may_be_torn(s) && a.residual > inertia_at_rest(island)) {
-      choose_guess(s, a.residual);
-      a = judge(s);
-    }
+    const Assembly a = judge(s);
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) break;
