@@ -88,7 +88,7 @@ class StepReport:
         search_seconds: of the solution, what the search for tendons that touch took [s].
         reasons: how often a substep was solved again or cut, by reason. "motion": something near a contact
             moves by more than its radius. "turn": a segment turns far. "growth": the last step was much
-            shorter. "not_converged": that, or energy was created. "left_prediction": particles ended where
+            shorter. "not_converged": a solution failed. "left_prediction": particles ended where
             contacts were not looked for. "woken": tendons at rest were reached. "step_weights": tendons that
             press on each other had other methods, or were struck in a step of BDF2. "joint_stops": joint
             limits act otherwise than predicted. "body_rotation": a body turns far. "released": a body was

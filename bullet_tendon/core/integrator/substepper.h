@@ -22,7 +22,7 @@ enum class Reason : int {
   motion = 0,       // a tendon moves by more than its radius relative to something near it: cut
   turn,             // a segment turns far in a BDF2 step: divided in three, or with contacts in two
   growth,           // BDF2 would restart, because the last step was much shorter: divided in two
-  not_converged,    // an island did not converge within its iterations, or created energy: halved
+  not_converged,    // an island did not converge within its iterations: halved
   left_prediction,  // particles left their predicted region: contacts are detected again; later halved
   woken,            // a tendon came within reach of a sleeping one, which wakes: repeated
   step_weights,     // tendons in contact had different step weights, or BDF2 and a jump: repeated

@@ -12,9 +12,7 @@
 // impulses between pairs of interacting points remove the created energy (passivity controller: Hannaford and
 // Ryu 2002). The first impulses act along contact normals and springs, which conserves linear and angular
 // momentum. The next ones act across them, which is needed where a compressed tendon turns about an anchor.
-// Where the velocities have less energy than was created, it remains in the positions: a carried normal force
-// has pushed a contact apart, or a bent tendon has buckled to a higher potential. Such a substep is cut
-// (solver/newton.cpp).
+// Where the velocities have less energy than was created, it remains in the positions.
 #include <algorithm>
 #include <cmath>
 
@@ -155,25 +153,12 @@ bool has_compression(const Tendon& c) {
   return false;
 }
 
-// Work of contacts that correct depth, without that of their links [J].
-double corrected(const Island& island) {
-  double work = 0;
-  for (const Contact* contact : island.contacts) {
-    const SegmentPoint &a = contact->a, &b = contact->b;
-    const Vec3 other = b.tendon < 0 ? link_displacement(island, *contact) : b.of(island.at(b).displacement);
-    const double apart = contact->geometry.gap + contact->geometry.depth_allowance;
-    const double moved = dot(contact->geometry.normal, a.of(island.at(a).displacement) - other);
-    work += contact->normal_force.value * std::max(0.0, moved - std::max(0.0, apart));
-  }
-  return work;
-}
-
 }  // namespace
 
-double project_energy(Island& island, Vec3 gravity) {
+void project_energy(Island& island, Vec3 gravity) {
   const bool any = std::any_of(island.tendons.begin(), island.tendons.end(),
                                [](const Tendon* c) { return has_compression(*c); });
-  if (!any && island.contacts.empty()) return 0;
+  if (!any && island.contacts.empty()) return;
   double left = 0;
   for (Tendon* c : island.tendons) left += gained(*c, gravity);
   for (const Contact* contact : island.contacts)
@@ -182,7 +167,6 @@ double project_energy(Island& island, Vec3 gravity) {
   for (const bool across : {false, true})
     for (int sweep = 0; sweep < kSweeps && left > 0; ++sweep)
       each_pair(island, [&](const Pair& pair) { dissipate(island, pair, across, left); });
-  return left - corrected(island);
 }
 
 }  // namespace bt

@@ -86,7 +86,6 @@ struct IslandMatrix {
 struct IslandResult {
   int iterations = 0;
   double residual = 0;  // largest residual force over the largest force [-]
-  double largest = 0;   // largest force [N]
   bool converged = true;
   bool left_predicted_region = false;  // the solution ended for this reason
   bool finite = true;

@@ -66,11 +66,6 @@ constexpr int kFewestDescents = 3;
 // Largest residual that is taken for rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
 
-// Energy that a substep may create, in work of the largest force over the shortest segment [-]. A solution
-// that creates more, which no impulse can remove, is another one than the tendon would move to. Larger: ends
-// that are pushed against a surface gain energy. Smaller: substeps are cut that are right.
-constexpr double kCreated = 0.02;
-
 enum class Next { step, judge, stop };
 
 // The state of one Newton solution.
@@ -161,7 +156,6 @@ Assembly judge(Solution& s) {
   Assembly a = residual_of(island, s.descends || s.far, s.descends);
   s.changed = update_directs(island);
   measure_residual(island, a);
-  island.result.largest = a.scale;
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // The residual of a tendon at rest is that of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
@@ -413,12 +407,6 @@ void begin_descent(Solution& s) {
   s.start_anew();
 }
 
-double shortest_rest(const Island& island) {
-  double least = HUGE_VAL;
-  for (const Tendon* c : island.tendons) least = std::min(least, c->shortest_rest());
-  return least;
-}
-
 // Whether the residual would move no particle, by itself, by more than the tolerance times a segment in this
 // substep. Where almost no forces act, it cannot always become a small share of them.
 bool is_negligible(const Solution& s) {
@@ -479,11 +467,8 @@ void converged_step(Island& island, const StepContext& context) {
   bend_straight_struts(island);
   for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
-      by_euler(island, context)) {
-    const double created = project_energy(island, context.gravity);
-    if (context.may_halve && created > kCreated * island.result.largest * shortest_rest(island))
-      island.result.converged = false;
-  }
+      by_euler(island, context))
+    project_energy(island, context.gravity);
 }
 
 }  // namespace bt

@@ -84,8 +84,7 @@ bool find_buckling_mode(Island& island, const Options& options);
 // Bends struts that are straight to the last bit by so little that only instability makes it visible.
 void bend_straight_struts(Island& island);
 
-// Removes the energy that a step of implicit Euler created from tendon.v_new. Returns how much of it remains
-// [J], without the work of contacts that correct depth.
-double project_energy(Island& island, Vec3 gravity);
+// Removes the energy that a step of implicit Euler created from tendon.v_new.
+void project_energy(Island& island, Vec3 gravity);
 
 }  // namespace bt
