@@ -464,7 +464,7 @@ bool by_euler(const Island& island, const StepContext& context) {
 
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
-  bend_straight_struts(island);
+  if (island.result.converged) bend_straight_struts(island);
   for (Tendon* c : island.tendons) find_velocities(*c);
   if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
       by_euler(island, context))
