@@ -66,6 +66,10 @@ constexpr int kFewestDescents = 3;
 // Largest residual that is taken for rounding, in units of machine epsilon x stiffness x coordinate [-].
 constexpr double kRounding = 8.0;
 
+// Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
+// saddle only within the tolerance is moved visibly. Smaller: more iterations.
+constexpr double kDisturbance = 1e-6;
+
 enum class Next { step, judge, stop };
 
 // The state of one Newton solution.
@@ -239,6 +243,13 @@ void line_search(Solution& s, double residual) {
 // disturbance.
 bool is_saddle(Solution& s) { return has_struts(s.island) && !find_exact_step(s, false); }
 
+// Moves a little along the step. Whether the potential falls along it from there.
+bool falls_along_step(Island& island) {
+  advance_along_arc(island, 0, kDisturbance);
+  residual_of(island, true, true);
+  return slope_along_arc(island, 0) < 0;
+}
+
 // Leaves a saddle, and descends from there: by a small zigzag, or, where that is stable, along the mode in
 // which the struts buckle.
 void leave_saddle(Solution& s) {
@@ -246,13 +257,9 @@ void leave_saddle(Solution& s) {
   s.disturbed = s.descends = s.searches = true;
   s.start_anew();
   find_zigzag(island);
-  advance_along_arc(island, 0, kDisturbance);
-  residual_of(island, true, true);
-  if (slope_along_arc(island, 0) < 0) return;
+  if (falls_along_step(island)) return;
   if (!find_exact_step(s, true) || !find_buckling_mode(island, s.options())) return;
-  advance_along_arc(island, 0, kDisturbance);
-  residual_of(island, true, true);
-  if (slope_along_arc(island, 0) < 0) line_search(s, 0);
+  if (falls_along_step(island)) line_search(s, 0);
 }
 
 // After an iteration with a small residual: stiffens contacts, leaves a saddle, or ends the solution.

@@ -68,10 +68,6 @@ double slope_along_arc(const Island& island, double alpha);
 
 // Struts that would buckle (solver/buckling.cpp).
 
-// Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
-// saddle only within the tolerance is moved visibly. Smaller: more iterations.
-constexpr double kDisturbance = 1e-6;
-
 // Whether tendons are compressed so much that the evaluated iterate may be a saddle.
 bool has_struts(const Island& island);
 
