@@ -11,11 +11,9 @@ namespace bt {
 // is in one island (World::make_islands): a tendon, or the first body of an element.
 template <class Do>
 void World::each_touch(Do what) const {
-  for (size_t c = 0; c < step_.slots.size(); ++c)
-    for (size_t i = 0; step_.slots[c] && i < step_.slots[c]->anchors.size(); ++i) {
-      const Anchor& h = step_.slots[c]->anchors[i];
-      if (h.link >= 0 && scene.links[h.link].yields()) what(scene.links[h.link].body, static_cast<int>(c));
-    }
+  for (auto [slot, c] : filled(step_.slots))
+    for (const Anchor& h : c.anchors)
+      if (h.link >= 0 && scene.links[h.link].yields()) what(scene.links[h.link].body, slot);
   for (const Contact& contact : contacts_.all)
     if (contact.link >= 0 && scene.links[contact.link].yields())
       what(scene.links[contact.link].body, contact.a.tendon);
@@ -48,19 +46,16 @@ void World::find_point_masses() {
   count_touches();
   for (GeneralizedBody& m : scene.bodies) m.point_mass = false;
   if (options.integrator == Integrator::explicit_euler) return;
-  for (const Tendon* c : step_.slots)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
-      const Anchor& h = c->anchors[i];
-      if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) continue;
-      GeneralizedBody& m = scene.bodies[scene.links[h.link].body];
-      if (!scene.links[h.link].jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped())
-        continue;
-      const double share = m.history.share(), of_mass = 3 * share * share * m.free[0],
-                   of_point =
-                       trace(scene.links[h.link].mobility(to_world(scene.links[h.link].pose, h.local)));
-      // At the centre of mass, rotation adds nothing but rounding to the mobility.
-      m.point_mass = of_point - of_mass <= kRoundingShare * of_mass;
-    }
+  each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
+    if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
+    const Link& link = scene.links[h.link];
+    GeneralizedBody& m = scene.bodies[link.body];
+    if (!link.jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped()) return;
+    const double share = m.history.share(), of_mass = 3 * share * share * m.free[0],
+                 of_point = trace(link.mobility(to_world(link.pose, h.local)));
+    // At the centre of mass, rotation adds nothing but rounding to the mobility.
+    m.point_mass = of_point - of_mass <= kRoundingShare * of_mass;
+  });
 }
 
 // All bodies that tendons touch, except point masses, are unknowns of an implicit step.
@@ -94,10 +89,8 @@ void World::find_bodies() {
 // Marks links with shapes or tunnels: tendons can touch them at any point.
 void World::find_solid_links() {
   islands_.solid.assign(scene.links.size(), 0);
-  for (const auto& shape : scene.shapes)
-    if (shape) islands_.solid[shape->link] = 1;
-  for (const auto& tunnel : scene.tunnels)
-    if (tunnel) islands_.solid[tunnel->link] = 1;
+  for (auto [slot, shape] : filled(scene.shapes)) islands_.solid[shape.link] = 1;
+  for (auto [slot, tunnel] : filled(scene.tunnels)) islands_.solid[tunnel.link] = 1;
 }
 
 // Computes the generalized forces of bodies from wrenches on their links, times scale.

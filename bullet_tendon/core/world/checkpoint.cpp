@@ -18,20 +18,16 @@ namespace bt {
 // Calls copy(present, saved) for every part of a world's state and its place in a checkpoint.
 template <class W, class C, class Copy>
 void World::each_part(W& world, C& checkpoint, Copy copy) {
-  for (size_t c = 0; c < world.scene.tendons.size(); ++c) {
-    if (!world.scene.tendons[c]) continue;
-    Tendon& tendon = *world.scene.tendons[c];
-    auto& saved = checkpoint.tendons[c];
+  for (auto [slot, tendon] : filled(world.scene.tendons)) {
+    auto& saved = checkpoint.tendons[slot];
     copy(static_cast<TendonState&>(tendon), saved.state);
     copy(static_cast<SpringState&>(tendon.structure), saved.structure);
     copy(static_cast<SpringState&>(tendon.shear), saved.shear);
   }
-  for (size_t e = 0; e < world.scene.ligaments.size(); ++e)
-    if (world.scene.ligaments[e])
-      copy(static_cast<LigamentState&>(*world.scene.ligaments[e]), checkpoint.elements.ligaments[e]);
-  for (size_t e = 0; e < world.scene.cartilages.size(); ++e)
-    if (world.scene.cartilages[e])
-      copy(static_cast<CartilageState&>(*world.scene.cartilages[e]), checkpoint.elements.cartilages[e]);
+  for (auto [slot, ligament] : filled(world.scene.ligaments))
+    copy(static_cast<LigamentState&>(ligament), checkpoint.elements.ligaments[slot]);
+  for (auto [slot, cartilage] : filled(world.scene.cartilages))
+    copy(static_cast<CartilageState&>(cartilage), checkpoint.elements.cartilages[slot]);
   copy(world.scene.links, checkpoint.links);
   copy(world.scene.bodies, checkpoint.bodies);
   copy(world.contacts_.memory, checkpoint.memory);
@@ -54,8 +50,8 @@ void World::capture(Checkpoint& to) const {
 void World::apply(const Checkpoint& from) {
   const int count = static_cast<int>(scene.links.size());
   each_part(*this, from, [](auto& present, const auto& saved) { present = saved; });
-  for (auto& c : scene.tendons)
-    if (c && c->material.tissue.can_rupture()) c->share_out();
+  for (auto [slot, c] : filled(scene.tendons))
+    if (c.material.tissue.can_rupture()) c.share_out();
   ensure_link(count - 1);          // shapes or tunnels added since then refer to links
   detection_.broad_phase.clear();  // its results do not depend on its cache
 }
@@ -194,12 +190,10 @@ void require_link(const Link& l, const std::vector<GeneralizedBody>& bodies) {
 void World::require_state(const Checkpoint& c) const {
   require(c.tendons.size() == scene.tendons.size(), kSizes);
   require(c.last_step.dt >= 0, "with a last step of a length of at least 0");
-  for (size_t t = 0; t < scene.tendons.size(); ++t) {
+  for (size_t t = 0; t < scene.tendons.size(); ++t)
     require(c.tendons[t].alive == (scene.tendons[t] != nullptr), "of a world that is made of the same parts");
-    if (scene.tendons[t])
-      require_tendon(c.tendons[t], *scene.tendons[t], std::max(scene.links.size(), c.links.size()),
-                     scene.tunnels);
-  }
+  for (auto [slot, tendon] : filled(scene.tendons))
+    require_tendon(c.tendons[slot], tendon, std::max(scene.links.size(), c.links.size()), scene.tunnels);
   for (const GeneralizedBody& body : c.bodies) require_body(body);
   for (const GeneralizedBody& body : c.sensed_bodies) require_body(body);
   require(c.bodies.size() == c.links.size() || c.bodies.empty(), kSizes);
@@ -227,12 +221,10 @@ void World::require_state(const Checkpoint& c) const {
 void World::require_elements(const ElementCheckpoint& c) const {
   require(c.ligaments.size() == scene.ligaments.size(), kSizes);
   require(c.cartilages.size() == scene.cartilages.size(), kSizes);
-  for (size_t e = 0; e < c.ligaments.size(); ++e)
-    if (const auto& ligament = scene.ligaments[e])
-      require(c.ligaments[e].memory.size() == ligament->material().tissue.weights.size(), kSizes);
-  for (size_t e = 0; e < c.cartilages.size(); ++e)
-    if (const auto& cartilage = scene.cartilages[e])
-      require(c.cartilages[e].regions.size() == cartilage->regions.size(), kSizes);
+  for (auto [slot, ligament] : filled(scene.ligaments))
+    require(c.ligaments[slot].memory.size() == ligament.material().tissue.weights.size(), kSizes);
+  for (auto [slot, cartilage] : filled(scene.cartilages))
+    require(c.cartilages[slot].regions.size() == cartilage.regions.size(), kSizes);
 }
 
 // FNV-1a hash of the properties that a world must share with a state to restore it.
@@ -286,16 +278,15 @@ std::vector<char> World::save() {
   write("structure", structure_mark());
   Checkpoint now, none;
   capture(now);
-  for (auto& c : scene.tendons)
-    if (c) write("model", static_cast<TendonModel&>(*c));
+  for (auto [slot, c] : filled(scene.tendons)) write("model", static_cast<TendonModel&>(c));
   write("filter", scene.filter);
   write("now", now);
   write("start", history_.may_resolve ? *history_.start : none);
   for (auto& of_tendon : detection_.caches)
     for (NearCache& cache : of_tendon) write("planes", cache.entries);
   if (!scene.has_elements()) return out;
-  for (const auto& ligament : scene.ligaments)
-    if (ligament) write("ligament", static_cast<LigamentModel&>(*ligament));
+  for (auto [slot, ligament] : filled(scene.ligaments))
+    write("ligament", static_cast<LigamentModel&>(ligament));
   write("elements", now.elements);
   write("elements", history_.may_resolve ? history_.start->elements : none.elements);
   return out;
@@ -309,10 +300,9 @@ void World::restore(const char* from, size_t size) {
   require(mark == structure_mark(), "of a world that is made of the same parts");
   Checkpoint now, start;
   std::vector<TendonModel> models(scene.tendons.size());
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (!scene.tendons[c]) continue;
-    read("model", models[c]);
-    require_model(models[c], scene.tendons[c]->n());
+  for (auto [slot, c] : filled(scene.tendons)) {
+    read("model", models[slot]);
+    require_model(models[slot], c.n());
   }
   CollisionFilter filter;
   read("filter", filter);
@@ -331,10 +321,9 @@ void World::restore(const char* from, size_t size) {
     }
   std::vector<LigamentModel> ligaments(scene.ligaments.size());
   if (scene.has_elements()) {
-    for (size_t e = 0; e < ligaments.size(); ++e) {
-      if (!scene.ligaments[e]) continue;
-      read("ligament", ligaments[e]);
-      require(ligaments[e].rest > 0, "with rest lengths above 0");
+    for (auto [slot, ligament] : filled(scene.ligaments)) {
+      read("ligament", ligaments[slot]);
+      require(ligaments[slot].rest > 0, "with rest lengths above 0");
     }
     read("elements", now.elements);
     read("elements", start.elements);
@@ -345,14 +334,13 @@ void World::restore(const char* from, size_t size) {
   require(filter.is_valid(scene.tendons.size(), now.links.size()), kIndices);
   require_state(now);
   if (start.valid) require_state(start);
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (!scene.tendons[c]) continue;
-    scene.tendons[c]->force = models[c].force;
-    scene.tendons[c]->point_mass = models[c].point_mass;
-    scene.tendons[c]->set_rest(models[c].rest);
+  for (auto [slot, c] : filled(scene.tendons)) {
+    c.force = models[slot].force;
+    c.point_mass = models[slot].point_mass;
+    c.set_rest(models[slot].rest);
   }
-  for (size_t e = 0; e < ligaments.size(); ++e)
-    if (scene.ligaments[e]) static_cast<LigamentModel&>(*scene.ligaments[e]) = ligaments[e];
+  for (auto [slot, ligament] : filled(scene.ligaments))
+    static_cast<LigamentModel&>(ligament) = ligaments[slot];
   scene.filter = std::move(filter);
   apply(now);
   *history_.start = std::move(start);

@@ -177,25 +177,22 @@ Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 void World::collect_contacts() {
   contacts_.all.clear();
   step_.motion_limit = 1;
-  for (Tendon* c : step_.slots)
-    if (c) c->limited = false;
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!step_.slots[c]) continue;
-    find_near_tunnels(static_cast<int>(c));
+  for (auto [tendon, c] : filled(step_.slots)) {
+    c.limited = false;
+    find_near_tunnels(tendon);
     for (const int t : detection_.near_tunnels) {
-      bore_contacts(static_cast<int>(c), t);
-      mouth_contacts(static_cast<int>(c), t);
+      bore_contacts(tendon, t);
+      mouth_contacts(tendon, t);
     }
-    for (size_t s = 0; s < scene.shapes.size(); ++s)
-      if (scene.shapes[s] && scene.shapes[s]->half_space &&
-          scene.filter.meets_link(static_cast<int>(c), scene.shapes[s]->link))
-        half_space_contacts(static_cast<int>(c), static_cast<int>(s));
+    for (auto [s, shape] : filled(scene.shapes))
+      if (!shape.half_space)
+        limit_motion(c, motion_limit_of(detection_.caches[tendon][s], c.radius));
+      else if (scene.filter.meets_link(tendon, shape.link))
+        half_space_contacts(tendon, s);
   }
-  for (size_t c = 0; c < step_.slots.size(); ++c)
-    for (size_t s = 0; step_.slots[c] && s < scene.shapes.size(); ++s)
-      if (scene.shapes[s] && !scene.shapes[s]->half_space)
-        limit_motion(*step_.slots[c], motion_limit_of(detection_.caches[c][s], step_.slots[c]->radius));
-  bone_contacts();
+  for (auto [tendon, c] : filled(step_.slots))
+    for (auto [s, shape] : filled(scene.shapes))
+      if (!shape.half_space) bone_contacts(tendon, s);
   tendon_contacts();
   drop_contacts_of_torn();
 }
@@ -363,8 +360,7 @@ void World::remember() {
   contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), moves),
                          contacts_.memory.end());
   contacts_.touching.assign(step_.slots.size(), 0);
-  for (Tendon* c : step_.slots)
-    if (c) c->touched = false;
+  for (auto [slot, c] : filled(step_.slots)) c.touched = false;
   for (const Contact& contact : contacts_.all) {
     if (contact.normal_force.value <= 0) continue;
     for (const int tendon : {contact.a.tendon, contact.b.tendon}) {
@@ -382,52 +378,42 @@ void World::remember() {
   }
   std::sort(contacts_.memory.begin(), contacts_.memory.end(),
             [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; });
-  for (size_t c = 0; c < step_.slots.size(); ++c)
-    if (step_.slots[c]) {
-      step_.slots[c]->smooth = step_.slots[c]->touching == contacts_.touching[c];
-      step_.slots[c]->touching = contacts_.touching[c];
-    }
+  for (auto [slot, c] : filled(step_.slots)) {
+    c.smooth = c.touching == contacts_.touching[slot];
+    c.touching = contacts_.touching[slot];
+  }
   for (GeneralizedBody& m : scene.bodies) m.history.smooth = true;
 }
 
-void World::bone_contacts() {
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!step_.slots[c]) continue;
-    const int n = step_.slots[c]->n(), tendon = static_cast<int>(c);
-    for (size_t s = 0; s < scene.shapes.size(); ++s) {
-      if (!scene.shapes[s] || scene.shapes[s]->half_space) continue;
-      const Shape& shape = *scene.shapes[s];
-      const Link& link = scene.links[shape.link];
-      const std::vector<Entry>& entries = detection_.caches[c][s].entries;
-      if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) continue;
-      const Pose end = foreseen_pose(in_world(shape, link), link);
-      const Surface* surface = surface_for(*step_.slots[c], static_cast<int>(s));
-      const bool round = shape.primitive.is_round();
-      auto will = [&](int k) {
-        return round && k >= 0 && k < n - 1 &&
-               will_bulge(detection_.caches[c][s], shape, *step_.slots[c], k, end);
-      };
-      for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
-        const Entry& e = entries[f];
-        if (!e.wanted) continue;
-        const bool segment = f >= n;
-        if (segment && !bulges(detection_.caches[c][s], n, f - n, step_.slots[c]->radius) && !will(f - n))
-          continue;
-        const SegmentPoint spot = segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u}
-                                          : particle_of(*step_.slots[c], tendon, f);
-        const Vec3 ahead = to_local(end, spot.of(step_.slots[c]->predicted));
-        const Tangent beside = in_world(tangent_of(detection_.caches[c][s], shape, f, ahead), end);
-        ContactKey key{ContactKind::bone, tendon, f, static_cast<int>(s)};
-        const auto other = across_valley(detection_.caches[c][s], f, surface, step_.slots[c]->radius);
-        if (other) {
-          const Tangent side = in_world({other->point, other->normal}, end);
-          ContactKey across = key;
-          (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
-          bone_contact(segment ? SegmentPoint{tendon, f - n, 1 - other->u, other->u} : spot, across, side, 0);
-        }
-        bone_contact(spot, key, beside, segment && round ? came_from(key, f - n, will) : 0);
-      }
+void World::bone_contacts(int tendon, int s) {
+  const Tendon& c = *step_.slots[tendon];
+  const Shape& shape = *scene.shapes[s];
+  const Link& link = scene.links[shape.link];
+  NearCache& cache = detection_.caches[tendon][s];
+  const std::vector<Entry>& entries = cache.entries;
+  if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) return;
+  const Pose end = foreseen_pose(in_world(shape, link), link);
+  const Surface* surface = surface_for(c, s);
+  const int n = c.n();
+  const bool round = shape.primitive.is_round();
+  auto will = [&](int k) { return round && k >= 0 && k < n - 1 && will_bulge(cache, shape, c, k, end); };
+  for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
+    const Entry& e = entries[f];
+    if (!e.wanted) continue;
+    const bool segment = f >= n;
+    if (segment && !bulges(cache, n, f - n, c.radius) && !will(f - n)) continue;
+    const SegmentPoint spot =
+        segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
+    const Vec3 ahead = to_local(end, spot.of(c.predicted));
+    const Tangent beside = in_world(tangent_of(cache, shape, f, ahead), end);
+    ContactKey key{ContactKind::bone, tendon, f, s};
+    if (const auto other = across_valley(cache, f, surface, c.radius)) {
+      const Tangent side = in_world({other->point, other->normal}, end);
+      ContactKey across = key;
+      (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
+      bone_contact(segment ? SegmentPoint{tendon, f - n, 1 - other->u, other->u} : spot, across, side, 0);
     }
+    bone_contact(spot, key, beside, segment && round ? came_from(key, f - n, will) : 0);
   }
 }
 
@@ -527,13 +513,12 @@ void World::find_bores() {
   detection_.bores.resize(scene.tunnels.size());
   detection_.bores_by_link.resize(scene.links.size());
   for (auto& list : detection_.bores_by_link) list.clear();
-  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    if (!scene.tunnels[t]) continue;
-    detection_.bores[t] = in_world(*scene.tunnels[t], scene.links[scene.tunnels[t]->link].pose);
-    detection_.bores_by_link[scene.tunnels[t]->link].push_back(detection_.bores[t]);
+  for (auto [t, tunnel] : filled(scene.tunnels)) {
+    detection_.bores[t] = in_world(tunnel, scene.links[tunnel.link].pose);
+    detection_.bores_by_link[tunnel.link].push_back(detection_.bores[t]);
   }
-  for (size_t c = 0; c < step_.slots.size(); ++c)
-    if (step_.slots[c] && !scene.tunnels.empty()) classify(static_cast<int>(c));
+  if (scene.tunnels.empty()) return;
+  for (auto [tendon, c] : filled(step_.slots)) classify(tendon);
 }
 
 bool World::may_enter(int tendon, int tunnel) const {

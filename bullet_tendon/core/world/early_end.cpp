@@ -116,8 +116,8 @@ bool World::is_near_left_out(const Island& g) const {
   for (const Contact* contact : g.contacts)
     if (contact->link >= 0 && stays(scene.links[contact->link])) return true;
   for (const int moving : g.numbers)
-    for (size_t c = 0; c < scene.tendons.size(); ++c)
-      if (scene.tendons[c] && !step_.slots[c] && meets(static_cast<int>(c), moving)) return true;
+    for (auto [slot, c] : filled(scene.tendons))
+      if (!step_.slots[slot] && meets(slot, moving)) return true;
   return false;
 }
 

@@ -10,7 +10,7 @@ namespace bt {
 namespace {
 
 // Whether a tendon ends a step of implicit Euler after which it may continue with its bodies.
-bool begins_history(const Tendon* c) { return c && c->with_body && c->history == 0; }
+bool begins_history(const Tendon& c) { return c.with_body && c.history == 0; }
 
 }  // namespace
 
@@ -82,8 +82,7 @@ void World::continue_history(int body) {
 // Determines which tendons are solved together with bodies that have a history. A body has none where
 // another body of the same island cannot have one.
 void World::find_couplings() {
-  for (Tendon* c : step_.slots)
-    if (c) c->coupled = c->barred = false;
+  for (auto [slot, c] : filled(step_.slots)) c.coupled = c.barred = false;
   for (GeneralizedBody& m : scene.bodies) m.history.coupled = false;
   for (bool any = true; any;) {
     any = false;
@@ -104,8 +103,7 @@ void World::find_couplings() {
       set(b.coupled, a.coupled);
     });
   }
-  for (Tendon* c : step_.slots)
-    if (c) c->coupled &= !c->barred;
+  for (auto [slot, c] : filled(step_.slots)) c.coupled &= !c.barred;
 }
 
 // Prepares BDF2 after a step of implicit Euler (bodies/body_history.h). Forces that began with the step leave
@@ -118,10 +116,9 @@ void World::begin_histories() {
   std::vector<double>&known = islands_.by_known, &all = islands_.by_all;
   known.assign(scene.tendons.size(), 0.0);
   all.assign(scene.tendons.size(), 0.0);
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!begins_history(step_.slots[c])) continue;
-    const Tendon& t = *step_.slots[c];
-    const int root = island_root(static_cast<int>(c));
+  for (auto [slot, t] : filled(step_.slots)) {
+    if (!begins_history(t)) continue;
+    const int root = island_root(slot);
     for (int i = 0; i < t.n(); ++i) {
       const Vec3 change = t.v.at(i) - t.v_before.at(i), by_known = dt * known_acceleration(t, i);
       all[root] += t.mass[i] * dot(change, change);
@@ -139,10 +136,9 @@ void World::begin_histories() {
     const int root = island_root(tendon);
     return known[root] < all[root] ? known[root] / all[root] : 1.0;
   };
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!begins_history(step_.slots[c])) continue;
-    Tendon& t = *step_.slots[c];
-    const double share = t.steady_share = steady_share(static_cast<int>(c));
+  for (auto [slot, t] : filled(step_.slots)) {
+    if (!begins_history(t)) continue;
+    const double share = t.steady_share = steady_share(slot);
     for (int i = 0; i < t.n(); ++i) {
       const Vec3 change = t.v.at(i) - t.v_before.at(i);
       t.v.add(i, 0.5 * (share * change + (1 - share) * dt * known_acceleration(t, i)));
@@ -170,17 +166,16 @@ bool World::share_weights() {
     changed |= of.smooth && two;
     of.smooth = false;
   };
-  auto continues = [&](const Tendon* c) { return c && c->h_eff < dt; };
-  auto restart = [&](Tendon& c) { interrupt(c, continues(&c)); };
+  auto continues = [&](const Tendon& c) { return c.h_eff < dt; };
+  auto restart = [&](Tendon& c) { interrupt(c, continues(c)); };
   auto restart_body = [&](GeneralizedBody& m) { interrupt(m.history, m.history.continues); };
-  for (Tendon* c : step_.slots)
-    if (c && (c->barred || (continues(c) && c->coupled != c->with_body))) restart(*c);
+  for (auto [slot, c] : filled(step_.slots))
+    if (c.barred || (continues(c) && c.coupled != c.with_body)) restart(c);
   for (GeneralizedBody& m : scene.bodies)
     if (m.history.continues && !(m.history.admitted && m.history.coupled)) restart_body(m);
   each_lost_contact([&](const ContactKey& key) {
-    if (continues(step_.slots[key.tendon])) restart(*step_.slots[key.tendon]);
-    if (key.kind == ContactKind::tendon && continues(step_.slots[key.other]))
-      restart(*step_.slots[key.other]);
+    for (const int tendon : {key.tendon, key.kind == ContactKind::tendon ? key.other : key.tendon})
+      if (step_.slots[tendon] && continues(*step_.slots[tendon])) restart(*step_.slots[tendon]);
   });
   // What acts on each other continues together.
   for (any = true; any;) {
@@ -191,7 +186,7 @@ bool World::share_weights() {
       restart(b);
     });
     each_coupling([&](Tendon& c, GeneralizedBody& m) {
-      const bool together = !c.smooth || continues(&c) == m.history.continues;
+      const bool together = !c.smooth || continues(c) == m.history.continues;
       if (!c.coupled || (c.smooth == m.history.smooth && together)) return;
       restart(c);
       restart_body(m);

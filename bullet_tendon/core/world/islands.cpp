@@ -54,11 +54,10 @@ void World::make_islands() {
     g.matrix.tolerance = 0;
     g.result = {};
   }
-  for (int c = 0; c < tendons; ++c) {
-    if (!step_.slots[c]) continue;
-    Island& g = islands_.all[island_root(c)];
-    g.tendons.push_back(step_.slots[c]);
-    g.numbers.push_back(c);
+  for (auto [slot, c] : filled(step_.slots)) {
+    Island& g = islands_.all[island_root(slot)];
+    g.tendons.push_back(&c);
+    g.numbers.push_back(slot);
   }
   for (Contact& contact : contacts_.all) {
     Island& g = islands_.all[island_root(contact.a.tendon)];
@@ -155,17 +154,17 @@ bool World::solution_passes_cartilage() {
 template <class Measure>
 void World::limit_cartilage(Measure measure) {
   if (step_.whole) return;
-  for (const auto& cartilage : scene.cartilages) {
-    if (!cartilage) continue;
-    const double most = kLayerShare * cartilage->grid().depth();
+  for (auto [slot, part] : filled(scene.cartilages)) {
+    const Cartilage& cartilage = part;
+    const double most = kLayerShare * cartilage.grid().depth();
     auto motion = [&](auto of) {
-      return cartilage->motion(scene.links, of(scene.links[cartilage->link_a()]),
-                               of(scene.links[cartilage->link_b()]), most);
+      return cartilage.motion(scene.links, of(scene.links[cartilage.link_a()]),
+                              of(scene.links[cartilage.link_b()]), most);
     };
     const double least = measure(motion, most);
     if (least <= most) continue;
     step_.motion_limit = std::min(step_.motion_limit, most / least);
-    for (const int link : {cartilage->link_a(), cartilage->link_b()})
+    for (const int link : {cartilage.link_a(), cartilage.link_b()})
       if (scene.links[link].yields()) scene.bodies[scene.links[link].body].limited = true;
   }
 }
@@ -189,16 +188,14 @@ void World::foresee_links() {
 bool World::foresee_at_solution() {
   if (step_.detections >= kMostDetections) return false;
   double slack = HUGE_VAL;
-  for (const Tendon* c : step_.slots)
-    if (c) slack = std::min(slack, kSlack * c->radius);
+  for (auto [slot, c] : filled(step_.slots)) slack = std::min(slack, kSlack * c.radius);
   const double h = step_.context.dt;
   bool any = false;
-  for (const auto& tunnel : scene.tunnels) {
-    if (!tunnel) continue;
-    Link& l = scene.links[tunnel->link];
+  for (auto [slot, tunnel] : filled(scene.tunnels)) {
+    Link& l = scene.links[tunnel.link];
     if (!l.yields() || !scene.bodies[l.body].turning.elements) continue;
     const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
-    for (const Vec3 local : {tunnel->start, tunnel->end}) {
+    for (const Vec3 local : {tunnel.start, tunnel.end}) {
       const Vec3 arm = to_world(l.pose, local) - l.centre;
       if (norm(solved.at(arm) - l.foreseen.all.at(arm)) <= slack) continue;
       l.foresee(l.given, h, turns_far(l));

@@ -43,8 +43,7 @@ double coarse_turn(const Tendon& c, int i, double most, double gravity) {
 // not reported yet.
 void World::find_coarse_turns() {
   const double gravity = norm(step_.context.gravity);
-  for (Tendon* c : step_.slots)
-    if (c) c->coarse.angle = 0;
+  for (auto [slot, c] : filled(step_.slots)) c.coarse.angle = 0;
   for (const Contact& contact : contacts_.all) {
     const bool bone = contact.key.kind == ContactKind::bone;
     if (!(bone || contact.key.kind == ContactKind::mouth) || !(contact.normal_force.value > 0)) continue;
@@ -56,21 +55,17 @@ void World::find_coarse_turns() {
       if (angle > c.coarse.angle) c.coarse = {i, contact.link, angle, c.coarse.steps, c.coarse.reported};
     }
   }
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!step_.slots[c]) continue;
-    CoarseTurn& coarse = step_.slots[c]->coarse;
+  for (auto [slot, c] : filled(step_.slots)) {
+    CoarseTurn& coarse = c.coarse;
     coarse.steps = coarse.angle > 0 ? coarse.steps + 1 : 0;
-    if (coarse.steps >= kCoarseSteps && !coarse.reported) step_.report.coarse_tendon = static_cast<int>(c);
+    if (coarse.steps >= kCoarseSteps && !coarse.reported) step_.report.coarse_tendon = slot;
   }
 }
 
 // Cartilage that was pressed by more than its thickness, and was not reported yet.
 void World::find_flat_cartilage() {
-  for (size_t e = 0; e < scene.cartilages.size(); ++e) {
-    const Cartilage* c = scene.cartilages[e].get();
-    if (c && c->flattening.depth > 0 && !c->flattening.reported)
-      step_.report.flat_cartilage = static_cast<int>(e);
-  }
+  for (auto [slot, c] : filled(scene.cartilages))
+    if (c.flattening.depth > 0 && !c.flattening.reported) step_.report.flat_cartilage = slot;
 }
 
 void World::read_worst(const Island& g) {
@@ -79,8 +74,8 @@ void World::read_worst(const Island& g) {
   const Tendon* worst = g.tendons[0];
   for (const Tendon* c : g.tendons)
     if (!(c->residual_norm <= worst->residual_norm)) worst = c;
-  for (size_t c = 0; c < step_.slots.size(); ++c)
-    if (step_.slots[c] == worst) step_.attempt.worst_tendon = static_cast<int>(c);
+  for (auto [slot, c] : filled(step_.slots))
+    if (&c == worst) step_.attempt.worst_tendon = slot;
   step_.attempt.worst_particle = worst->worst_particle;
 }
 

@@ -74,11 +74,10 @@ bool World::take_back() {
   capture(last);
   if (!same_anchors(*history_.start, last)) return false;
   apply(*history_.start);
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (!scene.tendons[c]) continue;
-    const TendonState& user = last.tendons[c].state;
-    choose_again(user, *scene.tendons[c]);
-    if (user.sleeping_island < 0) wake_tendon(static_cast<int>(c));
+  for (auto [slot, c] : filled(scene.tendons)) {
+    const TendonState& user = last.tendons[slot].state;
+    choose_again(user, c);
+    if (user.sleeping_island < 0) wake_tendon(slot);
   }
   return true;
 }
@@ -115,14 +114,13 @@ double World::pulled_away(const Tendon& c, const Anchor& h) const {
 std::vector<int> World::pulled_bodies() const {
   if (!history_.may_resolve) return {};
   std::vector<double> most(scene.bodies.size());
-  for (const auto& c : scene.tendons)
-    for (size_t i = 0; c && i < c->anchors.size(); ++i) {
-      const Anchor& h = c->anchors[i];
+  for (auto [slot, c] : filled(scene.tendons))
+    for (const Anchor& h : c.anchors) {
       if (h.link < 0 || !scene.links[h.link].yields() || !scene.links[h.link].jacobian.empty()) continue;
       const Observer& seen = scene.bodies[scene.links[h.link].body].observer;
       if (seen.missed().empty() || seen.held()) continue;
       double& of_body = most[scene.links[h.link].body];
-      const double away = pulled_away(*c, h);
+      const double away = pulled_away(c, h);
       of_body = away < 0 || of_body < 0 ? -1 : std::max(of_body, away);
     }
   return slots_where(most, [](double away) { return away > kSuddenPull; });

@@ -106,10 +106,10 @@ void World::wake_tendon(int tendon) {
   const int island = scene.tendons[tendon]->sleeping_island;
   scene.tendons[tendon]->quiet = 0;
   if (island < 0) return;
-  for (auto& c : scene.tendons)
-    if (c && c->sleeping_island == island) {
-      c->sleeping_island = -1;
-      c->quiet = 0;
+  for (auto [slot, c] : filled(scene.tendons))
+    if (c.sleeping_island == island) {
+      c.sleeping_island = -1;
+      c.quiet = 0;
     }
   auto woken = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island < 0; };
   contacts_.asleep.erase(std::remove_if(contacts_.asleep.begin(), contacts_.asleep.end(), woken),
@@ -117,8 +117,7 @@ void World::wake_tendon(int tendon) {
 }
 
 void World::wake_all() {
-  for (size_t c = 0; c < scene.tendons.size(); ++c)
-    if (scene.tendons[c]) wake_tendon(static_cast<int>(c));
+  for (auto [slot, c] : filled(scene.tendons)) wake_tendon(slot);
 }
 
 bool World::any_asleep() const {
@@ -133,16 +132,12 @@ bool World::feels(int tendon, int slot, double dt) const {
   for (const Anchor& h : c.anchors)
     if (h.link == slot) return true;
   if (!scene.filter.meets_link(tendon, slot)) return false;
-  for (size_t s = 0; s < scene.shapes.size(); ++s) {
-    if (!scene.shapes[s] || scene.shapes[s]->link != slot) continue;
-    if (scene.shapes[s]->half_space) return true;
-    const Shape& shape = *scene.shapes[s];
-    if (is_near(c, in_world(shape, link), link, dt, shape.box(), skin)) return true;
+  for (auto [s, shape] : filled(scene.shapes)) {
+    if (shape.link != slot) continue;
+    if (shape.half_space || is_near(c, in_world(shape, link), link, dt, shape.box(), skin)) return true;
   }
-  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    if (!scene.tunnels[t] || scene.tunnels[t]->link != slot) continue;
-    if (is_near(c, link.pose, link, dt, scene.bore_in_link(static_cast<int>(t)).box, skin)) return true;
-  }
+  for (auto [t, tunnel] : filled(scene.tunnels))
+    if (tunnel.link == slot && is_near(c, link.pose, link, dt, scene.bore_in_link(t).box, skin)) return true;
   return false;
 }
 
@@ -150,11 +145,9 @@ bool World::feels(int tendon, int slot, double dt) const {
 void World::wake_disturbed(double dt) {
   if (any_asleep()) {
     if (step_.whole || !options.sleep || !same(step_.context.gravity, sleep_.gravity)) wake_all();
-    for (size_t l = 0; l < scene.links.size(); ++l)
-      for (size_t c = 0; scene.links[l].moved && c < scene.tendons.size(); ++c)
-        if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 &&
-            feels(static_cast<int>(c), static_cast<int>(l), dt))
-          wake_tendon(static_cast<int>(c));
+    for (const int l : slots_where(scene.links, [](const Link& link) { return link.moved; }))
+      for (auto [slot, c] : filled(scene.tendons))
+        if (c.sleeping_island >= 0 && feels(slot, l, dt)) wake_tendon(slot);
   }
   for (Link& l : scene.links) l.moved = false;
 }
@@ -177,15 +170,14 @@ bool World::meets(int still, int moving) const {
 }
 
 bool World::is_met(int tendon) const {
-  for (size_t a = 0; a < step_.slots.size(); ++a)
-    if (step_.slots[a] && meets(tendon, static_cast<int>(a))) return true;
+  for (auto [slot, c] : filled(step_.slots))
+    if (meets(tendon, slot)) return true;
   return false;
 }
 
 void World::find_reach() {
   sleep_.reach.assign(step_.slots.size(), Box{});
-  for (size_t a = 0; a < step_.slots.size(); ++a)
-    if (step_.slots[a]) sleep_.reach[a] = box_of_reach(*step_.slots[a], options.contact_threshold);
+  for (auto [slot, c] : filled(step_.slots)) sleep_.reach[slot] = box_of_reach(c, options.contact_threshold);
 }
 
 // Wakes islands that an awake tendon has come within reach of. Returns whether there are any.
@@ -193,9 +185,9 @@ bool World::wake_met() {
   if (!any_asleep()) return false;
   bool any = false;
   find_reach();
-  for (size_t c = 0; c < scene.tendons.size(); ++c)
-    if (scene.tendons[c] && scene.tendons[c]->sleeping_island >= 0 && is_met(static_cast<int>(c))) {
-      wake_tendon(static_cast<int>(c));
+  for (auto [slot, c] : filled(scene.tendons))
+    if (c.sleeping_island >= 0 && is_met(slot)) {
+      wake_tendon(slot);
       any = true;
     }
   if (any) join_step();
@@ -205,11 +197,11 @@ bool World::wake_met() {
 // Adds awake tendons to the step. The forces of tendons that wake now were constant in earlier substeps.
 void World::join_step() {
   step_.slots.resize(scene.tendons.size());
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (step_.slots[c] || !scene.tendons[c] || scene.tendons[c]->sleeping_island >= 0) continue;
-    step_.slots[c] = scene.tendons[c].get();
-    step_.slots[c]->keep_multipliers(step_.slots[c]->start_multipliers);
-    for (Anchor& h : step_.slots[c]->anchors) {
+  for (auto [slot, c] : filled(scene.tendons)) {
+    if (step_.slots[slot] || c.sleeping_island >= 0) continue;
+    step_.slots[slot] = &c;
+    c.keep_multipliers(c.start_multipliers);
+    for (Anchor& h : c.anchors) {
       h.last_mean = h.mean_force;
       h.sum_force = step_.substeps.share_before() * h.step_force;
     }
@@ -220,11 +212,10 @@ void World::join_step() {
 bool World::count_rest(double dt) {
   const bool solved = step_.substeps.taken() == 1 && step_.report.converged;
   bool any = false;
-  for (Tendon* c : step_.slots) {
-    if (!c) continue;
-    const bool still = solved && rests(*c, dt) && unloads_dampers(*c, norm(step_.context.gravity));
-    c->quiet = still ? c->quiet + std::min(dt, kRestTime / kRestSteps) : 0;
-    any |= c->quiet >= kRestTime;
+  for (auto [slot, c] : filled(step_.slots)) {
+    const bool still = solved && rests(c, dt) && unloads_dampers(c, norm(step_.context.gravity));
+    c.quiet = still ? c.quiet + std::min(dt, kRestTime / kRestSteps) : 0;
+    any |= c.quiet >= kRestTime;
   }
   return any;
 }
@@ -239,23 +230,21 @@ void World::find_restful() {
   };
   for (const Contact& contact : contacts_.all)
     if (contact.link >= 0) by(island_root(contact.a.tendon), contact.link);
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!step_.slots[c]) continue;
-    const int root = island_root(static_cast<int>(c));
-    for (const Anchor& h : step_.slots[c]->anchors) by(root, h.link);
-    if (step_.slots[c]->quiet < kRestTime) sleep_.restless[root] = 1;
+  for (auto [slot, c] : filled(step_.slots)) {
+    const int root = island_root(slot);
+    for (const Anchor& h : c.anchors) by(root, h.link);
+    if (c.quiet < kRestTime) sleep_.restless[root] = 1;
   }
 }
 
 void World::fall_asleep() {
   if (!options.sleep || !step_.substeps.divisible() || !count_rest(step_.substeps.step())) return;
   find_restful();
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    const int root = step_.slots[c] ? island_root(static_cast<int>(c)) : 0;
-    if (step_.slots[c] && sleep_.restful[root] && !sleep_.restless[root]) {
-      lie_still(*step_.slots[c]);
-      step_.slots[c]->sleeping_island = root;
-    }
+  for (auto [slot, c] : filled(step_.slots)) {
+    const int root = island_root(slot);
+    if (!sleep_.restful[root] || sleep_.restless[root]) continue;
+    lie_still(c);
+    c.sleeping_island = root;
   }
   auto sleeps = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island >= 0; };
   std::copy_if(contacts_.all.begin(), contacts_.all.end(), std::back_inserter(contacts_.asleep), sleeps);
@@ -270,11 +259,10 @@ void World::push_asleep() {
   for (const Contact& contact : contacts_.asleep)
     if (contact.link >= 0)
       scene.links[contact.link].apply(-contact.force.mean, contact.a.of(scene.tendons[contact.a.tendon]->x));
-  for (const auto& c : scene.tendons)
-    for (size_t i = 0; c && c->sleeping_island >= 0 && i < c->anchors.size(); ++i) {
-      const Anchor& h = c->anchors[i];
-      if (h.link >= 0) scene.links[h.link].apply(h.step_force, to_world(scene.links[h.link].pose, h.local));
-    }
+  for (auto [slot, c] : filled(scene.tendons))
+    for (const Anchor& h : c.anchors)
+      if (c.sleeping_island >= 0 && h.link >= 0)
+        scene.links[h.link].apply(h.step_force, to_world(scene.links[h.link].pose, h.local));
 }
 
 }  // namespace bt

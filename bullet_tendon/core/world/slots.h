@@ -1,4 +1,6 @@
 // Parts of a world, by slot. A removed part leaves an empty slot, which the next one that is added takes.
+//
+// for (auto [slot, part] : filled(list)) visits the slots of a list of pointers that are not empty.
 #pragma once
 #include <algorithm>
 #include <memory>
@@ -22,5 +24,35 @@ class Slots : public std::vector<std::unique_ptr<Part>> {
     while (!this->empty() && !this->back()) this->pop_back();
   }
 };
+
+template <class Pointer>
+class Filled {
+ public:
+  struct Slot {
+    int slot;
+    decltype(*std::declval<Pointer>()) part;
+  };
+  struct Iterator {
+    Pointer *first, *at, *end;
+    Slot operator*() const { return {static_cast<int>(at - first), **at}; }
+    bool operator!=(const Iterator& other) const { return at != other.at; }
+    Iterator& operator++() { return ++at, skip(); }
+    Iterator& skip() {
+      while (at != end && !*at) ++at;
+      return *this;
+    }
+  };
+  Filled(Pointer* first, size_t count) : first_(first), end_(first + count) {}
+  Iterator begin() const { return Iterator{first_, first_, end_}.skip(); }
+  Iterator end() const { return {first_, end_, end_}; }
+
+ private:
+  Pointer *first_, *end_;
+};
+
+template <class Pointer>
+Filled<const Pointer> filled(const std::vector<Pointer>& list) {
+  return {list.data(), list.size()};
+}
 
 }  // namespace bt

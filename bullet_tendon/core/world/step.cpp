@@ -110,8 +110,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   wake_disturbed(dt);
   join_step();
-  for (const auto& c : scene.tendons)
-    if (c) c->solves = 0;
+  for (auto [slot, c] : filled(scene.tendons)) c.solves = 0;
   step_.unsolved.assign(scene.tendons.size(), 0);
   step_.unsolved_bodies.assign(scene.bodies.size(), 0);
   if (scene.has_elements()) count_touches();
@@ -137,13 +136,12 @@ void World::predict() {
   step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
   lead_bodies();
   foresee_links();
-  for (Tendon* c : step_.slots) {
-    if (!c) continue;
-    aim_attachments(*c);
-    aim_grips(*c, step_.substeps.share_left());
-    begin_step(*c, step_.context);
-    c->predict();
-    expect_carried(*c);
+  for (auto [slot, c] : filled(step_.slots)) {
+    aim_attachments(c);
+    aim_grips(c, step_.substeps.share_left());
+    begin_step(c, step_.context);
+    c.predict();
+    expect_carried(c);
   }
   begin_elements();
   find_bores();
@@ -188,11 +186,10 @@ std::optional<Reason> World::outlast_history() {
       step_.detections > 0)
     return {};
   bool turns = false, touched = false, grows = false;
-  for (const Tendon* c : step_.slots) {
-    if (!c) continue;
-    turns |= greatest_turn(*c) > kTurn;
-    touched |= c->touched;
-    const double growth = c->dt_before > 0 ? step_.context.dt / c->dt_before : 1;
+  for (auto [slot, c] : filled(step_.slots)) {
+    turns |= greatest_turn(c) > kTurn;
+    touched |= c.touched;
+    const double growth = c.dt_before > 0 ? step_.context.dt / c.dt_before : 1;
     grows |= growth > kMostGrowth && growth <= 2 * kMostGrowth;
   }
   if (!turns) return grows ? std::optional(Reason::growth) : std::nullopt;
@@ -239,8 +236,7 @@ void World::solve_again(Reason why) {
     step_.substeps.divide(why, why == Reason::turn ? step_.parts : 2);
   else
     step_.substeps.repeat(why);
-  for (Tendon* c : step_.slots)
-    if (c) c->restore_multipliers(c->start_multipliers);
+  for (auto [slot, c] : filled(step_.slots)) c.restore_multipliers(c.start_multipliers);
   predict();
 }
 
@@ -248,15 +244,15 @@ void World::solve_again(Reason why) {
 // it.
 bool World::predict_at_solution() {
   bool any = false;
-  for (Tendon* c : step_.slots) {
-    if (!c || !leaves_predicted_region(*c)) continue;
+  for (auto [slot, c] : filled(step_.slots)) {
+    if (!leaves_predicted_region(c)) continue;
     any = true;
-    for (int i = 0; i < c->n(); ++i) {
-      const double off = norm(c->x_new.at(i) - c->predicted.at(i));
-      if (!(off > c->slack[i])) continue;
-      c->slack[i] = kSlack * c->radius + 0.5 * off;
-      c->most_slack = std::max(c->most_slack, c->slack[i]);
-      c->predicted.set(i, c->x_new.at(i));
+    for (int i = 0; i < c.n(); ++i) {
+      const double off = norm(c.x_new.at(i) - c.predicted.at(i));
+      if (!(off > c.slack[i])) continue;
+      c.slack[i] = kSlack * c.radius + 0.5 * off;
+      c.most_slack = std::max(c.most_slack, c.slack[i]);
+      c.predicted.set(i, c.x_new.at(i));
     }
   }
   return any;
@@ -322,12 +318,11 @@ void World::take_substep() {
     h.sum_force += share * given(c, h.mean_force, h.step_force);
   });
   remember();
-  for (Tendon* c : step_.slots)
-    if (c) {
-      c->with_body = c->coupled && step_.substeps.is_whole();
-      finish_step(*c, step_.context);
-      c->let_overlaid_part();
-    }
+  for (auto [slot, c] : filled(step_.slots)) {
+    c.with_body = c.coupled && step_.substeps.is_whole();
+    finish_step(c, step_.context);
+    c.let_overlaid_part();
+  }
   share_weights();
   accept_elements();
   keep_held_links();
@@ -335,8 +330,7 @@ void World::take_substep() {
   if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();
   step_.substeps.accept();
-  for (Tendon* c : step_.slots)
-    if (c) c->keep_multipliers(c->start_multipliers);
+  for (auto [slot, c] : filled(step_.slots)) c.keep_multipliers(c.start_multipliers);
   step_.stop_changes = 0;
   predict();
 }
@@ -397,8 +391,7 @@ void World::aim_attachments(Tendon& c) {
 }
 
 void World::interrupt() {
-  for (auto& c : scene.tendons)
-    if (c) c->smooth = false;
+  for (auto [slot, c] : filled(scene.tendons)) c.smooth = false;
   for (GeneralizedBody& m : scene.bodies) m.history.smooth = false;
 }
 

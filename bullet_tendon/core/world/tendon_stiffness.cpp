@@ -83,12 +83,10 @@ void World::find_tendon_stiffness() {
   }
   Island island;
   island.slots = &step_.slots;
-  for (size_t c = 0; c < step_.slots.size(); ++c) {
-    if (!step_.slots[c]) continue;
-    island.tendons.push_back(step_.slots[c]);
-    island.numbers.push_back(static_cast<int>(c));
-    for (Anchor& anchor : step_.slots[c]->anchors)
-      anchor.moves = anchor.link >= 0 && scene.links[anchor.link].yields();
+  for (auto [slot, c] : filled(step_.slots)) {
+    island.tendons.push_back(&c);
+    island.numbers.push_back(slot);
+    for (Anchor& anchor : c.anchors) anchor.moves = anchor.link >= 0 && scene.links[anchor.link].yields();
   }
   for (Contact& contact : contacts_.all) {
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields();

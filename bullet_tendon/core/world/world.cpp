@@ -71,8 +71,8 @@ void World::remove_tunnel(int slot) {
   scene.tunnels.remove(slot);
   contacts_.all.clear();
   forget_planes();
-  for (auto& c : scene.tendons)
-    if (c) std::replace(c->tunnel_of.begin(), c->tunnel_of.end(), slot, -1);
+  for (auto [tendon, c] : filled(scene.tendons))
+    std::replace(c.tunnel_of.begin(), c.tunnel_of.end(), slot, -1);
   forget_memory([&](const ContactKey& k) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
            (k.kind == ContactKind::mouth && k.other / 2 == slot);
@@ -167,9 +167,8 @@ const Surface* World::surface_for(const Tendon& c, int s) {
   if (!shape.surface) return nullptr;
   std::vector<int>& wide = detection_.wide_tunnels;
   wide.clear();
-  for (size_t t = 0; t < scene.tunnels.size(); ++t)
-    if (scene.tunnels[t] && scene.tunnels[t]->link == shape.link && scene.tunnels[t]->radius > c.radius)
-      wide.push_back(static_cast<int>(t));
+  for (auto [t, tunnel] : filled(scene.tunnels))
+    if (tunnel.link == shape.link && tunnel.radius > c.radius) wide.push_back(t);
   if (wide.empty()) return shape.surface.get();
   detection_.drilled.resize(scene.shapes.size());
   std::vector<DrilledMesh>& known = detection_.drilled[s];
@@ -194,19 +193,16 @@ NearContext World::near_context(const Tendon& c, int s) {
 void World::update_proximity(DistanceOracle& oracle) {
   detection_.queries.clear();
   size_caches();
-  for (size_t c = 0; c < scene.tendons.size(); ++c) {
-    if (!step_.slots[c]) continue;
-    for (size_t s = 0; s < scene.shapes.size(); ++s) {
-      if (!scene.shapes[s] || scene.shapes[s]->half_space) continue;
-      if (!scene.filter.meets_link(static_cast<int>(c), scene.shapes[s]->link)) {
-        detection_.caches[c][s].entries.clear();
-        continue;
-      }
-      ask(*scene.tendons[c], static_cast<int>(c), *scene.shapes[s], static_cast<int>(s),
-          scene.links[scene.shapes[s]->link], near_context(*scene.tendons[c], static_cast<int>(s)),
-          detection_.caches[c][s], detection_.queries, step_.report.near);
+  for (auto [tendon, c] : filled(step_.slots))
+    for (auto [s, shape] : filled(scene.shapes)) {
+      NearCache& cache = detection_.caches[tendon][s];
+      if (shape.half_space) continue;
+      if (scene.filter.meets_link(tendon, shape.link))
+        ask(c, tendon, shape, s, scene.links[shape.link], near_context(c, s), cache, detection_.queries,
+            step_.report.near);
+      else
+        cache.entries.clear();
     }
-  }
   if (detection_.queries.empty()) return;
   oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
   for (size_t q = 0; q < detection_.queries.size(); ++q) {

@@ -55,10 +55,8 @@ struct Scene {
   // Calls what(element) for every element.
   template <class Do>
   void each_element(Do what) const {
-    for (const auto& ligament : ligaments)
-      if (ligament) what(static_cast<Element&>(*ligament));
-    for (const auto& cartilage : cartilages)
-      if (cartilage) what(static_cast<Element&>(*cartilage));
+    for (auto [slot, ligament] : filled(ligaments)) what(static_cast<Element&>(ligament));
+    for (auto [slot, cartilage] : filled(cartilages)) what(static_cast<Element&>(cartilage));
   }
   bool has_elements() const { return !ligaments.empty() || !cartilages.empty(); }
   // Lists the pairs of links that elements touch together.
@@ -172,9 +170,8 @@ std::vector<int> slots_where(const std::vector<Part>& parts, Is is) {
 // Calls what(tendon, anchor) for every anchor of these tendons; null entries are left out.
 template <class Do>
 void each_anchor(const std::vector<Tendon*>& tendons, Do what) {
-  for (Tendon* c : tendons)
-    if (c)
-      for (Anchor& anchor : c->anchors) what(*c, anchor);
+  for (auto [slot, c] : filled(tendons))
+    for (Anchor& anchor : c.anchors) what(c, anchor);
 }
 
 class World {
@@ -366,7 +363,7 @@ class World {
   void collect_contacts();
   void limit_motion(Tendon& c, double share);
   void drop_contacts_of_torn();
-  void bone_contacts();
+  void bone_contacts(int tendon, int shape);
   void half_space_contacts(int tendon, int shape);
   void tendon_contacts();
   void pair_contact(const SegmentPair& pair, const PairPoint& at);
