@@ -4,6 +4,7 @@ Owns: the frames, until they are a Recording. Goes with no room of the core. A f
 arrays: what they mean is worked out when somebody asks for the recording.
 """
 
+import itertools
 import sys
 from collections.abc import Callable
 from os import PathLike
@@ -22,7 +23,8 @@ from .tendon import Tendon
 from .visual_meshes import visual_meshes
 from .world import TendonWorld
 
-_FRAME_BYTES = 1200  # of a frame beside its arrays
+_FRAME_BYTES = 600  # of a frame beside its numbers
+_POSE_BYTES = 350  # of a pose as pybullet returns it
 _LEAST_MEMORY = 1_000_000
 
 
@@ -34,22 +36,43 @@ class _Blocks(NamedTuple):
     anchors: np.ndarray
     contacts: np.ndarray
     ligaments: np.ndarray
+    poses: np.ndarray
 
 
 class _Frame:
-    """One moment, as it was read. layout: what `moment`, of the core, is about; poses: by body."""
+    """One moment, as it was read. layout, bodies: what `moment`, of the core, is about.
 
-    __slots__ = ("bytes", "layout", "moment", "poses", "scalars", "step", "time")
+    bodies: by id, the number and the joints of a body that was there. standing: by id, poses of bases that
+    are not in `moment`.
+    """
+
+    __slots__ = ("bodies", "bytes", "layout", "moment", "scalars", "standing", "step", "time")
 
     @property
     def blocks(self) -> _Blocks:
-        """`moment` as arrays: (k,), (t,), (a, 6), (c, 14) and (l, 2)."""
+        """`moment` as arrays: (k,), (t,), (a, 6), (c, 14), (l, 2) and (p, 7)."""
         found, start = [], 0
         for shape in ((-1,), (-1,), (-1, 6), (-1, 14), (-1, 2)):
-            count = int.from_bytes(self.moment[start : start + 4], sys.byteorder)
+            count = self._count(start)
             found.append(np.frombuffer(self.moment, np.float32, count, start + 4).reshape(shape))
             start += 4 + 4 * count
-        return _Blocks(*found)
+        poses = np.frombuffer(self.moment, float, 7 * self._count(start), start + 4)
+        return _Blocks(*found, poses.reshape(-1, 7))
+
+    def _count(self, start: int) -> int:
+        return int.from_bytes(self.moment[start : start + 4], sys.byteorder)
+
+    def poses(self):
+        """Of each body, its number and the poses (1 + joints, 7) of its base's centre of mass and links."""
+        poses, standing = self.blocks.poses, self.standing
+        base, link = 0, len(self.bodies) - sum(body in standing for body in self.bodies)
+        for body, (number, joints) in self.bodies.items():
+            if body in standing:
+                first = np.concatenate(standing[body])
+            else:
+                first, base = poses[base], base + 1
+            yield number, np.vstack([first, poses[link : link + len(joints)]])
+            link += len(joints)
 
 
 class _Layout(NamedTuple):
@@ -134,6 +157,7 @@ class Recorder(NotCopied):
         self._share = 1  # one of so many calls of frame is kept
         self._calls = 0
         self._seen = _Bodies(self._client)
+        self._standing: dict[int, tuple] = {}
         self._look()
         self._world._listeners.add(self._step_taken)
         if self.every is not None:
@@ -211,42 +235,48 @@ class Recorder(NotCopied):
     def __exit__(self, *_) -> None:
         self.stop()
 
-    def _step_taken(self) -> None:
+    def _step_taken(self, at_once: bool) -> None:
         self.steps += 1
         self.time += self._core.last_step()[0]
         if self.every is not None and self.steps % self.every == 0:
-            self._keep({})
+            self._keep({}, at_once)
 
-    def _keep(self, values: dict) -> None:
+    def _keep(self, values: dict, at_once: bool = False) -> None:
+        """Keep a frame. at_once: what stands is where it was when the last step began."""
         for name, function in self._functions.items():
             values[name] = checks.number(name, function())
         if self._frames and self._frames[-1].step == self.steps:
             last = self._frames.pop()
             self._bytes -= last.bytes
             values = {**last.scalars, **values}
-        frame = self._read(values)
+        frame = self._read(values, at_once)
         self._frames.append(frame)
         self._bytes += frame.bytes
         if self._bytes > self._memory or (self._most is not None and len(self._frames) > self._most):
             self._thin()
 
-    def _read(self, values: dict) -> _Frame:
-        frame = _Frame()
-        frame.time, frame.step, frame.scalars = self.time, self.steps, values
-        frame.moment = self._core.moment()
+    def _read(self, values: dict, at_once: bool) -> _Frame:
         world = self._world
-        is_known = world._tendons == self._tendons and world._ligaments == self._ligaments
+        is_known = world._tendons == self._tendons and world._ligaments is self._ligaments
         if not is_known or world._bodies.links != self._links:
             self._look()
-        frame.layout = self._layout
-        frame.poses = self._seen.poses()
-        frame.bytes = len(frame.moment) + 8 * sum(map(len, frame.poses.values())) + _FRAME_BYTES
+        frame = _Frame()
+        frame.time, frame.step, frame.scalars, frame.layout = self.time, self.steps, values, self._layout
+        frame.bodies = self._seen.present()
+        standing = world._bodies.standing() if at_once else {}
+        frame.bytes = _FRAME_BYTES
+        if standing != self._standing:
+            self._standing = standing
+            frame.bytes += _POSE_BYTES * len(standing)
+        frame.standing = self._standing
+        frame.moment = self._core.moment(*self._seen.poses(standing))
+        frame.bytes += len(frame.moment)
         return frame
 
     def _look(self) -> None:
         """See which tendons, ligaments and links there are."""
         world = self._world
-        self._tendons, self._ligaments = dict(world._tendons), dict(world._ligaments)
+        self._tendons, self._ligaments = dict(world._tendons), world._ligaments
         self._links = list(world._bodies.links)
         tendons = tuple((tendon, slot, tendon.particles) for slot, tendon in sorted(self._tendons.items()))
         self._layout = _Layout(tendons, tuple(self._links), self._ligaments)
@@ -277,27 +307,29 @@ class _Bodies:
 
     def __init__(self, client: int):
         self._client = client
-        self._ids: list[int] = []
+        self._clients = itertools.repeat(client)
+        self._ids: tuple[int, ...] = ()
         self._present: dict[int, tuple[int, list[int]]] = {}  # number and joints, by id
         self.seen: list[_Sight] = []  # by number
 
-    def poses(self) -> dict[int, tuple]:
-        """By number, in one tuple: the pose (7,) of the base's centre of mass, then those of its links."""
-        client = self._client
-        ids = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
+    def present(self) -> dict[int, tuple[int, list[int]]]:
+        """By id, the number and the joints of each body that is there."""
+        ids = tuple(map(p.getBodyUniqueId, range(p.getNumBodies(self._client)), self._clients))
         if ids != self._ids:
             self._look(ids)
-        found = {}
-        for body, (number, joints) in self._present.items():
-            place, turn = p.getBasePositionAndOrientation(body, client)
-            numbers = [*place, *turn]
-            for state in p.getLinkStates(body, joints, 0, 1, client) if joints else ():
-                numbers += state[4]
-                numbers += state[5]
-            found[number] = tuple(numbers)
-        return found
+        return self._present
 
-    def _look(self, ids: list[int]) -> None:
+    def poses(self, standing: dict[int, tuple]) -> tuple[list, list]:
+        """Of all bodies in turn: poses of the bases that are not in `standing`, and states of all links."""
+        bases, links, client = [], [], self._client
+        for body, (_, joints) in self._present.items():
+            if body not in standing:
+                bases.append(p.getBasePositionAndOrientation(body, client))
+            if joints:
+                links += p.getLinkStates(body, joints, 0, 1, client)
+        return bases, links
+
+    def _look(self, ids: tuple[int, ...]) -> None:
         known = self._present
         self._present = {body: known[body] if body in known else self._meet(body) for body in ids}
         self._ids = ids
@@ -390,14 +422,14 @@ def _hold_table(frames, order: dict[Tendon, int]) -> np.ndarray:
 def _link_tracks(frames, bodies: _Bodies, shapes_of) -> tuple[LinkTrack, ...]:
     rows: dict[int, list] = {}
     for k, frame in enumerate(frames):
-        for number, pose in frame.poses.items():
+        for number, pose in frame.poses():
             rows.setdefault(number, []).append((k, pose))
     tracks = []
     for number, of_it in rows.items():
         sight = bodies.seen[number]
         looks = visual_meshes(sight.shapes, sight.body, shapes_of)
         kept, poses = zip(*of_it, strict=True)
-        table = np.array(poses).reshape(len(poses), -1, 7)
+        table = np.array(poses)
         table[:, 0] = _base_frames(table[:, 0], *sight.inertial)
         for link, name in sight.names.items():
             places, turns = np.split(table[:, link + 1].astype(np.float32), [3], axis=1)

@@ -8,16 +8,19 @@ from collections.abc import Callable
 
 
 class StepListeners:
-    """Functions without arguments, called in the order in which they were added."""
+    """Functions that are called in the order in which they were added.
+
+    Their argument: whether nothing but pybullet's step came after the step of the tendons.
+    """
 
     def __init__(self):
-        self._listeners: list[Callable[[], None]] = []
+        self._listeners: list[Callable[[bool], None]] = []
         self._applied = False  # whether pybullet's part of the last step is left to the script
 
-    def add(self, listener: Callable[[], None]) -> None:
+    def add(self, listener: Callable[[bool], None]) -> None:
         self._listeners.append(listener)
 
-    def discard(self, listener: Callable[[], None]) -> None:
+    def discard(self, listener: Callable[[bool], None]) -> None:
         """Tell it no more; nothing, where it is not told."""
         if listener in self._listeners:
             self._listeners.remove(listener)
@@ -25,14 +28,14 @@ class StepListeners:
     def next_begins(self) -> None:
         """A new step begins, or somebody asks: what was applied has been stepped by the script."""
         if self._applied:
-            self.complete()
+            self.complete(at_once=False)
 
     def applied(self) -> None:
         """A step was taken but for pybullet's part."""
         self._applied = True
 
-    def complete(self) -> None:
-        """A step is complete."""
+    def complete(self, at_once: bool = True) -> None:
+        """A step is complete. at_once: the script has done nothing since it began."""
         self._applied = False
         for listener in tuple(self._listeners):
-            listener()
+            listener(at_once)

@@ -81,7 +81,7 @@ class TendonWorld(NotCopied):
         self._numbers = Numbers()
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
-        self._ligaments: dict[int, Ligament] = {}
+        self._ligaments: dict[int, Ligament] = {}  # another one after each change
         self._fixations: list[Fixation] = []
         self._cartilages: dict[int, Cartilage] = {}
         parts = self._tendons, self._tunnels
@@ -465,7 +465,7 @@ class TendonWorld(NotCopied):
         points = [at for *_, at in path]
         slot = self._core.add_ligament(slots, points, rest, material.of_ligament(), around)
         ligament = Ligament(self._core, self._bodies, slot, name, material, path, wraps)
-        self._ligaments[slot] = ligament
+        self._ligaments = {**self._ligaments, slot: ligament}
         if wraps:
             ligament.rest_length = checked_rest(name, rest_length, ligament.length)
         return ligament
@@ -487,7 +487,7 @@ class TendonWorld(NotCopied):
             (True, ())
         """
         slot = self._slot_of("ligament", ligament, Ligament, self._ligaments)
-        del self._ligaments[slot]
+        self._ligaments = {number: kept for number, kept in self._ligaments.items() if number != slot}
         ligament.removed = True
         self._core.remove_ligament(slot)
 

@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <functional>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -170,45 +172,104 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                time_budget};
 }
 
-void append(std::vector<float>& out, Vec3 v) {
-  for (double part : {v.x, v.y, v.z}) out.push_back(static_cast<float>(part));
+// Writes numbers behind each other into a new bytes object.
+class Packed {
+ public:
+  explicit Packed(size_t size)
+      : bytes_(py::reinterpret_steal<py::bytes>(
+            PyBytes_FromStringAndSize(nullptr, static_cast<py::ssize_t>(size)))) {
+    if (!bytes_) throw py::error_already_set();
+    at_ = PyBytes_AS_STRING(bytes_.ptr());
+  }
+  template <class Number>
+  void add(Number number) {
+    std::memcpy(at_, &number, sizeof number);
+    at_ += sizeof number;
+  }
+  void add_floats(Vec3 v) {
+    for (double part : {v.x, v.y, v.z}) add(static_cast<float>(part));
+  }
+  py::bytes done() const { return bytes_; }
+
+ private:
+  py::bytes bytes_;
+  char* at_;
+};
+
+constexpr int kLinkFrame =
+    4;  // where a state of p.getLinkStates has position and orientation of the URDF frame
+
+// A position and an orientation, which are the items from `first` on.
+void add_pose(Packed& out, PyObject* found, int first) {
+  if (!found) throw py::value_error("links");  // pybullet has returned the states of fewer links
+  for (int part = 0; part < 2; ++part)
+    for (int i = 0; i < 3 + part; ++i) out.add(number(item(found, first + part), i));
 }
+
+// How many numbers of a block of a moment there are.
+struct MomentSize {
+  size_t shapes = 0, tendons = 0, anchors = 0, ligaments = 0;
+
+  explicit MomentSize(const Scene& scene) {
+    for (const auto& tendon : scene.tendons) {
+      if (!tendon) continue;
+      shapes += 4 * tendon->x.size() - 1;
+      ++tendons;
+      anchors += tendon->anchors.size();
+    }
+    for (const auto& ligament : scene.ligaments) ligaments += ligament != nullptr;
+  }
+};
 
 // What a recorder keeps of a moment, in one object, which costs least. It has blocks, each the number of its
 // floats (int32) and these (float32): of all tendons by slot, positions (n, 3) and tension (n-1), one after
 // the other; energies (tendons); anchors (a, 6): tendon, particle, link (-1: a grip), force; contacts (c,
-// 14), by row_of; and ligaments (l, 2): slot, force.
-py::bytes moment(const World& w) {
-  std::vector<float> shapes, energies, anchors, contacts, ligaments;
-  std::vector<double> tension;
-  shapes.reserve(1024);
-  contacts.reserve(1024);
-  for (size_t slot = 0; slot < w.scene.tendons.size(); ++slot) {
-    const Tendon* tendon = w.scene.tendons[slot].get();
+// 14), by row_of; and ligaments (l, 2): slot, force. The last block is the number of poses, of bases and then
+// of links, and these (p, 7, float64), which p.getBasePositionAndOrientation and p.getLinkStates have
+// returned.
+py::bytes moment(const World& w, const py::list& bases, const py::list& links) {
+  const Scene& scene = w.scene;
+  const std::vector<ContactRecord> contacts = w.contacts();
+  const MomentSize size(scene);
+  const size_t counts[5] = {size.shapes, size.tendons, 6 * size.anchors, 14 * contacts.size(),
+                            2 * size.ligaments};
+  const size_t poses = bases.size() + links.size();
+  const size_t floats = std::accumulate(counts, counts + 5, size_t{0});
+  Packed out(sizeof(float) * floats + 6 * sizeof(int32_t) + 7 * sizeof(double) * poses);
+  auto begin = [&](int block) { out.add(static_cast<int32_t>(counts[block])); };
+  static thread_local std::vector<double> tension;  // keeps its memory from call to call
+  begin(0);
+  for (const auto& tendon : scene.tendons) {
     if (!tendon) continue;
-    for (int i = 0; i < tendon->x.size(); ++i) append(shapes, tendon->x.at(i));
+    for (int i = 0; i < tendon->x.size(); ++i) out.add_floats(tendon->x.at(i));
     tendon->tension(tension);
-    shapes.insert(shapes.end(), tension.begin(), tension.end());
-    energies.push_back(static_cast<float>(tendon->energy()));
-    for (const Anchor& anchor : tendon->anchors) {
+    for (double value : tension) out.add(static_cast<float>(value));
+  }
+  begin(1);
+  for (const auto& tendon : scene.tendons)
+    if (tendon) out.add(static_cast<float>(tendon->energy()));
+  begin(2);
+  for (size_t slot = 0; slot < scene.tendons.size(); ++slot) {
+    if (!scene.tendons[slot]) continue;
+    for (const Anchor& anchor : scene.tendons[slot]->anchors) {
       for (int number : {static_cast<int>(slot), anchor.particle, anchor.link})
-        anchors.push_back(static_cast<float>(number));
-      append(anchors, anchor.step_force);
+        out.add(static_cast<float>(number));
+      out.add_floats(anchor.step_force);
     }
   }
-  for (const ContactRecord& c : w.contacts())
-    for (double value : row_of(c)) contacts.push_back(static_cast<float>(value));
-  const auto& all = w.scene.ligaments;
-  for (size_t slot = 0; slot < all.size(); ++slot)
-    if (all[slot])
-      ligaments.insert(ligaments.end(), {static_cast<float>(slot), static_cast<float>(all[slot]->force)});
-  std::string out;
-  for (const auto* block : {&shapes, &energies, &anchors, &contacts, &ligaments}) {
-    const auto count = static_cast<int32_t>(block->size());
-    out.append(reinterpret_cast<const char*>(&count), sizeof count);
-    out.append(reinterpret_cast<const char*>(block->data()), block->size() * sizeof(float));
-  }
-  return out;
+  begin(3);
+  for (const ContactRecord& c : contacts)
+    for (double value : row_of(c)) out.add(static_cast<float>(value));
+  begin(4);
+  for (size_t slot = 0; slot < scene.ligaments.size(); ++slot)
+    if (scene.ligaments[slot]) {
+      out.add(static_cast<float>(slot));
+      out.add(static_cast<float>(scene.ligaments[slot]->force));
+    }
+  out.add(static_cast<int32_t>(poses));
+  for (const py::handle base : bases) add_pose(out, base.ptr(), 0);
+  for (const py::handle link : links) add_pose(out, link.ptr(), kLinkFrame);
+  return out.done();
 }
 
 }  // namespace

@@ -53,6 +53,22 @@ inline void power(double s, double p, double& value, double& slope) {
 
 inline int power_class(double p) { return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0; }
 
+// The same by the exponent's class.
+inline void power_any(double s, double p, double& value, double& slope) {
+  switch (power_class(p)) {
+    case 2:
+      return power<2>(s, p, value, slope);
+    case 3:
+      return power<3>(s, p, value, slope);
+    case 4:
+      return power<4>(s, p, value, slope);
+    case 6:
+      return power<6>(s, p, value, slope);
+    default:
+      return power<0>(s, p, value, slope);
+  }
+}
+
 // Elastic force per unit K, and its derivative by the strain.
 template <int P>
 inline void elastic(const Law& law, double s, double& force, double& slope) {
@@ -107,7 +123,7 @@ inline double elastic_energy(const Law& law, double s) {
   if (law.tension_only && s < 0) return 0;
   double a = std::fabs(s), p = law.exponent, inside = a < law.toe_strain ? a : law.toe_strain;
   double value, slope;
-  power<0>(inside, p, value, slope);
+  power_any(inside, p, value, slope);
   double beyond = a - inside;
   return inside * value / (p + 1) + value * beyond + 0.5 * slope * beyond * beyond;
 }

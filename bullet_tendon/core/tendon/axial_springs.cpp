@@ -23,6 +23,20 @@ void SpringSet::resize(int reach_, int particles) {
   vector.resize(3, count);
 }
 
+void take_springs(SpringSet& s, const SpringSet& from) {
+  if (s.count != from.count || s.reach != from.reach) s.resize(from.reach, from.count + from.reach);
+  s.rest = from.rest;
+  s.inverse_rest = from.inverse_rest;
+  s.stiffness = from.stiffness;
+  s.damping = from.damping;
+  s.damped = from.damped;
+  s.lighter = from.lighter;
+  s.share = from.share;
+  s.recalled = from.recalled;
+  s.unrelaxed = from.unrelaxed;
+  s.memory = from.memory;
+}
+
 namespace {
 
 // The differences of neighbours' positions are exact.
@@ -330,22 +344,18 @@ void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Re
   }
 }
 
-double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue) {
+double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length) {
   const size_t terms = tissue.weights.size();
-  double sum = 0;
-  for (int k = 0; k < s.count; ++k) {
-    const double strain = s.length[k] * s.inverse_rest[k] - 1, K = s.stiffness[k];
-    if (K == 0) continue;
-    double f, slope, share = 1, each = 0;
-    elastic_any(law, strain, f, slope);
-    for (size_t i = 0; i < terms; ++i) {
-      const double g = tissue.weights[i], part = s.memory[k * terms + i] + g * (K * f - s.unrelaxed[k]);
-      each += g * elastic_energy(law, strain_of<0>(law, std::fabs(part) / (g * K)));
-      share -= g;
-    }
-    sum += K * s.rest[k] * (share * elastic_energy(law, strain) + each);
+  const double strain = length * s.inverse_rest[k] - 1, K = s.stiffness[k];
+  if (K == 0) return 0;
+  double f, slope, share = 1, each = 0;
+  elastic_any(law, strain, f, slope);
+  for (size_t i = 0; i < terms; ++i) {
+    const double g = tissue.weights[i], part = s.memory[k * terms + i] + g * (K * f - s.unrelaxed[k]);
+    each += g * elastic_energy(law, strain_of<0>(law, std::fabs(part) / (g * K)));
+    share -= g;
   }
-  return sum;
+  return K * s.rest[k] * (share * elastic_energy(law, strain) + each);
 }
 
 BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
@@ -362,7 +372,8 @@ BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
 }
 
 double stored_energy(const SpringSet& s, const Law& law, int k, double length) {
-  return s.share * s.stiffness[k] * s.rest[k] * elastic_energy(law, length / s.rest[k] - 1) +
+  return s.share * s.stiffness[k] * s.rest[k] *
+             elastic_energy(law, (length - s.rest[k]) * s.inverse_rest[k]) +
          s.recalled[k] * length;
 }
 

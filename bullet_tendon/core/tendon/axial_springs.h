@@ -74,6 +74,10 @@ struct SpringSet : SpringState {
   void resize(int reach_, int particles);
 };
 
+// Makes `s` springs of the rest lengths, the material and the relaxation of others. It keeps its memory. What
+// is computed of springs is not copied.
+void take_springs(SpringSet& s, const SpringSet& from);
+
 enum class Linearisation {
   multiplier,  // at the strains and forces of the multipliers (mixed Newton)
   position,    // at the current positions, with the true forces as multipliers (plain Newton)
@@ -137,9 +141,9 @@ void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Re
 double stored_energy(const SpringSet& s, const Law& law);
 double stored_energy(const SpringSet& s, const Law& law, int k, double length);
 
-// Elastic energy [J] of springs that relax, at the lengths last measured: that of springs of g_0 K, and of
-// springs of g_i K whose tensions are m_i. For a linear law these are the springs of Maxwell's model.
-double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue);
+// Elastic energy [J] of spring k, which relaxes, at a given length: that of a spring of g_0 K, and of springs
+// of g_i K whose tensions are m_i. For a linear law these are the springs of Maxwell's model.
+double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length);
 
 // A copy of the multipliers of a tendon.
 struct Multipliers {

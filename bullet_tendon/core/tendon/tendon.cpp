@@ -252,7 +252,7 @@ void Tendon::tension(std::vector<double>& out) const {
     for (int i = 0; i < n_; ++i) moved[k][i] -= x_before[k][i];
   for (const SpringSet* own : {&structure, &shear}) {
     if (own->count == 0) continue;
-    s = *own;
+    take_springs(s, *own);
     if (material.tissue.relaxes()) {
       relaxed.begin(material.tissue, 0);
       begin_relaxation(s, relaxed);
@@ -270,14 +270,13 @@ void Tendon::tension(std::vector<double>& out) const {
 }
 
 double Tendon::energy() const {
-  static thread_local SpringSet s;  // keeps its memory from call to call
   double sum = 0;
-  for (const SpringSet* own : {&structure, &shear}) {
-    if (own->count == 0) continue;
-    s = *own;
-    measure(s, x);
-    sum += s.memory.empty() ? stored_energy(s, material.law) : kept_energy(s, material.law, material.tissue);
-  }
+  for (const SpringSet* s : {&structure, &shear})
+    for (int k = 0; k < s->count; ++k) {
+      const double length = norm(x.at(k + s->reach) - x.at(k));
+      sum += s->memory.empty() ? stored_energy(*s, material.law, k, length)
+                               : kept_energy(*s, material.law, material.tissue, k, length);
+    }
   sum += bending_energy(*this, x);
   const Field& velocities = user_velocities();
   for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(velocities.at(i), velocities.at(i));

@@ -111,6 +111,7 @@ ContactRecord record_of(const Contact& contact, const Field& x) {
 
 std::vector<ContactRecord> World::contacts() const {
   std::vector<ContactRecord> out;
+  out.reserve(contacts_.all.size() + contacts_.asleep.size());
   for (const std::vector<Contact>* contacts : {&contacts_.all, &contacts_.asleep})
     for (const Contact& contact : *contacts)
       out.push_back(record_of(contact, scene.tendons[contact.a.tendon]->x));
