@@ -247,6 +247,11 @@ class Bodies:
         self.require(body, link)
         return self.frame(body, link)
 
+    def lateral_friction(self, body: int, link: int) -> float:
+        """pybullet's coefficient of a link now [-]. Raises what require raises."""
+        self.require(body, link)
+        return p.getDynamicsInfo(body, link, self.client)[1]
+
     def apply_wrenches(self) -> None:
         """Put the core's wrenches on the links that answer to them, and the forces of limits on joints."""
         for slot, force, point, torque in self._core.pushes():

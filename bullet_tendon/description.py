@@ -70,7 +70,7 @@ def _contents(world) -> list[str]:
     lines = [f"  {part!r}" for part in (*world.tendons, *world.tunnels, *world.ligaments, *world.cartilages)]
     for body, link, *numbers in world._obstacles.listing():
         kinds = sorted({world._obstacles.shapes[number].kind for number in numbers})
-        friction = world._obstacles.friction[body, link]
+        friction = world._obstacles.friction(body, link)
         lines.append(f"  obstacle body {body}, link {link}: {', '.join(kinds)}, friction {friction:g}")
     return lines
 
@@ -170,10 +170,10 @@ def _friction(world) -> list[str]:
             f"{names}: the material's friction is 0, so every contact is smooth, whatever it touches"
         )
     for body, link, *_ in world._obstacles.listing():
-        if world._obstacles.friction[body, link] == 0:
+        if world._obstacles.friction(body, link) == 0:
             lines.append(
                 f"obstacle body {body}, link {link} has no friction: give add_obstacle(friction=), or "
-                "changeDynamics(lateralFriction=) before it is added"
+                "p.changeDynamics(lateralFriction=)"
             )
     return lines
 

@@ -24,7 +24,7 @@ class Obstacles:
         self.shapes: dict[int, Shape] = {}
         self._by_link: dict[tuple[int, int], list[int]] = {}
         self._link_slots: dict[tuple[int, int], int] = {}
-        self.friction: dict[tuple[int, int], float] = {}  # coefficients of the links
+        self._friction: dict[tuple[int, int], float | None] = {}  # as given, of the links
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -54,13 +54,14 @@ class Obstacles:
             raise InvalidValue(where, body if link is None else link, "one with a collision shape")
         for shape in (shape for shapes in found.values() for shape in shapes):
             _ = shape.interior  # which takes a while: here, and not where a step asks for it
-        frictions = {i: self.friction_of(body, i, friction) for i in links}
+        if friction is not None:
+            friction = checks.number("friction", friction, at_least=0)
         for key in [k for k, slot in self._link_slots.items() if k[0] == body and self._bodies.is_gone(slot)]:
             self._drop(key)  # of a body that had this id before
         for i, shapes in found.items():
             self._drop((int(body), int(i)))
             if shapes:
-                self._put(int(body), int(i), shapes, frictions[i])
+                self._put(int(body), int(i), shapes, friction)
 
     def remove(self, body, link) -> None:
         """See TendonWorld.remove_obstacle."""
@@ -78,11 +79,10 @@ class Obstacles:
         for key in [k for k, slot in self._link_slots.items() if slot in slots]:
             self._drop(key)
 
-    def friction_of(self, body, link, friction) -> float:
-        """The coefficient given, or the link's lateralFriction."""
-        if friction is None:
-            return p.getDynamicsInfo(body, link, self._bodies.client)[1]
-        return checks.number("friction", friction, at_least=0)
+    def friction(self, body: int, link: int) -> float:
+        """The coefficient of an obstacle now: as given, or pybullet's."""
+        given = self._friction[body, link]
+        return self._bodies.lateral_friction(body, link) if given is None else given
 
     def of_link(self, body: int, link: int) -> list[Shape]:
         """The shapes of a link; none, if it is no obstacle."""
@@ -111,8 +111,9 @@ class Obstacles:
             distance[which], point[which], u[which] = self.shapes[number].measure(a[which], b[which])
         return distance, point, u
 
-    def _put(self, body: int, link: int, shapes: list[Shape], friction: float) -> None:
+    def _put(self, body: int, link: int, shapes: list[Shape], friction: float | None) -> None:
         slot = self._bodies.slot(body, link)
+        own = core_friction(friction)
         numbers = []
         for shape in shapes:
             plane = shape.half_space
@@ -121,16 +122,21 @@ class Obstacles:
             lo, hi = np.nan_to_num(shape.bounds, posinf=1e300, neginf=-1e300)
             placed = (slot, shape.position, shape.rotation, lo, hi)
             surface = shape.triangles, shape.closed_form
-            number = self._core.add_shape(*placed, flat, normal, float(offset), friction, *surface)
+            number = self._core.add_shape(*placed, flat, normal, float(offset), own, *surface)
             self.shapes[number] = shape
             numbers.append(number)
         self._by_link[body, link] = numbers
-        self.friction[body, link] = friction
+        self._friction[body, link] = friction
         self._link_slots[body, link] = slot
 
     def _drop(self, key: tuple[int, int]) -> None:
         self._link_slots.pop(key, None)
-        self.friction.pop(key, None)
+        self._friction.pop(key, None)
         for number in self._by_link.pop(key, ()):
             self._core.remove_shape(number)
             del self.shapes[number]
+
+
+def core_friction(given: float | None) -> float:
+    """A coefficient of an obstacle or a tunnel as the core takes it; negative: pybullet's of the link."""
+    return -1.0 if given is None else given

@@ -4,11 +4,11 @@ Owns: the handle of a bore; its contacts are the core's. Goes with the core's ro
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 
 from ._core import World as Core
+from .bodies import Bodies
 from .errors import NotCopied
 from .mouths import mouths_of
 from .shapes import Shape
@@ -18,8 +18,8 @@ from .shapes import Shape
 class Tunnel(NotCopied):
     """A cylindrical bore in a link, made by TendonWorld.add_tunnel.
 
-    start, end: (3,) ends of its axis, as given, in the link's frame [m]; radius [m]; friction: coefficient of
-    its wall [-]; chamfer: radius by which its mouths' edges are rounded [m], 0 for sharp edges.
+    start, end: (3,) ends of its axis, as given, in the link's frame [m]; radius [m]; chamfer: radius by which
+    its mouths' edges are rounded [m], 0 for sharp edges.
 
     Example:
         >>> eyelet = world.add_tunnel(ball, -1, (0, 0, -0.01), (0, 0, 0.01), radius=0.003)
@@ -32,19 +32,30 @@ class Tunnel(NotCopied):
     start: np.ndarray
     end: np.ndarray
     radius: float
-    friction: float
     chamfer: float
     name: str
     slot: int = dataclasses.field(repr=False)
     link_slot: int = dataclasses.field(repr=False)
-    _frame: Callable = dataclasses.field(repr=False)
+    _friction: float | None = dataclasses.field(repr=False)
+    _bodies: Bodies = dataclasses.field(repr=False)
     _core: Core = dataclasses.field(repr=False)
 
     def __repr__(self) -> str:
         length = 1e3 * float(np.linalg.norm(self.end - self.start))
-        sizes = f"radius {1e3 * self.radius:.3g} mm, {length:.3g} mm long, friction {self.friction:.3g}"
+        friction = "of the link" if self._friction is None else f"{self._friction:.3g}"
+        sizes = f"radius {1e3 * self.radius:.3g} mm, {length:.3g} mm long, friction {friction}"
         edge = f", chamfer {1e3 * self.chamfer:.3g} mm" if self.chamfer else ""
         return f"<Tunnel {self.name!r} in body {self.bodyUniqueId}, link {self.linkIndex}: {sizes}{edge}>"
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of its wall [-]: as given, else the lateralFriction that pybullet has for the link now.
+
+        The latter raises UnknownId where the client was disconnected, or the body removed.
+        """
+        if self._friction is not None:
+            return self._friction
+        return self._bodies.lateral_friction(self.bodyUniqueId, self.linkIndex)
 
     @property
     def ends(self) -> np.ndarray:
@@ -52,7 +63,7 @@ class Tunnel(NotCopied):
 
         Raises UnknownId where the client was disconnected, or the body removed.
         """
-        origin, axes = self._frame(self.bodyUniqueId, self.linkIndex)
+        origin, axes = self._bodies.checked_frame(self.bodyUniqueId, self.linkIndex)
         return origin + np.array([self.start, self.end]) @ axes.T
 
     def _drills(self, points) -> np.ndarray:

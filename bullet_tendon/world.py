@@ -34,7 +34,7 @@ from .ligament import (
 )
 from .loading import load_urdf
 from .material import Material
-from .obstacles import Obstacles
+from .obstacles import Obstacles, core_friction
 from .options import SolverOptions
 from .penetration import INSIDE
 from .placement import Placement
@@ -240,7 +240,8 @@ class TendonWorld(NotCopied):
         Args:
             bodyUniqueId: the body.
             linkIndex: the link, -1 for the base; None: every link with a collision shape.
-            friction: coefficient, multiplied with the tendon's; None: the body's lateralFriction.
+            friction: coefficient, multiplied with the tendon's; None: the link's lateralFriction, as pybullet
+                has it in each step.
             convex: whether meshes are convex hulls (True) or the triangles as they are (False); None: as
                 pybullet holds them.
             meshes: for triangles that pybullet does not give back (those of createCollisionShape), in order:
@@ -332,7 +333,8 @@ class TendonWorld(NotCopied):
             linkIndex: the link, -1 for the base.
             start, end: (3,) ends of its axis [m], in the link's URDF frame.
             radius: [m], > 0. A bore has to be wider than the tendons that lie in it.
-            friction: coefficient of its wall, multiplied with the tendon's; None: the body's lateralFriction.
+            friction: coefficient of its wall, multiplied with the tendon's; None: the link's lateralFriction,
+                as pybullet has it in each step.
             chamfer: radius by which the mouths' edges are rounded [m]; 0: sharp.
             name: of the bore; None: one is made up.
 
@@ -351,13 +353,14 @@ class TendonWorld(NotCopied):
         length = float(np.linalg.norm(end - start))
         if length <= 2 * chamfer:
             raise InvalidValue("end", end, "farther from start than twice the chamfer")
-        mu = self._obstacles.friction_of(bodyUniqueId, linkIndex, friction)
+        if friction is not None:
+            friction = checks.number("friction", friction, at_least=0)
         self._placement.require_width(bodyUniqueId, linkIndex, start, end, radius)
         name = f"tunnel{self._numbers.next()}" if name is None else checks.text("name", name)
         where = (int(bodyUniqueId), int(linkIndex), start, end)
         link = self._bodies.slot(bodyUniqueId, linkIndex)
-        slot = self._core.add_tunnel(link, start, end, radius, chamfer, mu)
-        tunnel = Tunnel(*where, radius, mu, chamfer, name, slot, link, self._bodies.checked_frame, self._core)
+        slot = self._core.add_tunnel(link, start, end, radius, chamfer, core_friction(friction))
+        tunnel = Tunnel(*where, radius, chamfer, name, slot, link, friction, self._bodies, self._core)
         self._tunnels[slot] = tunnel
         self._placement.find_mouths_of(tunnel)
         return tunnel

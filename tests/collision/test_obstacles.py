@@ -7,6 +7,7 @@ import pytest
 import bullet_tendon as bt
 
 RADIUS, G = 0.004, 9.81
+BORE = 1.5 * RADIUS
 SOFT = bt.Material(stiffness=300.0, damping=0.3, friction=1.0)
 
 
@@ -149,6 +150,48 @@ def test_friction_is_the_product(make_world, client, given, body_friction, expec
     np.testing.assert_allclose(
         contacts["friction_force"], expected * contacts["normal_force"], rtol=1e-3, atol=1e-9
     )
+
+
+def table_of(kind, client):
+    """A body and its link with a horizontal surface at height 0, or with a bore around the x axis."""
+    if kind == "base":
+        return box(client), -1
+    if kind == "bore":
+        return p.createMultiBody(0, physicsClientId=client), -1
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.5, 0.5, 0.1], physicsClientId=client)
+    one = {"linkVisualShapeIndices": [-1], "linkPositions": [[0, 0, -0.1]], "linkParentIndices": [0]}
+    one |= {"linkOrientations": [[0, 0, 0, 1]], "linkInertialFramePositions": [[0, 0, 0]]}
+    one |= {"linkInertialFrameOrientations": [[0, 0, 0, 1]], "linkJointAxis": [[1, 0, 0]]}
+    one |= {"linkJointTypes": [p.JOINT_PRISMATIC], "linkMasses": [1e4], "linkCollisionShapeIndices": [shape]}
+    return p.createMultiBody(0, physicsClientId=client, **one), 0
+
+
+@pytest.mark.parametrize("kind", ["base", "link", "bore"])
+@pytest.mark.parametrize("given", [None, 0.3])
+def test_friction_follows_the_body_while_none_is_given(make_world, client, kind, given):
+    """What slides slows down by the coefficient that pybullet has in each step."""
+    h = 1e-3
+    world = make_world(h, (0, 0, -G))
+    body, link = table_of(kind, client)
+    material = bt.Material(stiffness=300.0, damping=0.3, friction=0.5)
+    height = RADIUS if kind != "bore" else 0.999 * (RADIUS - BORE)
+    t = world.add_tendon([[0, 0, height], [0.1, 0, height]], RADIUS, material, 11)
+    if kind == "bore":
+        bore = world.add_tunnel(body, link, (-0.2, 0, 0), (0.3, 0, 0), BORE, friction=given)
+    else:
+        world.add_obstacle(body, link, friction=given)
+    for now in (0.8, 0.2, 0.6):
+        p.changeDynamics(body, link, lateralFriction=now, physicsClientId=client)
+        told = given or now
+        if kind == "bore":
+            assert bore.friction == told
+        assert "has no friction" not in world.describe()
+        t.set_positions(t.positions, np.tile([1.0, 0, 0], (11, 1)))
+        world.step(30)
+        before = t.velocities[:, 0].mean()
+        world.step(10)
+        after = t.velocities[:, 0].mean()
+        assert (before - after) / (10 * h) == pytest.approx(0.5 * told * G, rel=2e-3)
 
 
 def test_obstacles_move_with_their_body(falling, client):

@@ -58,7 +58,8 @@ def test_everything_is_told_in_one_line(make_world):
         "<Tendon 'rope': 11 particles, 100 mm long (rest 100 mm), radius 2 mm, tension 0 to 0 N, 1 held>"
     )
     assert repr(tunnel) == (
-        f"<Tunnel 'bore' in body {body}, link -1: radius 4 mm, 40 mm long, friction 0.5, chamfer 0.5 mm>"
+        f"<Tunnel 'bore' in body {body}, link -1: radius 4 mm, 40 mm long, friction of the link, "
+        "chamfer 0.5 mm>"
     )
     assert repr(STEEL) == (
         "<Material: stiffness 10000 N, exponent 1, damping 1 N s, density 1120 kg/m^3, friction 0.3>"

@@ -139,6 +139,7 @@ DISTURBANCES = {
     "gravity": lambda w, c: p.setGravity(1.0, 0, -9.0, physicsClientId=c),
     "body moved": move_bar,
     "body led": lead_bar,
+    "friction": lambda w, c: p.changeDynamics(w.bar, -1, lateralFriction=0.0, physicsClientId=c),
     "obstacle removed": remove_bar,
     "threshold": change_options,
     "tunnel": lambda w, c: w.add_tunnel(w.bar, -1, (-0.03, 0, 0.0), (0.03, 0, 0.0), 0.01),

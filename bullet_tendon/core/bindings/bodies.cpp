@@ -27,6 +27,13 @@ void place(Link& l, PyObject* info, PyObject* where) {
   l.pose.origin = l.centre - (maximal ? Vec3{} : l.pose.rotation * vector(item(info, 3)));
 }
 
+// Takes its friction from p.getDynamicsInfo. Tendons that rest on it feel that this changes.
+void take_friction(Link& l, PyObject* info) {
+  const double friction = number(info, 1);
+  l.moved |= friction != l.friction;
+  l.friction = friction;
+}
+
 // Marks the link as one that tendons do not move.
 void stand_still(World& w, int slot) {
   w.scene.links[slot].body = -1;
@@ -86,6 +93,7 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   w.ensure_link(slot);
   Link& l = w.scene.links[slot];
   place(l, info.ptr(), where.ptr());
+  take_friction(l, info.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0));
   l.now_spin = vector(item(motion.ptr(), 1));
   if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), is_finite(w, slot) ? 1 : 0;
@@ -279,6 +287,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
     Link& l = w.scene.links[slots[i]];
     l.centre = body.centre(link);
     l.pose = body.frame(link);
+    take_friction(l, infos[link].ptr());
     if (i > 0) stand_still(w, slots[i]);
     l.body = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);

@@ -63,13 +63,15 @@ struct Link {
   Vec3 velocity, spin;
   Foreseen foreseen;        // motion within the substep, for which contacts are detected
   Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
+  double friction = 0;      // coefficient of its surface that pybullet has, the lateral one [-]
   int body = -1;            // -1: tendons do not move it
   bool ends_known = false;  // forces of attachments act where their points are predicted to end
   // Rotation in the step with the spin at its start, if they do; else none. Motion beyond it is linear: with
   // the spin that is predicted without the tendons, their forces would have to undo a far turn.
   Rot3 to_end;
-  bool yielded = false;   // tendons could move it in the last step
-  bool moved = false;     // its pose has changed, or it has a velocity, since the last step began
+  bool yielded = false;  // tendons could move it in the last step
+  // Its pose or its friction has changed, or it has a velocity, since the last step began.
+  bool moved = false;
   bool was_read = false;  // start_pose is that of a step
   // Of a link without mass or velocity that was put elsewhere since the last step, and the substep's share.
   Twist put, shifted;
@@ -86,6 +88,8 @@ struct Link {
   FiniteRotation turned;
 
   bool yields() const { return body >= 0; }
+  // Coefficient of a surface on it that has its own, or, if that is negative, the link's.
+  double friction_of(double own) const { return own < 0 ? friction : own; }
   bool rests() const { return !yields() && norm(now_velocity) == 0 && norm(now_spin) == 0; }
   // Updates `moved` and `put`. Call it after the link was read and before start_pose is set.
   void note_motion();

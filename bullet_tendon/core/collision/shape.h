@@ -16,7 +16,7 @@ struct Shape {
   bool half_space = false;
   Vec3 plane_normal;                       // half-space: its surface is n.x = plane_offset, shape frame
   double plane_offset = 0;                 // [m]
-  double friction = 0;                     // coefficient [-]
+  double friction = 0;                     // coefficient; negative: that of the link (Link::friction_of) [-]
   std::shared_ptr<const Surface> surface;  // mesh; else null
   Primitive primitive;                     // closed form; else of kind none
   Box box() const { return {lo, hi}; }

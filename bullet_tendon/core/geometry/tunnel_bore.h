@@ -43,7 +43,7 @@ struct Tunnel {
   Vec3 start, end;              // where its axis meets the planes of its mouths, in the link's frame [m]
   double radius = 0;            // [m]
   double chamfer = 0;           // radius of the rounded edges of the mouths [m]; 0: sharp
-  double friction = 0;          // coefficient [-]
+  double friction = 0;          // coefficient; negative: that of the link [-]
   Vec3 start_slope, end_slope;  // of both planes, see Rim [-]
 };
 

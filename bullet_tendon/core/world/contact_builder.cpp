@@ -437,7 +437,8 @@ int World::came_from(const ContactKey& key, int segment, WillBulge will_bulge) c
 
 void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came) {
   const Shape& shape = *scene.shapes[key.other];
-  Contact contact = plane_contact(spot, shape.link, surface, key, shape.friction, came);
+  const double friction = scene.links[shape.link].friction_of(shape.friction);
+  Contact contact = plane_contact(spot, shape.link, surface, key, friction, came);
   contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
                                 options.bone_contact == BoneContact::constraint &&
                                 !scene.links[shape.link].yields();
@@ -632,7 +633,7 @@ void World::bore_contacts(int tendon, int t) {
     contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}, 0), link);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
-    contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
+    contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
     contact.friction.relative_start = carried_point(x, link, contact.geometry.normal);
     finish_contact(contact, tendon, i);
     add_contact(contact);
@@ -715,7 +716,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
       (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && rim.height(a) * rim.height(b) < 0;
   contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
-  contact.friction.coefficient = scene.tunnels[t]->friction * c.friction;
+  contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
   contact.friction.relative_start = carried_point(x, link, contact.geometry.normal);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);
