@@ -11,6 +11,7 @@ step. In the step in which it begins to slip, its force can exceed F, by no more
 way of that step.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -252,6 +253,8 @@ class Bundle:
     def __init__(self, strands):
         from .tendon import Tendon
 
+        if not isinstance(strands, Iterable):
+            raise InvalidType("strands", strands, "tendons")
         self.strands = tuple(strands)
         if not self.strands:
             raise InvalidValue("strands", strands, "at least one tendon")
