@@ -184,7 +184,7 @@ def _inside(world) -> list[str]:
     for name in dict.fromkeys(found["tendon"].tolist()):
         rows = found[found["tendon"] == name]
         tendon = next(t for t in world.tendons if t.name == name)
-        rows = [r for r in rows if tendon.collides_with(int(r["bodyUniqueId"]), int(r["linkIndex"]))]
+        rows = [r for r in rows if tendon._may_meet(int(r["bodyUniqueId"]), int(r["linkIndex"]))]
         if rows and not all(_is_insertion(tendon, row) for row in rows):
             lines.append(
                 f"{name!r} is inside body {rows[0]['bodyUniqueId']}: see world.penetrations(), and "

@@ -34,7 +34,7 @@ class Placement:
         """
         narrow = [tunnel for tunnel in self._tunnels.values() if tunnel.radius <= radius]
         if tendon is not None:
-            narrow = [t for t in narrow if tendon.collides_with(t.bodyUniqueId, t.linkIndex)]
+            narrow = [t for t in narrow if tendon._may_meet(t.bodyUniqueId, t.linkIndex)]
         if narrow:
             self._bodies.require_alive()
             tunnel = Bores(narrow, self._bodies.frame).first_with(line)
@@ -48,7 +48,7 @@ class Placement:
         origin, axes = self._bodies.frame(bodyUniqueId, linkIndex)
         for tendon in self._tendons.values():
             local = (tendon.positions - origin) @ axes
-            meets = tendon.collides_with(bodyUniqueId, linkIndex)
+            meets = tendon._may_meet(bodyUniqueId, linkIndex)
             if meets and tendon.radius >= radius and passes(start, end, radius, local):
                 thick = f"tendon {tendon.name!r}, which lies in the bore"
                 raise InvalidValue("radius", radius, f"> {tendon.radius:g}, the radius of {thick} [m]")
@@ -94,7 +94,7 @@ class Placement:
                 if (
                     key not in self._told
                     and depth > UNSEEN * tendon.radius
-                    and tendon.collides_with(*key[1:])
+                    and tendon._may_meet(*key[1:])
                 ):
                     self._told.add(key)
                     warn(InsideWarning(_message(tendon, obstacle, depth)))

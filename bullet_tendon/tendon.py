@@ -184,7 +184,12 @@ class Tendon(NotCopied):
             True
         """
         self._in_use()
-        slot = self._bodies.find_slot(bodyUniqueId, linkIndex)
+        self._bodies.require(bodyUniqueId, linkIndex)
+        return self._may_meet(bodyUniqueId, linkIndex)
+
+    def _may_meet(self, body: int, link: int) -> bool:
+        """collides_with, of a link that a part of the world refers to, whether it is still there or not."""
+        slot = self._bodies.find_slot(body, link)
         return self.collides if slot is None else self._core.link_collides(self._alive(), slot)
 
     @property

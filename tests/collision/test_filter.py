@@ -156,6 +156,9 @@ def test_what_cannot_be_chosen_is_refused(scene, client):
     for b in (other, (other, -1), (body, 3), 99, (99, -1)):
         with pytest.raises(bt.UnknownId, match="^b = |linkIndex"):
             world.set_collision(low, b, False)
+    for where in ((99,), (-1,), (None,), ("box",), (True,), (body, 3), (body, None)):
+        with pytest.raises(bt.UnknownId, match="bodyUniqueId|linkIndex"):
+            low.collides_with(*where)
     for b in ("box", None, 1.5, True, (body,), (body, -1, 0)):
         with pytest.raises(bt.InvalidType, match="^b = "):
             world.set_collision(low, b, False)
