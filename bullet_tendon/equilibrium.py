@@ -112,10 +112,21 @@ class HeldTendons:
     def end(self) -> None:
         self._core.want_tendon_stiffness([])
 
-    def settle(self, tolerance: float) -> bool:
-        """Bring them to rest among the bodies; whether they are, within the steps that are left."""
+    def settle(self, tolerance: float, at_hand: float) -> bool:
+        """Bring them to rest among the bodies; whether they are, within the steps that are left.
+
+        at_hand: the largest other force on the bodies [N].
+        """
         left = min(_INNER_STEPS, self._most - self._relaxation.taken)
-        return left > 0 and self._relaxation.follow(self._gravity, _INNER * tolerance, left)
+        return left > 0 and self._relaxation.follow(self._gravity, _INNER * tolerance, left, at_hand)
+
+    def state(self) -> bytes:
+        """Of the core, for take_back."""
+        return self._core.save()
+
+    def take_back(self, state: bytes) -> None:
+        """Put them where they were."""
+        self._core.restore(state)
 
     def wrenches(self) -> np.ndarray:
         """(k, 6) on the links of the slots, about their centres of mass."""
@@ -242,10 +253,10 @@ class Equilibrium:
 
     def _terms(self) -> _Terms | None:
         """Where the bodies are; None where the tendons do not come to rest."""
-        if self.tendons is not None and not self.tendons.settle(self._tolerance):
-            return None
         slots, tendons = self.slots, self.tendons
         potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
+        if tendons is not None and not tendons.settle(self._tolerance, largest):
+            return None
         if tendons is not None:
             wrenches = wrenches + tendons.wrenches()
             stiffness = stiffness + tendons.stiffness()
@@ -363,7 +374,10 @@ class Equilibrium:
         may_rise: the whole step is taken even if it was not.
         """
         place, share, ahead, tries = self._place(), 1.0, at.force @ step, 0
+        state = None if self.tendons is None else self.tendons.state()
         while True:
+            if self.tendons is not None and share < 1:
+                self.tendons.take_back(state)
             self._put(place, share * step)
             after = self._terms()
             if after is None:

@@ -68,36 +68,51 @@ class Relaxation:
         report.iterations, report.residual, report.tolerance = iterations, float(residual), tolerance
         report.converged = bool(report.converged and settled)
 
-    def follow(self, gravity, tolerance: float, max_steps: int) -> bool:
+    def follow(self, gravity, tolerance: float, max_steps: int, at_hand: float = 0.0) -> bool:
         """Bring the tendons to rest from where they are, after bodies have moved a little; whether they are.
 
-        Nothing is taken back. Raises what Stepper.hold raises.
+        at_hand: the largest force on the bodies [N]. The tolerance is of that where it is larger than the
+        tendons' own: a slack tendon has no force, and nothing that is small beside it. Nothing is taken back.
+        Raises what Stepper.hold raises.
         """
         start = {t: t.positions for t in self._tendons}
         first = min(_ENDLESS, self._last_dt)
-        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first)
+        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand)
         return bool(settled and self._stepper.report.converged)
 
     def _descend(
-        self, start: dict[Tendon, np.ndarray], gravity, tolerance: float, max_steps: int, first: float
+        self,
+        start: dict[Tendon, np.ndarray],
+        gravity,
+        tolerance: float,
+        max_steps: int,
+        first: float,
+        at_hand: float = 0.0,
     ) -> tuple:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
-        first: length of the first step [s].
+        first: length of the first step [s]. at_hand: see follow.
         """
         stepper, dt = self._stepper, first
         iterations, residual, settled, before = 0, np.inf, not start, start
         for _ in range(max_steps):
             self._last_dt = dt
             self.taken += 1
+            state = stepper.state()
             if not stepper.hold(dt, gravity):
                 return None, iterations, residual
             report = stepper.report
             iterations += report.iterations
+            if not report.converged and not self._alone:
+                stepper.take_back(state)
+                dt /= _GROWTH
+                continue
             now = {t: t.positions for t in start}
             moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
             before = now
             residual = max([report.residual, *(_inertia(t, moved[t], dt, gravity) for t in start)])
+            own = max((_at_hand(t, gravity) for t in start), default=0.0)
+            residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
             for t in start:
                 t._core.stop(t._slot)
             if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
@@ -152,9 +167,13 @@ class Relaxation:
 
 def _inertia(tendon, moved: float, dt: float, gravity) -> float:
     """Inertia force of the step over the largest force at hand [-]: what keeps it from equilibrium."""
-    masses = tendon.masses
-    at_hand = max(np.abs(tendon.tension).max(), masses.sum() * np.linalg.norm(gravity), 1e-300)
-    return float(masses.max() * moved / dt**2 / at_hand)
+    return float(tendon.masses.max() * moved / dt**2 / _at_hand(tendon, gravity))
+
+
+def _at_hand(tendon, gravity) -> float:
+    """The largest force [N]."""
+    weight = tendon.masses.sum() * np.linalg.norm(gravity)
+    return max(float(np.abs(tendon.tension).max()), weight, 1e-300)
 
 
 def _span(a, b, rest, load) -> np.ndarray:

@@ -146,6 +146,15 @@ class Stepper:
             self._give_up()
         return solved
 
+    def state(self) -> bytes:
+        """Of the core, for take_back."""
+        return self._core.save()
+
+    def take_back(self, state: bytes) -> None:
+        """Put the core where it was; the report stays."""
+        _ = self.report
+        self._core.restore(state)
+
     def step_and_gravity(self) -> tuple[float, tuple]:
         """pybullet's time step [s] and gravity (3 numbers) [m/s^2], checked.
 

@@ -227,6 +227,19 @@ def test_flexing_settles_on_its_way_within_its_steps():
         assert len(solved) == 24
 
 
+def test_a_slack_graft_gets_taut_without_getting_into_bone():
+    """A graft that hangs slack has no force, but is still led by steps that are solved."""
+    rig, graft = whole_knee()
+    rig.load()
+    rig.flex(np.radians(60))
+    for load in ({"anterior": -60, "internal": -4, "valgus": -2, "superior": 15}, {"anterior": 82}):
+        rig.load(**load)
+        assert rig.settle()
+    assert graft.tension.min() > 10
+    assert graft.tension.max() < 300
+    rig.close()
+
+
 def test_a_knee_out_of_joint_is_given_up():
     """A graft that pulls with 1,500 N dislocates the tibia, where steps are not solved."""
     with KneeRig(options=bt.SolverOptions(max_linear_solves=300)) as rig:
