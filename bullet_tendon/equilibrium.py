@@ -120,13 +120,13 @@ class HeldTendons:
         left = min(_INNER_STEPS, self._most - self._relaxation.taken)
         return left > 0 and self._relaxation.follow(self._gravity, _INNER * tolerance, left, at_hand)
 
-    def state(self) -> bytes:
-        """Of the core, for take_back."""
-        return self._core.save()
+    def checkpoint(self) -> _core.Checkpoint:
+        """Their state, for take_back."""
+        return self._core.checkpoint()
 
-    def take_back(self, state: bytes) -> None:
+    def take_back(self, to: _core.Checkpoint) -> None:
         """Put them where they were."""
-        self._core.restore(state)
+        self._core.return_to(to)
 
     def wrenches(self) -> np.ndarray:
         """(k, 6) on the links of the slots, about their centres of mass."""
@@ -374,10 +374,10 @@ class Equilibrium:
         may_rise: the whole step is taken even if it was not.
         """
         place, share, ahead, tries = self._place(), 1.0, at.force @ step, 0
-        state = None if self.tendons is None else self.tendons.state()
+        before = None if self.tendons is None else self.tendons.checkpoint()
         while True:
             if self.tendons is not None and share < 1:
-                self.tendons.take_back(state)
+                self.tendons.take_back(before)
             self._put(place, share * step)
             after = self._terms()
             if after is None:

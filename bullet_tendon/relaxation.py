@@ -98,13 +98,13 @@ class Relaxation:
         for _ in range(max_steps):
             self._last_dt = dt
             self.taken += 1
-            state = stepper.state()
+            before_it = stepper.checkpoint()
             if not stepper.hold(dt, gravity):
                 return None, iterations, residual
             report = stepper.report
             iterations += report.iterations
             if not report.converged and not self._alone:
-                stepper.take_back(state)
+                stepper.take_back(before_it)
                 dt /= _GROWTH
                 continue
             now = {t: t.positions for t in start}

@@ -146,14 +146,14 @@ class Stepper:
             self._give_up()
         return solved
 
-    def state(self) -> bytes:
-        """Of the core, for take_back."""
-        return self._core.save()
+    def checkpoint(self) -> _core.Checkpoint:
+        """The state of the core, for take_back."""
+        return self._core.checkpoint()
 
-    def take_back(self, state: bytes) -> None:
+    def take_back(self, to: _core.Checkpoint) -> None:
         """Put the core where it was; the report stays."""
         _ = self.report
-        self._core.restore(state)
+        self._core.return_to(to)
 
     def step_and_gravity(self) -> tuple[float, tuple]:
         """pybullet's time step [s] and gravity (3 numbers) [m/s^2], checked.

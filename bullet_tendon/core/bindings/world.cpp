@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 #include <functional>
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "bindings/arrays.h"
+#include "world/checkpoint.h"
 
 namespace bt {
 
@@ -297,10 +299,13 @@ void bind_world_world(GuardedWorld& world) {
              return py::bytes(state.data(), state.size());
            })
       .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
+      .def("checkpoint", &World::checkpoint)
+      .def("return_to", &World::return_to)
       .def("report", [](const World& w) { return w.report(); });
 }
 
 void bind_report(py::module_& m) {
+  py::class_<Checkpoint, std::shared_ptr<Checkpoint>>(m, "Checkpoint");
   py::class_<Report>(m, "Report")
       .def_readonly("iterations", &Report::iterations)
       .def_readonly("residual", &Report::residual)

@@ -56,6 +56,17 @@ void World::apply(const Checkpoint& from) {
   detection_.broad_phase.clear();  // its results do not depend on its cache
 }
 
+std::shared_ptr<Checkpoint> World::checkpoint() const {
+  auto found = std::make_shared<Checkpoint>();
+  capture(*found);
+  return found;
+}
+
+void World::return_to(const Checkpoint& at) {
+  apply(at);
+  history_.may_resolve = false;
+}
+
 bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                     const std::function<void()>& sense) {
   using Clock = std::chrono::steady_clock;

@@ -253,6 +253,9 @@ class World {
   // world with the same objects, restore throws StateMismatch and changes nothing.
   std::vector<char> save();
   void restore(const char* from, size_t size);
+  // The same without bytes, as long as the world has the same objects. The step before is not solved again.
+  std::shared_ptr<Checkpoint> checkpoint() const;
+  void return_to(const Checkpoint& at);
 
   const Report& report() const { return step_.report; }
   Vec3 gravity() const { return step_.context.gravity; }  // of the last step
