@@ -56,14 +56,22 @@ def graft_through(scene, first, last, radius, force, mu):
     return scene.world.add_tendon(line, radius, scene.material(force, friction=mu), scene.whole(30, 60)), way
 
 
+def clearance(scene, point) -> float:
+    """Distance of a point from the nearest solid [m]."""
+    return min(scene.gaps(point[None], solid)[0] for solid in scene.solids)
+
+
 def led_sideways(scene, tendon, way, force, mu):
     """One end is pulled, the other is led out and sideways by a soft or rigid hand; then all is judged."""
     tendon.set_force(0, -force * way)
     soft = {"stiffness": scene.log(200, 2e4), "damping": scene.flat(0, 5)}
     hand = tendon.grip(-1, **scene.pick(soft, soft, {}))
     side = np.cross(way, scene.direction())
-    side /= np.linalg.norm(side)
-    scene.lead(hand, scene.flat(0.002, 0.02) * way + scene.flat(0, 0.04) * side, 2 * scene.steps // 3)
+    out, aside = scene.flat(0.002, 0.02) * way, scene.flat(0, 0.04) * side / np.linalg.norm(side)
+    # What a hand leads into a solid, no contact keeps out.
+    if clearance(scene, hand._target.target + out + aside) < 2 * tendon.radius:
+        aside = -aside
+    scene.lead(hand, out + aside, 2 * scene.steps // 3)
     scene.run(scene.steps - 2 * scene.steps // 3)
     scene.in_clearance()
     scene.no_opposed_contacts()
