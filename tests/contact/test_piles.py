@@ -5,6 +5,8 @@ import pybullet as p
 import pytest
 from bullet_tendon.scenarios.benchmarks.heap import LENGTH, MATERIAL, RADIUS, drop
 
+import bullet_tendon as bt
+
 
 def floor(world, client):
     world.add_obstacle(p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)))
@@ -70,6 +72,30 @@ def test_tendons_side_by_side_come_to_rest(make_world, client):
     after = world.contacts
     assert (after["kind"] == "tendon").sum() > 40
     np.testing.assert_allclose(after["position"], before["position"], rtol=0, atol=1e-3 * RADIUS)
+
+
+@pytest.mark.parametrize("law", [{}, {"tension_only": True}, {"bending_stiffness": 1e-6}])
+@pytest.mark.parametrize("friction", [0.1, 0.6, 10.0])
+def test_ropes_fall_across_each_other_onto_a_ball(make_world, client, law, friction):
+    """Segments stick to the ball while they roll onto it: what sticks moves with the point that touches.
+
+    With a friction that resisted the motion of another point of the segment, the steps were not solved.
+    """
+    world = make_world(gravity=(0, 0, -9.81))
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.04, physicsClientId=client)
+    ball = p.createMultiBody(0, shape, basePosition=(0, 0, 0.03), physicsClientId=client)
+    world.add_obstacle(ball, friction=friction)
+    material = bt.Material(stiffness=1e4, damping=1.0, friction=0.7, **law)
+    for z, turn in ((0.08, 0.0), (0.092, 1.1)):
+        way = 0.1 * np.array([np.cos(turn), np.sin(turn), 0])
+        world.add_tendon([(0, 0, z) - way, (0.005, 0, z) + way], 0.0034, material, 40)
+    solves = []
+    for _ in range(36):
+        world.step()
+        assert world.report.converged
+        solves.append(world.report.iterations)
+    assert (world.contacts["kind"] == "tendon").any()
+    assert sum(solves) <= 5500
 
 
 @pytest.mark.parametrize("apart", [0.02, 1.0])

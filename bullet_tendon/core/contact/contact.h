@@ -67,7 +67,7 @@ struct ContactGeometry {
   double handedness = 0;       // pair: sign of n.(l_a x l_b) there; 0: a contact point is at an end
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
   bool follows = false;        // pair whose contact points are the present nearest points
-  Vec3 point_shift;            // from the contact point at the start of the step to the present one [m]
+  Vec3 point_shift;            // from the first contact point to the present one, at the start [m]
   // Contacts whose points slide along their segments: each term adds share l l^T to the block, with l over
   // the ends of a, then of b. l = sliding_term [-], share = sliding_share [N/m].
   int sliding_terms = 0;
@@ -93,6 +93,7 @@ struct Friction {
   double limit = 0;               // mu N [N]
   double stiffness = 0;           // k_t, while it sticks [N/m]
   Vec3 anchor, relative_start;    // xi, ref [m]
+  Vec3 along_start, other_start;  // segments of a and b at the start, carried as ref is [m]
   double anchored_at = 0;         // parameter in a's segment of the point of ref [-]
   double anchored_at_other = 0;   // the same in b's segment [-]
   bool sliding = false;           // slides in the linearisation; else it sticks

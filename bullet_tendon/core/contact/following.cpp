@@ -10,7 +10,10 @@
 //
 // The contact point is the nearest point of every iteration. With a fixed point, a segment that slides or
 // turns would leave the edge or penetrate it, and the normal force would turn the segment further: the chords
-// around a wheel would turn to and fro, each against its neighbours.
+// around a wheel would turn to and fro, each against its neighbours. Friction resists the displacement in the
+// step of what is now the contact point, at which it acts. With the displacement of the point that touched
+// first, the derivative of a sticking friction would not be symmetric, and far from the block where segments
+// roll onto a surface.
 #include <algorithm>
 #include <cmath>
 
@@ -45,7 +48,7 @@ void Contact::follow(Vec3 start, Vec3 end) {
     geometry.beyond_edge = geometry.threads_mouth && passes_beyond(geometry.rim, start, end);
   }
   a.w0 = 1 - a.w1;
-  geometry.point_shift = (a.w1 - friction.anchored_at) * (end - start);
+  geometry.point_shift = (a.w1 - friction.anchored_at) * friction.along_start;
 }
 
 void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {

@@ -27,6 +27,8 @@ bool is_inside(double u, double w) { return u > 0 && u < 1 && w > 0 && w < 1; }
 
 void Contact::begin_pair(Vec3 along, Vec3 other) {
   geometry.side = geometry.normal;
+  friction.along_start = along;
+  friction.other_start = other;
   const bool inside = is_inside(friction.anchored_at, friction.anchored_at_other);
   geometry.handedness = inside ? std::copysign(1.0, dot(geometry.side, cross(along, other))) : 0;
 }
@@ -53,7 +55,8 @@ void Contact::follow_pair(const Vec3 (&x)[4]) {
   a.w1 = u;
   b.w0 = 1 - w;
   b.w1 = w;
-  geometry.point_shift = (u - friction.anchored_at) * along - (w - friction.anchored_at_other) * other;
+  geometry.point_shift = (u - friction.anchored_at) * friction.along_start -
+                         (w - friction.anchored_at_other) * friction.other_start;
   geometry.normal = may_have_crossed ? unit_or(geometry.handedness * cross(along, other), geometry.side)
                                      : (1 / norm(apart)) * apart;
 }

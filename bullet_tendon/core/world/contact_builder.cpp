@@ -159,6 +159,16 @@ Vec3 carried_point(Vec3 x, const Link& link, Vec3 normal) {
   return foreseen_point(x, link) + without(link.shifted.at(x - link.centre), normal);
 }
 
+// The contact point of a segment, and the segment, where they are if they stick to a link.
+void carry(Contact& contact, const Tendon& c, const Link& link) {
+  const Vec3 normal = contact.geometry.normal;
+  const int k = contact.a.first;
+  contact.friction.anchored_at = contact.a.w1;
+  contact.friction.relative_start = carried_point(contact.a.of(c.x), link, normal);
+  contact.friction.along_start =
+      carried_point(c.x.at(k + 1), link, normal) - carried_point(c.x.at(k), link, normal);
+}
+
 Rim foreseen_rim(const Rim& rim, const Link& link) {
   const Vec3 axis = unit_or(link.foreseen.turn * rim.axis, rim.axis);
   const Vec3 slope = without(link.foreseen.turn * rim.slope, axis);
@@ -236,9 +246,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
                                   cross(surface.normal, surface.along), surface.radius + kept, {}, 0);
   contact.geometry.margin = options.contact_threshold;
-  contact.friction.anchored_at = spot.w1;
   contact.friction.coefficient = friction * c.friction;
-  contact.friction.relative_start = carried_point(spot.of(c.x), link, contact.geometry.normal);
+  carry(contact, c, link);
   finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
   return contact;
 }
@@ -634,7 +643,7 @@ void World::bore_contacts(int tendon, int t) {
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
-    contact.friction.relative_start = carried_point(x, link, contact.geometry.normal);
+    carry(contact, c, link);
     finish_contact(contact, tendon, i);
     add_contact(contact);
   }
@@ -708,7 +717,6 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.link = scene.tunnels[t]->link;
   contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};
   contact.a = {tendon, k, 1 - u, u};
-  contact.friction.anchored_at = u;
   contact.geometry.rim = foreseen_rim(rim, link);
   contact.geometry.margin = options.contact_threshold;
   contact.geometry.offset = c.radius + scene.tunnels[t]->chamfer + options.contact_threshold;
@@ -717,7 +725,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
   contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
-  contact.friction.relative_start = carried_point(x, link, contact.geometry.normal);
+  carry(contact, c, link);
   finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);
 }
