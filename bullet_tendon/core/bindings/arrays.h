@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <array>
+#include <cstring>
 #include <functional>
 #include <utility>
 #include <vector>
@@ -17,50 +18,7 @@ using Ints = py::array_t<int, py::array::c_style | py::array::forcecast>;
 
 namespace bt {
 
-inline Vec3 vec(const Array& a) { return {a.data()[0], a.data()[1], a.data()[2]}; }
 inline Vec3 vec(const double* p) { return {p[0], p[1], p[2]}; }
-inline py::tuple tuple(Vec3 v) { return py::make_tuple(v.x, v.y, v.z); }
-
-inline Array rows_of(const std::vector<Vec3>& v) {
-  Array out({static_cast<py::ssize_t>(v.size()), static_cast<py::ssize_t>(3)});
-  double* p = out.mutable_data();
-  for (const Vec3& x : v) {
-    *p++ = x.x;
-    *p++ = x.y;
-    *p++ = x.z;
-  }
-  return out;
-}
-
-inline Array rows_of(const Field& f) {
-  std::vector<Vec3> v(f.size());
-  for (int i = 0; i < f.size(); ++i) v[i] = f.at(i);
-  return rows_of(v);
-}
-
-inline Array copy_of(const std::vector<double>& v) {
-  return Array(static_cast<py::ssize_t>(v.size()), v.data());
-}
-
-inline void fill(Field& f, const Array& a) {
-  for (int i = 0; i < f.size(); ++i) f.set(i, vec(a.data() + 3 * i));
-}
-
-inline std::vector<double> list_of(const Array& a) { return {a.data(), a.data() + a.size()}; }
-
-inline Rot3 rotation(const double* p) { return {vec(p), vec(p + 3), vec(p + 6)}; }
-
-inline std::vector<Vec3> points_of(const Array& a) {
-  std::vector<Vec3> points(a.size() / 3);
-  for (size_t i = 0; i < points.size(); ++i) points[i] = vec(a.data() + 3 * i);
-  return points;
-}
-
-inline Field field_of(const Array& a) {
-  Field f(static_cast<int>(a.shape(0)));
-  fill(f, a);
-  return f;
-}
 
 // pybullet returns nested tuples of numbers. Reading these directly is faster than converting them to arrays.
 
@@ -97,17 +55,6 @@ inline std::array<double, 14> row_of(const ContactRecord& c) {
 
 // Articulated bodies (bindings/bodies.cpp).
 void bind_articulated(py::module_& m);
-
-// Corners (t, 3, 3).
-inline std::vector<Triangle> triangles_of(const Array& corners) {
-  std::vector<Triangle> out(corners.size() / 9);
-  const double* p = corners.data();
-  for (Triangle& t : out) {
-    t = {vec(p), vec(p + 3), vec(p + 6)};
-    p += 9;
-  }
-  return out;
-}
 
 // One call at a time in a world: a reader in another thread waits until a step is over. The interpreter is
 // free while it waits.
@@ -209,3 +156,85 @@ void bind_world_elements(GuardedWorld& world);
 void bind_world_world(GuardedWorld& world);
 
 }  // namespace bt
+
+// Arrays and tuples where a function of the core has vectors: a vector is a tuple, but any three numbers on
+// the way in; a matrix is (3, 3), a list of numbers (n), and a list of what consists of k numbers (n, k). The
+// shape is not checked.
+namespace pybind11::detail {
+
+template <class Value, class Number = double>
+struct ListOfRows {
+  PYBIND11_TYPE_CASTER(std::vector<Value>, const_name("numpy.ndarray"));
+  using Rows = array_t<Number, array::c_style | array::forcecast>;
+  static constexpr ssize_t kWidth = sizeof(Value) / sizeof(Number);
+  bool load(handle from, bool) {
+    const Rows rows = Rows::ensure(from);
+    if (!rows) return false;
+    value.resize(rows.size() / kWidth);
+    std::memcpy(static_cast<void*>(value.data()), rows.data(), value.size() * sizeof(Value));
+    return true;
+  }
+  static handle cast(const std::vector<Value>& list, return_value_policy, handle) {
+    std::vector<ssize_t> shape{static_cast<ssize_t>(list.size())};
+    if (kWidth > 1) shape.push_back(kWidth);
+    return Rows(shape, reinterpret_cast<const Number*>(list.data())).release();
+  }
+};
+
+template <>
+struct type_caster<std::vector<double>> : ListOfRows<double> {};
+template <>
+struct type_caster<std::vector<bt::Vec3>> : ListOfRows<bt::Vec3> {};
+template <>
+struct type_caster<std::vector<bt::Triangle>> : ListOfRows<bt::Triangle> {};
+template <>
+struct type_caster<std::vector<bt::Block3>> : ListOfRows<bt::Block3> {};
+template <size_t N>
+struct type_caster<std::vector<std::array<double, N>>> : ListOfRows<std::array<double, N>> {};
+template <size_t N>
+struct type_caster<std::vector<std::array<int, N>>> : ListOfRows<std::array<int, N>, int> {};
+
+template <>
+struct type_caster<bt::Field> {
+  PYBIND11_TYPE_CASTER(bt::Field, const_name("numpy.ndarray"));
+  bool load(handle from, bool) {
+    const auto rows = from.cast<std::vector<bt::Vec3>>();
+    value.resize(static_cast<int>(rows.size()));
+    for (int i = 0; i < value.size(); ++i) value.set(i, rows[i]);
+    return true;
+  }
+  static handle cast(const bt::Field& field, return_value_policy policy, handle parent) {
+    std::vector<bt::Vec3> rows;
+    for (int i = 0; i < field.size(); ++i) rows.push_back(field.at(i));
+    return make_caster<std::vector<bt::Vec3>>::cast(rows, policy, parent);
+  }
+};
+
+template <>
+struct type_caster<bt::Vec3> {
+  PYBIND11_TYPE_CASTER(bt::Vec3, const_name("tuple"));
+  bool load(handle from, bool) {
+    if (PyTuple_CheckExact(from.ptr())) return value = bt::vector(from.ptr()), true;
+    const Array array = Array::ensure(from);
+    if (!array || array.size() != 3) return false;
+    value = bt::vec(array.data());
+    return true;
+  }
+  static handle cast(bt::Vec3 v, return_value_policy, handle) { return make_tuple(v.x, v.y, v.z).release(); }
+};
+
+template <>
+struct type_caster<bt::Rot3> {
+  PYBIND11_TYPE_CASTER(bt::Rot3, const_name("numpy.ndarray"));
+  bool load(handle from, bool) {
+    const Array array = Array::ensure(from);
+    if (!array || array.size() != 9) return false;
+    value = {bt::vec(array.data()), bt::vec(array.data() + 3), bt::vec(array.data() + 6)};
+    return true;
+  }
+  static handle cast(const bt::Rot3& r, return_value_policy policy, handle parent) {
+    return make_caster<std::vector<bt::Vec3>>::cast({r.r0, r.r1, r.r2}, policy, parent);
+  }
+};
+
+}  // namespace pybind11::detail

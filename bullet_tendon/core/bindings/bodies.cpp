@@ -119,11 +119,10 @@ using Links = std::vector<std::pair<int, int>>;
 // Sets the contacts of a body with the links `immovable` from p.getContactPoints: the normal towards the
 // body, its moment about the centre of mass, and the distance. keep: use them for the next step, whatever
 // pybullet reports then. A body that was never read has no contacts.
-void set_contacts(World& w, int slot, const py::tuple& points, const Links& immovable,
-                  const py::tuple& centre, bool keep) {
+void set_contacts(World& w, int slot, const py::tuple& points, const Links& immovable, Vec3 centre,
+                  bool keep) {
   if (slot >= static_cast<int>(w.scene.bodies.size()) || w.scene.bodies[slot].n() == 0) return;
   GeneralizedBody& m = w.scene.bodies[slot];
-  const Vec3 from = vector(centre.ptr());
   if (keep && m.contacts_known) return;
   m.contacts.clear();
   m.contacts_known = keep;
@@ -132,7 +131,7 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
     const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
                                     static_cast<int>(number(point.ptr(), 4))};
     if (std::find(immovable.begin(), immovable.end(), other) == immovable.end()) continue;
-    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - from, n);
+    const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
     const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
     m.contacts.insert(m.contacts.end(), row, row + 7);
   }
@@ -160,16 +159,12 @@ void bind_links(py::module_& m, GuardedWorld& world) {
       .def("read_link", &read_link)
       .def("sample_link", &sample_link)
       .def("set_contacts", &set_contacts)
-      .def("add_link_force", [](World& w, int slot, const py::tuple& force, const py::tuple& point) {
-        add_link_force(w, slot, vector(force.ptr()), vector(point.ptr()));
-      });
+      .def("add_link_force", &add_link_force);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;
     place(l, info.ptr(), where.ptr());
     const Vec3 o = l.pose.origin;
-    const Rot3& r = l.pose.rotation;
-    const std::vector<double> axes{r.r0.x, r.r0.y, r.r0.z, r.r1.x, r.r1.y, r.r1.z, r.r2.x, r.r2.y, r.r2.z};
-    return py::make_tuple(copy_of(std::vector<double>{o.x, o.y, o.z}), copy_of(axes).reshape({3, 3}));
+    return py::make_tuple(std::vector<double>{o.x, o.y, o.z}, l.pose.rotation);
   });
 }
 
@@ -311,14 +306,13 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
 }
 
 // A force of the user at a world point of any link of a body, in this step. tree: as it was read.
-void add_body_force(World& w, int slot, const Articulated& tree, int link, const py::tuple& force,
-                    const py::tuple& point) {
+void add_body_force(World& w, int slot, const Articulated& tree, int link, Vec3 force, Vec3 point) {
   GeneralizedBody& m = w.scene.bodies[slot];
   if (m.n() != tree.dofs() || link < 0 || link >= tree.links() || !tree.moves(link)) return;
   dense::Numbers jacobian(6 * m.n()), generalized(m.n());
   tree.jacobian(link, jacobian.data());
-  const Vec3 f = vector(force.ptr()), torque = cross(vector(point.ptr()) - tree.centre(link), f);
-  const double wrench[6] = {f.x, f.y, f.z, torque.x, torque.y, torque.z};
+  const Vec3 torque = cross(point - tree.centre(link), force);
+  const double wrench[6] = {force.x, force.y, force.z, torque.x, torque.y, torque.z};
   dense::add_rows(jacobian, 6, wrench, generalized);
   m.add_external(generalized);
 }
@@ -395,12 +389,13 @@ void bind_articulated(py::module_& m) {
 
 namespace {
 
-Array wrenches(const World& w) {
-  Array out({static_cast<py::ssize_t>(w.scene.links.size()), static_cast<py::ssize_t>(6)});
-  double* p = out.mutable_data();
-  for (const Link& l : w.scene.links)
-    for (const Vec3 part : {l.wrench.force, l.wrench.torque})
-      for (const double value : {part.x, part.y, part.z}) *p++ = value;
+// (links, 6)
+std::vector<std::array<double, 6>> wrenches(const World& w) {
+  std::vector<std::array<double, 6>> out;
+  for (const Link& l : w.scene.links) {
+    const Vec3 f = l.wrench.force, t = l.wrench.torque;
+    out.push_back({f.x, f.y, f.z, t.x, t.y, t.z});
+  }
   return out;
 }
 
@@ -425,9 +420,9 @@ py::list pushes(const World& w) {
       // Of unit vectors: the product of tiny forces and torques would underflow.
       const Vec3 arm = (torque / force) * cross(unit_or(push.force, {}), unit_or(push.torque, {}));
       const Vec3 point = l.start_centre + arm;
-      out.append(py::make_tuple(i, tuple(push.force), tuple(point), py::none()));
+      out.append(py::make_tuple(i, push.force, point, py::none()));
     } else {
-      out.append(py::make_tuple(i, tuple(push.force), tuple(l.start_centre), tuple(push.torque)));
+      out.append(py::make_tuple(i, push.force, l.start_centre, push.torque));
     }
   }
   return out;
@@ -443,8 +438,8 @@ bool any_held(const World& w) {
 void bind_world_bodies(GuardedWorld& world) {
   world
       .def("sense",
-           [](World& w, double dt, const py::tuple& gravity, bool held) {
-             w.sense(dt, vector(gravity.ptr()), held);
+           [](World& w, double dt, Vec3 gravity, bool held) {
+             w.sense(dt, gravity, held);
              return any_held(w) || !w.released_bodies().empty() || !w.pulled_bodies().empty();
            })
       .def("released_bodies", &World::released_bodies)
@@ -460,7 +455,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("let_go", &World::let_go)
       .def("stopped",
            [](const World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
-      .def("missed", [](const World& w, int body) { return copy_of(w.scene.bodies[body].observer.missed()); })
+      .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
       .def("pushable",
@@ -476,8 +471,7 @@ void bind_world_bodies(GuardedWorld& world) {
              for (size_t dof = 0; dof < forces.size(); ++dof) {
                if (forces[dof] == 0) continue;
                const Articulated::JointForce f = tree.force_of(static_cast<int>(dof), forces[dof]);
-               out.append(
-                   py::make_tuple(f.link - 1, f.parent - 1, tuple(f.force), tuple(f.point), tuple(f.torque)));
+               out.append(py::make_tuple(f.link - 1, f.parent - 1, f.force, f.point, f.torque));
              }
              return out;
            })

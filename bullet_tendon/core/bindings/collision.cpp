@@ -14,10 +14,6 @@ namespace bt {
 
 namespace {
 
-using Triple = std::array<double, 3>;
-
-Vec3 vec_of(const Triple& v) { return {v[0], v[1], v[2]}; }
-
 // kind and sizes as in shapes.primitive.
 Primitive primitive_of(const std::string& kind, const std::vector<double>& sizes) {
   const double radius = sizes.at(0), half = 0.5 * sizes.back();
@@ -39,15 +35,15 @@ Primitive primitive_of(const std::string& kind, const std::vector<double>& sizes
 }
 
 // Of the box around it.
-Triple corner_of(const Primitive& s) {
+Vec3 corner_of(const Primitive& s) {
   if (s.kind == Primitive::Kind::cylinder) return {s.radius, s.radius, s.half_length};
   return {s.half.x + s.growth, s.half.y + s.growth, s.half.z + s.growth};
 }
 
 // Of the segment a + u d: signed distance, surface point and u.
-py::tuple measured_along(const Primitive& s, const Triple& a, const Triple& d) {
-  const Primitive::Nearest found = s.nearest(vec_of(a), vec_of(a) + vec_of(d));
-  return py::make_tuple(found.distance, tuple(found.point), found.u);
+py::tuple measured_along(const Primitive& s, Vec3 a, Vec3 d) {
+  const Primitive::Nearest found = s.nearest(a, a + d);
+  return py::make_tuple(found.distance, found.point, found.u);
 }
 
 }  // namespace
@@ -57,55 +53,45 @@ void bind_primitives(py::module_& m) {
       .def(py::init(&primitive_of))
       .def_property_readonly("corner", &corner_of)
       .def("__call__", &measured_along)
-      .def("curvature",
-           [](const Primitive& s, const Triple& point, const Triple& normal, const Triple& along) {
-             return s.curvature(vec_of(point), vec_of(normal), vec_of(along));
-           });
+      .def("curvature", &Primitive::curvature);
 }
 
 namespace {
 
-int add_shape(World& w, int link, const Array& position, const Array& rot, const Array& lo, const Array& hi,
-              bool half_space, const Array& normal, double offset, double friction, const Array& triangles,
+int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, Vec3 hi, bool half_space,
+              Vec3 normal, double offset, double friction, const std::vector<Triangle>& triangles,
               const std::optional<Primitive>& primitive) {
   Shape s;
   s.link = link;
-  s.local = {rotation(rot.data()), vec(position)};
-  s.lo = vec(lo);
-  s.hi = vec(hi);
+  s.local = {rotation, position};
+  s.lo = lo;
+  s.hi = hi;
   s.half_space = half_space;
-  s.plane_normal = vec(normal);
+  s.plane_normal = normal;
   s.plane_offset = offset;
   s.friction = friction;
-  if (triangles.size() > 0) s.surface = std::make_shared<Surface>(triangles_of(triangles));
+  if (!triangles.empty()) s.surface = std::make_shared<Surface>(triangles);
   if (primitive) s.primitive = *primitive;
   return w.add_shape(s);
 }
 
 // centres, slopes (2, 3), in the link's frame.
-void set_mouths(World& w, int slot, const Array& centres, const Array& slopes) {
-  const Field centre = field_of(centres), slope = field_of(slopes);
-  w.set_mouths(slot, {centre.at(0), centre.at(1)}, {slope.at(0), slope.at(1)});
+void set_mouths(World& w, int slot, const std::vector<Vec3>& centres, const std::vector<Vec3>& slopes) {
+  w.set_mouths(slot, {centres[0], centres[1]}, {slopes[0], slopes[1]});
 }
 
 // points (k, 3), in the link's frame.
-py::array_t<bool> is_drilled(const World& w, int slot, const Array& points) {
-  const Field at = field_of(points);
+py::array_t<bool> is_drilled(const World& w, int slot, const std::vector<Vec3>& points) {
   const Bore bore = w.scene.bore_in_link(slot);
-  py::array_t<bool> found(at.size());
-  for (int i = 0; i < at.size(); ++i) found.mutable_at(i) = bore.removes(at.at(i));
+  py::array_t<bool> found(points.size());
+  for (size_t i = 0; i < points.size(); ++i) found.mutable_at(i) = bore.removes(points[i]);
   return found;
 }
 
 // (contacts, 14)
-Array contacts(const World& w) {
-  const std::vector<ContactRecord> found = w.contacts();
-  Array out({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(14)});
-  double* row = out.mutable_data();
-  for (const ContactRecord& c : found) {
-    const auto values = row_of(c);
-    row = std::copy(values.begin(), values.end(), row);
-  }
+std::vector<std::array<double, 14>> contacts(const World& w) {
+  std::vector<std::array<double, 14>> out;
+  for (const ContactRecord& c : w.contacts()) out.push_back(row_of(c));
   return out;
 }
 
@@ -114,9 +100,8 @@ Array contacts(const World& w) {
 void bind_world_collision(GuardedWorld& world) {
   world.def("add_shape", &add_shape)
       .def("remove_shape", &World::remove_shape)
-      .def("add_tunnel",
-           [](World& w, int link, const Array& start, const Array& end, double radius, double chamfer,
-              double mu) { return w.add_tunnel({link, vec(start), vec(end), radius, chamfer, mu}); })
+      .def("add_tunnel", [](World& w, int link, Vec3 start, Vec3 end, double radius, double chamfer,
+                            double mu) { return w.add_tunnel({link, start, end, radius, chamfer, mu}); })
       .def("set_mouths", &set_mouths)
       .def("is_drilled", &is_drilled)
       .def("remove_tunnel", &World::remove_tunnel)

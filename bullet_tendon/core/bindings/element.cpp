@@ -53,52 +53,39 @@ namespace {
 std::vector<Wrap> wraps_of(const py::list& wraps) {
   std::vector<Wrap> out;
   for (const py::handle& of : wraps) {
-    const auto wrap = of.cast<std::tuple<int, int, Array, Array, Array>>();
-    out.push_back({std::get<0>(wrap),
-                   static_cast<WrapShape>(std::get<1>(wrap)),
-                   {rotation(std::get<4>(wrap).data()), vec(std::get<3>(wrap))},
-                   vec(std::get<2>(wrap))});
+    const auto [link, shape, radii, position, axes] = of.cast<std::tuple<int, int, Vec3, Vec3, Rot3>>();
+    out.push_back({link, static_cast<WrapShape>(shape), {axes, position}, radii});
   }
   return out;
 }
 
 // links (n): slots. locals (n, 3): points in the frames of the links [m].
-int add_ligament(World& w, const Ints& links, const Array& locals, double rest, const Material& material,
-                 const py::list& wraps) {
-  const std::vector<Vec3> points = points_of(locals);
+int add_ligament(World& w, const Ints& links, const std::vector<Vec3>& locals, double rest,
+                 const Material& material, const py::list& wraps) {
   std::vector<PathPoint> path;
-  for (size_t i = 0; i < points.size(); ++i) path.push_back({links.data()[i], points[i]});
+  for (size_t i = 0; i < locals.size(); ++i) path.push_back({links.data()[i], locals[i]});
   return w.add_element(w.scene.ligaments, std::make_unique<Ligament>(path, wraps_of(wraps), material, rest));
 }
 
 // Points of a path through these points, those along wraps included; wraps in the same axes.
-Array trace_path(const Array& points, const py::list& wraps) {
-  const std::vector<Vec3> path = points_of(points);
+std::vector<Vec3> trace_path(const std::vector<Vec3>& path, const py::list& wraps) {
   const std::vector<Wrap> around = wraps_of(wraps);
   std::vector<Vec3> out{path.front()};
   for (size_t i = 0; i + 1 < path.size(); ++i) trace(around, path[i], path[i + 1], out);
-  return rows_of(out);
+  return out;
 }
 
 Ligament& ligament_of(const World& w, int slot) { return *w.scene.ligaments.at(slot); }
-
-SignedDistance distance_of(const Array& vertices, const Ints& triangles) {
-  std::vector<SignedDistance::Indices> indices;
-  for (py::ssize_t i = 0; i + 2 < triangles.size(); i += 3)
-    indices.push_back({triangles.data()[i], triangles.data()[i + 1], triangles.data()[i + 2]});
-  return {points_of(vertices), std::move(indices)};
-}
 
 using Grid = std::shared_ptr<DistanceGrid>;
 
 // centres (t, 3), areas (t), regions (t) and unit normals (t, 3) of the triangles of B, in the frame of its
 // link. resolution [m]: within which they are merged. law: its numbers, and whether it is logarithmic.
-int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const Array& centres,
-                  const Array& areas, const Ints& regions, const Array& normals, double resolution,
-                  double foundation, double thickness, bool logarithmic, double damping) {
-  FoundationSurface triangles{
-      points_of(centres), list_of(areas), {regions.data(), regions.data() + regions.size()}};
-  const FoundationSurface points = merged(triangles, points_of(normals), resolution);
+int add_cartilage(World& w, int link_a, const Grid& grid, int link_b, const std::vector<Vec3>& centres,
+                  const std::vector<double>& areas, const Ints& regions, const std::vector<Vec3>& normals,
+                  double resolution, double foundation, double thickness, bool logarithmic, double damping) {
+  FoundationSurface triangles{centres, areas, {regions.data(), regions.data() + regions.size()}};
+  const FoundationSurface points = merged(triangles, normals, resolution);
   return w.add_element(
       w.scene.cartilages,
       std::make_unique<Cartilage>(link_a, grid, link_b, std::move(triangles), points,
@@ -111,8 +98,7 @@ Cartilage& cartilage_of(const World& w, int slot) { return *w.scene.cartilages.a
 py::list pressed_regions(const World& w, int slot) {
   py::list out;
   for (const PressedRegion& r : cartilage_of(w, slot).regions)
-    out.append(py::make_tuple(tuple(r.force), tuple(r.torque), r.area, tuple(r.centre), r.max_pressure,
-                              r.max_depth));
+    out.append(py::make_tuple(r.force, r.torque, r.area, r.centre, r.max_pressure, r.max_depth));
   return out;
 }
 
@@ -188,15 +174,15 @@ void bind_distance_grid(py::module_& m) {
   m.def("trace_path", &trace_path);
   m.def("jacobian_curvature", &jacobian_curvature);
   py::class_<SignedDistance>(m, "SignedDistance")
-      .def(py::init(&distance_of))
+      .def(py::init<std::vector<Vec3>, std::vector<SignedDistance::Indices>>())
       .def_property_readonly("open", &SignedDistance::open)
       .def("volume", &SignedDistance::volume)
       .def("nodes", [](const SignedDistance& d, double spacing,
                        double depth) { return DistanceGrid::nodes_of(d.box(depth), spacing); })
-      .def("__call__", [](const SignedDistance& d, const Array& points) {
+      .def("__call__", [](const SignedDistance& d, const std::vector<Vec3>& points) {
         std::vector<double> out;
-        for (const Vec3& x : points_of(points)) out.push_back(d(x));
-        return copy_of(out);
+        for (const Vec3& x : points) out.push_back(d(x));
+        return out;
       });
   py::class_<DistanceGrid, Grid>(m, "DistanceGrid")
       .def(py::init([](const SignedDistance& distance, double spacing, double depth) {
@@ -204,17 +190,17 @@ void bind_distance_grid(py::module_& m) {
            }),
            py::call_guard<py::gil_scoped_release>())
       .def_static("of_numbers",
-                  [](const Array& numbers) { return std::make_shared<DistanceGrid>(list_of(numbers)); })
-      .def("numbers", [](const DistanceGrid& g) { return copy_of(g.numbers()); })
-      .def("__call__", [](const DistanceGrid& g, const Array& points) {
+                  [](const std::vector<double>& numbers) { return std::make_shared<DistanceGrid>(numbers); })
+      .def("numbers", &DistanceGrid::numbers)
+      .def("__call__", [](const DistanceGrid& g, const std::vector<Vec3>& points) {
         std::vector<double> distances;
         std::vector<Vec3> gradients;
-        for (const Vec3& x : points_of(points)) {
+        for (const Vec3& x : points) {
           Vec3 gradient;
           distances.push_back(g.may_be_behind(x) ? g.at(x, gradient) : g.bound(x, 0));
           gradients.push_back(gradient);
         }
-        return py::make_tuple(copy_of(distances), rows_of(gradients));
+        return py::make_tuple(distances, gradients);
       });
 }
 
@@ -235,15 +221,15 @@ void bind_world_elements(GuardedWorld& world) {
            })
       .def("pressed_regions", &pressed_regions)
       .def("cartilage_depths",
-           [](const World& w, int slot) { return copy_of(cartilage_of(w, slot).depths(w.scene.links)); })
+           [](const World& w, int slot) { return cartilage_of(w, slot).depths(w.scene.links); })
       .def("cartilage_points",
            [](const World& w, int slot) {
              const FoundationSurface& points = cartilage_of(w, slot).points();
-             return py::make_tuple(rows_of(points.centres), copy_of(points.areas));
+             return py::make_tuple(points.centres, points.areas);
            })
       .def("cartilage_facing",
-           [](const World& w, int slot, const Array& normals) {
-             return cartilage_of(w, slot).facing(w.scene.links, points_of(normals));
+           [](const World& w, int slot, const std::vector<Vec3>& normals) {
+             return cartilage_of(w, slot).facing(w.scene.links, normals);
            })
       .def("ligament_force", [](const World& w, int slot) { return ligament_of(w, slot).force; })
       .def("ligament_is_ruptured", [](const World& w, int slot) { return ligament_of(w, slot).ruptured; })
@@ -252,7 +238,7 @@ void bind_world_elements(GuardedWorld& world) {
            [](const World& w, int slot) {
              std::vector<Vec3> points;
              const double length = ligament_of(w, slot).length_at(w.scene.links, points);
-             return py::make_tuple(length, rows_of(points));
+             return py::make_tuple(length, points);
            })
       .def("ligament_rest", [](const World& w, int slot) { return ligament_of(w, slot).rest; })
       .def("set_ligament_rest",

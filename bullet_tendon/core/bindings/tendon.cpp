@@ -27,8 +27,9 @@ Material material_of(double stiffness, double exponent, double toe_strain, bool 
           {weights, times, most_force, most_strain}};
 }
 
-int add_tendon(World& w, const Array& points, double radius, double friction, const Material& material) {
-  return w.add_tendon(std::make_unique<Tendon>(points_of(points), radius, friction, material));
+int add_tendon(World& w, const std::vector<Vec3>& points, double radius, double friction,
+               const Material& material) {
+  return w.add_tendon(std::make_unique<Tendon>(points, radius, friction, material));
 }
 
 Anchor& anchor_of(World& w, int tendon, int id) {
@@ -45,10 +46,9 @@ void remove_anchor(World& w, int tendon, int id) {
 }
 
 // stiffness: 0 for a rigid grip. most_force: 0 without a limit.
-void set_grip(World& w, int tendon, int id, const Array& target, double stiffness, double viscosity,
+void set_grip(World& w, int tendon, int id, Vec3 goal, double stiffness, double viscosity,
               double most_force) {
   Anchor& h = anchor_of(w, tendon, id);
-  const Vec3 goal = vec(target);
   const bool exact = stiffness == 0 && most_force > 0;
   if (exact) stiffness = most_force / (kGive * w.scene.tendons[tendon]->radius);
   if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity ||
@@ -69,14 +69,14 @@ void bind_material(py::module_& m) { py::class_<Material>(m, "Material").def(py:
 void bind_world_tendon(GuardedWorld& world) {
   world.def("add_tendon", &add_tendon)
       .def("remove_tendon", &World::remove_tendon)
-      .def("positions", [](World& w, int c) { return rows_of(w.scene.tendons[c]->x); })
-      .def("velocities", [](World& w, int c) { return rows_of(w.scene.tendons[c]->user_velocities()); })
+      .def("positions", [](World& w, int c) { return w.scene.tendons[c]->x; })
+      .def("velocities", [](World& w, int c) { return w.scene.tendons[c]->user_velocities(); })
       .def("set_state",
-           [](World& w, int c, const Array& x, const Array& v) {
+           [](World& w, int c, const Field& x, const Field& v) {
              Tendon& tendon = stirred(w, c);
              w.forbid_resolve();
-             fill(tendon.x, x);
-             fill(tendon.v, v);
+             tendon.x = x;
+             tendon.v = v;
              tendon.spread_coincident();
              tendon.find_overlaid();
              tendon.reset_history();
@@ -84,14 +84,13 @@ void bind_world_tendon(GuardedWorld& world) {
              for (Anchor& h : tendon.anchors) h.target_before = tendon.x.at(h.particle);
            })
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
-      .def("guess_multipliers",
-           [](World& w, int c, const Array& g) { stirred(w, c).guess_multipliers(vec(g)); })
-      .def("masses", [](World& w, int c) { return copy_of(w.scene.tendons[c]->mass); })
-      .def("rest", [](World& w, int c) { return copy_of(w.scene.tendons[c]->rest); })
+      .def("guess_multipliers", [](World& w, int c, Vec3 g) { stirred(w, c).guess_multipliers(g); })
+      .def("masses", [](World& w, int c) { return w.scene.tendons[c]->mass; })
+      .def("rest", [](World& w, int c) { return w.scene.tendons[c]->rest; })
       .def("set_rest",
-           [](World& w, int c, const Array& rest) {
+           [](World& w, int c, const std::vector<double>& rest) {
              w.forbid_resolve();
-             stirred(w, c).set_rest(list_of(rest));
+             stirred(w, c).set_rest(rest);
            })
       .def("set_point_mass",
            [](World& w, int c, int i, double m) {
@@ -102,43 +101,43 @@ void bind_world_tendon(GuardedWorld& world) {
            [](World& w, int c) {
              std::vector<double> t;
              w.scene.tendons[c]->tension(t);
-             return copy_of(t);
+             return t;
            })
       .def("torn", [](World& w, int c) { return w.scene.tendons[c]->torn; })
       .def("is_asleep", [](World& w, int c) { return w.scene.tendons[c]->sleeping_island >= 0; })
       .def("energy", [](World& w, int c) { return w.scene.tendons[c]->energy(); })
-      .def("set_force", [](World& w, int c, int i, const Array& f) { stirred(w, c).force.set(i, vec(f)); })
-      .def("force", [](World& w, int c, int i) { return tuple(w.scene.tendons[c]->force.at(i)); })
+      .def("set_force", [](World& w, int c, int i, Vec3 f) { stirred(w, c).force.set(i, f); })
+      .def("force", [](World& w, int c, int i) { return w.scene.tendons[c]->force.at(i); })
       .def("add_grip",
-           [](World& w, int c, int id, int particle, const Array& target) {
+           [](World& w, int c, int id, int particle, Vec3 target) {
              Anchor h;
              h.id = id;
              h.particle = particle;
-             h.goal = h.target_before = vec(target);
+             h.goal = h.target_before = target;
              stirred(w, c).anchors.push_back(h);
              w.scene.tendons[c]->smooth = false;
            })
       .def("set_grip", &set_grip)
       .def("add_attachment",
-           [](World& w, int c, int id, int particle, int link, const Array& local) {
+           [](World& w, int c, int id, int particle, int link, Vec3 local) {
              Anchor h;
              h.id = id;
              h.particle = particle;
              h.link = link;
-             h.local = vec(local);
+             h.local = local;
              w.ensure_link(link);
              stirred(w, c).anchors.push_back(h);
              w.scene.tendons[c]->smooth = false;
            })
       .def("set_clamp",
-           [](World& w, int c, int id, const Array& direction) {
+           [](World& w, int c, int id, Vec3 direction) {
              Anchor& h = anchor_of(w, c, id);
              w.wake_tendon(c);
              h.clamped = true;
-             h.direction = vec(direction);
+             h.direction = direction;
            })
       .def("remove_anchor", &remove_anchor)
-      .def("anchor_force", [](World& w, int c, int id) { return tuple(anchor_of(w, c, id).step_force); })
+      .def("anchor_force", [](World& w, int c, int id) { return anchor_of(w, c, id).step_force; })
       .def("anchor_slips", [](World& w, int c, int id) { return anchor_of(w, c, id).slips; });
 }
 

@@ -43,10 +43,8 @@ Array dense_of(const Band& a) {
 // A term of the potential: energy [J] (elastic: damping has none), gradient (n, 3) [N], and Hessian
 // (3 n, 3 n) [N/m]. Structure or shear springs at x, and at `before` one step of weight b [s] earlier, with
 // the plain Newton linearisation.
-py::tuple spring_term(const World& w, int slot, bool shear, const Array& at, const Array& at_before,
-                      double b) {
+py::tuple spring_term(const World& w, int slot, bool shear, const Field& x, const Field& before, double b) {
   const Tendon& c = *w.scene.tendons[slot];
-  const Field x = field_of(at), before = field_of(at_before);
   SpringSet s = shear ? c.shear : c.structure;
   measure(s, before);
   s.start = s.history = s.length;
@@ -60,18 +58,17 @@ py::tuple spring_term(const World& w, int slot, bool shear, const Array& at, con
   Band matrix;
   matrix.resize(c.n(), c.matrix.half);
   scatter_blocks(s, matrix);
-  return py::make_tuple(energy, rows_of(gradient), dense_of(matrix));
+  return py::make_tuple(energy, gradient, dense_of(matrix));
 }
 
 // The same of bending and clamps at x.
-py::tuple bending_term(const World& w, int slot, const Array& at) {
+py::tuple bending_term(const World& w, int slot, const Field& x) {
   Tendon c(*w.scene.tendons[slot]);
-  const Field x = field_of(at);
   c.residual.zero();
   c.matrix.zero();
   add_bending_forces(c, x);
   add_bending_blocks(c);
-  return py::make_tuple(bending_energy(c, x), rows_of(c.residual), dense_of(c.matrix));
+  return py::make_tuple(bending_energy(c, x), c.residual, dense_of(c.matrix));
 }
 
 // An element where each of the links that it touches is displaced by a shift [m] and turned by a rotation
@@ -105,12 +102,12 @@ py::tuple element_term(World& w, Element& element, const Array& moves, double h)
 
 // A grip with a force limit, for the force R without the limit: the force, that of its linearisation, and the
 // block for the stiffness k of R [N/m].
-py::tuple grip_term(const Array& raw, double most_force, bool slips, double k) {
+py::tuple grip_term(Vec3 raw, double most_force, bool slips, double k) {
   Anchor h;
-  h.raw = vec(raw);
+  h.raw = raw;
   h.most_force = most_force;
   h.slips = slips;
-  return py::make_tuple(tuple(h.limited(h.raw)), tuple(h.linearised()), full_of(h.block(identity(k))));
+  return py::make_tuple(h.limited(h.raw), h.linearised(), full_of(h.block(identity(k))));
 }
 
 // A contact without friction.
@@ -124,19 +121,18 @@ Contact contact_of(ContactKind kind, double offset, double stiffness, double lam
 }
 
 // A contact, evaluated at a relative position [m]: gap, normal, force, block, and whether it slides.
-py::tuple contact_term(int kind, const Array& relative, const Array& normal, double offset,
-                       const Array& centre, const Array& axis, double radius, const Array& slope,
-                       double stiffness, double lambda, double tangent_stiffness, double limit,
-                       const Array& tangent_anchor, bool definite) {
+py::tuple contact_term(int kind, Vec3 relative, Vec3 normal, double offset, Vec3 centre, Vec3 axis,
+                       double radius, Vec3 slope, double stiffness, double lambda, double tangent_stiffness,
+                       double limit, Vec3 tangent_anchor, bool definite) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
-  contact.geometry.rim = rim_of(vec(centre), vec(axis), radius, vec(slope), 0);
-  contact.geometry.normal = vec(normal);
+  contact.geometry.rim = rim_of(centre, axis, radius, slope, 0);
+  contact.geometry.normal = normal;
   contact.friction.coefficient = limit > 0 ? 1 : 0;
   contact.friction.limit = limit;
   contact.friction.stiffness = tangent_stiffness;
-  contact.friction.anchor = vec(tangent_anchor);
-  contact.evaluate(vec(relative), true, definite);
-  return py::make_tuple(contact.geometry.gap, tuple(contact.geometry.normal), tuple(contact.force.total),
+  contact.friction.anchor = tangent_anchor;
+  contact.evaluate(relative, true, definite);
+  return py::make_tuple(contact.geometry.gap, contact.geometry.normal, contact.force.total,
                         full_of(contact.force.block), contact.friction.sliding);
 }
 
@@ -161,31 +157,27 @@ Array full_block(const Contact& contact, const double* P, int particles) {
 
 // A segment against the edge of a mouth, or a round bone, at the nearest point of the segment: gap, forces on
 // its ends, and the full block. threads: it passed through the mouth at the start of the step.
-py::tuple edge_term(int kind, const Array& start, const Array& end, double offset, const Array& centre,
-                    const Array& axis, double radius, const Array& slope, double stiffness, double lambda,
-                    bool threads) {
+py::tuple edge_term(int kind, Vec3 a, Vec3 b, double offset, Vec3 centre, Vec3 axis, double radius,
+                    Vec3 slope, double stiffness, double lambda, bool threads) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
-  contact.geometry.rim = rim_of(vec(centre), vec(axis), radius, vec(slope), 0);
+  contact.geometry.rim = rim_of(centre, axis, radius, slope, 0);
   contact.geometry.threads_mouth = threads;
   contact.a = {0, 0, 0.5, 0.5};
-  const Vec3 a = vec(start), b = vec(end);
   for (int i = 0; i < 50; ++i) contact.follow(a, b);
   const double P[2] = {contact.a.w0, contact.a.w1};
   contact.evaluate(P[0] * a + P[1] * b, true, false);
   contact.add_sliding_term(a, b, false);
-  return py::make_tuple(contact.geometry.gap, tuple(P[0] * contact.force.total),
-                        tuple(P[1] * contact.force.total), full_block(contact, P, 2));
+  return py::make_tuple(contact.geometry.gap, P[0] * contact.force.total, P[1] * contact.force.total,
+                        full_block(contact, P, 2));
 }
 
 // Two segments (4, 3) that touch, at their nearest points: gap, forces on the four ends, and the full block.
-// start: their ends at the start of the step (4, 3).
-py::tuple pair_term(const Array& ends, double offset, double stiffness, double lambda, const Array& start) {
+// before: their ends at the start of the step (4, 3).
+py::tuple pair_term(const Field& ends, double offset, double stiffness, double lambda, const Field& before) {
   Contact contact = contact_of(ContactKind::tendon, offset, stiffness, lambda);
   contact.a = {0, 0, 0.5, 0.5};
   contact.b = {1, 0, 0.5, 0.5};
-  const Field f = field_of(ends);
-  const Vec3 x[4] = {f.at(0), f.at(1), f.at(2), f.at(3)};
-  const Field before = field_of(start);
+  const Vec3 x[4] = {ends.at(0), ends.at(1), ends.at(2), ends.at(3)};
   const Vec3 along = before.at(1) - before.at(0), other = before.at(3) - before.at(2);
   double &u = contact.friction.anchored_at, &w = contact.friction.anchored_at_other;
   nearest_parameters(before.at(0), before.at(1), before.at(2), before.at(3), u, w);
@@ -198,66 +190,60 @@ py::tuple pair_term(const Array& ends, double offset, double stiffness, double l
   contact.add_pair_sliding_terms(x, false);
   Field force(4);
   for (int i = 0; i < 4; ++i) force.set(i, P[i] * contact.force.total);
-  return py::make_tuple(contact.geometry.gap, rows_of(force), full_block(contact, P, 4));
+  return py::make_tuple(contact.geometry.gap, force, full_block(contact, P, 4));
 }
 
 // Parameters (k, 2) of the ends of the stretch along which two segments (4, 3) touch
 // (geometry/segment_distance.h).
-Array touching_parameters(const Array& ends, double sag) {
-  const Field x = field_of(ends);
+std::vector<std::array<double, 2>> touching_parameters(const Field& x, double sag) {
   PairParameters found[2];
   const double distance = segment_distance(x.at(0), x.at(1), x.at(2), x.at(3));
   const int count = touching_stretch(x.at(0), x.at(1), x.at(2), x.at(3), distance, sag, found);
-  Array out({static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(2)});
-  for (int k = 0; k < count; ++k) {
-    out.mutable_at(k, 0) = found[k].u;
-    out.mutable_at(k, 1) = found[k].w;
-  }
+  std::vector<std::array<double, 2>> out;
+  for (int k = 0; k < count; ++k) out.push_back({found[k].u, found[k].w});
   return out;
 }
 
 // Triangles (t, 3, 3) listed for a segment (2, 3), and what is nearest of them to that segment after it has
 // moved: how far the list is whole, how many it has, and distance, point and u.
-py::tuple listed_nearest(const Array& corners, const Array& segment, double reach, const Array& moved) {
-  const Surface surface(triangles_of(corners));
-  const Field from = field_of(segment), to = field_of(moved);
+py::tuple listed_nearest(const std::vector<Triangle>& triangles, const Field& from, double reach,
+                         const Field& to) {
+  const Surface surface(triangles);
   std::vector<Nearby> listed;
   const double whole = surface.list(from.at(0), from.at(1), reach, listed);
   const Nearest found = surface.nearest(listed, to.at(0), to.at(1));
-  return py::make_tuple(whole, listed.size(), found.distance, tuple(found.point), found.u);
+  return py::make_tuple(whole, listed.size(), found.distance, found.point, found.u);
 }
 
 // What is nearest of triangles (t, 3, 3) to segments (k, 6), no farther than `within` (k): rows of distance,
 // point and u.
-Array searched_nearest(const Array& corners, const Array& segments, const Array& within) {
-  const Surface surface(triangles_of(corners));
-  Array out({within.size(), static_cast<py::ssize_t>(5)});
-  double* to = out.mutable_data();
-  for (py::ssize_t k = 0; k < within.size(); ++k) {
-    const double* from = segments.data() + 6 * k;
-    std::vector<Nearby> listed;
-    const Nearest found = surface.search(vec(from), vec(from + 3), within.data()[k], listed);
-    for (const double value : {found.distance, found.point.x, found.point.y, found.point.z, found.u})
-      *to++ = value;
+std::vector<std::array<double, 5>> searched_nearest(const std::vector<Triangle>& triangles,
+                                                    const std::vector<Vec3>& ends,
+                                                    const std::vector<double>& within) {
+  const Surface surface(triangles);
+  std::vector<std::array<double, 5>> out;
+  std::vector<Nearby> listed;
+  for (size_t k = 0; k < within.size(); ++k) {
+    const Nearest found = surface.search(ends[2 * k], ends[2 * k + 1], within[k], listed);
+    out.push_back({found.distance, found.point.x, found.point.y, found.point.z, found.u});
   }
   return out;
 }
 
 // The rotation that a body has turned by, the torque of forces at arms (both (m, 3)) on its rotation vector,
 // and the stiffness that it reports.
-py::tuple finite_rotation_term(const Array& begun, const Array& by, const Array& arms, const Array& forces) {
+py::tuple finite_rotation_term(Vec3 begun, Vec3 by, const Field& arms, const Field& forces) {
   FiniteRotation turned;
-  turned.begun = vec(begun);
-  turned.turn_by(1, vec(by));
+  turned.begun = begun;
+  turned.turn_by(1, by);
   turned.pulls = {{}, {}, {}};
   Vec3 torque;
-  for (py::ssize_t i = 0; i < arms.shape(0); ++i) {
-    const Vec3 arm = turned.rotation * vec(arms.data(i)), f = vec(forces.data(i));
+  for (int i = 0; i < arms.size(); ++i) {
+    const Vec3 arm = turned.rotation * arms.at(i), f = forces.at(i);
     turned.add_pull(arm, f);
     torque += transposed_times(turned.rate, cross(arm, f));
   }
-  const Rot3& r = turned.rotation;
-  return py::make_tuple(rows_of({r.r0, r.r1, r.r2}), tuple(torque), full_of(turned.stiffness()));
+  return py::make_tuple(turned.rotation, torque, full_of(turned.stiffness()));
 }
 
 // Newton's linear model of an island, for tests: a random force g on particles and bodies is solved for by
@@ -379,36 +365,33 @@ struct Probe {
   std::vector<Tendon> tendons;
   BroadPhase search;
 
-  void add(const Array& points, double radius) {
+  void add(const std::vector<Vec3>& points, double radius) {
     Material material;
     material.law = {1, 1e300, false, 1, false};
     material.stiffness = 1;
     material.linear_density = 1;
-    tendons.emplace_back(points_of(points), radius, 0.0, material);
+    tendons.emplace_back(points, radius, 0.0, material);
     search.clear();
   }
 
   // Tendons at x that are predicted to be at `ahead`: rows of tendon, segment, tendon, segment, u, w and
   // distance; and how many lists were collected and served again. swept: where tendons approach
   // (narrow_phase.h).
-  py::tuple find(const std::vector<Array>& x, const std::vector<Array>& ahead, bool swept) {
+  py::tuple find(const std::vector<Field>& x, const std::vector<Field>& ahead, bool swept) {
     std::vector<Tendon*> slots;
     for (size_t c = 0; c < tendons.size(); ++c) {
-      fill(tendons[c].x, x[c]);
-      fill(tendons[c].x_new, ahead[c]);
+      tendons[c].x = x[c];
+      tendons[c].x_new = ahead[c];
       tendons[c].predict();
       slots.push_back(&tendons[c]);
     }
     std::vector<SegmentPair> found;
     const Foresight foresight = swept ? Foresight::swept : Foresight::near;
     const PairCounts counts = search.find(slots, CollisionFilter{}, 0, foresight, found);
-    Array rows({static_cast<py::ssize_t>(found.size()), static_cast<py::ssize_t>(7)});
-    double* to = rows.mutable_data();
+    std::vector<std::array<double, 7>> rows;
     for (const SegmentPair& s : found)
-      for (const double value : {static_cast<double>(s.tendon_a), static_cast<double>(s.segment_a),
-                                 static_cast<double>(s.tendon_b), static_cast<double>(s.segment_b),
-                                 s.nearest.u, s.nearest.w, s.nearest.distance})
-        *to++ = value;
+      rows.push_back({double(s.tendon_a), double(s.segment_a), double(s.tendon_b), double(s.segment_b),
+                      s.nearest.u, s.nearest.w, s.nearest.distance});
     return py::make_tuple(rows, counts.searches, counts.skipped);
   }
 };
@@ -420,7 +403,7 @@ void bind_pairs(py::module_& testing) {
       .def(py::init<>())
       .def("add", &Probe::add)
       .def("find", &Probe::find)
-      .def("set_rest", [](Probe& p, int c, const Array& rest) { p.tendons[c].set_rest(list_of(rest)); })
+      .def("set_rest", [](Probe& p, int c, const std::vector<double>& rest) { p.tendons[c].set_rest(rest); })
       .def("forget", [](Probe& p) { p.search.clear(); });
 }
 
@@ -428,24 +411,17 @@ namespace {
 
 // The sparse and the banded solver by themselves, for tests.
 
-SparseFactor::Edges edges_of(const Ints& pairs) {
+using Edges = std::vector<std::array<int, 2>>;
+using Blocks = std::vector<Block3>;
+
+// Analyses the pattern and adds the blocks: of the diagonal, and beside it at the edges.
+void fill_factor(SparseFactor& factor, const Edges& pairs, const Blocks& diagonal, const Blocks& beside) {
   SparseFactor::Edges edges;
-  for (py::ssize_t k = 0; k < pairs.shape(0); ++k) edges.push_back({pairs.at(k, 0), pairs.at(k, 1)});
-  return edges;
-}
-
-Block3 block_at(const Array& blocks, py::ssize_t k) {
-  Block3 b;
-  std::copy(blocks.data() + 9 * k, blocks.data() + 9 * (k + 1), b.v);
-  return b;
-}
-
-void fill_factor(SparseFactor& factor, const SparseFactor::Edges& edges, const Array& diagonal,
-                 const Array& beside) {
+  for (const auto& [i, j] : pairs) edges.push_back({i, j});
+  factor.analyse(static_cast<int>(diagonal.size()), edges);
   factor.start();
-  for (int i = 0; i < factor.blocks(); ++i) factor.add(i, i, block_at(diagonal, i));
-  for (size_t k = 0; k < edges.size(); ++k)
-    factor.add(edges[k].first, edges[k].second, block_at(beside, static_cast<py::ssize_t>(k)));
+  for (int i = 0; i < factor.blocks(); ++i) factor.add(i, i, diagonal[i]);
+  for (size_t k = 0; k < edges.size(); ++k) factor.add(edges[k].first, edges[k].second, beside[k]);
 }
 
 // One factor for several systems, one after the other: (edges (m, 2), diagonal (n, 3, 3), beside (m, 3, 3),
@@ -455,25 +431,21 @@ py::list sparse_solutions(const py::list& systems, bool through) {
   SparseFactor factor;
   py::list out;
   for (const py::handle& system : systems) {
-    auto [pairs, diagonal, beside, right] = system.cast<std::tuple<Ints, Array, Array, Array>>();
-    const SparseFactor::Edges edges = edges_of(pairs);
-    factor.analyse(static_cast<int>(diagonal.shape(0)), edges);
+    auto [edges, diagonal, beside, b] = system.cast<std::tuple<Edges, Blocks, Blocks, std::vector<Vec3>>>();
     fill_factor(factor, edges, diagonal, beside);
-    std::vector<Vec3> b = points_of(right);
     const bool solved = factor.factorise(through) || through;
     if (solved) factor.solve(b);
-    out.append(py::make_tuple(solved ? py::object(rows_of(b)) : py::none(), factor.below()));
+    out.append(py::make_tuple(solved ? py::cast(b) : py::none(), factor.below()));
   }
   return out;
 }
 
 // Eight right-hand sides (n, 3, 8) of a system as in sparse_solutions: solutions (n, 3, 8) of all at once,
 // and those of one after the other.
-py::tuple sparse_columns(const Ints& pairs, const Array& diagonal, const Array& beside, const Array& right) {
+py::tuple sparse_columns(const Edges& edges, const Blocks& diagonal, const Blocks& beside,
+                         const Array& right) {
   SparseFactor factor;
-  const SparseFactor::Edges edges = edges_of(pairs);
-  const int n = static_cast<int>(diagonal.shape(0));
-  factor.analyse(n, edges);
+  const int n = static_cast<int>(diagonal.size());
   fill_factor(factor, edges, diagonal, beside);
   if (!factor.factorise()) throw py::value_error("not definite");
   Columns b;
@@ -525,13 +497,13 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
   Field one(a.n);
   for (int i = 0; i < a.n; ++i) one.set(i, {b.at(i)[0][0], b.at(i)[1][0], b.at(i)[2][0]});
   factor.solve(one, one);
-  const Array alone = rows_of(one);
+  const Field alone = one;
   factor.solve(one, one, first, last);
   std::vector<Vec3> within;
   for (int i = first; i <= last; ++i) within.push_back(one.at(i));
   Array solved({py::ssize_t{last} - first + 1, py::ssize_t{3}, py::ssize_t{kLanes}});
   std::copy(x.number(first), x.number(last + 1), solved.mutable_data());
-  return py::make_tuple(solved, alone, rows_of(within));
+  return py::make_tuple(solved, alone, within);
 }
 
 }  // namespace

@@ -38,10 +38,10 @@ class PythonOracle : public DistanceOracle {
       shape_.push_back(q.shape);
     }
     const Ints shape(static_cast<py::ssize_t>(shape_.size()), shape_.data());
-    const py::tuple found = measure_(shape, rows_of(a_), rows_of(b_));
-    distance = list_of(found[0].cast<Array>());
-    points = list_of(found[1].cast<Array>());
-    u = list_of(found[2].cast<Array>());
+    const py::tuple found = measure_(shape, a_, b_);
+    distance = found[0].cast<std::vector<double>>();
+    points = found[1].cast<std::vector<double>>();
+    u = found[2].cast<std::vector<double>>();
     const size_t n = queries.size();
     if (distance.size() != n || points.size() != 3 * n || u.size() != n)
       throw std::length_error("distances of another number of queries");
@@ -69,11 +69,10 @@ struct Unlocked {
 };
 
 // The step alone. Whether it was solved.
-bool step(World& w, double dt, const py::tuple& gravity, bool whole, const py::object& measure) {
-  const Vec3 g = vector(gravity.ptr());
+bool step(World& w, double dt, Vec3 gravity, bool whole, const py::object& measure) {
   PythonOracle oracle(measure);
   Unlocked unlocked;
-  return w.step(dt, g, whole, oracle);
+  return w.step(dt, gravity, whole, oracle);
 }
 
 // sense(dt, gravity, whole) reads the bodies, before the step; None: there are none. The interpreter is given
@@ -87,7 +86,7 @@ bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& se
     unlocked.emplace();
   else
     read = [&] {
-      sense(dt, tuple(gravity), whole);
+      sense(dt, gravity, whole);
       unlocked.emplace();
     };
   return w.attempt(dt, gravity, whole, oracle, read);
@@ -120,8 +119,8 @@ int apply(World& w, const py::dict& parameters, const py::object& sense, const p
 }
 
 // A step of another length, which is not divided, and in which bodies neither move nor yield.
-bool hold(World& w, double dt, const py::tuple& gravity, const py::object& sense, const py::object& measure) {
-  return attempt(w, dt, vector(gravity.ptr()), true, sense, measure);
+bool hold(World& w, double dt, Vec3 gravity, const py::object& sense, const py::object& measure) {
+  return attempt(w, dt, gravity, true, sense, measure);
 }
 
 // (6 k, 6 k); None where the last step that held the bodies has not found it.
@@ -292,7 +291,7 @@ void bind_world_world(GuardedWorld& world) {
              return py::make_tuple(of.particle, of.link, of.angle);
            })
       .def("last_step",
-           [](const World& w) { return py::make_tuple(w.last_step().dt, tuple(w.last_step().gravity)); })
+           [](const World& w) { return py::make_tuple(w.last_step().dt, w.last_step().gravity); })
       .def("save",
            [](World& w) {
              std::vector<char> state = w.save();
