@@ -285,6 +285,20 @@ def test_world_searches_again_after_a_jump(make_world):
     assert len(world.contacts) > 0
 
 
+def test_a_straight_tendon_is_not_searched_for_contacts_with_itself(make_world):
+    """A hand leads one end about, by many times the margin of a list of candidates."""
+    world = make_world(1 / 240)
+    t = world.add_tendon([[0, 0, 0], [0.2, 0, 0]], RADIUS, bt.Material(stiffness=1e3), 40)
+    t.grip(0)
+    hand = t.grip(-1)
+    searched = 0
+    for k in range(60):
+        hand.target = (0.21, 0.03 * np.sin(0.1 * k), 0.03 * np.cos(0.1 * k))
+        world.step()
+        searched += world.report.counts["tendon_searches"]
+    assert searched == 0
+
+
 @pytest.mark.parametrize("speed", [1e100, 1e160, 1e300])
 def test_predictions_beyond_squares_search_no_segment_that_is_not_there(make_world, speed):
     """Tendons of 11 segments, whose hierarchies have 16 leaves, and speeds whose squares are not finite."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import mesh_obstacle
 
 import bullet_tendon as bt
 
@@ -97,3 +98,28 @@ def test_a_weight_hung_beside_a_crossing(make_world, client):
         speed += sum((t.masses * t.velocities[:, 2]).sum() for t in (upper, lower))
         carried = -sum(g.force[2] for g in grips)
         assert (speed - before) * 240 == pytest.approx(carried - weight, abs=1e-6 * weight)
+
+
+@pytest.mark.parametrize("particles", [40, 80])
+def test_weights_over_a_smooth_mesh_fall_as_over_a_smooth_drum(make_world, client, particles):
+    """Planes that were tangent where the tendon was would be tilted against its motion, as by friction."""
+    dt, heavy, light, around = 1 / 240, 0.3, 0.2, 0.053
+    world = make_world(dt, (0, 0, -G))
+    sides = 200
+    angles = 2 * np.pi * np.arange(sides) / sides
+    vertices = [[0.05 * np.cos(a), y, 0.05 * np.sin(a)] for y in (-0.05, 0.05) for a in angles]
+    k, after = np.arange(sides), (np.arange(sides) + 1) % sides
+    faces = np.concatenate([np.c_[k, k + sides, after + sides], np.c_[k, after + sides, after]])
+    mesh_obstacle(world, client, vertices, faces)
+    angle = np.linspace(np.pi, 0, 60)
+    arc = around * np.c_[np.cos(angle), 0 * angle, np.sin(angle)]
+    points = np.vstack([[-around, 0, -0.35], arc, [around, 0, -0.35]])
+    material = bt.Material(stiffness=3e4, density=300.0, friction=0.0)
+    t = world.add_tendon(points, 0.003, material, particles)
+    t.set_point_mass(0, heavy), t.set_point_mass(-1, light)
+    world.step()
+    start, steps = t.positions[0, 2], 96
+    world.step(steps)
+    own = np.pi * 0.003**2 * 300.0 * t.length
+    exact = 0.5 * G * (heavy - light) / (heavy + light + own) * (steps * dt) ** 2
+    assert start - t.positions[0, 2] == pytest.approx(exact, rel=0.05)
