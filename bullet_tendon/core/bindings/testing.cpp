@@ -136,21 +136,16 @@ py::tuple contact_term(int kind, Vec3 relative, Vec3 normal, double offset, Vec3
                         full_of(contact.force.block), contact.friction.sliding);
 }
 
-// The full block of a contact on its particles with the weights P: P^T block P, and the sliding-point terms.
-Array full_block(const Contact& contact, const double* P, int particles) {
-  const Block3 block = block_of(contact.force.block);
+// The matrix of a contact on its particles.
+Array full_block(const Contact& contact) {
+  ContactMatrix k;
+  find_matrix(contact, nullptr, nullptr, k);
+  const int particles = contact.b.tendon >= 0 ? 4 : 2;
   Array full({3 * particles, 3 * particles});
-  for (int i = 0; i < particles; ++i)
-    for (int j = 0; j < particles; ++j) {
-      Block3 part = block;
-      for (double& v : part.v) v *= P[i] * P[j];
-      for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
-        const Vec3 p = contact.geometry.sliding_share[k] * contact.geometry.sliding_term[k][i],
-                   q = contact.geometry.sliding_term[k][j];
-        const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
-        for (int e = 0; e < 9; ++e) part.v[e] += rows[e / 3] * columns[e % 3];
-      }
-      for (int e = 0; e < 9; ++e) full.mutable_at(3 * i + e / 3, 3 * j + e % 3) = part.v[e];
+  for (int i = 0; i < 3 * particles; ++i)
+    for (int j = 0; j < 3 * particles; ++j) {
+      const int first = std::min(i / 3, j / 3), last = std::max(i / 3, j / 3);
+      full.mutable_at(i, j) = k.at(first, last).v[i / 3 <= j / 3 ? 3 * (i % 3) + j % 3 : 3 * (j % 3) + i % 3];
     }
   return full;
 }
@@ -168,7 +163,7 @@ py::tuple edge_term(int kind, Vec3 a, Vec3 b, double offset, Vec3 centre, Vec3 a
   contact.evaluate(P[0] * a + P[1] * b, true, false);
   contact.add_sliding_term(a, b, false);
   return py::make_tuple(contact.geometry.gap, P[0] * contact.force.total, P[1] * contact.force.total,
-                        full_block(contact, P, 2));
+                        full_block(contact));
 }
 
 // Two segments (4, 3) that touch, at their nearest points: gap, forces on the four ends, and the full block.
@@ -190,7 +185,7 @@ py::tuple pair_term(const Field& ends, double offset, double stiffness, double l
   contact.add_pair_sliding_terms(x, false);
   Field force(4);
   for (int i = 0; i < 4; ++i) force.set(i, P[i] * contact.force.total);
-  return py::make_tuple(contact.geometry.gap, force, full_block(contact, P, 4));
+  return py::make_tuple(contact.geometry.gap, force, full_block(contact));
 }
 
 // Parameters (k, 2) of the ends of the stretch along which two segments (4, 3) touch

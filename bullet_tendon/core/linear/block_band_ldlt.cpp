@@ -54,11 +54,6 @@ void Band::add_below(int i, int offset, double w, const Sym3& b) {
   for (int c = 0; c < 9; ++c) below[offset - 1][c][i] += w * v[kFull[c]];
 }
 
-void Band::add_below(int i, double w, Vec3 p, Vec3 q) {
-  const double rows[3] = {p.x, p.y, p.z}, columns[3] = {q.x, q.y, q.z};
-  for (int c = 0; c < 9; ++c) below[0][c][i] += w * rows[c / 3] * columns[c % 3];
-}
-
 void Band::multiply(const Field& x, Field& y) const {
   for (int r = 0; r < 3; ++r)
     for (int i = 0; i < n; ++i)

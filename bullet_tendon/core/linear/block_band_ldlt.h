@@ -31,8 +31,6 @@ struct Band {
   void add(int i, const Sym3& b);
   // A(i+offset, i) += w B, offset 1 or 2.
   void add_below(int i, int offset, double w, const Sym3& b);
-  // A(i+1, i) += w p q^T.
-  void add_below(int i, double w, Vec3 p, Vec3 q);
   // y = A x.
   void multiply(const Field& x, Field& y) const;
   // Projects the rows and columns of block i by P = I - N, and adds N to the diagonal block, so that the

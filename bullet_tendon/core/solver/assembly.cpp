@@ -89,12 +89,6 @@ Assembly residual_of(Island& island, bool definite, bool at_position) {
   return a;
 }
 
-void find_acting(Island& island) {
-  island.acting.clear();
-  for (Contact* contact : island.contacts)
-    if (contact->acts()) island.acting.push_back(contact);
-}
-
 void predict_contacts(Island& island) {
   for (Contact* contact : island.contacts) contact->predict(relative_position(island, *contact, &Tendon::dx));
 }
@@ -125,12 +119,9 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
     add_bending_blocks(*c);
     add_soft_anchors(*c, c->x_new, true);
   }
-  find_acting(island);
-  for (Contact* contact : island.acting) {
-    add_sliding_blocks(island, *contact, definite_contacts);
-    add_contact_block(island, *contact);
+  linearise_contacts(island, true, definite_contacts);
+  for (const Contact* contact : island.acting)
     exert(island, *contact, contact->force.linear - contact->force.total, &Tendon::residual);
-  }
   load_carried(island, &Tendon::residual);
   add_body_residual(island);
   make_border(island, definite);
@@ -220,25 +211,10 @@ Vec3 relative_position(const Island& island, const Contact& contact, Field Tendo
   return contact.moves && where != &Tendon::x ? a - body_moved(island, contact, where != &Tendon::x_new) : a;
 }
 
-namespace {
-
-void add_spot_block(Tendon& c, const SegmentPoint& s, const Sym3& block) {
-  c.matrix.add(s.first, (s.w0 * s.w0) * block);
-  c.matrix.add(s.first + 1, (s.w1 * s.w1) * block);
-  c.matrix.add_below(s.first, 1, s.w0 * s.w1, block);
-}
-
-}  // namespace
-
 void exert(Island& island, const Contact& contact, Vec3 force, Which on) {
   pull_back(island.at(contact.a).*on, contact.a, force);
   if (contact.b.tendon >= 0) pull_back(island.at(contact.b).*on, contact.b, -force);
   if (contact.moves) load_body(island, contact, force);
-}
-
-void add_contact_block(Island& island, const Contact& contact) {
-  add_spot_block(island.at(contact.a), contact.a, contact.force.block);
-  if (contact.b.tendon >= 0) add_spot_block(island.at(contact.b), contact.b, contact.force.block);
 }
 
 namespace {
@@ -249,12 +225,6 @@ void ends_of(const Island& island, const Contact& contact, Vec3 (&x)[4]) {
   x[1] = a.at(contact.a.first + 1);
   x[2] = b.at(contact.b.first);
   x[3] = b.at(contact.b.first + 1);
-}
-
-void add_sliding_terms(Tendon& c, int first, double share, Vec3 one, Vec3 other) {
-  c.matrix.add(first, share * outer(one));
-  c.matrix.add(first + 1, share * outer(other));
-  c.matrix.add_below(first, share, other, one);
 }
 
 // Displacement of a rim from where it is foreseen to be.
@@ -286,22 +256,130 @@ void follow(Island& island, Contact& contact) {
   }
 }
 
-void add_sliding_blocks(Island& island, Contact& contact, bool definite) {
+namespace {
+
+BT_WITHIN inline Block3 sum_of(const Block3& a, const Block3& b) {
+  Block3 out;
+  for (int e = 0; e < 9; ++e) out.v[e] = a.v[e] + b.v[e];
+  return out;
+}
+
+BT_WITHIN inline Block3 scaled(double share, const Block3& b) {
+  Block3 out;
+  for (int e = 0; e < 9; ++e) out.v[e] = share * b.v[e];
+  return out;
+}
+
+BT_WITHIN inline Block3 transposed(const Block3& b) {
+  return {{b.v[0], b.v[3], b.v[6], b.v[1], b.v[4], b.v[7], b.v[2], b.v[5], b.v[8]}};
+}
+
+BT_WITHIN inline Block3 rows_of(Vec3 a, Vec3 b, Vec3 c) {
+  return {{a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z}};
+}
+
+// The product with the matrix that takes u to arm x u.
+BT_WITHIN inline Block3 crossed(const Block3& b, Vec3 arm) {
+  const double* v = b.v;
+  return rows_of(cross({v[0], v[1], v[2]}, arm), cross({v[3], v[4], v[5]}, arm),
+                 cross({v[6], v[7], v[8]}, arm));
+}
+
+}  // namespace
+
+BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, ContactMatrix& k) {
+  const ContactForce& force = contact.force;
+  const int particles = contact.b.tendon >= 0 ? 4 : 2;
+  const double weights[4] = {contact.a.w0, contact.a.w1, -contact.b.w0, -contact.b.w1};
+  const Block3 block = block_of(force.block);
+  for (int i = 0; i < particles; ++i)
+    for (int j = i; j < particles; ++j) k.at(i, j) = scaled(weights[i] * weights[j], block);
+  Vec3 rim;
+  if (link) {
+    // A rim that does not turn with the body moves as its centre does, and so do the normal and the point
+    // that slides along it.
+    const Vec3 arm = link->now(contact.arm);
+    rim = contact.is_curved() && !turned ? link->now(contact.rim_arm) : arm;
+    const Block3 fixed = crossed(block_of(force.block + -1.0 * force.turning), arm);
+    const Block3 turning = crossed(block_of(force.turning), rim);
+    Block3 all = sum_of(fixed, turning);
+    k.at(3, 3) = sum_of(crossed(transposed(fixed), arm), crossed(transposed(turning), rim));
+    if (turned) {
+      // The potential of a surface that turns has the further term w.(d x f), for the rotation w of the link
+      // and the displacement d of a relative to it, with f on the tendon.
+      const Block3 by_turn = crossed(block_of(identity(1)), force.linear), both = crossed(by_turn, arm);
+      all = sum_of(all, by_turn);
+      k.at(3, 3) = sum_of(k.at(3, 3), scaled(-1, sum_of(both, transposed(both))));
+    }
+    for (int i : {0, 1}) k.at(i, 3) = scaled(weights[i], all);
+  }
+  for (int t = 0; t < contact.geometry.sliding_terms; ++t) {
+    Vec3 l[4];
+    std::copy_n(contact.geometry.sliding_term[t], particles, l);
+    if (link) l[3] = cross(l[0] + l[1], rim);
+    if (turned) l[3] += cross(contact.geometry.normal, *turned);
+    for (int i = 0; i < 4; ++i) {
+      const Vec3 p = contact.geometry.sliding_share[t] * l[i];
+      for (int j = i; j < 4; ++j)
+        if (std::max(i, j) < particles || (link && i != 2 && j != 2))
+          k.at(i, j) = sum_of(k.at(i, j), rows_of(p.x * l[j], p.y * l[j], p.z * l[j]));
+    }
+  }
+  if (!link) return;
+  // Where all of them move alike, nothing changes.
+  k.at(0, 2) = scaled(-1, sum_of(k.at(0, 0), k.at(0, 1)));
+  k.at(1, 2) = scaled(-1, sum_of(transposed(k.at(0, 1)), k.at(1, 1)));
+  k.at(2, 2) = scaled(-1, sum_of(k.at(0, 2), k.at(1, 2)));
+  k.at(2, 3) = scaled(-1, sum_of(k.at(0, 3), k.at(1, 3)));
+}
+
+namespace {
+
+void find_sliding_terms(const Island& island, Contact& contact, bool definite) {
   Vec3 x[4];
-  Tendon& a = island.at(contact.a);
-  const int i = contact.a.first;
+  const Field& a = island.at(contact.a).x_new;
   const Vec3 moved = rim_moved(island, contact);
   if (contact.follows())
-    contact.add_sliding_term(a.x_new.at(i) - moved, a.x_new.at(i + 1) - moved, definite);
+    contact.add_sliding_term(a.at(contact.a.first) - moved, a.at(contact.a.first + 1) - moved, definite);
   else if (contact.b.tendon >= 0) {
     ends_of(island, contact, x);
     contact.add_pair_sliding_terms(x, definite);
   }
-  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
-    const Vec3* l = contact.geometry.sliding_term[k];
-    add_sliding_terms(a, i, contact.geometry.sliding_share[k], l[0], l[1]);
-    if (contact.b.tendon >= 0)
-      add_sliding_terms(island.at(contact.b), contact.b.first, contact.geometry.sliding_share[k], l[2], l[3]);
+}
+
+// Adds the part of a contact's matrix that is within the band of the tendon of a segment point.
+void add_within_band(Band& band, int first, const ContactMatrix& k, int point) {
+  for (int i : {0, 1}) {
+    const double* v = k.at(point + i, point + i).v;
+    band.add(first + i, {v[0], v[1], v[2], v[4], v[5], v[8]});
+  }
+  const Block3 below = transposed(k.at(point, point + 1));
+  for (int e = 0; e < 9; ++e) band.below[0][e][first] += below.v[e];
+}
+
+}  // namespace
+
+void linearise_contacts(Island& island, bool slide, bool definite) {
+  island.acting.clear();
+  for (Contact* contact : island.contacts)
+    if (contact->acts()) island.acting.push_back(contact);
+  island.of_contacts.resize(std::max(island.of_contacts.size(), island.acting.size()));
+  island.bodies.link_blocks.resize(island.bodies.links->size());
+  for (int l : island.bodies.carried) island.bodies.link_blocks[l] = {};
+  for (size_t c = 0; c < island.acting.size(); ++c) {
+    Contact& contact = *island.acting[c];
+    ContactMatrix& k = island.of_contacts[c];
+    Tendon& a = island.at(contact.a);
+    if (slide) find_sliding_terms(island, contact, definite);
+    const Link* link = contact.moves ? &island.bodies.link(contact.link) : nullptr;
+    const Vec3 segment = a.x_new.at(contact.a.first + 1) - a.x_new.at(contact.a.first);
+    find_matrix(contact, link, link && island.bodies.turn_surfaces ? &segment : nullptr, k);
+    add_within_band(a.matrix, contact.a.first, k, 0);
+    if (contact.b.tendon >= 0) add_within_band(island.at(contact.b).matrix, contact.b.first, k, 2);
+    if (!link) continue;
+    ContactMatrix& sum = island.bodies.link_blocks[contact.link];
+    for (int i : {2, 3})
+      for (int j = i; j < 4; ++j) sum.at(i, j) = sum_of(sum.at(i, j), k.at(i, j));
   }
 }
 

@@ -43,19 +43,19 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
 // Sets worst_particle of every tendon: the particle with the largest residual.
 void find_worst(Island& island);
 
-// Lists the contacts that enter the matrix, in island.acting.
-void find_acting(Island& island);
-
 // Functions that the converged and the published methods share.
 Vec3 relative_position(const Island& island, const Contact& contact, Field Tendon::* where);
 // Adds a force that a contact exerts on its point a, and the opposite one on what is there, to a residual and
 // to the loads of bodies [N].
 void exert(Island& island, const Contact& contact, Vec3 force, Which on);
 // Moves the contact points of pairs, mouths and round surfaces to the points that are nearest now.
-// add_sliding_blocks adds the resulting sliding-point terms, and precedes add_contact_block.
 void follow(Island& island, Contact& contact);
-void add_sliding_blocks(Island& island, Contact& contact, bool definite);
-void add_contact_block(Island& island, const Contact& contact);
+// Lists the contacts that enter the matrix (island.acting), computes their parts of it, and adds what is
+// within the bands. slide: with the terms of points that slide; definite: which stay positive definite.
+void linearise_contacts(Island& island, bool slide, bool definite);
+// The matrix of an evaluated contact. link: which moves with the unknowns of its body, else null. turned: the
+// segment of the contact [m], if the surface turns with the link in the matrix, else null.
+void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, ContactMatrix& k);
 // Adds the forces of soft anchors to the residual, or (matrix) their stiffnesses to the matrix and the
 // difference between their linearised and their true forces to the residual.
 void add_soft_anchors(Tendon& c, const Field& x, bool matrix);

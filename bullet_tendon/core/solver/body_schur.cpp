@@ -255,35 +255,12 @@ BT_WITHIN inline void add_force(Eight* load, const Eight* f, Vec3 r) {
   load[5] += r.x * f[1] - r.y * f[0];
 }
 
-// to += w v
-BT_WITHIN inline void add(Eight* to, double w, const Eight* v) {
-  for (int c = 0; c < 3; ++c) to[c] += w * v[c];
+// to += b v, and to += b^T v
+BT_WITHIN inline void add(Eight* to, const Block3& b, const Eight* v) {
+  for (int r = 0; r < 3; ++r) to[r] += b.v[3 * r] * v[0] + b.v[3 * r + 1] * v[1] + b.v[3 * r + 2] * v[2];
 }
-
-BT_WITHIN inline void dot(Vec3 a, const Eight* v, Eight* out) { *out = a.x * v[0] + a.y * v[1] + a.z * v[2]; }
-
-// to += s a, with one factor s per lane.
-BT_WITHIN inline void add(Eight* to, const Eight* s, Vec3 a) {
-  to[0] += *s * a.x;
-  to[1] += *s * a.y;
-  to[2] += *s * a.z;
-}
-
-BT_WITHIN inline void times(const Sym3& b, const Eight* v, Eight* out) {
-  dot({b.xx, b.xy, b.xz}, v, out);
-  dot({b.xy, b.yy, b.yz}, v, out + 1);
-  dot({b.xz, b.yz, b.zz}, v, out + 2);
-}
-
-// Displacement of a segment point by those of the carried particles.
-BT_WITHIN inline void moved(Panel& panel, const SegmentPoint& s, Eight* out) {
-  for (int c = 0; c < 3; ++c)
-    out[c] = s.w0 * panel.moves.at(s.first)[c] + s.w1 * panel.moves.at(s.first + 1)[c];
-}
-
-BT_WITHIN inline void pull_back(Panel& panel, const SegmentPoint& s, const Eight* pull) {
-  add(panel.pulls.at(s.first), -s.w0, pull);
-  add(panel.pulls.at(s.first + 1), -s.w1, pull);
+BT_WITHIN inline void add_transposed(Eight* to, const Block3& b, const Eight* v) {
+  for (int c = 0; c < 3; ++c) to[c] += b.v[c] * v[0] + b.v[3 + c] * v[1] + b.v[6 + c] * v[2];
 }
 
 // Adds the forces of the band on particle i and its neighbours, due to the displacement of particle i.
@@ -298,105 +275,6 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
         if (i >= o) add_entry(i - o, r, c, a.below[o - 1][3 * c + r][i - o]);
       }
     }
-}
-
-// The coupling of a contact with a body, by a block that acts at an arm. Its block in the tendon's own matrix
-// is added elsewhere (add_contact_block).
-BT_WITHIN inline void couple(const Contact& contact, const Sym3& block, Vec3 arm, const Border& border,
-                             Panel& panel, LinkColumns& link) {
-  Eight u[3], pull[3], back[3];
-  place_at(link.twist, arm, u);
-  times(block, u, pull);
-  pull_back(panel, contact.a, pull);
-  if (border.carried) {
-    moved(panel, contact.a, u);
-    times(block, u, back);
-    add(pull, -1, back);
-  }
-  add_force(link.load, pull, arm);
-}
-
-BT_WITHIN inline void cross(Vec3 a, const Eight* v, Eight* out) {
-  out[0] = a.y * v[2] - a.z * v[1];
-  out[1] = a.z * v[0] - a.x * v[2];
-  out[2] = a.x * v[1] - a.y * v[0];
-}
-
-// What a contact adds whose surface turns with the body. For the rotation w of the body and the motion d of
-// the point relative to it, its potential has the further term w.(d x f), with f on the tendon.
-BT_WITHIN inline void couple_turned_surface(const Contact& contact, Vec3 arm, const Border& border,
-                                            Panel& panel, LinkColumns& link) {
-  const Vec3 f = contact.force.linear;
-  Eight u[3], pull[3], torque[3];
-  cross(-f, link.twist + 3, pull);
-  pull_back(panel, contact.a, pull);
-  add_force(link.load, pull, arm);
-  place_at(link.twist, arm, u);
-  cross(f, u, torque);
-  if (border.carried) {
-    Eight at[3], back[3];
-    moved(panel, contact.a, at);
-    cross(-f, at, back);
-    add(torque, 1, back);
-  }
-  add(link.load + 3, 1, torque);
-}
-
-// The sliding-point terms of a contact that follows. A motion of the edge is equivalent to the opposite
-// motion of both ends of the segment. by_turn: with the rotation w of a surface that turns with the body, the
-// sliding term l.d is less by w.(s x n), with the segment s; zero where it does not turn.
-BT_WITHIN inline void couple_sliding_terms(const Contact& contact, Vec3 by_turn, Vec3 arm, Panel& panel,
-                                           LinkColumns& link) {
-  Eight u[3], by_body, by_rotation, at_end;
-  place_at(link.twist, arm, u);
-  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
-    const Vec3* ends = contact.geometry.sliding_term[k];
-    const Vec3 edge = -(ends[0] + ends[1]);
-    const double share = contact.geometry.sliding_share[k];
-    dot(share * edge, u, &by_body);
-    dot(share * by_turn, link.twist + 3, &by_rotation);
-    by_body += by_rotation;
-    Eight sum = by_body;
-    for (int e : {0, 1}) {
-      add(panel.pulls.at(contact.a.first + e), &by_body, ends[e]);
-      dot(share * ends[e], panel.moves.at(contact.a.first + e), &at_end);
-      sum += at_end;
-    }
-    Eight force[3] = {};
-    add(force, &sum, edge);
-    add_force(link.load, force, arm);
-    add(link.load + 3, &sum, by_turn);
-  }
-}
-
-// The coupling of a contact between tendons: its blocks outside the bands.
-BT_WITHIN inline void couple_pair(const Contact& contact, Panel& a, Panel& b) {
-  Eight u[3], pull[3];
-  moved(b, contact.b, u);
-  times(contact.force.block, u, pull);
-  pull_back(a, contact.a, pull);
-  moved(a, contact.a, u);
-  times(contact.force.block, u, pull);
-  pull_back(b, contact.b, pull);
-}
-
-// The same for the sliding-point terms of such a contact. Those within one tendon are in its band.
-BT_WITHIN inline void couple_pair_sliding_terms(const Contact& contact, Panel& a, Panel& b) {
-  const int i = contact.a.first, j = contact.b.first;
-  for (int k = 0; k < contact.geometry.sliding_terms; ++k) {
-    const Vec3* term = contact.geometry.sliding_term[k];
-    Eight at_end, of_a{}, of_b{};
-    for (int e : {0, 1}) {
-      dot(contact.geometry.sliding_share[k] * term[e], a.moves.at(i + e), &at_end);
-      of_a += at_end;
-      dot(contact.geometry.sliding_share[k] * term[2 + e], b.moves.at(j + e), &at_end);
-      of_b += at_end;
-    }
-    for (int e : {0, 1}) {
-      add(a.pulls.at(i + e), &of_b, term[e]);
-      add(b.pulls.at(j + e), &of_a, term[2 + e]);
-    }
-  }
 }
 
 template <class Do>
@@ -414,10 +292,13 @@ Border& border_of(Island& island, const SegmentPoint& s) {
   return island.bodies.borders[island.bodies.place_of[s.tendon]];
 }
 
+// Of a particle, in Border::marks.
+enum Mark : char { kPulled = 1, kCarried = 2 };
+
 void mark(Border& border, const Tendon& c, int first, int last) {
   first = std::max(0, first);
   last = std::min(c.n() - 1, last);
-  for (int i = first; i <= last; ++i) border.marks[i] = 1;
+  for (int i = first; i <= last; ++i) border.marks[i] |= kPulled;
   border.first = std::min(border.first, first);
   border.last = std::max(border.last, last);
 }
@@ -447,6 +328,7 @@ void find_spans(Island& island) {
   }
   each_carried_column(island, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
     border.carried = true;
+    border.marks[h.particle] |= kCarried;
     mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
   });
   for (const Contact* contact : island.acting) {
@@ -496,37 +378,48 @@ BT_VECTOR void move_carried(Island& island, size_t p) {
   });
 }
 
+// The coupling of a segment with another one, or with a link, by the blocks of a contact's matrix outside the
+// bands: by what moves, of columns that are not zero.
+struct Coupled {
+  Eight *moves[2], *pulls[2];
+  bool any;
+};
+
+BT_WITHIN inline Coupled coupled(const Border& border, Panel& panel, int first) {
+  return {{panel.moves.at(first), panel.moves.at(first + 1)},
+          {panel.pulls.at(first), panel.pulls.at(first + 1)},
+          ((border.marks[first] | border.marks[first + 1]) & kCarried) != 0};
+}
+
 BT_VECTOR void couple_contacts(Island& island, size_t p) {
-  for (const Contact* contact : island.acting) {
-    Border& a = border_of(island, contact->a);
-    if (contact->b.tendon >= 0) {
-      Border& b = border_of(island, contact->b);
-      if (a.carried || b.carried) {
-        couple_pair(*contact, a.panels[p], b.panels[p]);
-        couple_pair_sliding_terms(*contact, a.panels[p], b.panels[p]);
-      }
-    }
-    if (!contact->moves) continue;
-    LinkColumns& link = island.bodies.of_links[contact->link];
-    if (!link.moves && !a.carried) continue;
-    const Vec3 arm = island.bodies.link(contact->link).now(contact->arm);
-    // A rim that does not turn with the body moves as its centre does, and so do the normal and the point
-    // that slides along it.
-    const bool apart = contact->is_curved() && !island.bodies.turn_surfaces;
-    const Vec3 rim = apart ? island.bodies.link(contact->link).now(contact->rim_arm) : arm;
-    if (apart) {
-      couple(*contact, contact->force.block + -1.0 * contact->force.turning, arm, a, a.panels[p], link);
-      couple(*contact, contact->force.turning, rim, a, a.panels[p], link);
+  for (size_t c = 0; c < island.acting.size(); ++c) {
+    const Contact& contact = *island.acting[c];
+    const bool pair = contact.b.tendon >= 0;
+    if (!pair && !contact.moves) continue;
+    const ContactMatrix& k = island.of_contacts[c];
+    Border& border = border_of(island, contact.a);
+    const Coupled a = coupled(border, border.panels[p], contact.a.first);
+    Coupled b;
+    if (pair) {
+      Border& other = border_of(island, contact.b);
+      b = coupled(other, other.panels[p], contact.b.first);
     } else {
-      couple(*contact, contact->force.block, arm, a, a.panels[p], link);
+      LinkColumns& link = island.bodies.of_links[contact.link];
+      b = {{link.twist, link.twist + 3}, {link.load, link.load + 3}, link.moves};
     }
-    Vec3 by_turn;
-    if (island.bodies.turn_surfaces) {
-      const Field& x = island.at(contact->a).x_new;
-      by_turn = bt::cross(contact->geometry.normal, x.at(contact->a.first + 1) - x.at(contact->a.first));
-      couple_turned_surface(*contact, arm, a, a.panels[p], link);
-    }
-    if (contact->follows()) couple_sliding_terms(*contact, by_turn, rim, a.panels[p], link);
+    for (int i : {0, 1})
+      for (int j : {0, 1}) {
+        if (b.any) add(a.pulls[i], k.at(i, 2 + j), b.moves[j]);
+        if (a.any) add_transposed(b.pulls[j], k.at(i, 2 + j), a.moves[i]);
+      }
+  }
+  for (int l : island.bodies.carried) {
+    LinkColumns& link = island.bodies.of_links[l];
+    const ContactMatrix& k = island.bodies.link_blocks[l];
+    add(link.load, k.at(2, 2), link.twist);
+    add(link.load, k.at(2, 3), link.twist + 3);
+    add_transposed(link.load + 3, k.at(2, 3), link.twist);
+    add(link.load + 3, k.at(3, 3), link.twist + 3);
   }
   each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);

@@ -26,7 +26,7 @@ struct Panel {
 struct Border {
   std::vector<Panel> panels;
   std::vector<int> pulled;
-  std::vector<char> marks;  // by block: whether it is in `pulled`
+  std::vector<char> marks;  // by block: whether it is in `pulled`, and whether it is carried (Mark)
   int first = 0, last = -1;
   bool carried = false;  // some of its particles are carried by bodies
 };
@@ -35,6 +35,16 @@ struct Border {
 struct LinkColumns {
   Eight twist[6], load[6];
   bool moves = false;  // twist is not zero
+};
+
+// The second derivatives of the potential of a contact, by the displacements of what it acts on: of both
+// particles of its segment a, and of those of b, or of its link: of the centre of mass and, about it, the
+// rotation. On a link that does not move only the first two are set.
+struct ContactMatrix {
+  Block3 blocks[10];
+  // i <= j. The others are their transposes.
+  Block3& at(int i, int j) { return blocks[j * (j + 1) / 2 + i]; }
+  const Block3& at(int i, int j) const { return blocks[j * (j + 1) / 2 + i]; }
 };
 
 // Bodies whose coordinates are unknowns of the solution (solver/body_schur.cpp).
@@ -52,6 +62,7 @@ struct IslandBodies {
   std::vector<Border> borders;
   std::vector<int> place_of;
   std::vector<LinkColumns> of_links;
+  std::vector<ContactMatrix> link_blocks;  // sums of the contacts' blocks, by link
   // The Schur complement (freedom x freedom), its Cholesky factor, and its right-hand side, later the
   // solution (freedom).
   dense::Numbers corner, corner_root, corner_side;
@@ -99,9 +110,10 @@ struct Island {
   std::vector<Tendon*> tendons;
   std::vector<int> numbers;  // slots of these tendons
   std::vector<Contact*> contacts;
-  std::vector<Contact*> acting;  // those in the present matrix
-  bool coupled = false;          // some contact joins two tendons, or two segments of one
-  bool curved = false;           // the present step has a correction (solver/arc.cpp)
+  std::vector<Contact*> acting;            // those in the present matrix
+  std::vector<ContactMatrix> of_contacts;  // their parts of it
+  bool coupled = false;                    // some contact joins two tendons, or two segments of one
+  bool curved = false;                     // the present step has a correction (solver/arc.cpp)
   IslandBodies bodies;
   IslandElements elements;
   IslandMatrix matrix;

@@ -86,31 +86,17 @@ void find_freedom(Island& island) {
 }
 
 // Adds the blocks of a contact between tendons that are outside the bands.
-void add_coupling(Island& island, const Contact& contact) {
-  const int a[2] = {block_at(island, contact.a.tendon, contact.a.first),
-                    block_at(island, contact.a.tendon, contact.a.first + 1)};
-  const int b[2] = {block_at(island, contact.b.tendon, contact.b.first),
-                    block_at(island, contact.b.tendon, contact.b.first + 1)};
-  const Block3 block = block_of(-1.0 * contact.force.block);
+void add_coupling(Island& island, const Contact& contact, const ContactMatrix& k) {
   for (int i : {0, 1})
     for (int j : {0, 1}) {
-      const double weight = (i ? contact.a.w1 : contact.a.w0) * (j ? contact.b.w1 : contact.b.w0);
-      if (weight == 0) continue;
-      Block3 part =
-          product(product(block_of(island.matrix.free[a[i]]), block), block_of(island.matrix.free[b[j]]));
-      for (double& v : part.v) v *= weight;
-      island.matrix.factor.add(a[i], b[j], part);
+      const int a = block_at(island, contact.a.tendon, contact.a.first + i);
+      const int b = block_at(island, contact.b.tendon, contact.b.first + j);
+      const Sym3 &free_a = island.matrix.free[a], &free_b = island.matrix.free[b];
+      Block3 part = k.at(i, 2 + j);
+      if (trace(free_a) < 3) part = product(block_of(free_a), part);
+      if (trace(free_b) < 3) part = product(part, block_of(free_b));
+      island.matrix.factor.add(a, b, part);
     }
-  for (int k = 0; k < contact.geometry.sliding_terms; ++k)
-    for (int i : {0, 1})
-      for (int j : {0, 1}) {
-        const Vec3 p = contact.geometry.sliding_share[k] *
-                       (island.matrix.free[a[i]] * contact.geometry.sliding_term[k][i]);
-        const Vec3 q = island.matrix.free[b[j]] * contact.geometry.sliding_term[k][2 + j];
-        island.matrix.factor.add(a[i], b[j],
-                                 {p.x * q.x, p.x * q.y, p.x * q.z, p.y * q.x, p.y * q.y, p.y * q.z, p.z * q.x,
-                                  p.z * q.y, p.z * q.z});
-      }
 }
 
 bool factorise_coupled(Island& island, bool through) {
@@ -119,8 +105,8 @@ bool factorise_coupled(Island& island, bool through) {
   island.matrix.factor.start();
   for (size_t k = 0; k < island.tendons.size(); ++k)
     add_band(island.matrix.factor, *island.tendons[k], island.matrix.offset[island.numbers[k]]);
-  for (const Contact* contact : island.acting)
-    if (contact->b.tendon >= 0) add_coupling(island, *contact);
+  for (size_t c = 0; c < island.acting.size(); ++c)
+    if (island.acting[c]->b.tendon >= 0) add_coupling(island, *island.acting[c], island.of_contacts[c]);
   return island.matrix.factor.factorise(through);
 }
 
@@ -153,24 +139,20 @@ void answer_coupled(Island& island, size_t p) {
 
 // y += (the blocks of coupling contacts outside the bands) p, with p = cg_direction and y = cg_image.
 void add_coupling(Island& island) {
-  for (const Contact* contact : island.acting) {
-    if (contact->b.tendon < 0) continue;
-    Tendon &a = island.at(contact->a), &b = island.at(contact->b);
-    const Vec3 pull_a = contact->force.block * contact->b.of(b.cg_direction);
-    const Vec3 pull_b = contact->force.block * contact->a.of(a.cg_direction);
-    pull_back(a.cg_image, contact->a, pull_a);
-    pull_back(b.cg_image, contact->b, pull_b);
-    const int i = contact->a.first, j = contact->b.first;
-    for (int k = 0; k < contact->geometry.sliding_terms; ++k) {
-      const Vec3* l = contact->geometry.sliding_term[k];
-      const double share = contact->geometry.sliding_share[k];
-      const double of_a = share * (dot(l[0], a.cg_direction.at(i)) + dot(l[1], a.cg_direction.at(i + 1)));
-      const double of_b = share * (dot(l[2], b.cg_direction.at(j)) + dot(l[3], b.cg_direction.at(j + 1)));
-      for (int end : {0, 1}) {
-        a.cg_image.add(i + end, of_b * l[end]);
-        b.cg_image.add(j + end, of_a * l[2 + end]);
+  for (size_t c = 0; c < island.acting.size(); ++c) {
+    const Contact& contact = *island.acting[c];
+    if (contact.b.tendon < 0) continue;
+    const ContactMatrix& k = island.of_contacts[c];
+    Tendon &a = island.at(contact.a), &b = island.at(contact.b);
+    for (int i : {0, 1})
+      for (int j : {0, 1}) {
+        const int p = contact.a.first + i, q = contact.b.first + j;
+        const double* v = k.at(i, 2 + j).v;
+        const Vec3 rows[3] = {{v[0], v[1], v[2]}, {v[3], v[4], v[5]}, {v[6], v[7], v[8]}};
+        const Vec3 x = a.cg_direction.at(p), y = b.cg_direction.at(q);
+        a.cg_image.add(p, {dot(rows[0], y), dot(rows[1], y), dot(rows[2], y)});
+        b.cg_image.add(q, x.x * rows[0] + x.y * rows[1] + x.z * rows[2]);
       }
-    }
   }
 }
 

@@ -38,9 +38,8 @@ void contacts_now(Island& island, bool matrix) {
     contact->evaluate(relative, true);
     if (contact->normal_force.value <= 0) continue;
     exert(island, *contact, contact->force.total, &Tendon::residual);
-    if (matrix) add_contact_block(island, *contact);
   }
-  find_acting(island);
+  if (matrix) linearise_contacts(island, false, true);
 }
 
 Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
