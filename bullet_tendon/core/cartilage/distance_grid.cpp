@@ -204,7 +204,7 @@ BT_WITHIN inline DistanceGrid::Sample DistanceGrid::interpolate(Vec3 x) const {
   return {total(sum), inverse_ * Vec3{total(x_slope), total(y_slope), total(z_slope)}};
 }
 
-Sym3 DistanceGrid::curvature(Vec3 x) const {
+BT_VECTOR Sym3 DistanceGrid::curvature(Vec3 x) const {
   const Vec3 cells = inverse_ * (x - origin_);
   const int i = static_cast<int>(cells.x), j = static_cast<int>(cells.y), k = static_cast<int>(cells.z);
   const Weights u = catmull_rom(cells.x - i), v = catmull_rom(cells.y - j), w = catmull_rom(cells.z - k);

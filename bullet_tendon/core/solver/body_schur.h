@@ -57,6 +57,8 @@ Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
 void evaluate_elements(IslandElements& elements, const std::vector<Link>& links);
 // Adds the gradient of the elements' potential to the loads of the links. Returns their largest force [N].
 double load_elements(Island& island);
+// Computes the elements' `curvature` at the last evaluation.
+void find_curvature(IslandElements& elements);
 // Adds the second derivatives of the potential to the corner of the matrix. definite: it stays definite.
 void stiffen_by_elements(Island& island, bool definite);
 // Sum of the potentials at the last evaluation [J].

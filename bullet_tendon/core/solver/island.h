@@ -1,5 +1,6 @@
 // An island: tendons, bodies and contacts that are solved together.
 #pragma once
+#include <array>
 #include <vector>
 
 #include "bodies/link.h"
@@ -78,6 +79,9 @@ struct IslandElements {
   std::vector<LinkPair>* pairs = nullptr;  // of the world
   std::vector<LinkEnd>* ends = nullptr;    // of the world, by link slot
   std::vector<int> own_pairs;              // indices of the pairs that they touch
+  // Of each own pair, what Element::add_curvature adds at an earlier iterate of this solution. Empty:
+  // nothing.
+  std::vector<std::array<double, 36>> curvature;
   dense::Scratch half, block;
   double dt = 0, time = 0;  // length of the substep, and its end from the start of the step [s]
 };

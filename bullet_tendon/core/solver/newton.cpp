@@ -36,6 +36,14 @@ constexpr double kNear = 0.1;
 // next one.
 constexpr double kStiffened = 3e-3;
 
+// Residual, relative to the largest force, below which the curvature of elements is computed [-]. Larger: it
+// is that of a place far from the solution. Smaller: more iterations converge linearly.
+constexpr double kNearSolution = 1e-2;
+
+// Share of the residual that an iteration without this curvature leaves [-]. Larger: it is computed where one
+// iteration would be enough without it. Smaller: an iteration is taken that it would have saved.
+constexpr double kGaussNewton = 0.05;
+
 // Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
 // that would converge, because the residual may rise temporarily. More: violent steps are slower, because
 // most of their iterations belong to solutions that are abandoned.
@@ -129,6 +137,7 @@ void begin(Solution& s) {
     contact->normal_force.held = false;
     contact->normal_force.changes = 0;
   }
+  island.elements.curvature.clear();
   start_bodies(island);
   s.far = !s.context.warm;
 }
@@ -304,6 +313,14 @@ Next decide(Solution& s, const Assembly& a, int start) {
 // the descent converges slowly. false: it does not descend.
 bool find_saddle_step(Solution& s) { return find_exact_step(s, true) && slope_along_arc(s.island, 0) < 0; }
 
+// The curvature of elements helps near the solution alone, and costs more than it saves where one iteration
+// without it is enough.
+void curve_elements(Solution& s, const Assembly& a, double enough) {
+  IslandElements& elements = s.island.elements;
+  if (elements.all.empty() || !elements.curvature.empty()) return;
+  if (a.residual < kNearSolution * a.scale && a.residual * kGaussNewton > enough) find_curvature(elements);
+}
+
 // Computes the step of particles (tendon.dx) and bodies. false: the linear solution failed.
 bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
@@ -312,6 +329,7 @@ bool find_step(Solution& s, const Assembly& a) {
   island.matrix.tolerance = 0.05 * enough / a.residual;
   s.searches = s.descends;
   if (!s.descends || (s.context.may_halve && !s.far && a.residual < s.trusted)) {
+    curve_elements(s, a, enough);
     assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
       s.searches = false;
