@@ -289,11 +289,9 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
     set_motion(l, body, reading, m.rates);
   }
-  if (continues || w.scene.has_elements()) {
-    std::vector<Vec3> curvings;
-    body.curvings(m.rates.data(), curvings);
-    for (std::size_t i = 0; i < slots.size(); ++i) w.scene.links[slots[i]].curving = curvings[links[i]];
-  }
+  std::vector<Vec3> curvings;
+  body.curvings(m.rates.data(), curvings);
+  for (std::size_t i = 0; i < slots.size(); ++i) w.scene.links[slots[i]].curving = curvings[links[i]];
   return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 

@@ -122,8 +122,8 @@ struct Link {
   }
   // From the centre of mass to a point of the link's frame, at the start of the substep.
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
-  // The same of an attachment. On an articulated body with a history it is that of the predicted end, to
-  // which the force belongs.
+  // The same of an attachment. On an articulated body with a history, or that tendons can touch, it is that
+  // of the predicted end, to which the force belongs.
   Vec3 held_arm_of(Vec3 local) const { return to_end * arm_of(local); }
   // The arm at the end of the substep.
   Vec3 now(Vec3 arm) const { return turned.rotation * arm; }

@@ -226,6 +226,22 @@ void World::lead_bodies() {
   }
 }
 
+// Lets attachments on links on joints act where their points are predicted to end, as contacts there do, if
+// tendons can touch the body. Of a contact and an attachment that press on each other within a link, one at
+// the start and one at the end would turn it, and give it energy.
+void World::foresee_ends() {
+  if (!turns_finitely()) return;
+  std::vector<char> touchable(scene.bodies.size(), 0);
+  for (size_t l = 0; l < scene.links.size(); ++l)
+    if (islands_.solid[l] && scene.links[l].yields()) touchable[scene.links[l].body] = 1;
+  for (Link& l : scene.links) {
+    if (!l.yields() || l.jacobian.empty() || !touchable[l.body] || scene.bodies[l.body].history.admitted)
+      continue;
+    l.ends_known = true;
+    l.to_end = rotation_of_step(step_.context.dt * l.now_spin);
+  }
+}
+
 // Adds the impulse of the solved substep to the bodies' rates, and moves their links to its end.
 void World::push_bodies() {
   sum_forces(step_.substeps.step(), [](const Link& l) { return l.part; });

@@ -135,6 +135,7 @@ void World::predict() {
   for (GeneralizedBody& m : scene.bodies) m.unknowns.y.clear();
   step_.context.reach = std::sqrt(step_.substeps.end() * step_.context.dt);
   lead_bodies();
+  foresee_ends();
   foresee_links();
   for (auto [slot, c] : filled(step_.slots)) {
     aim_attachments(c);

@@ -287,6 +287,7 @@ class World {
   void lead_links(int body);
   const GeneralizedBody* body_of(const Link& l) const;
   void lead_bodies();
+  void foresee_ends();
   // Restarts two-step methods in all tendons, because the motion of a link is discontinuous. All restart,
   // because tendons that exert forces on each other must have the same step weight.
   void interrupt();
