@@ -127,8 +127,9 @@ class Grip(_Anchor):
     """A particle led by a hand, a suture or a haptic device; made by Tendon.grip.
 
     Without a stiffness the particle is at the target at the end of every step, exactly. With one it is drawn
-    there by a spring [N/m] and a damper [N s/m] (the virtual coupling of haptics). force is what the hand
-    feels.
+    there by a spring [N/m] and a damper [N s/m] (the virtual coupling of haptics, Colgate, Stanley and Brown
+    1995). The damper brakes the motion relative to the target, whose velocity is its way in the step over the
+    step. force is what the hand feels.
 
     With a max_force [N] the grip slips where more would be needed: it then draws the particle towards the
     target with that force. Until then a rigid grip yields by at most a thousandth of the tendon's radius.

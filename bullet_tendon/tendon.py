@@ -248,7 +248,7 @@ class Tendon(NotCopied):
             particle: its index, negative from the end. A particle can be held once.
             target: (3,) [m], world frame; None: where the particle is.
             stiffness: of a soft grip [N/m]; None: rigid.
-            damping: of a soft grip [N s/m].
+            damping: of a soft grip, times the velocity relative to the target's [N s/m].
             direction: (3,) tangent in which an end with bending stiffness is clamped, in the order of the
                 particles; None: it is free to turn.
             max_force: the grip slips beyond it [N] (see Grip); None: no limit.

@@ -75,13 +75,14 @@ void bind_world_tendon(GuardedWorld& world) {
            [](World& w, int c, const Field& x, const Field& v) {
              Tendon& tendon = stirred(w, c);
              w.forbid_resolve();
+             // The hands that hold it are moved with it.
+             for (Anchor& h : tendon.anchors) h.target_before -= tendon.x.at(h.particle);
              tendon.x = x;
              tendon.v = v;
              tendon.spread_coincident();
              tendon.find_overlaid();
              tendon.reset_history();
-             // The hands that hold it were moved with it: in a divided step they go on from there.
-             for (Anchor& h : tendon.anchors) h.target_before = tendon.x.at(h.particle);
+             for (Anchor& h : tendon.anchors) h.target_before += tendon.x.at(h.particle);
            })
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
       .def("guess_multipliers", [](World& w, int c, Vec3 g) { stirred(w, c).guess_multipliers(g); })

@@ -391,7 +391,8 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
       c.residual.add(h.particle, h.linearised() - h.force);
       continue;
     }
-    h.raw = h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * c.motion().velocity(h.particle);
+    h.raw =
+        h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * (c.motion().velocity(h.particle) - h.drift);
     h.force = h.limited(h.raw);
     c.residual.add(h.particle, h.force);
   }

@@ -369,7 +369,7 @@ void take_step(Solution& s, double residual) {
 
 // Of a soft anchor [J].
 double anchor_potential(const Tendon& c, const Anchor& h) {
-  const Vec3 stretch = c.x_new.at(h.particle) - h.aim, v = c.motion().velocity(h.particle);
+  const Vec3 stretch = c.x_new.at(h.particle) - h.aim, v = c.motion().velocity(h.particle) - h.drift;
   const double sum = 0.5 * (dot(stretch, h.stiffness * stretch) + c.h_eff * h.viscosity * dot(v, v));
   const double beyond = h.exceeds_limit(h.raw) ? norm(h.raw) - h.most_force : 0;
   return beyond > 0 ? sum - 0.5 * beyond * beyond / h.slope(c.h_eff).xx : sum;

@@ -49,7 +49,7 @@ Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
 void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
-    h.raw = h.stiffness * (c.x.at(h.particle) - h.aim);
+    h.raw = h.stiffness * (c.x.at(h.particle) - h.aim) - h.viscosity * h.drift;
     c.residual.add(h.particle, h.linearised());
     c.matrix.add(h.particle, h.block(h.slope(dt)));
   }
@@ -114,7 +114,8 @@ void explicit_euler(Island& island, const StepContext& context) {
     c->h_eff = dt;
     for (Anchor& h : c->anchors) {
       if (h.rigid || h.exact) continue;
-      h.force = h.limited(h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * c->v.at(h.particle));
+      h.raw = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * (c->v.at(h.particle) - h.drift);
+      h.force = h.limited(h.raw);
       c->residual.add(h.particle, h.force);
     }
     for (int i = 0; i < c->n(); ++i) {

@@ -1,10 +1,11 @@
 // A particle that is fixed to the world or to a link.
 //
-// A soft anchor pulls with R = K (x - aim) + c v. A grip with a force limit F slips beyond it: its force is
-// min(1, F/|R|) R, the derivative of a convex function (quadratic up to F, linear beyond), whose Hessian is
-// K + c/b, or F/|R| (K + c/b) (1 - n n^T) with n = R/|R| where it slips. As with friction, each linearisation
-// takes the state that the last linear solution predicts. Taken from the present position, it could alternate
-// between both sides of the target.
+// A soft anchor pulls with R = K (x - aim) + c (v - w), w the velocity of its target: a hand that is led
+// evenly is not braked (virtual coupling, Colgate, Stanley and Brown 1995). A grip with a force limit F slips
+// beyond it: its force is min(1, F/|R|) R, the derivative of a convex function (quadratic up to F, linear
+// beyond), whose Hessian is K + c/b, or F/|R| (K + c/b) (1 - n n^T) with n = R/|R| where it slips. As with
+// friction, each linearisation takes the state that the last linear solution predicts. Taken from the present
+// position, it could alternate between both sides of the target.
 #pragma once
 #include <algorithm>
 
@@ -26,6 +27,7 @@ struct Anchor {
   Vec3 goal;              // of a grip: target at the end of the step [m]
   Vec3 aim;               // target at the end of the current substep [m]
   Vec3 target_before;     // target at the end of the last substep [m]
+  Vec3 drift;             // w, the mean over the current substep [m/s]
   double viscosity = 0;   // of the spring's damper [N s/m]
   double most_force = 0;  // limit of a grip's force [N]; 0: none
   bool exact = false;     // a grip that is rigid up to its limit; its spring is stiff

@@ -31,12 +31,14 @@ namespace {
 constexpr double kTurn = 0.6;
 
 // Target of each grip at the end of the substep, which moves there from that of the last substep. A rigid
-// grip moves its particle from where it is. share: the substep's share of the remaining step [-].
-void aim_grips(Tendon& c, double share) {
+// grip moves its particle from where it is. share: the substep's share of the remaining step [-]. dt: length
+// of the substep [s]; 0: targets are at rest.
+void aim_grips(Tendon& c, double share, double dt) {
   for (Anchor& h : c.anchors) {
     if (h.link >= 0) continue;
     const Vec3 from = h.rigid ? c.x.at(h.particle) : h.target_before;
     h.aim = share == 1 ? h.goal : (1 - share) * from + share * h.goal;
+    h.drift = dt > 0 ? (1 / dt) * (h.aim - h.target_before) : Vec3{};
   }
 }
 
@@ -139,7 +141,7 @@ void World::predict() {
   foresee_links();
   for (auto [slot, c] : filled(step_.slots)) {
     aim_attachments(c);
-    aim_grips(c, step_.substeps.share_left());
+    aim_grips(c, step_.substeps.share_left(), step_.whole ? 0 : step_.context.dt);
     begin_step(c, step_.context);
     c.predict();
     expect_carried(c);
