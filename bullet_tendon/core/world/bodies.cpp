@@ -226,17 +226,22 @@ void World::lead_bodies() {
   }
 }
 
-// Lets attachments on links on joints act where their points are predicted to end, as contacts there do, if
-// tendons can touch the body. Of a contact and an attachment that press on each other within a link, one at
-// the start and one at the end would turn it, and give it energy.
+// Lets attachments act where their points are predicted to end, as contacts do, on links that nothing moves,
+// and on links on joints, if tendons can touch them. Of a contact and an attachment that press on each other
+// within a link, one at the start and one at the end would turn it, and give it energy.
 void World::foresee_ends() {
   if (!turns_finitely()) return;
   std::vector<char> touchable(scene.bodies.size(), 0);
   for (size_t l = 0; l < scene.links.size(); ++l)
     if (islands_.solid[l] && scene.links[l].yields()) touchable[scene.links[l].body] = 1;
-  for (Link& l : scene.links) {
-    if (!l.yields() || l.jacobian.empty() || !touchable[l.body] || scene.bodies[l.body].history.admitted)
-      continue;
+  auto acts_at_end = [&](size_t k) {
+    const Link& l = scene.links[k];
+    if (!l.yields()) return islands_.solid[k] != 0;
+    return !l.jacobian.empty() && touchable[l.body] && !scene.bodies[l.body].history.admitted;
+  };
+  for (size_t k = 0; k < scene.links.size(); ++k) {
+    if (!acts_at_end(k)) continue;
+    Link& l = scene.links[k];
     l.ends_known = true;
     l.to_end = rotation_of_step(step_.context.dt * l.now_spin);
   }

@@ -315,7 +315,7 @@ void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
   const bool far = turns_far(link);
-  contact.at_start = link.jacobian.empty() && !far;
+  contact.at_start = link.jacobian.empty() && !far && !link.ends_known;
   Vec3 end = contact.a.of(contact.at_start ? c.x : c.predicted);
   const Vec3 centre = contact.at_start ? link.centre : link.centre + link.foreseen.all.linear;
   // A force without friction passes through the centre of a round surface, wherever it acts.
