@@ -77,13 +77,13 @@ double largest_step(const Island& island) {
 }
 
 // tendon.dx and corner_side of the bodies = A^-1 f by the factors of the last solution, f: tendon.residual
-// and its loads on bodies.
-void answer_forces(Island& island, const Options& options) {
+// and its loads on bodies. false: conjugate gradients met a direction without positive curvature.
+bool answer_forces(Island& island, const Options& options) {
   clear_loads(island);
   load_carried(island, &Tendon::residual);
   start_body_residual(island, 0);
   project_anchors(island, &Tendon::residual);
-  solve_again(island, options, &Tendon::residual, &Tendon::dx);
+  return solve_again(island, options, &Tendon::residual, &Tendon::dx);
 }
 
 // Bends the tendon at particle i by impulses without a sum or a moment, on it and on its neighbours.
@@ -128,10 +128,10 @@ bool find_buckling_mode(Island& island, const Options& options) {
     segment = std::min(segment, c->shortest_rest());
     for (int i = 1; i + 1 < c->n(); ++i) c->residual.set(i, crosswise(*c, i, kGoldenAngle * i / c->n()));
   }
-  answer_forces(island, options);
+  if (!answer_forces(island, options)) return false;
   for (int k = 1; k < kInverseIterations; ++k) {
     combine(island, 1 / largest_step(island), &Tendon::dx, 0, &Tendon::residual);
-    answer_forces(island, options);
+    if (!answer_forces(island, options)) return false;
   }
   const double share = segment / largest_step(island);
   take_as_step(island, share);
