@@ -24,7 +24,7 @@ namespace bt {
 
 void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
   const Rim& rim = geometry.rim;
-  geometry.edge = nearest_on_rim(rim, x, any_perpendicular(rim.axis), geometry.edge);
+  geometry.edge = nearest_on_rim(rim, x, geometry.edge);
   const RimPoint& edge = geometry.edge;
   const Vec3 from = x - edge.point;
   const double d = norm(from), bend = dot(from, edge.curvature);

@@ -119,10 +119,10 @@ bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
 
 }  // namespace
 
-RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& last) {
+RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last) {
   const double A = rim.longest, B = rim.radius;
   if (rim.is_circle()) {
-    const Vec3 out = unit_or(without(p - rim.centre, rim.axis), fallback);
+    const Vec3 out = unit_or(without(p - rim.centre, rim.axis), any_perpendicular(rim.axis));
     return {rim.centre + B * out, cross(rim.axis, out), (-1 / B) * out};
   }
   const double x = dot(p - rim.centre, rim.longer), y = dot(p - rim.centre, rim.shorter);
@@ -143,11 +143,11 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& l
 double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at) {
   // Least second derivative for Newton's method, over that without the rim's curvature [-].
   constexpr double kConvex = 0.02;
-  const Vec3 d = b - a, fallback = any_perpendicular(rim.axis);
+  const Vec3 d = b - a;
   const double length2 = dot(d, d);
   if (length2 == 0) return u;
   for (int i = 0; i < kAdvances; ++i) {
-    at = nearest_on_rim(rim, a + u * d, fallback, at);
+    at = nearest_on_rim(rim, a + u * d, at);
     const Vec3 from = a + u * d - at.point;
     // Newton's method on half the squared distance: the rim's point moves by t (t.d) / (1 - from.k). Where
     // that is not convex, the point is projected to the segment.

@@ -91,9 +91,9 @@ struct Bore {
 // The bore of a link at this pose.
 Bore in_world(const Tunnel& tunnel, const Pose& pose);
 
-// The point of a rim nearest to p; of a point on the axis, that towards `fallback`. The search starts at
+// The point of a rim nearest to p; of a point on the axis of a circle, any of them. The search starts at
 // `last`, if that was found before.
-RimPoint nearest_on_rim(const Rim& rim, Vec3 p, Vec3 fallback, const RimPoint& last = {});
+RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last = {});
 // Parameter in [0, 1] of the point of segment a-b next to u from which the rim is nowhere nearer. at: the
 // point of the rim that was found last.
 double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at);

@@ -693,7 +693,7 @@ void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double r
   if (rim.is_circle()) return;
   rim.half = -rim.half;
   const Vec3 x = (1 - u) * a + u * b;
-  RimPoint other = nearest_on_rim(rim, x, {});
+  RimPoint other = nearest_on_rim(rim, x);
   if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > reach) return;
   u = slide_to_rim(a, b, u, rim, other);
   mouth_contact(tendon, t, mouth, k, rim, u, reach);
@@ -707,7 +707,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
   const Vec3 x = (1 - u) * a + u * b;
   const Vec3 sideways = unit_or(without(x - rim.centre, rim.axis), any_perpendicular(rim.axis));
-  const Vec3 apart = x - nearest_on_rim(rim, x, sideways).point;
+  const Vec3 apart = x - nearest_on_rim(rim, x).point;
   const double distance = norm(apart);
   if (distance > reach) return;
   const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
