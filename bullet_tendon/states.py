@@ -26,7 +26,7 @@ from .tendon import Tendon
 from .tunnels import Tunnel
 
 _PARTS = ("tendons", "tunnels", "obstacles")
-VERSION = 17  # raised whenever an array, or the core's layout, changes
+VERSION = 18  # raised whenever an array, or the core's layout, changes
 _GRIP, _ATTACHMENT = 0, 1  # kinds of holds
 _NO_LINK = (-1, -2)  # of a slot that is not in use
 _MOST_NUMBER = 2**30  # of a hold; the core's are of 32 bits, and more are going to be made

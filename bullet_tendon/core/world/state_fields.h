@@ -49,8 +49,9 @@ struct StateFields {
             contacts, contacts_known, observer, history, root, change, touches, turning.far, stopped_by_,
             stops_, substep.pushed, left_out.owed, left_out.kept)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, friction,
-            body, yielded, moved, was_read, jacobian, root, history.mean.force, history.mean.torque,
-            history.applied.force, history.applied.torque, history.excess, wrench.force, wrench.torque)
+            body, yielded, moved, was_read, put.linear, put.angular, jacobian, root, history.mean.force,
+            history.mean.torque, history.applied.force, history.applied.torque, history.excess, wrench.force,
+            wrench.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
   BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, given_force, h_eff,
             tangent_anchor, normal)
