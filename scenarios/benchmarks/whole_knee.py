@@ -6,9 +6,11 @@ knee.urdf with friction, and is fixed at both ends under tension. One step is wh
 put the load on the tibia, and TendonWorld.step() (read the bodies, solve, push the bodies, step pybullet).
 
 In "drawer" the tibia is drawn forwards by 0 to 100 N at 1 Hz and turned by 2 N m. In "flexion" the femur
-turns between 5 and 65 degrees, at 0.5 Hz. Times are of the thread's processor. Each is run REPEATS times;
-"least" takes, for each step, the shortest of the runs. "Settling" is the time of KneeRig.settle() from one
-drawer load to the next one, and of that without the graft; "cartilage" that of one evaluation.
+turns between 5 and 65 degrees, at 0.5 Hz, and in "fast flexion" at 5 Hz. In "passive" it turns by 18
+degrees/s, from 0 to 90 degrees and back. In "posture" nothing moves. Times are of the thread's processor.
+Each is run REPEATS times; "least" takes, for each step, the shortest of the runs. "Settling" is the time of
+KneeRig.settle() from one drawer load to the next one, and of that without the graft; "cartilage" that of one
+evaluation.
 """
 
 from time import thread_time
@@ -55,13 +57,13 @@ def run(quick, progress) -> dict:
 
 def table(record) -> list[str]:
     heads = "".join(f"{name:>9}" for name in ("p50", "p99", "p99.9", "worst"))
-    lines = [f"{'':10}{'':14}{'steps':>7}{heads}{'times real time':>17}{'iterations':>12}{'unsolved':>9}"]
+    lines = [f"{'':13}{'':14}{'steps':>7}{heads}{'times real time':>17}{'iterations':>12}{'unsolved':>9}"]
     for row in record["rows"]:
         for kind in ("as_measured", "least"):
             found = row[kind]
             times = "".join(f"{1e3 * found[f'p{p:g}_s']:9.2f}" for p in PERCENTILES)
             lines.append(
-                f"{row['motion']:10}{kind.replace('_', ' '):14}{row['steps']:7}{times}"
+                f"{row['motion']:13}{kind.replace('_', ' '):14}{row['steps']:7}{times}"
                 f"{found['times_real_time']:17.1f}{row['iterations']:12.1f}{row['unconverged']:9}"
             )
     for name, times in record["settling"].items():
@@ -144,7 +146,21 @@ def _flex(rig: KneeRig, time: float) -> None:
     rig.turn(np.radians(35 - 30 * np.cos(np.pi * time + np.pi / 3)))
 
 
-MOTIONS = {"drawer": _draw, "flexion": _flex}
+def _flex_fast(rig: KneeRig, time: float) -> None:
+    rig.turn(np.radians(35 - 30 * np.cos(10 * np.pi * time + np.pi / 3)))
+
+
+def _move_passively(rig: KneeRig, time: float) -> None:
+    rig.turn(np.radians(90 - abs(90 - (18 * time + 20) % 180)))
+
+
+MOTIONS = {
+    "posture": lambda rig, time: None,
+    "drawer": _draw,
+    "flexion": _flex,
+    "passive": _move_passively,
+    "fast flexion": _flex_fast,
+}
 
 
 def _run(motion: str, steps: int) -> dict:
