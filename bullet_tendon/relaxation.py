@@ -77,7 +77,7 @@ class Relaxation:
         """
         start = {t: t.positions for t in self._tendons}
         first = min(_ENDLESS, self._last_dt)
-        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand)
+        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, keeps=False)
         return bool(settled and self._stepper.report.converged)
 
     def _descend(
@@ -88,22 +88,25 @@ class Relaxation:
         max_steps: int,
         first: float,
         at_hand: float = 0.0,
+        keeps: bool = True,
     ) -> tuple:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
-        first: length of the first step [s]. at_hand: see follow.
+        first: length of the first step [s]. at_hand: see follow. keeps: steps that were not solved are kept.
+        They descend as well, and slack tendons need them to come down. Beside bodies that move, what they let
+        through a bone would act on it.
         """
         stepper, dt = self._stepper, first
         iterations, residual, settled, before = 0, np.inf, not start, start
         for _ in range(max_steps):
             self._last_dt = dt
             self.taken += 1
-            before_it = stepper.checkpoint()
+            before_it = None if keeps else stepper.checkpoint()
             if not stepper.hold(dt, gravity):
                 return None, iterations, residual
             report = stepper.report
             iterations += report.iterations
-            if not report.converged and not self._alone:
+            if not report.converged and before_it is not None:
                 stepper.take_back(before_it)
                 dt /= _GROWTH
                 continue

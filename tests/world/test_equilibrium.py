@@ -447,3 +447,25 @@ def test_a_body_on_a_loose_tendon_is_put_back(make_world, client):
     assert not world.report.converged
     np.testing.assert_allclose(place(body, client), before, atol=1e-12)
     np.testing.assert_array_equal(tendon.positions, positions)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_slack_tendons_over_a_ball_come_to_rest(make_world, client, seed):
+    """They come down by steps that are long, and not all solved."""
+    rng = np.random.default_rng(seed)
+    world = make_world(gravity=(0, 0, -9.81))
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, physicsClientId=client), friction=rng.uniform(0, 0.5))
+    for _ in range(4):
+        a, b = rng.uniform(-0.15, 0.15, (2, 3))
+        a[2], b[2] = abs(a[2]) + 0.06, abs(b[2]) + 0.06
+        line = [a, (a + b) / 2 + [0, 0, 0.1], b]
+        t = world.add_tendon(line, 2e-3, bt.Material(stiffness=1e4, friction=0.2), 40)
+        t.grip(0)
+        t.grip(-1)
+    world.relax()
+    assert world.report.converged
+    heights = [t.positions[:, 2].copy() for t in world.tendons]
+    world.step(50)
+    for t, z in zip(world.tendons, heights, strict=True):
+        assert np.abs(t.positions[:, 2] - z).max() < 1e-4
