@@ -485,7 +485,9 @@ class Scene:
             if g.stiffness is None or g.released or g.slipping:
                 continue
             way = g._tendon.positions[g.particle] - g.target
-            speed = np.linalg.norm(g._tendon.velocities[g.particle])
+            # Its damper brakes the motion relative to the target.
+            led = (g.target - self._targets[self.grips.index(g)]) / self.dt
+            speed = np.linalg.norm(g._tendon.velocities[g.particle]) + np.linalg.norm(led)
             rested, self._slow[g] = self._slow.get(g, np.inf), speed
             if max(speed, rested) * self.dt < 1e-3 * np.linalg.norm(way):
                 # The mean of a step differs from its end by less than what a hundredth of the way, and its
