@@ -231,7 +231,8 @@ void World::lead_bodies() {
 // within a link, one at the start and one at the end would turn it, and give it energy.
 void World::foresee_ends() {
   if (!turns_finitely()) return;
-  std::vector<char> touchable(scene.bodies.size(), 0);
+  static thread_local std::vector<char> touchable;  // keeps its memory from step to step
+  touchable.assign(scene.bodies.size(), 0);
   for (size_t l = 0; l < scene.links.size(); ++l)
     if (islands_.solid[l] && scene.links[l].yields()) touchable[scene.links[l].body] = 1;
   auto acts_at_end = [&](size_t k) {
