@@ -174,7 +174,8 @@ def test_a_graft_of_particles_in_two_tunnels_settles_where_damped_motion_ends():
         assert abs(rig.coordinates.anterior - found.anterior) > 2e-4
         rig.load(anterior=90.0)
         rig._relax = lambda tolerance: None  # kinetic damping alone
-        assert rig.settle()
+        # By the tolerance that is usual, the moment that is left turns the tibia by 2e-5 rad.
+        assert rig.settle(tolerance=1e-4)
         assert rig.coordinates == pytest.approx(found, abs=2e-5)
         assert graft.tension == pytest.approx(tension, rel=0.02)  # friction in the bores remembers the way
 
