@@ -91,11 +91,7 @@ class Placement:
             for obstacle, rows in around.penetrated(line[:-1], line[1:]):
                 key = (tendon._slot, obstacle.bodyUniqueId, obstacle.linkIndex)
                 depth = _depth_inside(tendon, line, obstacle, rows)
-                if (
-                    key not in self._told
-                    and depth > UNSEEN * tendon.radius
-                    and tendon._may_meet(*key[1:])
-                ):
+                if key not in self._told and depth > UNSEEN * tendon.radius and tendon._may_meet(*key[1:]):
                     self._told.add(key)
                     warn(InsideWarning(_message(tendon, obstacle, depth)))
 
