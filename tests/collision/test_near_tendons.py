@@ -106,8 +106,8 @@ def check(scene, seed, speed, steps, brute=True):
     for step in range(steps):
         now = speed * (10 if step % 17 == 16 else 1)
         ahead = moved(rng, tendons, now)
-        rows, _, _ = search.find(tendons, ahead)
-        np.testing.assert_array_equal(rows, searcher(start).find(tendons, ahead)[0])
+        rows, _, _ = search.find(tendons, ahead, True)
+        np.testing.assert_array_equal(rows, searcher(start).find(tendons, ahead, True)[0])
         if brute:
             for pair in will_touch(tendons, ahead) - pairs_of(rows):
                 assert pair[0] == pair[2]
@@ -138,14 +138,13 @@ def test_lists_of_before_change_nothing(scene, seed, power):
 
 
 def within_reach(x, y, x_ahead, y_ahead, off):
-    """(k, m) whether segments could touch within the step, as far as distances tell.
+    """(k, m) whether segments could touch within the step, as far as distances tell; all motion is capped.
 
-    off: by how much the distance may be off [m]; what touches within it counts if it is positive. Else what
-    moves by more than 0.9 radii of both does not: it may be seen to pass by.
+    off: by how much the distance may be off [m]; what touches within it counts if it is positive.
     """
-    skins = 2 * 1.05 * RADIUS
+    most, skins = 2 * 2 * RADIUS, 2 * 1.05 * RADIUS
     means = [(ahead - now).mean(0) for now, ahead in ((x, x_ahead), (y, y_ahead))]
-    towards = np.linalg.norm(means[0] - means[1])
+    towards = min(most, np.linalg.norm(means[0] - means[1]))
     boxes = []
     for now, ahead, mean in ((x, x_ahead, means[0]), (y, y_ahead, means[1])):
         ends = np.stack([now[:-1], now[1:], (ahead - mean)[:-1], (ahead - mean)[1:]])
@@ -156,8 +155,7 @@ def within_reach(x, y, x_ahead, y_ahead, off):
     moves = np.linalg.norm(way[:, None] - other_way, axis=-1)
     moves = np.maximum.reduce([moves[:-1, :-1], moves[1:, :-1], moves[:-1, 1:], moves[1:, 1:]])
     distance = segment_segments(x[:-1, None], x[1:, None], y[:-1], y[1:])
-    sure = (off > 0) | (moves <= 0.9 * 2 * RADIUS)
-    return (gap < skins + towards + off) & (distance < skins + moves + off) & sure
+    return (gap < skins + towards + off) & (distance < skins + np.minimum(moves, most) + off)
 
 
 class Drift:
@@ -190,7 +188,7 @@ def compare_with_brute_force(rng, scene, steps, foreseen):
     for step in range(steps):
         now = drift.at(step)
         ahead = drift.at(step + 1) if foreseen else now
-        rows, searches, skipped = search.find(now, ahead)
+        rows, searches, skipped = search.find(now, ahead, False)
         got = pairs_of(rows)
         found, collected, served = found + len(got), collected + searches, served + skipped
         for i, j in combinations_with_replacement(range(len(now)), 2):
@@ -238,7 +236,7 @@ def test_lists_of_what_moves_together_serve(scene):
     made = []
     for step in range(40):
         ahead = [x + [2e-3, 3e-3, 2e-3] + rng.normal(0, 1e-6, x.shape) for x in tendons]
-        rows, searches, skipped = search.find(tendons, ahead)
+        rows, searches, skipped = search.find(tendons, ahead, True)
         made.append(searches)
         assert len(rows) == 0
         assert step == 0 or skipped == len(tendons) * (len(tendons) + 1) // 2
@@ -246,7 +244,7 @@ def test_lists_of_what_moves_together_serve(scene):
     assert made[0] > 0
     assert sum(made[1:]) == 0
     tendons[-1] = tendons[0] + [0, 0, 1.9 * RADIUS] if len(tendons) > 1 else 0.2 * tendons[-1]
-    rows, searches, _ = search.find(tendons, tendons)
+    rows, searches, _ = search.find(tendons, tendons, True)
     assert searches > 0
     assert len(rows) > 0
 
@@ -260,8 +258,8 @@ def test_what_is_paid_out_can_touch():
     counts = []
     for share in (1.0, 0.1, 1.0):
         search.set_rest(0, share * rest)
-        counts.append(len(search.find([loop], [loop])[0]))
-        assert len(search.find([loop], [loop])[0]) == counts[-1]
+        counts.append(len(search.find([loop], [loop], True)[0]))
+        assert len(search.find([loop], [loop], True)[0]) == counts[-1]
     assert counts[1] == 0 < counts[0] == counts[2]
 
 

@@ -370,8 +370,9 @@ struct Probe {
   }
 
   // Tendons at x that are predicted to be at `ahead`: rows of tendon, segment, tendon, segment, u, w and
-  // distance; and how many lists were collected and served again.
-  py::tuple find(const std::vector<Field>& x, const std::vector<Field>& ahead) {
+  // distance; and how many lists were collected and served again. swept: where tendons approach
+  // (narrow_phase.h).
+  py::tuple find(const std::vector<Field>& x, const std::vector<Field>& ahead, bool swept) {
     std::vector<Tendon*> slots;
     for (size_t c = 0; c < tendons.size(); ++c) {
       tendons[c].x = x[c];
@@ -380,7 +381,8 @@ struct Probe {
       slots.push_back(&tendons[c]);
     }
     std::vector<SegmentPair> found;
-    const PairCounts counts = search.find(slots, CollisionFilter{}, 0, found);
+    const Foresight foresight = swept ? Foresight::swept : Foresight::near;
+    const PairCounts counts = search.find(slots, CollisionFilter{}, 0, foresight, found);
     std::vector<std::array<double, 7>> rows;
     for (const SegmentPair& s : found)
       rows.push_back({double(s.tendon_a), double(s.segment_a), double(s.tendon_b), double(s.segment_b),

@@ -17,7 +17,16 @@ namespace {
 // Smaller: they overlap along a longer arc.
 constexpr double kParting = 0.1;
 
+// Greatest relative motion for which methods without substeps predict tendon pairs, in sums of radii [-].
+// Larger: a contact is a plane, and would stop distant segments that would pass beside each other.
+constexpr double kFarthest = 2.0;
+
 double sum_of_radii(const TendonBvh& a, const TendonBvh& b) { return a.tendon().radius + b.tendon().radius; }
+
+// Predicted relative motion in the step, limited to `most` [m].
+double foreseen(const TendonBvh& a, const TendonBvh& b, double most) {
+  return std::min(most, relative_motion(a.ahead(), b.ahead()));
+}
 
 }  // namespace
 
@@ -25,12 +34,13 @@ double sum_of_radii(const TendonBvh& a, const TendonBvh& b) { return a.tendon().
 struct Collector {
   TendonBvh &a, &b;
   const double reach;  // sum of both tendons' [m]
+  const double most;   // limit of the relative motion within the step [m]
   const double limit;  // of the distances of candidates [m]
   const bool once;     // the list is for this step only
   CandidateList& list;
   const bool self = &a == &b;
   // Relative mean motion of two tendons within the step [m].
-  const double towards = self ? 0 : norm(a.mean_motion() - b.mean_motion());
+  const double towards = self ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
 
   using Node = TendonBvh::Node;
 
@@ -42,7 +52,7 @@ struct Collector {
   // Whether segments can touch within this step. Their boxes are disjoint; square: squared distance [m^2].
   bool may_touch_now(const Node& p, const Node& q, double square) const {
     const Vec3 moves = highest(p.ahead.hi - q.ahead.lo, q.ahead.hi - p.ahead.lo);
-    const double enough = (1 + kRoundingShare) * (reach + norm(moves));
+    const double enough = (1 + kRoundingShare) * (reach + std::min(most, norm(moves)));
     if (square > enough * enough) return false;
     const Vec3 gap = gap_between(swept(p, a.mean_motion()), swept(q, b.mean_motion()));
     return max_abs(gap) <= (1 + kRoundingShare) * (reach + towards);
@@ -86,18 +96,17 @@ struct Collector {
   }
 };
 
-double CandidateList::needed(const TendonBvh& a, const TendonBvh& b) const {
+double CandidateList::needed(const TendonBvh& a, const TendonBvh& b, double most) const {
   const Vec3 by = (a.moved().by - a_moved_.by) - (b.moved().by - b_moved_.by);
   const double off = (a.moved().off - a_moved_.off) + (b.moved().off - b_moved_.off);
-  return (1 + kRoundingShare) *
-         (a.reach() + b.reach() + norm(by) + off + relative_motion(a.ahead(), b.ahead()));
+  return (1 + kRoundingShare) * (a.reach() + b.reach() + norm(by) + off + foreseen(a, b, most));
 }
 
 bool CandidateList::serves(const TendonBvh& a, const TendonBvh& b, double needed) const {
   return needed < left_out_ && a_rest_ == a.rest_set() && b_rest_ == b.rest_set();
 }
 
-void CandidateList::collect(TendonBvh& a, TendonBvh& b) {
+void CandidateList::collect(TendonBvh& a, TendonBvh& b, double most) {
   a_moved_ = a.moved();
   b_moved_ = b.moved();
   a_rest_ = a.rest_set();
@@ -107,10 +116,10 @@ void CandidateList::collect(TendonBvh& a, TendonBvh& b) {
   a.refit();
   b.refit();
   const double margin = kListMargin * sum_of_radii(a, b), reach = a.reach() + b.reach();
-  const double moves = relative_motion(a.ahead(), b.ahead());
+  const double moves = foreseen(a, b, most);
   const bool once = moves > 0.5 * margin;
   const double limit = (1 + kRoundingShare) * (reach + (once ? moves : margin));
-  Collector collector{a, b, reach, limit, once, *this};
+  Collector collector{a, b, reach, most, limit, once, *this};
   if (&a == &b)
     collector.within(1);
   else
@@ -128,7 +137,7 @@ void BroadPhase::clear() {
 }
 
 PairCounts BroadPhase::find(const std::vector<Tendon*>& tendons, const CollisionFilter& filter,
-                            double threshold, std::vector<SegmentPair>& out) {
+                            double threshold, Foresight foresight, std::vector<SegmentPair>& out) {
   const int count = static_cast<int>(tendons.size());
   if (tendons_.size() != tendons.size()) clear();
   tendons_.resize(count);
@@ -138,14 +147,16 @@ PairCounts BroadPhase::find(const std::vector<Tendon*>& tendons, const Collision
   PairCounts counts;
   for (int i = 0; i < count; ++i)
     for (int j = i; j < count; ++j)
-      if (tendons[i] && tendons[j] && filter.meet(i, j)) find_between(i, j, counts, out);
+      if (tendons[i] && tendons[j] && filter.meet(i, j)) find_between(i, j, foresight, counts, out);
   return counts;
 }
 
-void BroadPhase::find_between(int i, int j, PairCounts& counts, std::vector<SegmentPair>& out) {
+void BroadPhase::find_between(int i, int j, Foresight foresight, PairCounts& counts,
+                              std::vector<SegmentPair>& out) {
   TendonBvh &a = tendons_[i], &b = tendons_[j];
   CandidateList& list = lists_[i + j * (j + 1) / 2];
-  double needed = list.needed(a, b);
+  const double most = foresight == Foresight::near ? kFarthest * sum_of_radii(a, b) : 1e300;
+  double needed = list.needed(a, b, most);
   bool serves = list.serves(a, b, needed);
   const bool is_clear = serves && !list.any_within(needed);
   if (is_clear || (i == j && is_straight(a.tendon()))) {
@@ -156,11 +167,11 @@ void BroadPhase::find_between(int i, int j, PairCounts& counts, std::vector<Segm
     ++counts.skipped;
   } else {
     ++counts.searches;
-    list.collect(a, b);
-    needed = list.needed(a, b);
+    list.collect(a, b, most);
+    needed = list.needed(a, b, most);
   }
   if (!list.any_within(needed)) return;
-  NarrowPhase narrow{a, b, i, j, counts, out};
+  NarrowPhase narrow{a, b, i, j, foresight, most, counts, out};
   for (const Candidate& s : list.candidates())
     if (!(s.distance > needed)) narrow.test(s.k, s.m);
 }

@@ -31,13 +31,14 @@ struct Candidate {
 // The candidates of two tendons, or of one tendon with itself.
 class CandidateList {
  public:
-  // Greatest distance at the time of collection of segments that can touch within this step [m].
-  double needed(const TendonBvh& a, const TendonBvh& b) const;
+  // Greatest distance at the time of collection of segments that can touch within this step [m]. `most`:
+  // limit of the relative motion of the tendons within the step [m].
+  double needed(const TendonBvh& a, const TendonBvh& b, double most) const;
   // Whether the list contains all pairs that were nearer than `needed`.
   bool serves(const TendonBvh& a, const TendonBvh& b, double needed) const;
   // Whether a candidate is within the distance `needed` [m].
   bool any_within(double needed) const { return !(nearest_ > needed); }
-  void collect(TendonBvh& a, TendonBvh& b);
+  void collect(TendonBvh& a, TendonBvh& b, double most);
   const std::vector<Candidate>& candidates() const { return candidates_; }
 
  private:
@@ -57,10 +58,10 @@ class BroadPhase {
   // are left out, and pairs that `filter` excludes. threshold: distance of the surfaces at which contacts
   // begin [m].
   PairCounts find(const std::vector<Tendon*>& tendons, const CollisionFilter& filter, double threshold,
-                  std::vector<SegmentPair>& out);
+                  Foresight foresight, std::vector<SegmentPair>& out);
 
  private:
-  void find_between(int i, int j, PairCounts& counts, std::vector<SegmentPair>& out);
+  void find_between(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
   std::vector<TendonBvh> tendons_;
   std::vector<CandidateList> lists_;  // tendons i <= j at i + j (j + 1) / 2
 };

@@ -89,7 +89,7 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
 void NarrowPhase::test(int k, int m) {
   const Tendon &p = a.tendon(), &q = b.tendon();
   // Relative mean motion of two tendons within the step [m].
-  const double towards = self ? 0 : norm(a.mean_motion() - b.mean_motion());
+  const double towards = self ? 0 : std::min(most, norm(a.mean_motion() - b.mean_motion()));
   if (!overlap(swept_box(p, k, a.mean_motion(), a.skin()), swept_box(q, m, b.mean_motion(), b.skin()),
                towards))
     return;
@@ -98,7 +98,7 @@ void NarrowPhase::test(int k, int m) {
   const Vec3 p0 = p.x.at(k), p1 = p.x.at(k + 1), q0 = q.x.at(m), q1 = q.x.at(m + 1);
   const double radii = p.radius + q.radius, skins = a.skin() + b.skin(), moves = motion(k, m);
   const double slack = std::max(p.slack[k], p.slack[k + 1]) + std::max(q.slack[m], q.slack[m + 1]);
-  const double reach = skins + slack + moves;
+  const double reach = skins + slack + std::min(moves, most);
   const double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1 of algorithm 1
   if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
   SegmentPair s{slot_a, k, slot_b, m};
@@ -107,7 +107,7 @@ void NarrowPhase::test(int k, int m) {
   s.nearest = point(k, m, u, w);
   if (s.nearest.distance >= reach) return;
   find_points(s, reach);
-  if (moves > kFarthestMove * radii) {
+  if (foresight == Foresight::swept && moves > kFarthestMove * radii) {
     const Sweep swept = sweep(k, m);
     if (swept.share_apart(skins + slack) == 1) return;
     const double share = swept.share_apart(skins);

@@ -43,6 +43,10 @@ struct PairCounts {
   long skipped = 0;     // pairs of tendons with valid lists, or that need none
 };
 
+// near: relative motions of at most kFarthest sums of radii (collision/broad_phase.cpp). swept: any motion,
+// but only pairs that approach each other (geometry/segment_distance.h).
+enum class Foresight { near, swept };
+
 // Whether the whole tendon is too straight to touch itself, at present and at the predicted end of the step.
 bool is_straight(const Tendon& c);
 
@@ -50,6 +54,8 @@ bool is_straight(const Tendon& c);
 struct NarrowPhase {
   TendonBvh &a, &b;
   const int slot_a, slot_b;
+  const Foresight foresight;
+  const double most;  // limit of the predicted relative motion [m]
   PairCounts& counts;
   std::vector<SegmentPair>& out;
   const bool self = &a == &b;

@@ -482,8 +482,9 @@ void World::half_space_contacts(int tendon, int s) {
 void World::tendon_contacts() {
   const auto start = std::chrono::steady_clock::now();
   detection_.pairs.clear();
-  step_.report.pairs =
-      detection_.broad_phase.find(step_.slots, scene.filter, options.contact_threshold, detection_.pairs);
+  const Foresight foresight = step_.substeps.divisible() ? Foresight::swept : Foresight::near;
+  step_.report.pairs = detection_.broad_phase.find(step_.slots, scene.filter, options.contact_threshold,
+                                                   foresight, detection_.pairs);
   step_.report.search_seconds +=
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   for (const SegmentPair& p : detection_.pairs) {
