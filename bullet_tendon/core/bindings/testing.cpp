@@ -80,8 +80,7 @@ py::tuple element_term(World& w, Element& element, const Array& moves, double h)
   for (const TouchedLink& touched : element.touched()) {
     const double* of = moves.data() + 6 * slots.size();
     const Vec3 turn = vec(of + 3);
-    ends[touched.link] = {w.scene.links[touched.link].centre + vec(of),
-                          rotation_about(unit_or(turn, {0, 0, 1}), norm(turn))};
+    ends[touched.link] = {w.scene.links[touched.link].centre + vec(of), rotation_by(turn)};
     slots.push_back(touched.link);
   }
   PairList pairs;

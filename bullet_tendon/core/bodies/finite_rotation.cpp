@@ -55,8 +55,6 @@ Sym3 within(const Rot3& m, const Sym3& s) {
   return {x.x, x.y, x.z, y.y, y.z, z.z};
 }
 
-Rot3 rotation_by(Vec3 v) { return rotation_about(unit_or(v, {0, 0, 1}), norm(v)); }
-
 Vec3 slowed(Vec3 theta) { return slowing_of(norm(theta)).share * theta; }
 
 // By rows: T, P.

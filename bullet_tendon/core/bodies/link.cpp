@@ -98,9 +98,7 @@ Vec3 Link::displaced(Vec3 arm) const {
 
 void Link::foresee(const Twist& by, double dt, bool far) {
   const Twist all{dt * velocity + by.linear, dt * spin + by.angular};
-  const double angle = norm(all.angular);
-  const Rot3 turn = far ? turned.since_begun(turned.begun + all.angular)
-                        : rotation_about(unit_or(all.angular, {0, 0, 1}), angle);
+  const Rot3 turn = far ? turned.since_begun(turned.begun + all.angular) : rotation_by(all.angular);
   foreseen = {all, by, turn, far};
 }
 

@@ -58,6 +58,9 @@ inline Rot3 rotation_about(Vec3 n, double angle) {
   return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
 }
 
+// By the rotation vector v [rad].
+inline Rot3 rotation_by(Vec3 v) { return rotation_about(unit_or(v, {0, 0, 1}), norm(v)); }
+
 inline Vec3 to_world(const Pose& p, Vec3 local) { return p.rotation * local + p.origin; }
 inline Vec3 to_local(const Pose& p, Vec3 world) { return transposed_times(p.rotation, world - p.origin); }
 

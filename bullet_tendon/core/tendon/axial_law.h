@@ -11,6 +11,9 @@
 #pragma once
 #include <cmath>
 #include <limits>
+#include <type_traits>
+
+#include "math/simd.h"
 
 namespace bt {
 
@@ -53,20 +56,25 @@ inline void power(double s, double p, double& value, double& slope) {
 
 inline int power_class(double p) { return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0; }
 
-// The same by the exponent's class.
-inline void power_any(double s, double p, double& value, double& slope) {
-  switch (power_class(p)) {
+// Calls call(P), P an integral_constant, with the P of the templates here for this exponent.
+template <class Call>
+BT_WITHIN inline void by_exponent(double exponent, Call call) {
+  switch (power_class(exponent)) {
     case 2:
-      return power<2>(s, p, value, slope);
+      return call(std::integral_constant<int, 2>{});
     case 3:
-      return power<3>(s, p, value, slope);
+      return call(std::integral_constant<int, 3>{});
     case 4:
-      return power<4>(s, p, value, slope);
+      return call(std::integral_constant<int, 4>{});
     case 6:
-      return power<6>(s, p, value, slope);
+      return call(std::integral_constant<int, 6>{});
     default:
-      return power<0>(s, p, value, slope);
+      return call(std::integral_constant<int, 0>{});
   }
+}
+
+inline void power_any(double s, double p, double& value, double& slope) {
+  by_exponent(p, [&](auto P) BT_WITHIN { power<P>(s, p, value, slope); });
 }
 
 // Elastic force per unit K, and its derivative by the strain.
@@ -81,18 +89,7 @@ inline void elastic(const Law& law, double s, double& force, double& slope) {
 }
 
 inline void elastic_any(const Law& law, double s, double& force, double& slope) {
-  switch (power_class(law.exponent)) {
-    case 2:
-      return elastic<2>(law, s, force, slope);
-    case 3:
-      return elastic<3>(law, s, force, slope);
-    case 4:
-      return elastic<4>(law, s, force, slope);
-    case 6:
-      return elastic<6>(law, s, force, slope);
-    default:
-      return elastic<0>(law, s, force, slope);
-  }
+  by_exponent(law.exponent, [&](auto P) BT_WITHIN { elastic<P>(law, s, force, slope); });
 }
 
 // The inverse of `elastic` in tension: the strain at which the elastic force per unit K is t > 0. An error

@@ -121,23 +121,6 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
   }
 }
 
-// Calls one of the templates above with the exponent of the law.
-template <class Call>
-BT_WITHIN inline void by_exponent(const Law& law, Call call) {
-  switch (power_class(law.exponent)) {
-    case 2:
-      return call(std::integral_constant<int, 2>{});
-    case 3:
-      return call(std::integral_constant<int, 3>{});
-    case 4:
-      return call(std::integral_constant<int, 4>{});
-    case 6:
-      return call(std::integral_constant<int, 6>{});
-    default:
-      return call(std::integral_constant<int, 0>{});
-  }
-}
-
 // Whether springs have more axial force than that of share K f.
 bool has_braking(const SpringSet& s, const Law& law) {
   return (s.damped && !law.whole_velocity) || !s.memory.empty();
@@ -239,7 +222,7 @@ void take_true_multipliers(SpringSet& s) {
 BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Motion& motion) {
   const double b = motion.h_eff;
   measure_at<true>(s, motion.x, motion.displacement);
-  by_exponent(law, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
+  by_exponent(law.exponent, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
   if (has_braking(s, law))
     add_braking(s, law, s.start.data(), b, 1,
                 [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
@@ -255,7 +238,8 @@ BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
     const bool mixed = how == Linearisation::multiplier;
-    by_exponent(law, [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
+    by_exponent(law.exponent,
+                [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
   blocks(s, definite ? 1 / (b * b) : std::numeric_limits<double>::infinity());
   if (s.damped && law.whole_velocity)
@@ -265,7 +249,7 @@ BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
                  double damping_share) {
   measure(s, x);
-  by_exponent(law, [&](auto P) { elastic_forces<P>(s, law); });
+  by_exponent(law.exponent, [&](auto P) { elastic_forces<P>(s, law); });
   auto rate = [&](int k) {
     Vec3 n{s.direction[0][k], s.direction[1][k], s.direction[2][k]};
     return dot(n, v.at(k + s.reach) - v.at(k)) / s.rest[k];

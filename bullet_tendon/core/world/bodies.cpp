@@ -86,11 +86,15 @@ void World::find_bodies() {
   });
 }
 
-// Marks links with shapes or tunnels: tendons can touch them at any point.
+// Marks links with shapes or tunnels, and the bodies with such links that yield: tendons can touch them at
+// any point.
 void World::find_solid_links() {
   islands_.solid.assign(scene.links.size(), 0);
   for (auto [slot, shape] : filled(scene.shapes)) islands_.solid[shape.link] = 1;
   for (auto [slot, tunnel] : filled(scene.tunnels)) islands_.solid[tunnel.link] = 1;
+  islands_.solid_bodies.assign(scene.bodies.size(), 0);
+  for (size_t l = 0; l < scene.links.size(); ++l)
+    if (islands_.solid[l] && scene.links[l].yields()) islands_.solid_bodies[scene.links[l].body] = 1;
 }
 
 // Computes the generalized forces of bodies from wrenches on their links, times scale.
@@ -231,14 +235,10 @@ void World::lead_bodies() {
 // within a link, one at the start and one at the end would turn it, and give it energy.
 void World::foresee_ends() {
   if (!turns_finitely()) return;
-  static thread_local std::vector<char> touchable;  // keeps its memory from step to step
-  touchable.assign(scene.bodies.size(), 0);
-  for (size_t l = 0; l < scene.links.size(); ++l)
-    if (islands_.solid[l] && scene.links[l].yields()) touchable[scene.links[l].body] = 1;
   auto acts_at_end = [&](size_t k) {
     const Link& l = scene.links[k];
     if (!l.yields()) return islands_.solid[k] != 0;
-    return !l.jacobian.empty() && touchable[l.body] && !scene.bodies[l.body].history.admitted;
+    return !l.jacobian.empty() && islands_.solid_bodies[l.body] && !scene.bodies[l.body].history.admitted;
   };
   for (size_t k = 0; k < scene.links.size(); ++k) {
     if (!acts_at_end(k)) continue;

@@ -126,17 +126,15 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.stop_changes = 0;
 }
 
-Rot3 turn_by(Vec3 angle) { return rotation_about(unit_or(angle, {0, 0, 1}), norm(angle)); }
-
 // Where a particle in the bore of a link is foreseen: it goes with the link, and slides on as in the last
 // step of dt.
 Vec3 foreseen_in_bore(const Link& link, Vec3 x, Vec3 v, double dt) {
   if (!link.rests())
     return x + link.foreseen_at(x) + dt * (v - link.now_velocity - cross(link.now_spin, x - link.centre));
   const Vec3 arm = x - (link.centre - link.put.linear);
-  const Vec3 arm_before = transposed(turn_by(link.put_before.angular)) * arm;
+  const Vec3 arm_before = transposed(rotation_by(link.put_before.angular)) * arm;
   const Vec3 slid = dt * v - (arm - arm_before + link.put_before.linear);
-  return link.centre + turn_by(link.put.angular) * (arm + slid);
+  return link.centre + rotation_by(link.put.angular) * (arm + slid);
 }
 
 bool moves(const Link& link) {

@@ -130,11 +130,12 @@ struct SleepState {
 // Tendons that are solved together (union-find).
 struct IslandSet {
   std::vector<Island> all;
-  std::vector<int> parent;    // union-find, by tendon
-  std::vector<int> touches;   // by body: one tendon that touches it, or -1
-  std::vector<char> solid;    // by link: the link has a shape or a tunnel
-  std::vector<LinkEnd> ends;  // by link: of links that elements touch
-  IslandElements loose;       // elements that touch no body with unknowns
+  std::vector<int> parent;         // union-find, by tendon
+  std::vector<int> touches;        // by body: one tendon that touches it, or -1
+  std::vector<char> solid;         // by link: the link has a shape or a tunnel
+  std::vector<char> solid_bodies;  // by body: one of its links is solid, and yields
+  std::vector<LinkEnd> ends;       // by link: of links that elements touch
+  IslandElements loose;            // elements that touch no body with unknowns
   // Twice the kinetic energy of the change of velocity in the step, by island root [J]: if the known forces
   // had acted alone, and by all forces.
   std::vector<double> by_known, by_all;
