@@ -12,7 +12,7 @@ from pkgutil import extend_path
 # elsewhere in a checkout; an installed copy on the path completes one that was not built in place.
 __path__ = extend_path(__path__, __name__)
 
-from .anchors import Attachment, Grip  # noqa: E402
+from .anchors import Attachment, Grip, Line  # noqa: E402
 from .cartilage import Cartilage, Region  # noqa: E402
 from .errors import (  # noqa: E402
     CannotCopy,
@@ -61,6 +61,7 @@ __all__ = [
     "InvalidType",
     "InvalidValue",
     "Ligament",
+    "Line",
     "Material",
     "MissingExtra",
     "Recorder",

@@ -1,4 +1,4 @@
-"""Anchors: particles of a tendon that are tied to something, a hand (Grip) or a link (Attachment).
+"""Anchors: particles of a tendon that are tied to something, a hand (Grip) or a link (Attachment, Line).
 
 Owns: the handles; the core owns what holds (by its slot of the tendon and a number), and a Tendon owns its
 anchors. Goes with the core's room `tendon`.
@@ -88,20 +88,8 @@ class _Anchor(NotCopied):
         self._tendon._bodies.require_client()
 
 
-class Attachment(_Anchor):
-    """A particle tied to a point of a pybullet link; made by Tendon.attach.
-
-    particle: its index. bodyUniqueId, linkIndex: the link. force: what the tendon does to the body; its exact
-    opposite acts on the tendon.
-
-    Example:
-        >>> knot = tendon.attach(-1, ball)
-        >>> knot.particle, knot.bodyUniqueId, knot.position.round(3).tolist()
-        (10, 0, [0.0, 0.0, 0.01])
-        >>> knot.release()
-        >>> knot.released, tendon.holds
-        (True, ())
-    """
+class LinkAnchor(_Anchor):
+    """What attachments and lines share: a link, by its slot, and a point of it."""
 
     def __init__(self, tendon, particle, number, bodyUniqueId, linkIndex, position, link_slot):
         super().__init__(tendon, particle, number)
@@ -121,6 +109,51 @@ class Attachment(_Anchor):
     def _settings(self) -> dict:
         where = {"bodyUniqueId": self.bodyUniqueId, "linkIndex": self.linkIndex}
         return {**super()._settings(), **where, "position": self.position}
+
+
+class Attachment(LinkAnchor):
+    """A particle tied to a point of a pybullet link; made by Tendon.attach.
+
+    particle: its index. bodyUniqueId, linkIndex: the link. force: what the tendon does to the body; its exact
+    opposite acts on the tendon.
+
+    Example:
+        >>> knot = tendon.attach(-1, ball)
+        >>> knot.particle, knot.bodyUniqueId, knot.position.round(3).tolist()
+        (10, 0, [0.0, 0.0, 0.01])
+        >>> knot.release()
+        >>> knot.released, tendon.holds
+        (True, ())
+    """
+
+
+class Line(LinkAnchor):
+    """A particle joined to a point of a pybullet link by hardware (Tendon.fix, Tendon.pull).
+
+    It is elastic along the way to its point, slips at its load, and lets the particle move across it.
+    particle: its index. bodyUniqueId, linkIndex: the link. force: what the tendon does to the body.
+
+    Example:
+        >>> button = tendon.fix(-1, ball, -1, (0, 0, -0.01), "button", stiffness=2e5)
+        >>> [line] = tendon.holds
+        >>> line.particle, line.load, line.tension, line.slip
+        (10, 958.0, 0.0, 0.0)
+    """
+
+    @property
+    def load(self) -> float:
+        """At which it slips [N]. Zero after the release."""
+        return 0.0 if self.released else self._tendon._core.line_load(self._tendon._slot, self._number)
+
+    @property
+    def tension(self) -> float:
+        """At the end of the last step [N]; negative where it pushes. Zero after the release."""
+        return 0.0 if self.released else self._tendon._core.line_tension(self._tendon._slot, self._number)
+
+    @property
+    def slip(self) -> float:
+        """How far it has slipped in all [m]. Zero after the release."""
+        return 0.0 if self.released else self._tendon._core.line_slip(self._tendon._slot, self._number)
 
 
 class Grip(_Anchor):

@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pybullet as p
 
+from .anchors import Attachment
 from .reports import ROOMS
 
 # A particle at which a tendon turns by more than this on a surface makes its tension inexact (limits in
@@ -194,8 +195,8 @@ def _inside(world) -> list[str]:
 
 
 def _is_insertion(tendon, row) -> bool:
-    held = [hold for hold in tendon.holds if getattr(hold, "bodyUniqueId", None) == row["bodyUniqueId"]]
-    return any(hold.linkIndex == row["linkIndex"] for hold in held)
+    attached = [hold for hold in tendon.holds if isinstance(hold, Attachment)]
+    return any((a.bodyUniqueId, a.linkIndex) == (row["bodyUniqueId"], row["linkIndex"]) for a in attached)
 
 
 def _convergence(world) -> list[str]:

@@ -1,33 +1,23 @@
 """Fixation: tensioners, screws and buttons, by which a tendon pulls at a bone (Tendon.pull, Tendon.fix).
 
-Owns: the handles, and the nodes. A node is a small free body that a particle is attached to, at its centre.
-A ligament joins it to a point of the bone. So the bone gets the exact opposite of what the tendon gets, and
-all of it is solved with the step. What a fixation remembers is the rest length and the tension of its
-ligament: it is part of the saved state. Goes with the core's room `ligament`.
+Owns: the handles. Each particle that is held has a line to a point of the bone (anchors.Line), which the core
+solves with the step. The bone gets the exact opposite of what the tendon gets. What a line remembers is how
+far it has slipped: it is part of the saved state. Goes with the core's room `tendon`.
 
-A fixation is elastic up to its load F, and then slips under F: its ligament pulls with F while it gets
-longer, and is elastic again from where it began to get shorter. Which of both holds is decided before each
-step. In the step in which it begins to slip, its force can exceed F, by no more than its stiffness times the
-way of that step.
+A fixation is elastic up to its load F, and then slips under F: its line pulls with F while it gets longer,
+and is elastic again from where it began to get shorter.
 """
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import pybullet as p
 
 from . import checks
+from .anchors import Line
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
-from .ligament import Ligament
-from .material import Material
 
-NODE_RADIUS = 2e-3  # m
-NODE_MASS = 1e-3  # kg; about that of 5 mm of a graft. Lighter: the bodies' responses differ by more
 BEARING = 0.02  # of a screw: from a particle to where it is held, along the bore [m]
-# m; of the line of a fixation. Its stiffness in newtons per metre changes with its rest length, so by the
-# slip over this. It goes beyond where it is held, on the same line.
-LINE = 0.5
 
 
 class Hardware(NamedTuple):
@@ -51,46 +41,21 @@ HARDWARE = {
 }
 
 
-class _Node:
-    """A small free body at a particle of a tendon, and the ligament that joins it to a bone."""
+def _join(tendon, particle: int, bone: tuple, stiffness: float, load: float) -> Line:
+    """Join a particle to a point of a bone (bodyUniqueId, linkIndex, position) by a line.
 
-    def __init__(self, tendon, particle: int, bone: tuple, stiffness: float, least: float = 0.0):
-        """stiffness [N/m]; least: length [m] to which the line is drawn out beyond the bone's point."""
-        world, client = tendon._world, tendon._bodies.client
-        self._world, self._client = world, client
-        self.particle = particle
-        shape = p.createCollisionShape(p.GEOM_SPHERE, radius=NODE_RADIUS, physicsClientId=client)
-        where = tendon.positions[particle].tolist()
-        self.body = p.createMultiBody(NODE_MASS, shape, -1, where, physicsClientId=client)
-        p.setCollisionFilterGroupMask(self.body, -1, 0, 0, physicsClientId=client)
-        p.changeDynamics(self.body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
-        self.ligament: Ligament | None = None
-        try:
-            self.anchor = tendon.attach(particle, self.body, -1, (0, 0, 0))
-            self.ligament = self._join(bone, stiffness, least)
-        except BaseException:
-            self.remove()
-            raise
-
-    def _join(self, bone: tuple, stiffness: float, least: float) -> Ligament:
-        origin, axes = self._world._bodies.frame(*bone[:2])
-        here = axes.T @ (p.getBasePositionAndOrientation(self.body, self._client)[0] - origin)
-        line = np.array(bone[2]) - here
-        length = float(np.linalg.norm(line))
-        if not length > 1e-6:
-            raise InvalidValue("position", bone[2], "apart from the particle: the line to it has a direction")
-        line *= max(1.0, least / length)
-        length = max(length, least)
-        path = [(self.body, -1, (0, 0, 0)), (*bone[:2], tuple((here + line).tolist()))]
-        law = Material(stiffness=stiffness * length, exponent=1, tension_only=False)
-        return self._world.add_ligament(path, law, length)
-
-    def remove(self) -> None:
-        if self.ligament is not None and not self.ligament.removed:
-            self._world.remove_ligament(self.ligament)
-        if hasattr(self, "anchor"):
-            self.anchor.release()
-        p.removeBody(self.body, self._client)
+    stiffness [N/m]; 0: it pulls by `load` [N] at any length.
+    """
+    body, link, point = bone
+    origin, axes = tendon._bodies.frame(body, link)
+    length = float(np.linalg.norm(origin + axes @ point - tendon.positions[particle]))
+    if not length > 1e-6:
+        raise InvalidValue("position", point, "apart from the particle: the line to it has a direction")
+    slot, number = tendon._bodies.slot(body, link), tendon._numbers.next()
+    tendon._core.add_line(tendon._slot, number, particle, slot, point, length, stiffness, load)
+    line = Line(tendon, particle, number, body, link, np.array(point), slot)
+    tendon._anchors[particle] = line
+    return line
 
 
 class Tensioner(NotCopied):
@@ -110,10 +75,7 @@ class Tensioner(NotCopied):
     def __init__(self, tendon, particle, force, bodyUniqueId, linkIndex, position):
         self.particle = particle
         self.bodyUniqueId, self.linkIndex = int(bodyUniqueId), int(linkIndex)
-        bone = (self.bodyUniqueId, self.linkIndex, tuple(position.tolist()))
-        self._node = _Node(tendon, particle, bone, stiffness=1.0)
-        self._node.ligament.set_tension(force)
-        self.released = False
+        self._line = _join(tendon, particle, (self.bodyUniqueId, self.linkIndex, position), 0.0, force)
 
     def __repr__(self) -> str:
         state = "released" if self.released else f"{self.force:.4g} N"
@@ -121,16 +83,20 @@ class Tensioner(NotCopied):
         return f"<Tensioner between particle {self.particle} and {where}: {state}>"
 
     @property
+    def released(self) -> bool:
+        return self._line.released
+
+    @property
     def force(self) -> float:
         """The tension [N]; it can be set, >= 0. Zero after the release."""
-        return 0.0 if self.released else float(self._node.ligament.tension)
+        return self._line.load
 
     @force.setter
     def force(self, value: float) -> None:
         force = checks.number("force", value, at_least=0)
         if self.released:
             raise UnknownId("tensioner", self.particle, "one that was not released")
-        self._node.ligament.set_tension(force)
+        self._line._tendon._core.set_line_load(self._line._tendon._slot, self._line._number, force)
 
     def release(self) -> None:
         """Take it off. Doing so twice does nothing.
@@ -141,9 +107,7 @@ class Tensioner(NotCopied):
             >>> tendon.holds
             ()
         """
-        if not self.released:
-            self._node.remove()
-        self.released = True
+        self._line.release()
 
 
 class Fixation(NotCopied):
@@ -165,24 +129,26 @@ class Fixation(NotCopied):
         """points: by particle, where it is held (3,), in the frame of the bone (bodyUniqueId, linkIndex)."""
         self.kind, self.stiffness, self.slip_load = kind, stiffness, slip_load
         self.particles = tuple(points)
-        self._share = 1.0 / len(points)
-        self._nodes: list[_Node] = []
-        self.released = False
+        self._lines: list[Line] = []
+        share = 1.0 / len(points)
         try:
             for particle, point in points.items():
-                where = (*bone, tuple(np.asarray(point).tolist()))
-                self._nodes.append(_Node(tendon, particle, where, stiffness * self._share, LINE))
+                self._lines.append(
+                    _join(tendon, particle, (*bone, point), stiffness * share, slip_load * share)
+                )
         except BaseException:
             self.release()
             raise
-        self._first = [node.ligament.rest_length for node in self._nodes]
-        tendon._world._fixations.append(self)
 
     def __repr__(self) -> str:
         if self.released:
             return f"<Fixation by {self.kind}, released>"
         held, force = _listed(self.particles), f"{self.force:.4g} of {self.slip_load:.4g} N"
         return f"<Fixation of {held} by {self.kind}: {force}, slipped by {1e3 * self.slip:.3g} mm>"
+
+    @property
+    def released(self) -> bool:
+        return all(line.released for line in self._lines)
 
     @property
     def force(self) -> float:
@@ -192,17 +158,12 @@ class Fixation(NotCopied):
     @property
     def forces(self) -> np.ndarray:
         """(k,) shares of `force` by particle [N]."""
-        if self.released:
-            return np.zeros(len(self.particles))
-        return np.array([node.ligament.force for node in self._nodes])
+        return np.array([line.tension for line in self._lines])
 
     @property
     def slip(self) -> float:
         """How far it has slipped in all: the mean over its particles [m]."""
-        if self.released:
-            return 0.0
-        longer = [node.ligament.rest_length for node in self._nodes] - np.array(self._first)
-        return float(longer.mean())
+        return float(np.mean([line.slip for line in self._lines]))
 
     def release(self) -> None:
         """Take it out. Doing so twice does nothing.
@@ -213,29 +174,8 @@ class Fixation(NotCopied):
             >>> tendon.holds
             ()
         """
-        for node in self._nodes:
-            node.remove()
-        if self._nodes:
-            fixations = self._nodes[0]._world._fixations
-            if self in fixations:
-                fixations.remove(self)
-        self._nodes = []
-        self.released = True
-
-    def _before_step(self) -> None:
-        """Decide of each particle whether it slips in the coming step."""
-        load = self.slip_load * self._share
-        for node in self._nodes:
-            line = node.ligament
-            rest = line.length / (1 + load / line.material.stiffness)  # under which its force is the load
-            if line.tension is None:
-                if line.force > load:
-                    line.rest_length = rest
-                    line.set_tension(load)
-            elif rest >= line.rest_length:
-                line.rest_length = rest
-            else:
-                line.set_tension(None)
+        for line in self._lines:
+            line.release()
 
 
 class Bundle:

@@ -12,7 +12,7 @@ Keyes 1998).
 
 import numpy as np
 
-from .anchors import Attachment
+from .anchors import Attachment, Grip
 from .bodies import Bodies
 from .reports import Readouts
 from .states import States
@@ -165,7 +165,7 @@ class Relaxation:
         if isinstance(anchor, Attachment):
             origin, axes = self._bodies.frame(anchor.bodyUniqueId, anchor.linkIndex)
             return origin + axes @ anchor.position
-        return anchor.target if anchor.stiffness is None else None
+        return anchor.target if isinstance(anchor, Grip) and anchor.stiffness is None else None
 
 
 def _inertia(tendon, moved: float, dt: float, gravity) -> float:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from . import _core, checks
-from .anchors import Attachment, Grip, Numbers
+from .anchors import Attachment, Grip, Line, LinkAnchor, Numbers
 from .bodies import Bodies
 from .errors import InvalidType, SnapshotError, StateMismatch, UnknownId
 from .obstacles import Obstacles
@@ -26,8 +26,9 @@ from .tendon import Tendon
 from .tunnels import Tunnel
 
 _PARTS = ("tendons", "tunnels", "obstacles")
-VERSION = 18  # raised whenever an array, or the core's layout, changes
-_GRIP, _ATTACHMENT = 0, 1  # kinds of holds
+VERSION = 19  # raised whenever an array, or the core's layout, changes
+_GRIP, _ATTACHMENT, _LINE = 0, 1, 2  # kinds of holds
+_ON_LINKS = {_ATTACHMENT: Attachment, _LINE: Line}
 _NO_LINK = (-1, -2)  # of a slot that is not in use
 _MOST_NUMBER = 2**30  # of a hold; the core's are of 32 bits, and more are going to be made
 
@@ -233,15 +234,16 @@ class States:
             return False
         return True
 
-    def _anchor(self, place, values) -> tuple[Grip | Attachment, dict]:
+    def _anchor(self, place, values) -> tuple[Grip | LinkAnchor, dict]:
         """The handle for an anchor of the snapshot: the world's own where it has one, and its settings."""
         index, particle, kind, number, body, link = map(int, place)
         tendon = self._tendons()[index]
         own = tendon._anchors.get(particle)
-        if kind == _ATTACHMENT:
-            fits = isinstance(own, Attachment) and (own.bodyUniqueId, own.linkIndex) == (body, link)
+        if kind in _ON_LINKS:
+            made = _ON_LINKS[kind]
+            fits = isinstance(own, made) and (own.bodyUniqueId, own.linkIndex) == (body, link)
             where = (body, link, values[:3].copy(), self._bodies.slot(body, link))
-            anchor = own if fits else Attachment(tendon, particle, number, *where)
+            anchor = own if fits else made(tendon, particle, number, *where)
             anchor._position = values[:3].copy()
             return anchor, {"number": number}
         settings = {
@@ -281,7 +283,7 @@ class States:
         for place, values in zip(data["hold_places"].tolist(), data["hold_numbers"], strict=True):
             index, particle, kind, _, *where = place
             there = index < len(tendons) and particle < tendons[index].particles
-            if kind == _ATTACHMENT:
+            if kind in _ON_LINKS:
                 fits = there and tuple(where) in links
             else:
                 fits = there and _could_be_clamped(tendons[index], particle, values[5:8])
@@ -291,9 +293,10 @@ class States:
 
 def _packed(anchor) -> tuple[tuple, np.ndarray]:
     settings, values = anchor._settings(), np.full(9, np.nan)
-    if isinstance(anchor, Attachment):
+    if isinstance(anchor, LinkAnchor):
         values[:3] = settings["position"]
-        return (_ATTACHMENT, settings["number"], settings["bodyUniqueId"], settings["linkIndex"]), values
+        kind = _LINE if isinstance(anchor, Line) else _ATTACHMENT
+        return (kind, settings["number"], settings["bodyUniqueId"], settings["linkIndex"]), values
     values[:3], values[4] = settings["target"], settings["damping"]
     if settings["stiffness"] is not None:
         values[3] = settings["stiffness"]
@@ -391,7 +394,7 @@ def _holds_consistency(places, numbers):
     yield "'hold_numbers' has a row for each of 'hold_places'", len(places) == len(numbers)
     tendon, particle, kind, number, body, link = places.T
     yield "holds are of tendons and particles >= 0", (tendon >= 0).all() and (particle >= 0).all()
-    yield "holds are grips or attachments", np.isin(kind, (_GRIP, _ATTACHMENT)).all()
+    yield "holds are grips, attachments or lines", np.isin(kind, (_GRIP, *_ON_LINKS)).all()
     yield "holds hold different particles", len(np.unique(places[:, :2], axis=0)) == len(places)
     within = ((number > 0) & (number < _MOST_NUMBER)).all()
     yield "holds have different numbers > 0", within and len(np.unique(number)) == len(number)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core, checks
-from .anchors import Attachment, Grip, Numbers, clamp_direction
+from .anchors import Attachment, Grip, Line, Numbers, clamp_direction
 from .bodies import Bodies
 from .errors import InvalidValue, NotCopied, UnknownId
 from .fixation import Fixation, Tensioner, fix_at, fix_in
@@ -53,7 +53,7 @@ class Tendon(NotCopied):
         self._name = name
         self._radius = radius
         self._material = material
-        self._anchors: dict[int, Grip | Attachment] = {}
+        self._anchors: dict[int, Grip | Attachment | Line] = {}
         self._first_rest = self._core.rest(slot)
         self.removed = False
 
@@ -193,8 +193,8 @@ class Tendon(NotCopied):
         return self.collides if slot is None else self._core.link_collides(self._alive(), slot)
 
     @property
-    def holds(self) -> tuple[Grip | Attachment, ...]:
-        """Its grips and attachments that were not released, by particle."""
+    def holds(self) -> tuple[Grip | Attachment | Line, ...]:
+        """Its grips, attachments and lines of hardware that were not released, by particle."""
         return tuple(self._anchors[i] for i in sorted(self._anchors))
 
     def attach(

@@ -15,13 +15,12 @@ import pybullet as p
 from numpy.typing import ArrayLike
 
 from . import _core, checks
-from .anchors import Attachment, Numbers
+from .anchors import LinkAnchor, Numbers
 from .bodies import Bodies, client_of
 from .cartilage import LAWS, RESOLUTION, Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
 from .equilibrium import Equilibrium, HeldTendons
 from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
-from .fixation import Fixation
 from .ligament import (
     Ligament,
     Wrap,
@@ -82,7 +81,6 @@ class TendonWorld(NotCopied):
         self._tendons: dict[int, Tendon] = {}
         self._tunnels: dict[int, Tunnel] = {}
         self._ligaments: dict[int, Ligament] = {}  # another one after each change
-        self._fixations: list[Fixation] = []
         self._cartilages: dict[int, Cartilage] = {}
         parts = self._tendons, self._tunnels
         self._bodies = Bodies(client, self._core, self._links_in_use)
@@ -664,7 +662,6 @@ class TendonWorld(NotCopied):
         """
         self._listeners.next_begins()
         for _ in range(checks.integer("n", n, at_least=1)):
-            self._decide_slips()
             self._stepper.step()
             self._listeners.complete()
 
@@ -683,7 +680,6 @@ class TendonWorld(NotCopied):
             ...     _ = p.stepSimulation()
         """
         self._listeners.next_begins()
-        self._decide_slips()
         self._stepper.apply()
         self._listeners.applied()
 
@@ -967,10 +963,6 @@ class TendonWorld(NotCopied):
         self._bodies.require_client()
         self._states.load_snapshot(source)
 
-    def _decide_slips(self) -> None:
-        for fixation in self._fixations:
-            fixation._before_step()
-
     def _balance(self, bodies: Sequence, forces: Sequence, tolerance: float, max_steps: int) -> bool:
         """Put bodies where they are in equilibrium, with the tendons that act on them.
 
@@ -987,7 +979,7 @@ class TendonWorld(NotCopied):
         for force in forces:
             if force[0] not in found.free:
                 raise InvalidValue("forces", force, f"one on a body that is free, of {sorted(found.free)}")
-        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, LinkAnchor)}
         solid = self._obstacles.link_slots() | {t.link_slot for t in self.tunnels}
         coupled = bool(self._tendons) and bool((attached | solid) & set(found.slots))
         kept = self._states.capture() if coupled else None
@@ -1024,7 +1016,7 @@ class TendonWorld(NotCopied):
 
     def _links_in_use(self) -> set[int]:
         """Slots of the links that tunnels, obstacles, attachments and ligaments refer to."""
-        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, Attachment)}
+        attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, LinkAnchor)}
         attached.update(*(element.link_slots for element in (*self.ligaments, *self.cartilages)))
         return attached | {t.link_slot for t in self.tunnels} | self._obstacles.link_slots()
 

@@ -465,7 +465,7 @@ class KneeRig:
     def _relax(self, tolerance: float) -> None:
         """Put the tibia where the load is balanced. It stays where that is not found.
 
-        Bodies that tendons are attached to, as by hardware, are free as well.
+        Bodies that tendons are attached to are free as well.
         """
         bones = self.femur[0], self.tibia[0]
         held = {getattr(hold, "bodyUniqueId", bones[0]) for t in self.world.tendons for hold in t.holds}

@@ -62,6 +62,7 @@ HANDLES = (
     "Tendon",
     "Grip",
     "Attachment",
+    "Line",
     "Tunnel",
     "Ligament",
     "Wrap",

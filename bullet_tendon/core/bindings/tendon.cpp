@@ -45,6 +45,30 @@ void remove_anchor(World& w, int tendon, int id) {
                 anchors.end());
 }
 
+// A line from a particle to a point of a link: its length now, its stiffness, and the force beyond which it
+// slips; or with that force, for the stiffness 0.
+void add_line(World& w, int tendon, int id, int particle, int link, Vec3 local, double length,
+              double stiffness, double most_force) {
+  Anchor h;
+  h.id = id;
+  h.particle = particle;
+  h.link = link;
+  h.local = local;
+  h.line = true;
+  h.rigid = false;
+  h.rest = length;
+  h.spring = stiffness;
+  h.most_force = most_force;
+  w.ensure_link(link);
+  stirred(w, tendon).anchors.push_back(h);
+  w.scene.tendons[tendon]->smooth = false;
+}
+
+void set_line_load(World& w, int tendon, int id, double most_force) {
+  w.wake_tendon(tendon);
+  anchor_of(w, tendon, id).most_force = most_force;
+}
+
 // stiffness: 0 for a rigid grip. most_force: 0 without a limit.
 void set_grip(World& w, int tendon, int id, Vec3 goal, double stiffness, double viscosity,
               double most_force) {
@@ -130,6 +154,11 @@ void bind_world_tendon(GuardedWorld& world) {
              stirred(w, c).anchors.push_back(h);
              w.scene.tendons[c]->smooth = false;
            })
+      .def("add_line", &add_line)
+      .def("set_line_load", &set_line_load)
+      .def("line_load", [](World& w, int c, int id) { return anchor_of(w, c, id).most_force; })
+      .def("line_tension", [](World& w, int c, int id) { return anchor_of(w, c, id).tension; })
+      .def("line_slip", [](World& w, int c, int id) { return anchor_of(w, c, id).slip; })
       .def("set_clamp",
            [](World& w, int c, int id, Vec3 direction) {
              Anchor& h = anchor_of(w, c, id);

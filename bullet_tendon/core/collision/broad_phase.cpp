@@ -204,6 +204,7 @@ double arc_to(const Tendon& c, int particle, int k, double u) {
 }  // namespace
 
 bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& links) {
+  if (h.line || g.line) return false;
   const bool together = h.link >= 0 && h.link == g.link;
   return together || (stays(h, links) && stays(g, links));
 }

@@ -26,8 +26,9 @@ constexpr double kCreep = 1e-3;
 namespace {
 
 bool moves_body(const Tendon& c) {
-  return std::any_of(c.anchors.begin(), c.anchors.end(),
-                     [](const Anchor& h) { return h.link >= 0 && (h.moves || !h.rigid); });
+  return std::any_of(c.anchors.begin(), c.anchors.end(), [](const Anchor& h) {
+    return h.moves || h.pulls || (h.link >= 0 && !h.rigid && !h.line);
+  });
 }
 
 }  // namespace
@@ -102,6 +103,7 @@ void finish_step(Tendon& c, const StepContext& context) {
   for (Anchor& h : c.anchors) {
     if (h.rigid && !h.moves) c.x.set(h.particle, h.aim);  // without the rounding of the displacement
     h.target_before = h.aim;
+    h.let_slip();
   }
   c.dt_before = context.dt;
   c.end_tissue(context.tissue_time);

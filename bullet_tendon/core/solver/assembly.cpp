@@ -84,6 +84,7 @@ Assembly residual_of(Island& island, bool definite, bool at_position) {
   }
   for (Tendon* c : island.tendons) read_anchor_forces(*c);
   load_carried(island, &Tendon::residual);
+  load_lines(island, false);
   a.scale = std::max(a.scale, load_elements(island));
   start_body_residual(island, 1);
   return a;
@@ -96,7 +97,10 @@ void predict_contacts(Island& island) {
 void predict_anchors(Island& island) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors)
-      if (!h.rigid) h.predict(h.raw + h.slope(c->h_eff) * c->dx.at(h.particle));
+      if (h.line)
+        h.predict_line(c->dx.at(h.particle) - end_moved(island, h));
+      else if (!h.rigid)
+        h.predict(h.raw + h.slope(c->h_eff) * c->dx.at(h.particle));
 }
 
 void carry_springs(Island& island) {
@@ -123,6 +127,7 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
   for (const Contact* contact : island.acting)
     exert(island, *contact, contact->force.linear - contact->force.total, &Tendon::residual);
   load_carried(island, &Tendon::residual);
+  load_lines(island, true);
   add_body_residual(island);
   make_border(island, definite);
   project_anchors(island, &Tendon::residual);
@@ -148,7 +153,8 @@ double stiffness_beside(const Tendon& c) {
   double most = 0;
   for (const Anchor& h : c.anchors)
     if (!h.rigid)
-      most = std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.h_eff});
+      most =
+          std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.h_eff, h.spring});
   if (c.material.bending_stiffness == 0) return 2 * most;
   const double rest = c.shortest_rest();
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
@@ -387,13 +393,17 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
     if (matrix) {
-      c.matrix.add(h.particle, h.block(h.slope(c.h_eff)));
+      c.matrix.add(h.particle, h.line ? h.line_block() : h.block(h.slope(c.h_eff)));
       c.residual.add(h.particle, h.linearised() - h.force);
       continue;
     }
-    h.raw =
-        h.stiffness * (x.at(h.particle) - h.aim) + h.viscosity * (c.motion().velocity(h.particle) - h.drift);
-    h.force = h.limited(h.raw);
+    if (h.line) {
+      h.stretch(x.at(h.particle));
+    } else {
+      h.raw = h.stiffness * (x.at(h.particle) - h.aim) +
+              h.viscosity * (c.motion().velocity(h.particle) - h.drift);
+      h.force = h.limited(h.raw);
+    }
     c.residual.add(h.particle, h.force);
   }
 }
@@ -424,7 +434,7 @@ namespace {
 // The anchor of a particle, if it is an attachment or a rigid grip.
 const Anchor* fixed_anchor(const Tendon& c, int particle) {
   for (const Anchor& h : c.anchors)
-    if ((h.rigid || h.link >= 0) && h.particle == particle) return &h;
+    if ((h.rigid || h.link >= 0) && !h.line && h.particle == particle) return &h;
   return nullptr;
 }
 

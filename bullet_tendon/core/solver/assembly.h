@@ -56,8 +56,8 @@ void linearise_contacts(Island& island, bool slide, bool definite);
 // The matrix of an evaluated contact. link: which moves with the unknowns of its body, else null. turned: the
 // segment of the contact [m], if the surface turns with the link in the matrix, else null.
 void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, ContactMatrix& k);
-// Adds the forces of soft anchors to the residual, or (matrix) their stiffnesses to the matrix and the
-// difference between their linearised and their true forces to the residual.
+// Adds the forces of soft anchors and lines to the residual, or (matrix) their stiffnesses to the matrix and
+// the difference between their linearised and their true forces to the residual.
 void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
 // Removes the components that rigid anchors and direct contacts constrain from a residual or a direction.
 void project_anchors(Island& island, Field Tendon::* what);

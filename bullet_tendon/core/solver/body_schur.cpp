@@ -11,6 +11,8 @@
 // of A:
 //
 //   (D - C^T A^-1 C) dy = -(r_y - C^T A^-1 r_x),     dx = -A^-1 (r_x + C dy).
+//
+// A line (tendon/anchor.h) is a force between a particle and a point of a body, as a contact is.
 #include "solver/body_schur.h"
 
 #include <algorithm>
@@ -38,6 +40,17 @@ void each_carried(Island& island, Do what) {
   for (Tendon* c : island.tendons)
     for (const Anchor& h : c->anchors)
       if (h.moves) {
+        Link& link = island.bodies.link(h.link);
+        what(*c, h, link, link.held_arm_of(h.local));
+      }
+}
+
+// Calls what(tendon, line, link, arm) of the lines to the bodies.
+template <class Do>
+void each_line(const Island& island, Do what) {
+  for (Tendon* c : island.tendons)
+    for (Anchor& h : c->anchors)
+      if (h.pulls) {
         Link& link = island.bodies.link(h.link);
         what(*c, h, link, link.held_arm_of(h.local));
       }
@@ -77,6 +90,7 @@ void place(Island& island) {
     c.place(h.particle, h.aim);
     c.move(h.particle, link.displaced(arm));
   });
+  each_line(island, [](Tendon&, Anchor& h, Link& link, Vec3 arm) { h.end = h.aim + link.displaced(arm); });
 }
 
 // The last generalized forces are the first guess.
@@ -99,6 +113,7 @@ void start_bodies(Island& island) {
     lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
   each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
+  each_line(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
     if (contact->moves) reach_to(island.bodies.link(contact->link), contact->arm);
   for (const Element* element : island.elements.all)
@@ -159,6 +174,12 @@ Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
   return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced_from_foreseen(contact.arm);
 }
 
+Vec3 end_moved(const Island& island, const Anchor& line) {
+  if (!line.pulls) return {};
+  const Link& link = island.bodies.link(line.link);
+  return link.stepped.at(link.now(link.held_arm_of(line.local)));
+}
+
 void clear_loads(Island& island) {
   for (int l : island.bodies.carried) island.bodies.link(l).load = {};
 }
@@ -174,6 +195,12 @@ void load_body(Island& island, const Contact& contact, Vec3 force) {
 void load_carried(Island& island, Which forces) {
   each_carried(island, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     add_load(link, (c.*forces).at(h.particle), arm);
+  });
+}
+
+void load_lines(Island& island, bool beyond) {
+  each_line(island, [beyond](Tendon&, const Anchor& h, Link& link, Vec3 arm) {
+    add_load(link, beyond ? h.force - h.linearised() : -h.force, arm);
   });
 }
 
@@ -278,13 +305,23 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
 }
 
 template <class Do>
-BT_WITHIN inline void each_carried_column(Island& island, Do what) {
+BT_WITHIN inline void each_column(Island& island, bool Anchor::* is_meant, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
-      if (h.moves) {
+      if (h.*is_meant) {
         const Link& link = island.bodies.link(h.link);
         what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.held_arm_of(h.local)));
       }
+}
+
+template <class Do>
+BT_WITHIN inline void each_carried_column(Island& island, Do what) {
+  each_column(island, &Anchor::moves, what);
+}
+
+template <class Do>
+BT_WITHIN inline void each_line_column(Island& island, Do what) {
+  each_column(island, &Anchor::pulls, what);
 }
 
 // The border of the tendon of a segment point.
@@ -330,6 +367,9 @@ void find_spans(Island& island) {
     border.carried = true;
     border.marks[h.particle] |= kCarried;
     mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
+  });
+  each_line_column(island, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
+    mark(border, c, h.particle, h.particle);
   });
   for (const Contact* contact : island.acting) {
     if (contact->moves) mark(island, contact->a);
@@ -426,6 +466,18 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
   });
 }
 
+BT_VECTOR void couple_lines(Island& island, size_t p) {
+  each_line_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+    LinkColumns& link = island.bodies.of_links[h.link];
+    if (!link.moves) return;
+    Eight end[3], force[3] = {};
+    place_at(link.twist, arm, end);
+    add(force, block_of(h.line_block()), end);
+    for (int c = 0; c < 3; ++c) border.panels[p].pulls.at(h.particle)[c] -= force[c];
+    add_force(link.load, force, arm);
+  });
+}
+
 // Adds the columns from `column` on to the corner, from the loads on links.
 BT_VECTOR void fill_corner(Island& island, int column) {
   const int n = island.bodies.freedom, count = std::min(kLanes, n - column);
@@ -497,6 +549,7 @@ void make_border(Island& island, bool definite) {
     move_links(island, column);
     move_carried(island, p);
     couple_contacts(island, p);
+    couple_lines(island, p);
     fill_corner(island, column);
     project_anchors(island, p);
   }

@@ -27,6 +27,8 @@ void move_bodies(Island& island, double share, Which x,
 // Add loads to the links: the force [N] of a contact, and the forces on carried particles.
 void load_body(Island& island, const Contact& contact, Vec3 force);
 void load_carried(Island& island, Which forces);
+// The same of the forces of lines, or (beyond) of what those of the linearisation exceed them by.
+void load_lines(Island& island, bool beyond);
 // Clear the loads of the links. The residual of the unknowns is `share` times y, or (add_body_residual) its
 // present value, plus the loads added since then.
 void clear_loads(Island& island);
@@ -50,6 +52,9 @@ void answer_bodies(Island& island, Which b);
 // Displacement [m] of the body at a contact, from where it is foreseen to be, or (by_step) by the step of its
 // unknowns.
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step);
+
+// Displacement of the point of a line on its body by the step of the unknowns [m].
+Vec3 end_moved(const Island& island, const Anchor& line);
 
 // Elements between bodies (solver/element_coupling.cpp).
 

@@ -351,7 +351,7 @@ void take_step(Solution& s, double residual) {
   if (s.searches) {
     line_search(s, residual);
     for (Tendon* c : island.tendons)
-      for (Anchor& h : c->anchors) h.slips = h.exceeds_limit(h.raw);
+      for (Anchor& h : c->anchors) h.slips = h.is_beyond();
     // The normal force of a direct contact is that before the line search. Its limit is kept.
     for (Contact* contact : island.contacts)
       if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
@@ -367,8 +367,16 @@ void take_step(Solution& s, double residual) {
   for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
+// Of a line [J].
+double line_potential(const Anchor& h) {
+  if (h.spring == 0) return h.load * h.length;
+  const double beyond = std::max(0.0, h.elastic - h.load);
+  return 0.5 * (h.elastic * h.elastic - beyond * beyond) / h.spring;
+}
+
 // Of a soft anchor [J].
 double anchor_potential(const Tendon& c, const Anchor& h) {
+  if (h.line) return line_potential(h);
   const Vec3 stretch = c.x_new.at(h.particle) - h.aim, v = c.motion().velocity(h.particle) - h.drift;
   const double sum = 0.5 * (dot(stretch, h.stiffness * stretch) + c.h_eff * h.viscosity * dot(v, v));
   const double beyond = h.exceeds_limit(h.raw) ? norm(h.raw) - h.most_force : 0;

@@ -49,9 +49,12 @@ Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
 void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
-    h.raw = h.stiffness * (c.x.at(h.particle) - h.aim) - h.viscosity * h.drift;
+    if (h.line)
+      h.stretch(c.x.at(h.particle));
+    else
+      h.raw = h.stiffness * (c.x.at(h.particle) - h.aim) - h.viscosity * h.drift;
     c.residual.add(h.particle, h.linearised());
-    c.matrix.add(h.particle, h.block(h.slope(dt)));
+    c.matrix.add(h.particle, h.line ? h.line_block() : h.block(h.slope(dt)));
   }
   for (int i = 0; i < c.n(); ++i) {
     c.residual.add(i, (-c.mass[i] / dt) * c.v.at(i));
@@ -90,6 +93,7 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
                             const StepContext& context) {
   const int i = h.particle;
   const Vec3 u = c.displacement.at(i);
+  if (h.line) return h.linearised() + h.line_block() * (u - (h.end - h.aim));
   if (!h.rigid) return h.linearised() + h.block(h.slope(context.dt)) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
@@ -114,8 +118,12 @@ void explicit_euler(Island& island, const StepContext& context) {
     c->h_eff = dt;
     for (Anchor& h : c->anchors) {
       if (h.rigid || h.exact) continue;
-      h.raw = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * (c->v.at(h.particle) - h.drift);
-      h.force = h.limited(h.raw);
+      if (h.line) {
+        h.stretch(c->x.at(h.particle));
+      } else {
+        h.raw = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * (c->v.at(h.particle) - h.drift);
+        h.force = h.limited(h.raw);
+      }
       c->residual.add(h.particle, h.force);
     }
     for (int i = 0; i < c->n(); ++i) {
@@ -172,6 +180,8 @@ void single_linearisation(Island& island, const StepContext& context) {
       for (int i = 0; i < c->n(); ++i) c->residual[k][i] += c->cg_image[k][i];
   for (Tendon* c : island.tendons) c->displacement = c->cg_direction;  // u_0
   load_carried(island, &Tendon::residual);
+  load_lines(island, false);
+  load_lines(island, true);
   for (Contact* contact : island.contacts)
     if (contact->moves && contact->normal_force.value > 0)
       load_body(island, *contact,
@@ -188,7 +198,10 @@ void single_linearisation(Island& island, const StepContext& context) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) {
       h.force = predicted_anchor_force(island, *c, h, context);
-      if (!h.rigid) h.predict(h.raw + h.slope(dt) * c->displacement.at(h.particle));
+      if (h.line)
+        h.predict_line(c->displacement.at(h.particle) - (h.end - h.aim));
+      else if (!h.rigid)
+        h.predict(h.raw + h.slope(dt) * c->displacement.at(h.particle));
     }
   for (Tendon* c : island.tendons) find_velocities(*c);
   island.result.iterations = 1;

@@ -6,6 +6,12 @@
 // beyond), whose Hessian is K + c/b, or F/|R| (K + c/b) (1 - n n^T) with n = R/|R| where it slips. As with
 // friction, each linearisation takes the state that the last linear solution predicts. Taken from the present
 // position, it could alternate between both sides of the target.
+//
+// A line joins a particle to a point of a link, as hardware that fixes a graft to a bone does. Its tension is
+// T = min(F, k (l - l_0 - s)), with its length l, its first length l_0, and the slip s. That is a return map,
+// as that of friction: where k (l - l_0 - s) is above F at the end of a substep, s grows until it is F. A
+// line with k = 0 pulls by F at any length. Its particle is free: a line adds no unknowns
+// (solver/body_schur.cpp).
 #pragma once
 #include <algorithm>
 
@@ -13,11 +19,12 @@
 
 namespace bt {
 
-// Fixes a particle to a point of the world (a grip) or of a link (an attachment), rigidly or by a spring.
+// Fixes a particle to a point of the world (a grip) or of a link (an attachment), rigidly or by a spring, or
+// joins it to a point of a link (a line).
 struct Anchor {
   int id = 0;
   int particle = 0;
-  int link = -1;  // slot of the link of an attachment; -1: a grip
+  int link = -1;  // slot of the link of an attachment or a line; -1: a grip
   Vec3 local;     // its point in the link's frame [m]
   bool rigid = true;
   bool moves = false;     // its point moves with the unknowns of its body
@@ -29,10 +36,20 @@ struct Anchor {
   Vec3 target_before;     // target at the end of the last substep [m]
   Vec3 drift;             // w, the mean over the current substep [m/s]
   double viscosity = 0;   // of the spring's damper [N s/m]
-  double most_force = 0;  // limit of a grip's force [N]; 0: none
+  double most_force = 0;  // limit of a grip's force [N], 0: none; or F of a line
   bool exact = false;     // a grip that is rigid up to its limit; its spring is stiff
   bool slips = false;     // its force is at the limit, or is predicted to be
   Vec3 raw;               // R in the last evaluation [N]
+  bool line = false;      // it is a line
+  bool pulls = false;     // a line whose point moves with the unknowns of its body
+  double spring = 0;      // k of a line [N/m]
+  double rest = 0;        // l_0 [m]
+  double slip = 0;        // s [m]
+  double load = 0;        // F in this substep, unbounded where no line slips [N]
+  Vec3 end;               // its point on the link at the iterate [m]
+  // In the last evaluation: from its point to the particle, unit vector; l [m]; k (l - l_0 - s), and T [N].
+  Vec3 along;
+  double length = 0, elastic = 0, tension = 0;
   // Forces of the tendon on the link or the grip [N].
   Vec3 force;       // in the last solution
   Vec3 mean_force;  // its average over the substep
@@ -43,10 +60,31 @@ struct Anchor {
   // Derivative of R by the particle's displacement, with the step weight b [N/m].
   Sym3 slope(double b) const { return stiffness + identity(viscosity / b); }
   bool exceeds_limit(Vec3 r) const { return most_force > 0 && norm(r) > most_force; }
+  // Whether the last evaluation is beyond the limit.
+  bool is_beyond() const { return line ? spring == 0 || elastic > load : exceeds_limit(raw); }
   // The force for R.
   Vec3 limited(Vec3 r) const { return exceeds_limit(r) ? (most_force / norm(r)) * r : r; }
+  // Evaluates a line whose particle is at x.
+  void stretch(Vec3 x) {
+    const Vec3 d = x - end;
+    length = norm(d);
+    along = unit_or(d, along);
+    elastic = spring > 0 ? spring * (length - rest - slip) : load;
+    tension = std::min(elastic, load);
+    force = tension * along;
+  }
+  // Lets a line slip by what is beyond its load.
+  void let_slip() {
+    if (spring > 0 && elastic > load) slip += (elastic - load) / spring;
+  }
+  // Block of a line. Of one that pushes, the turning is left out, so that the block is not indefinite.
+  Sym3 line_block() const {
+    const double turning = length > 0 ? std::max(0.0, tension) / length : 0;
+    return (slips ? 0 : spring) * outer(along) + turning * across(along);
+  }
   // The force of the linearisation at the last evaluation, and its block for the slope k [N/m].
   Vec3 linearised() const {
+    if (line) return (slips ? load : elastic) * along;
     const double size = norm(raw);
     return slips && size > 0 ? (most_force / size) * raw : raw;
   }
@@ -55,6 +93,9 @@ struct Anchor {
     if (!slips || !(size > 0)) return k;
     return (std::min(1.0, most_force / size) * k.xx) * across((1 / size) * raw);
   }
+  // Decides whether the next linearisation of a line slips, from the displacement of the particle relative to
+  // its point that a linear solution predicts.
+  void predict_line(Vec3 moved) { slips = spring == 0 || elastic + spring * dot(along, moved) > load; }
   // Decides from the R that a linear solution predicts whether the next linearisation slips.
   void predict(Vec3 r) {
     if (most_force > 0) slips = slips ? dot(r, raw) > 0 : exceeds_limit(r);

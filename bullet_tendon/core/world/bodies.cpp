@@ -47,7 +47,7 @@ void World::find_point_masses() {
   for (GeneralizedBody& m : scene.bodies) m.point_mass = false;
   if (options.integrator == Integrator::explicit_euler) return;
   each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
-    if (h.link < 0 || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
+    if (h.link < 0 || h.line || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
     const Link& link = scene.links[h.link];
     GeneralizedBody& m = scene.bodies[link.body];
     if (!link.jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped()) return;

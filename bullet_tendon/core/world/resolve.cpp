@@ -116,7 +116,8 @@ std::vector<int> World::pulled_bodies() const {
   std::vector<double> most(scene.bodies.size());
   for (auto [slot, c] : filled(scene.tendons))
     for (const Anchor& h : c.anchors) {
-      if (h.link < 0 || !scene.links[h.link].yields() || !scene.links[h.link].jacobian.empty()) continue;
+      if (h.link < 0 || h.line || !scene.links[h.link].yields() || !scene.links[h.link].jacobian.empty())
+        continue;
       const Observer& seen = scene.bodies[scene.links[h.link].body].observer;
       if (seen.missed().empty() || seen.held()) continue;
       double& of_body = most[scene.links[h.link].body];

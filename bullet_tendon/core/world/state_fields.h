@@ -31,7 +31,8 @@ namespace bt {
 // A struct, because some fields are private (friend).
 struct StateFields {
   BT_FIELDS(Anchor, id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before,
-            viscosity, most_force, exact, slips, force, mean_force, last_mean, sum_force, step_force)
+            viscosity, most_force, exact, slips, line, spring, rest, slip, along, tension, force, mean_force,
+            last_mean, sum_force, step_force)
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
   BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, with_body,

@@ -433,10 +433,18 @@ void World::aim_attachments(Tendon& c) {
     if (h.link < 0) continue;
     const Link& link = scene.links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.aim = link.ahead_of(h.local, step_.context.dt);
+    h.aim = h.end = link.ahead_of(h.local, step_.context.dt);
+    const bool unknown = link.yields() && options.integrator != Integrator::explicit_euler;
+    if (h.line) {
+      h.pulls = unknown;
+      const bool stays = step_.whole && h.spring > 0;
+      h.load = stays ? HUGE_VAL : h.most_force;
+      h.slips &= !stays;
+      continue;
+    }
     h.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
     h.rigid = !link.yields() || !scene.bodies[link.body].point_mass;
-    h.moves = h.rigid && link.yields() && options.integrator != Integrator::explicit_euler;
+    h.moves = h.rigid && unknown;
     if (!h.rigid) {
       const double reach = step_.context.reach, share = scene.bodies[link.body].history.share();
       h.stiffness = identity(1 / (share * share * reach * reach * scene.bodies[link.body].free[0]));
