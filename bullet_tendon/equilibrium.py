@@ -20,7 +20,8 @@ follow a link have no potential. Their work in a step is that of the mean of bot
 Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
 potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
-shortened twice at most. A body that they can touch moves by half a radius in a step.
+shortened twice at most. A body that they can touch moves by half a radius in a step. Cartilage moves by a
+thickness: behind two of them nothing presses, so that no force at all is an equilibrium too.
 """
 
 import dataclasses
@@ -356,7 +357,9 @@ class Equilibrium:
         return False, max_steps, float(residual)
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> np.ndarray:
-        """The step, in which nothing that tendons can touch moves far at one of their particles."""
+        """The step, in which nothing moves far that cartilage, or a particle of a tendon, can touch."""
+        twists = (at.twists @ step).reshape(-1, 6)
+        step = step * self._core.share_within_cartilage(self.slots, twists)
         if self.tendons is None:
             return step
         particles, most = self.tendons.particles(), 0.0

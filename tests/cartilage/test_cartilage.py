@@ -503,3 +503,21 @@ def test_surfaces_that_cannot_meet_are_told(make_world, client):
     p.resetBasePositionAndOrientation(b, (0, 0, 0.3), (0, 0, 0, 1), client)
     with pytest.warns(bt.CartilageWarning, match="at least 0.2.* m apart"):
         world.add_cartilage(first, (b, -1, plate(5, 0.01, up=False)))
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.01])
+def test_relax_finds_what_rests_on_it_and_not_what_is_behind_it(make_world, client, gap):
+    """Lines that pull a ball down onto a plate would balance its weight below the plate, too."""
+    world = make_world(1 / 240, (0, 0, -G))
+    stand, sphere = body(client, 0), body(client, 2.0, (0, 0, 0.02 + gap))
+    meshes = (stand, -1, plate(8, 0.1)), (sphere, -1, ball(0.02))
+    pad = world.add_cartilage(*meshes, thickness=0.002)
+    for x, y in ((0.1, 0.02), (-0.07, 0.07), (-0.05, -0.08)):
+        path = [(stand, -1, (x, y, -0.05)), (sphere, -1, (0, 0, 0))]
+        world.add_ligament(path, bt.Material(stiffness=50.0)).set_tension(10)
+    world.relax(bodies=[sphere])
+    assert world.report.converged
+    pulls = [line.points[1] - line.points[0] for line in world.ligaments]
+    load = 2.0 * G + sum(10 * pull[2] / np.linalg.norm(pull) for pull in pulls)
+    assert pad.wrench[2] == pytest.approx(load, rel=1e-4)
+    assert 0.02 - 0.001 < height(sphere, client) < 0.02

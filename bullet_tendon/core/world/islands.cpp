@@ -11,9 +11,6 @@ namespace bt {
 
 namespace {
 
-// Share of the depth to which the distance of cartilage is known, through which it may move in a substep [-].
-// Larger: fast impacts pass through. Smaller: they are divided into more substeps.
-constexpr double kLayerShare = 0.5;
 // Linear solutions of an island after the budget of the step is exhausted, if another one has used most of it
 // [-]. Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
 constexpr long kLastSolves = 20;
@@ -156,7 +153,7 @@ void World::limit_cartilage(Measure measure) {
   if (step_.whole) return;
   for (auto [slot, part] : filled(scene.cartilages)) {
     const Cartilage& cartilage = part;
-    const double most = kLayerShare * cartilage.grid().depth();
+    const double most = cartilage.model().law.thickness;  // more: fast impacts pass through
     auto motion = [&](auto of) {
       return cartilage.motion(scene.links, of(scene.links[cartilage.link_a()]),
                               of(scene.links[cartilage.link_b()]), most);
