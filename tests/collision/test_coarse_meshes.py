@@ -109,6 +109,21 @@ def test_a_tendon_that_turns_far_at_a_mouth_is_told(make_world, client, particle
     assert np.linalg.norm(hand.force) == pytest.approx(80.0, rel=error)
 
 
+@pytest.mark.parametrize(("force", "count"), [(0.05, 0), (50.0, 1)])
+def test_a_loose_end_behind_a_hold_is_not_told(make_world, client, force, count):
+    """Between two hands the tendon carries 50 N. Behind them it turns on the prism, under `force`."""
+    world = make_world(1 / 240, (0, 0, 0))
+    prism(world, client, 12)
+    t = drawn_over(world, force, 16)
+    t.set_force(0, (0, 0, 0))
+    along = t.positions[1] - t.positions[0]
+    t.grip(1)
+    t.grip(0, t.positions[0] - 0.005 * along)
+    assert len(told(world, 60)) == count
+    assert t.tension[0] == pytest.approx(50.0, rel=0.1)
+    assert len(world.contacts) > 0
+
+
 def test_what_turns_at_a_grip_is_not_told(make_world, client):
     """It turns by 80 degrees at the particle that a hand holds above a plate, on which it lies."""
     world = make_world(1 / 240, (0, 0, -9.81))

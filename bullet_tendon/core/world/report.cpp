@@ -21,11 +21,14 @@ constexpr double kCoarseTurn = 15 * M_PI / 180;
 // friction had the same tension at both ends to 2 % (37 cylinders, up to 45 degrees).
 constexpr double kCoarseTurnAtEdge = 20 * M_PI / 180;
 constexpr double kCoarseTurnOnRound = 45 * M_PI / 180;
+// Share of the largest tension in the tendon that it carries there [-]. Larger: wrong tensions are not told.
+// Smaller: warnings of what hangs loose behind a hold.
+constexpr double kCoarseShare = 0.01;
 // Steps for which it lasts [-]. Fewer: impacts are told.
 constexpr int kCoarseSteps = 10;
 
 // Angle between the segments of a particle that nothing holds, if it is larger than `most` and both segments
-// carry more than the weight of the tendon; else 0 [rad].
+// carry more than the weight of the tendon and that share of its tension; else 0 [rad].
 double coarse_turn(const Tendon& c, int i, double most, double gravity) {
   if (i < 1 || i > c.n() - 2) return 0;
   for (const Anchor& h : c.anchors)
@@ -34,7 +37,9 @@ double coarse_turn(const Tendon& c, int i, double most, double gravity) {
   const double angle = std::atan2(norm(cross(come, go)), dot(come, go));
   if (angle <= most) return 0;
   const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);
-  return std::min(c.structure.lambda[i - 1], c.structure.lambda[i]) > weight ? angle : 0;
+  const std::vector<double>& tension = c.structure.lambda;
+  const double least = std::max(weight, kCoarseShare * *std::max_element(tension.begin(), tension.end()));
+  return std::min(tension[i - 1], tension[i]) > least ? angle : 0;
 }
 
 }  // namespace
