@@ -17,11 +17,14 @@ from .errors import InvalidValue, UrdfError
 from .material import Material
 from .urdf_elements import TendonElement, UrdfElements, read_elements
 
+_SCALING = 5  # place of globalScaling among p.loadURDF's arguments after the path
+
 
 def load_urdf(world, path, args, kwargs, obstacles: bool) -> int:
     """See TendonWorld.load_urdf."""
     client = world.physicsClientId
-    elements = read_elements(path)
+    scaling = kwargs.get("globalScaling", args[_SCALING] if len(args) > _SCALING else 1)
+    elements = read_elements(path).scaled(checks.number("globalScaling", scaling, above=0))
     materials = [_material(path, tendon) for tendon in elements.tendons]
     _check_names(world, path, elements)
     try:
@@ -60,7 +63,8 @@ def link_indices(body: int, client: int) -> dict[str, int]:
 def _equip(world, path, body, elements: UrdfElements, materials, obstacles) -> None:
     client = world.physicsClientId
     links = link_indices(body, client)
-    if obstacles and any(p.getCollisionShapeData(body, i, client) for i in links.values()):
+    _require_links(path, elements, links)
+    if obstacles and _has_shapes(body, links, client):
         concave = {index: elements.concave[name] for name, index in links.items() if name in elements.concave}
         world._obstacles.add(body, concave=concave)
         world._placement.changed_obstacles(body)
@@ -75,6 +79,26 @@ def _equip(world, path, body, elements: UrdfElements, materials, obstacles) -> N
             link, xyz = t.points[k]
             nearest = np.argmin(np.linalg.norm(tendon.positions - places[k], axis=1))
             tendon.attach(int(nearest), body, links[link], xyz)
+
+
+def _require_links(path, elements: UrdfElements, links: dict[str, int]) -> None:
+    """Raise UrdfError for an element on a link that pybullet has merged into another one."""
+    used = [(f"<tunnel name='{t.name}'>", t.link) for t in elements.tunnels]
+    used += [(f"<tendon name='{t.name}'>", link) for t in elements.tendons for link, _ in t.points]
+    for element, link in used:
+        if link is not None and link not in links:
+            known = ", ".join(map(repr, links))
+            raise UrdfError(
+                path, element, "link", link, f"a link that pybullet keeps with these flags: {known}"
+            )
+
+
+def _has_shapes(body: int, links: dict[str, int], client: int) -> bool:
+    try:
+        return any(p.getCollisionShapeData(body, index, client) for index in links.values())
+    except p.error:
+        allowed = "False: pybullet does not report shapes in maximal coordinates, unless obstacles is False"
+        raise InvalidValue("useMaximalCoordinates", True, allowed) from None
 
 
 @contextlib.contextmanager

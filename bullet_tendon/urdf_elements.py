@@ -20,7 +20,7 @@ A file is read as a whole: either all of it is right, or UrdfError names what is
 
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -47,6 +47,11 @@ class TunnelElement:
     friction: float | None = None
     chamfer: float = 0.0
 
+    def scaled(self, by: float) -> "TunnelElement":
+        """The same in links that are larger by a factor."""
+        lengths = {"radius": by * self.radius, "chamfer": by * self.chamfer}
+        return replace(self, start=by * self.start, end=by * self.end, **lengths)
+
 
 @dataclass(frozen=True, eq=False)
 class TendonElement:
@@ -62,6 +67,11 @@ class TendonElement:
     material: dict
     attachments: tuple[int, ...] = ()
 
+    def scaled(self, by: float) -> "TendonElement":
+        """The same in links that are larger by a factor; points in the world, and the material, stay."""
+        points = tuple((link, xyz if link is None else by * xyz) for link, xyz in self.points)
+        return replace(self, points=points, radius=by * self.radius)
+
 
 @dataclass(frozen=True)
 class UrdfElements:
@@ -73,6 +83,11 @@ class UrdfElements:
     tunnels: tuple[TunnelElement, ...]
     tendons: tuple[TendonElement, ...]
     concave: dict[str, tuple[bool, ...]] = field(default_factory=dict)
+
+    def scaled(self, by: float) -> "UrdfElements":
+        """The same in links that are larger by a factor."""
+        tunnels = tuple(tunnel.scaled(by) for tunnel in self.tunnels)
+        return replace(self, tunnels=tunnels, tendons=tuple(tendon.scaled(by) for tendon in self.tendons))
 
 
 def read_elements(path: str | os.PathLike) -> UrdfElements:

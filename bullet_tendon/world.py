@@ -623,6 +623,9 @@ class TendonWorld(NotCopied):
     def load_urdf(self, path: str | PathLike, *args, obstacles: bool = True, **kwargs) -> int:
         """``p.loadURDF(path, *args, **kwargs)``, and the file's <tunnel> and <tendon> elements.
 
+        With `globalScaling` these are as much larger as the links: points in links, radii and chamfers.
+        Materials, and points in the world frame, stay.
+
         Args:
             path: of the file.
             obstacles: whether every link with a collision shape becomes an obstacle.

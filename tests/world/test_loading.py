@@ -127,6 +127,62 @@ def test_tendons_and_tunnels_are_placed_in_their_links(make_world, written):
     np.testing.assert_allclose(held, [0, 0, -2.0], atol=1e-4)
 
 
+@pytest.mark.parametrize("positional", [False, True])
+def test_scaled_bodies_have_scaled_elements(make_world, written, positional):
+    """Tunnels and tendons are as much larger as their links; what is in the world frame stays there."""
+    world, by, place = make_world(1 / 240), 2.5, np.array([0.3, -0.1, 0.5])
+    path = written(TUNNEL.replace('radius="0.006"', 'radius="0.006" chamfer="0.002"'), TENDON)
+    if positional:
+        world.load_urdf(path, place, (0, 0, 0, 1), False, True, 0, by)
+    else:
+        world.load_urdf(path, place, useFixedBase=True, globalScaling=by)
+    (t,), (tunnel,) = world.tendons, world.tunnels
+    np.testing.assert_allclose(tunnel.ends, place + by * np.array([(0, 0, -0.05), (0, 0, 0.05)]), atol=1e-12)
+    assert (tunnel.radius, tunnel.chamfer) == (0.006 * by, 0.002 * by)
+    tilt = np.array(p.getMatrixFromQuaternion(p.getQuaternionFromEuler([0.4, 0, 0]))).reshape(3, 3)
+    last = place + by * (np.array([0, 0, 0.3]) + tilt @ [0, 0.02, 0])
+    np.testing.assert_allclose(t.positions[0], place + by * np.array([0, 0, -0.1]), atol=1e-8)
+    np.testing.assert_allclose(t.positions[-1], last, atol=1e-8)
+    assert np.linalg.norm(t.positions - [0.5, 0, 0.2], axis=1).min() < 0.05
+    assert t.radius == 0.003 * by
+    before = t.positions
+    t.set_force(10, (0, 0, -1))
+    world.step(60)
+    np.testing.assert_allclose(t.positions[[0, -1]], before[[0, -1]], atol=1e-8)
+
+
+@pytest.mark.parametrize("element", [TUNNEL.replace('link="a"', 'link="b"'), TENDON])
+def test_elements_on_merged_links_are_refused(make_world, written, element):
+    world = make_world()
+    before = state(world)
+    with pytest.raises(bt.UrdfError, match="pybullet keeps") as caught:
+        world.load_urdf(written(element), flags=p.URDF_MERGE_FIXED_LINKS)
+    assert (caught.value.attribute, caught.value.value) == ("link", "b")
+    assert state(world) == before
+
+
+def test_bodies_in_maximal_coordinates_are_no_obstacles(make_world, tmp_path):
+    path = tmp_path / "model.urdf"
+    path.write_text(
+        '<robot name="r">' + LINKS[: LINKS.index("</link>")] + "</link></robot>", encoding="utf-8"
+    )
+    world = make_world()
+    before = state(world)
+    with pytest.raises(bt.InvalidValue, match="maximal coordinates"):
+        world.load_urdf(str(path), useMaximalCoordinates=True)
+    assert state(world) == before
+    world.load_urdf(str(path), obstacles=False, useMaximalCoordinates=True)
+
+
+@pytest.mark.parametrize("scaling", [0, -1.0, float("nan"), "2"])
+def test_scalings_that_are_none_are_refused(make_world, written, scaling):
+    world = make_world()
+    before = state(world)
+    with pytest.raises(bt.TendonError, match="globalScaling"):
+        world.load_urdf(written(TUNNEL), globalScaling=scaling)
+    assert state(world) == before
+
+
 def test_link_indices(make_world, written, client):
     body = make_world().load_urdf(written(), useFixedBase=True)
     assert link_indices(body, client) == {"a": -1, "b": 0}
