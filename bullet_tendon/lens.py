@@ -10,7 +10,7 @@ import numpy as np
 import pybullet as p
 
 from . import checks
-from .errors import UnknownId
+from .errors import InvalidType, InvalidValue, UnknownId
 
 NEAR, FAR = 0.02, 20.0  # planes between which things are seen, in distances of the target
 YAW, PITCH, FOV = 30.0, -30.0, 40.0  # degrees, where nothing else is said
@@ -90,6 +90,23 @@ class Lens:
         depth = self.far * self.near / (self.far - (self.far - self.near) * depth)
         rgb = taken.rgb if n == 1 else _mean(taken.rgb, n)
         return Rendering(np.ascontiguousarray(rgb), depth, taken.segmentation[middle, middle])
+
+
+def checked_camera(camera) -> dict:
+    """Arguments of camera.Camera by name, of which any may be missing, as plain numbers.
+
+    Raises InvalidType or InvalidValue.
+    """
+    given = {"width": 1, "height": 1, "target": (0, 0, 0), "distance": 1}
+    given.update(yaw=YAW, pitch=PITCH, up="z", fov=FOV, samples=1)
+    if not isinstance(camera, dict):
+        raise InvalidType("camera", camera, "a dict of arguments of view.Camera")
+    if not camera.keys() <= given.keys():
+        raise InvalidValue("camera", camera, "a dict of some of " + ", ".join(given))
+    Lens(**{**given, **camera})
+    return {
+        key: value if isinstance(value, str) else np.asarray(value).tolist() for key, value in camera.items()
+    }
 
 
 def view_axes(yaw: float = YAW, pitch: float = PITCH, up: str = "z") -> np.ndarray:

@@ -83,7 +83,7 @@ class Material:
         checks.number("bending_stiffness", self.bending_stiffness, at_least=0)
         checks.number("density", self.density, above=0)
         checks.number("friction", self.friction, at_least=0)
-        if self.relaxation != ():
+        if not (isinstance(self.relaxation, tuple) and not self.relaxation):
             terms = checks.array("relaxation", self.relaxation, (None, 2))
             if (terms <= 0).any() or terms[:, 0].sum() > 1 + 1e-12:
                 allowed = "((share, time [s]), ...), all > 0, with shares of at most 1 together"

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from . import checks
 from .errors import InvalidType, NotCopied
+from .lens import checked_camera
 from .ligament import Ligament, line_of
 from .recording import CONTACTS, HOLDS, LigamentTrack, LinkTrack, Recording, TendonTrack, TunnelTrack
 from .reports import KINDS
@@ -148,8 +149,10 @@ class Recorder(NotCopied):
         self.every = None if every is None else checks.integer("every", every, at_least=1)
         self.time = 0.0
         self.steps = 0
-        self.camera, self.bones, self.title = camera, bones, title
-        self._functions = dict(scalars or {})
+        self.camera = None if camera is None else checked_camera(camera)
+        self.bones = None if bones is None else _checked_bones(bones)
+        self.title = title
+        self._functions = {} if scalars is None else _checked_functions(scalars)
         self._memory = checks.number("memory", memory, at_least=_LEAST_MEMORY)
         self._most = None if most_frames is None else checks.integer("most_frames", most_frames, at_least=2)
         self._frames: list[_Frame] = []
@@ -473,6 +476,19 @@ def _scalars(frames) -> dict:
         for name, value in frame.scalars.items():
             rows.setdefault(name, []).append((k, value))
     return {name: tuple(map(np.array, zip(*of_it, strict=True))) for name, of_it in rows.items()}
+
+
+def _checked_bones(bones) -> tuple[int, ...]:
+    if not isinstance(bones, (tuple, list)):
+        raise InvalidType("bones", bones, "a sequence of bodyUniqueIds")
+    return tuple(checks.integer("bones", body) for body in bones)
+
+
+def _checked_functions(scalars) -> dict:
+    named = isinstance(scalars, dict) and all(isinstance(name, str) for name in scalars)
+    if not named or not all(map(callable, scalars.values())):
+        raise InvalidType("scalars", scalars, "a dict of functions without arguments by name")
+    return dict(scalars)
 
 
 def _bones(world: TendonWorld) -> tuple[int, ...]:

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from . import checks, framing
 from .errors import InvalidType, InvalidValue, MissingExtra
-from .lens import FOV, view_axes
+from .lens import FOV, checked_camera, view_axes
 from .recording import LinkTrack, Recording
 from .visual_meshes import round_mesh
 from .visuals import LIGAMENT_RADIUS, TAUT_COLOR, TENDON_COLOR, TUNNEL_COLOR
@@ -145,7 +145,7 @@ class _Scene:
 
 def start_camera(recording: Recording, given: dict | None = None) -> dict:
     """The arguments of view.Camera with which a replay begins; given: as in write_replay."""
-    chosen = given if given is not None else recording.camera or {}
+    chosen = checked_camera(given) if given is not None else recording.camera or {}
     if "target" in chosen and "distance" in chosen:
         return chosen
     return framing.overview(recording, chosen)

@@ -452,9 +452,9 @@ class TendonWorld(NotCopied):
         name = f"ligament{self._numbers.next()}" if name is None else checks.text("name", name)
         if any(ligament.name == name for ligament in self.ligaments):
             raise InvalidValue("name", name, "different from the names of the world's other ligaments")
+        if not isinstance(wraps, (tuple, list)) or not all(isinstance(wrap, Wrap) for wrap in wraps):
+            raise InvalidType("wraps", wraps, "a sequence of what add_wrap has returned")
         wraps = tuple(wraps)
-        if not all(isinstance(wrap, Wrap) for wrap in wraps):
-            raise InvalidType("wraps", wraps, "what add_wrap has returned")
         for wrap in wraps:
             self._bodies.require(wrap.bodyUniqueId, wrap.linkIndex, "wraps")
         length = path_length(points_of(self._bodies, path))

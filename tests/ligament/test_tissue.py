@@ -122,7 +122,7 @@ def test_its_memory_is_part_of_the_state(make_world, client):
 
 
 def test_bad_materials_are_refused():
-    for wrong in (((0.5,),), ((0.5, 0.0),), ((-0.1, 1.0),), ((0.7, 1.0), (0.6, 2.0))):
+    for wrong in (((0.5,),), ((0.5, 0.0),), ((-0.1, 1.0),), ((0.7, 1.0), (0.6, 2.0)), np.zeros((0, 2))):
         with pytest.raises(bt.InvalidValue):
             bt.Material(stiffness=1e3, relaxation=wrong)
     with pytest.raises(bt.InvalidValue):

@@ -281,6 +281,7 @@ def test_bad_wraps_are_refused(make_world, client):
     with pytest.raises(bt.UnknownId):
         world.add_wrap(77, -1, ("sphere", 0.01), (0, 0, 0))
     path = [(stand, -1, (0, 0, 0)), (other, -1, (0, 0, 0))]
-    with pytest.raises(bt.InvalidType):
-        world.add_ligament(path, bt.Material(stiffness=1e3), wraps=[3])
+    for wraps in ([3], None, 3):
+        with pytest.raises(bt.InvalidType, match="wraps"):
+            world.add_ligament(path, bt.Material(stiffness=1e3), wraps=wraps)
     assert world.ligaments == ()

@@ -350,13 +350,30 @@ def test_a_file_of_other_arrays_is_refused(tmp_path):
         bt.Recording.load(tmp_path / "run.npz")
 
 
+def test_a_camera_of_numpy_numbers_is_saved(make_world, tmp_path):
+    world = make_world()
+    world.add_tendon([(0, 0, 0), (0.1, 0, 0)], 0.002, ROPE, particles=5)
+    camera = {"target": np.array([0.0, 0.1, 0.0]), "distance": np.float32(0.5), "up": "y"}
+    recorder = bt.Recorder(world, every=1, camera=camera)
+    recorder.save(tmp_path / "run.npz")
+    found = bt.Recorder.load(tmp_path / "run.npz").camera
+    assert found == {"target": [0.0, 0.1, 0.0], "distance": 0.5, "up": "y"}
+
+
 def test_refusals(make_world, tmp_path):
     world = make_world()
     with pytest.raises(errors.InvalidType, match="world"):
         bt.Recorder(world.physicsClientId)
-    for name, value in {"every": 0, "memory": 10.0, "most_frames": 1}.items():
+    for name, value in {"every": 0, "memory": 10.0, "most_frames": 1, "camera": {"dist": 1}}.items():
         with pytest.raises(errors.InvalidValue, match=name):
             bt.Recorder(world, **{name: value})
+    for name, value in {"scalars": {"pull": 3}, "camera": 3, "bones": 3}.items():
+        with pytest.raises(errors.InvalidType, match=name):
+            bt.Recorder(world, **{name: value})
+    with pytest.raises(errors.InvalidValue, match="distance"):
+        bt.Recorder(world, camera={"distance": -1})
+    with pytest.raises(errors.InvalidType, match="scalars"):
+        bt.Recorder(world, scalars=[("pull", world.state_hash)])
     recorder = bt.Recorder(world, every=1)
     with pytest.raises(errors.InvalidValue, match="path"):
         recorder.save(tmp_path / "run.txt")
