@@ -288,3 +288,20 @@ def test_relaxing_wakes_all(make_world):
     assert asleep(world) == 1
     world.relax()
     assert world.report.converged and asleep(world) == 0
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0.05), (1, 0, 0.1)])
+def test_what_lay_on_a_body_that_was_taken_away_falls(make_world, client, place):
+    """Farther in one step than the tendon reaches."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.05, 0.01], physicsClientId=client)
+    bar = static(client, box, (0, 0, 0.1))
+    world.add_obstacle(bar)
+    t = world.add_tendon([(-0.03, 0, 0.112), (0.03, 0, 0.112)], R, MATERIAL, 16)
+    world.step(REST)
+    assert t.asleep
+    start = t.positions
+    p.resetBasePositionAndOrientation(bar, place, (0, 0, 0, 1), physicsClientId=client)
+    world.step(20)
+    fallen = 9.81 * 20 * 21 / 2 / 240**2
+    np.testing.assert_allclose(start[:, 2] - t.positions[:, 2], fallen, rtol=1e-6)

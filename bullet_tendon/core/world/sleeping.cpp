@@ -5,9 +5,9 @@
 // decides when bodies rest. Its tendons keep their state and their forces on links. Their velocities are
 // zero. Its contacts are kept for reports.
 //
-// The whole island wakes when one of its tendons, the options or gravity change, when a link with a shape, a
-// tunnel or an attachment within reach moves, and when another tendon comes within reach. Adding or removing
-// shapes and tunnels wakes all islands.
+// The whole island wakes when one of its tendons, the options or gravity change, when a link moves that it
+// touches, is attached to, or has within reach, and when another tendon comes within reach. Adding or
+// removing shapes and tunnels wakes all islands.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -131,6 +131,8 @@ bool World::feels(int tendon, int slot, double dt) const {
   const double skin = skin_of(c, options.contact_threshold);
   for (const Anchor& h : c.anchors)
     if (h.link == slot) return true;
+  for (const Contact& contact : contacts_.asleep)  // the link may be far away by now
+    if (contact.link == slot && contact.a.tendon == tendon) return true;
   if (!scene.filter.meets_link(tendon, slot)) return false;
   for (auto [s, shape] : filled(scene.shapes)) {
     if (shape.link != slot) continue;
