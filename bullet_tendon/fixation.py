@@ -44,7 +44,7 @@ HARDWARE = {
 def _join(tendon, particle: int, bone: tuple, stiffness: float, load: float) -> Line:
     """Join a particle to a point of a bone (bodyUniqueId, linkIndex, position) by a line.
 
-    stiffness [N/m]; 0: it pulls by `load` [N] at any length.
+    stiffness [N/m]; 0: it pulls by `load` [N] until the particle is at the point.
     """
     body, link, point = bone
     origin, axes = tendon._bodies.frame(body, link)
@@ -52,7 +52,8 @@ def _join(tendon, particle: int, bone: tuple, stiffness: float, load: float) -> 
     if not length > 1e-6:
         raise InvalidValue("position", point, "apart from the particle: the line to it has a direction")
     slot, number = tendon._bodies.slot(body, link), tendon._numbers.next()
-    tendon._core.add_line(tendon._slot, number, particle, slot, point, length, stiffness, load)
+    first = length if stiffness > 0 else 0.0
+    tendon._core.add_line(tendon._slot, number, particle, slot, point, first, stiffness, load)
     line = Line(tendon, particle, number, body, link, np.array(point), slot)
     tendon._anchors[particle] = line
     return line
@@ -60,6 +61,8 @@ def _join(tendon, particle: int, bone: tuple, stiffness: float, load: float) -> 
 
 class Tensioner(NotCopied):
     """A device that rests on a bone and pulls at a particle with a constant tension; made by Tendon.pull.
+
+    A particle that comes to the device's point is held there, by up to that tension.
 
     particle: its index; bodyUniqueId, linkIndex: the bone; released: whether it was taken off.
 
@@ -88,7 +91,7 @@ class Tensioner(NotCopied):
 
     @property
     def force(self) -> float:
-        """The tension [N]; it can be set, >= 0. Zero after the release."""
+        """The tension [N], the most at the device's point; it can be set, >= 0. Zero after the release."""
         return self._line.load
 
     @force.setter

@@ -236,6 +236,37 @@ def test_a_tensioner_pulls_at_the_bone_that_it_rests_on(client):
     assert device.force == 30.0
 
 
+@pytest.mark.parametrize("mass", [0.0, 2.0])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_a_tensioner_holds_what_it_has_pulled_to_its_point(client, mass, integrator):
+    """A soft hand yields until the end is there; then it is held by what the hand's spring pulls with."""
+    world = bt.TendonWorld(client, bt.SolverOptions(integrator=integrator))
+    bone = block(client, mass, (0.4, 0, -0.2))
+    if mass > 0:
+        stand = block(client, 0, (0, 0, 0))
+        for at in ((0.4, 0, -0.3), (0.4, 0.1, -0.1), (0.3, -0.1, -0.1)):
+            path = [(stand, -1, at), (bone, -1, (0, 0, 0))]
+            world.add_ligament(path, bt.Material(stiffness=1e3, damping=50))
+    material = bt.Material(stiffness=2e3, density=800, damping=2.0)
+    tendon = world.add_tendon([(0.5, 0, 0), (0.5, 0, -0.2)], 0.002, material, particles=8)
+    hand = tendon.grip(0, target=(0.5, 0, 0), stiffness=100.0, damping=1.0)
+    device = tendon.pull(-1, 6.0, bone, -1, (0, 0, 0))
+    for _ in range(300):
+        world.step()
+        assert world.report.converged and world.report.counts["linear_solves"] < 100
+    place = p.getBasePositionAndOrientation(bone, client)[0]
+    gap = np.linalg.norm(tendon.positions[-1] - place)
+    assert gap < 1e-3 * 0.002
+    stretched = 100.0 * np.linalg.norm(tendon.positions[0] - hand.target)
+    [_, held] = tendon.holds
+    assert np.linalg.norm(held.force) == pytest.approx(stretched, rel=0.01)
+    assert stretched < 5.5 and device.force == 6.0
+    np.testing.assert_allclose(held.force, -hand.force, atol=1e-3 * stretched)
+    device.force = 0.0
+    world.step(5)
+    assert np.linalg.norm(tendon.positions[-1] - place) > 0.001
+
+
 def test_tension_stays_when_the_tensioner_hands_over_to_a_button(client):
     """Two bones held apart by a strut: the graft is drawn by a device on the bone, fixed, and let go."""
     world = bt.TendonWorld(client)

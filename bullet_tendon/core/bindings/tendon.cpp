@@ -45,8 +45,13 @@ void remove_anchor(World& w, int tendon, int id) {
                 anchors.end());
 }
 
+// The stiffness of what holds a particle at a point by no more than a force [N/m].
+double holding_stiffness(const World& w, int tendon, double most_force) {
+  return most_force / (kGive * w.scene.tendons[tendon]->radius);
+}
+
 // A line from a particle to a point of a link: its length now, its stiffness, and the force beyond which it
-// slips; or with that force, for the stiffness 0.
+// slips. Length and stiffness 0: a device that pulls by that force.
 void add_line(World& w, int tendon, int id, int particle, int link, Vec3 local, double length,
               double stiffness, double most_force) {
   Anchor h;
@@ -57,7 +62,7 @@ void add_line(World& w, int tendon, int id, int particle, int link, Vec3 local, 
   h.line = true;
   h.rigid = false;
   h.rest = length;
-  h.spring = stiffness;
+  h.spring = length > 0 ? stiffness : holding_stiffness(w, tendon, most_force);
   h.most_force = most_force;
   w.ensure_link(link);
   stirred(w, tendon).anchors.push_back(h);
@@ -66,7 +71,9 @@ void add_line(World& w, int tendon, int id, int particle, int link, Vec3 local, 
 
 void set_line_load(World& w, int tendon, int id, double most_force) {
   w.wake_tendon(tendon);
-  anchor_of(w, tendon, id).most_force = most_force;
+  Anchor& h = anchor_of(w, tendon, id);
+  h.most_force = most_force;
+  if (h.rest == 0) h.spring = holding_stiffness(w, tendon, most_force);
 }
 
 // stiffness: 0 for a rigid grip. most_force: 0 without a limit.
@@ -74,7 +81,7 @@ void set_grip(World& w, int tendon, int id, Vec3 goal, double stiffness, double 
               double most_force) {
   Anchor& h = anchor_of(w, tendon, id);
   const bool exact = stiffness == 0 && most_force > 0;
-  if (exact) stiffness = most_force / (kGive * w.scene.tendons[tendon]->radius);
+  if (exact) stiffness = holding_stiffness(w, tendon, most_force);
   if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity ||
       h.most_force != most_force)
     w.wake_tendon(tendon);

@@ -369,7 +369,7 @@ void take_step(Solution& s, double residual) {
 
 // Of a line [J].
 double line_potential(const Anchor& h) {
-  if (h.spring == 0) return h.load * h.length;
+  if (h.spring == 0) return 0;
   const double beyond = std::max(0.0, h.elastic - h.load);
   return 0.5 * (h.elastic * h.elastic - beyond * beyond) / h.spring;
 }

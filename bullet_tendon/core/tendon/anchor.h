@@ -10,7 +10,9 @@
 // A line joins a particle to a point of a link, as hardware that fixes a graft to a bone does. Its tension is
 // T = min(F, k (l - l_0 - s)), with its length l, its first length l_0, and the slip s. That is a return map,
 // as that of friction: where k (l - l_0 - s) is above F at the end of a substep, s grows until it is F. A
-// line with k = 0 pulls by F at any length. Its particle is free: a line adds no unknowns
+// device that pulls is a line with l_0 = 0 that does not slip for good: it pulls by F, down to the length
+// F/k. There the particle has come to its point, and has to be held there by less than F: a force F towards a
+// point has no direction at that point. The particle of a line is free: a line adds no unknowns
 // (solver/body_schur.cpp).
 #pragma once
 #include <algorithm>
@@ -43,7 +45,7 @@ struct Anchor {
   bool line = false;      // it is a line
   bool pulls = false;     // a line whose point moves with the unknowns of its body
   double spring = 0;      // k of a line [N/m]
-  double rest = 0;        // l_0 [m]
+  double rest = 0;        // l_0 [m]; 0: of a device that pulls
   double slip = 0;        // s [m]
   double load = 0;        // F in this substep, unbounded where no line slips [N]
   Vec3 end;               // its point on the link at the iterate [m]
@@ -61,7 +63,7 @@ struct Anchor {
   Sym3 slope(double b) const { return stiffness + identity(viscosity / b); }
   bool exceeds_limit(Vec3 r) const { return most_force > 0 && norm(r) > most_force; }
   // Whether the last evaluation is beyond the limit.
-  bool is_beyond() const { return line ? spring == 0 || elastic > load : exceeds_limit(raw); }
+  bool is_beyond() const { return line ? elastic > load : exceeds_limit(raw); }
   // The force for R.
   Vec3 limited(Vec3 r) const { return exceeds_limit(r) ? (most_force / norm(r)) * r : r; }
   // Evaluates a line whose particle is at x.
@@ -69,17 +71,17 @@ struct Anchor {
     const Vec3 d = x - end;
     length = norm(d);
     along = unit_or(d, along);
-    elastic = spring > 0 ? spring * (length - rest - slip) : load;
+    elastic = spring * (length - rest - slip);
     tension = std::min(elastic, load);
     force = tension * along;
   }
   // Lets a line slip by what is beyond its load.
   void let_slip() {
-    if (spring > 0 && elastic > load) slip += (elastic - load) / spring;
+    if (rest > 0 && elastic > load) slip += (elastic - load) / spring;
   }
   // Block of a line. Of one that pushes, the turning is left out, so that the block is not indefinite.
   Sym3 line_block() const {
-    const double turning = length > 0 ? std::max(0.0, tension) / length : 0;
+    const double turning = length > 0 ? std::max(0.0, slips ? load : elastic) / length : 0;
     return (slips ? 0 : spring) * outer(along) + turning * across(along);
   }
   // The force of the linearisation at the last evaluation, and its block for the slope k [N/m].
@@ -95,15 +97,16 @@ struct Anchor {
   }
   // Decides whether the next linearisation of a line slips, from the displacement of the particle relative to
   // its point that a linear solution predicts.
-  void predict_line(Vec3 moved) { slips = spring == 0 || elastic + spring * dot(along, moved) > load; }
+  void predict_line(Vec3 moved) { slips = elastic + spring * dot(along, moved) > load; }
   // Decides from the R that a linear solution predicts whether the next linearisation slips.
   void predict(Vec3 r) {
     if (most_force > 0) slips = slips ? dot(r, raw) > 0 : exceeds_limit(r);
   }
 };
 
-// Largest distance of an exact grip from its target before it slips, in radii [-]. Larger: the particle is
-// farther from the target. Smaller: rounding of positions is felt as force.
+// Largest distance of an exact grip from its target before it slips, and that from which a device that pulls
+// holds the particle at its point, in radii [-]. Larger: the particle is farther from there. Smaller:
+// rounding of positions is felt as force.
 constexpr double kGive = 1e-3;
 
 }  // namespace bt

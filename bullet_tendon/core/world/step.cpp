@@ -437,7 +437,7 @@ void World::aim_attachments(Tendon& c) {
     const bool unknown = link.yields() && options.integrator != Integrator::explicit_euler;
     if (h.line) {
       h.pulls = unknown;
-      const bool stays = step_.whole && h.spring > 0;
+      const bool stays = step_.whole && h.rest > 0;
       h.load = stays ? HUGE_VAL : h.most_force;
       h.slips &= !stays;
       continue;
