@@ -42,12 +42,12 @@ double motion_limit_of(const NearCache& cache, double radius) {
   return room;
 }
 
-double motion_of(const Tendon& tendon, int i, const Link& link, double dt) {
-  return norm(tendon.predicted.at(i) - tendon.x.at(i) - link.drift(tendon.x.at(i), dt));
+double motion_of(const Tendon& tendon, int i, const Link& link) {
+  return norm(tendon.predicted.at(i) - tendon.x.at(i) - link.foreseen_at(tendon.x.at(i)));
 }
 
-double reach_of(const Tendon& tendon, int i, const Link& link, double dt, double threshold) {
-  return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link, dt);
+double reach_of(const Tendon& tendon, int i, const Link& link, double threshold) {
+  return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link);
 }
 
 namespace {
@@ -167,7 +167,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   for (int i = 0; i < n; ++i) {
     local[i] = to_local(pose, tendon.x.at(i));
     box.include(local[i]);
-    motion[i] = motion_of(tendon, i, link, context.dt);
+    motion[i] = motion_of(tendon, i, link);
     reach = std::max(reach, motion[i] + tendon.slack[i]);
   }
   const double skin = tendon.radius + context.threshold;

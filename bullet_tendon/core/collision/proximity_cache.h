@@ -74,9 +74,9 @@ struct NearCache {
 };
 
 struct NearContext {
-  double dt = 0, threshold = 0, reuse_tolerance = 0;  // [s], [m], [m]
-  const std::vector<Bore>* bores = nullptr;           // those of the shape's link
-  const Surface* surface = nullptr;                   // of a mesh: what these bores leave of it; else null
+  double threshold = 0, reuse_tolerance = 0;  // [m]
+  const std::vector<Bore>* bores = nullptr;   // those of the shape's link
+  const Surface* surface = nullptr;           // of a mesh: what these bores leave of it; else null
 };
 
 // Appends the queries needed for one tendon and one shape, and marks the entries that need contacts.
@@ -112,9 +112,9 @@ struct Tangent {
 // the neighbouring features.
 Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3 ahead);
 
-// Predicted motion of a particle within the step relative to a link [m].
-double motion_of(const Tendon& tendon, int particle, const Link& link, double dt);
+// Predicted motion of a particle within the step, relative to what is foreseen of a link [m].
+double motion_of(const Tendon& tendon, int particle, const Link& link);
 // Greatest distance to a link at which a particle can touch it within the step [m].
-double reach_of(const Tendon& tendon, int particle, const Link& link, double dt, double threshold);
+double reach_of(const Tendon& tendon, int particle, const Link& link, double threshold);
 
 }  // namespace bt

@@ -471,7 +471,7 @@ void World::half_space_contacts(int tendon, int s) {
   for (int i = 0; i < c.n(); ++i) {
     Vec3 x = c.x.at(i);
     double height = dot(normal, x) - offset;
-    if (height > reach_of(c, i, link, step_.context.dt, options.contact_threshold)) continue;
+    if (height > reach_of(c, i, link, options.contact_threshold)) continue;
     const Vec3 foot = to_world(end, to_local(pose, x - height * normal));
     bone_contact(particle_of(c, tendon, i), {ContactKind::bone, tendon, i, s},
                  {foot, end.rotation * shape.plane_normal}, 0);
@@ -674,9 +674,7 @@ void World::mouth_contacts(int tendon, int t) {
 // Distance from an edge of the tunnel's mouths within which segment k can touch it in the substep [m].
 double World::mouth_reach(int tendon, int t, int k) const {
   const Link& link = scene.links[scene.tunnels[t]->link];
-  auto reach = [&](int i) {
-    return reach_of(*step_.slots[tendon], i, link, step_.context.dt, options.contact_threshold);
-  };
+  auto reach = [&](int i) { return reach_of(*step_.slots[tendon], i, link, options.contact_threshold); };
   return std::max(reach(k), reach(k + 1)) + scene.tunnels[t]->chamfer;
 }
 
@@ -703,7 +701,6 @@ void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double r
 void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, double u, double reach) {
   Tendon& c = *step_.slots[tendon];
   const Link& link = scene.links[scene.tunnels[t]->link];
-  const double dt = step_.context.dt;
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
   const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
   const Vec3 x = (1 - u) * a + u * b;
@@ -711,7 +708,7 @@ void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, d
   const Vec3 apart = x - nearest_on_rim(rim, x).point;
   const double distance = norm(apart);
   if (distance > reach) return;
-  const double motion = std::max(motion_of(c, k, link, dt), motion_of(c, k + 1, link, dt));
+  const double motion = std::max(motion_of(c, k, link), motion_of(c, k + 1, link));
   limit_motion(c, safe_fraction(distance, c.radius + scene.tunnels[t]->chamfer, motion));
   Contact contact;
   contact.link = scene.tunnels[t]->link;

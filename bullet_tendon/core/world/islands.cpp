@@ -15,6 +15,22 @@ namespace {
 // [-]. Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
 constexpr long kLastSolves = 20;
 
+// Whether a particle that a shape comes near to has moved farther relative to its link than contacts were
+// looked for. solved: motion of the link.
+bool outruns_search(const Tendon& c, const Shape& shape, const Link& link, const Twist& solved,
+                    double threshold) {
+  const Pose pose = in_world(shape, link);
+  for (int i = 0; i < c.n(); ++i) {
+    const Vec3 x = c.x.at(i);
+    const double moved = norm(c.displacement.at(i) - solved.at(x - link.centre));
+    if (moved <= c.slack[i] + motion_of(c, i, link)) continue;
+    const Vec3 here = to_local(pose, x);
+    const double reach = c.radius + threshold + c.slack[i] + moved;
+    if (shape.half_space || overlap({here, here}, shape.box(), reach)) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 int World::island_root(int tendon) {
@@ -179,19 +195,35 @@ void World::foresee_links() {
   }
 }
 
-// Moves what is foreseen of links with tunnels that elements hold to their solved motion, as
-// predict_at_solution does of particles. true: a mouth has moved otherwise by more than a share of the radius
-// of the thinnest tendon.
+// Moves what is foreseen of links under their last forces to their solved motion, as predict_at_solution does
+// of particles. true: a mouth has moved otherwise by more than a share of the radius of the thinnest tendon,
+// or a link has come near to a tendon by more than was foreseen.
 bool World::foresee_at_solution() {
   if (step_.detections >= kMostDetections) return false;
   double slack = HUGE_VAL;
   for (auto [slot, c] : filled(step_.slots)) slack = std::min(slack, kSlack * c.radius);
   const double h = step_.context.dt;
+  auto solved_motion = [h](const Link& l) {
+    return Twist{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
+  };
   bool any = false;
+  for (auto [s, shape] : filled(scene.shapes)) {
+    Link& l = scene.links[shape.link];
+    if (!l.yields() || !knows_last_forces(scene.bodies[l.body])) continue;
+    const Twist solved = solved_motion(l);
+    for (auto [slot, c] : filled(step_.slots)) {
+      if (!scene.filter.meets_link(slot, shape.link) ||
+          !outruns_search(c, shape, l, solved, options.contact_threshold))
+        continue;
+      l.foresee(l.given, h, turns_far(l));
+      any = true;
+      break;
+    }
+  }
   for (auto [slot, tunnel] : filled(scene.tunnels)) {
     Link& l = scene.links[tunnel.link];
     if (!l.yields() || !scene.bodies[l.body].turning.elements) continue;
-    const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
+    const Twist solved = solved_motion(l);
     for (const Vec3 local : {tunnel.start, tunnel.end}) {
       const Vec3 arm = to_world(l.pose, local) - l.centre;
       if (norm(solved.at(arm) - l.foreseen.all.at(arm)) <= slack) continue;

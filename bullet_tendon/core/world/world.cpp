@@ -184,8 +184,8 @@ const Surface* World::surface_for(const Tendon& c, int s) {
 }
 
 NearContext World::near_context(const Tendon& c, int s) {
-  return {step_.context.dt, options.contact_threshold, options.reuse_tolerance,
-          &bores_for(c, scene.shapes[s]->link), surface_for(c, s)};
+  return {options.contact_threshold, options.reuse_tolerance, &bores_for(c, scene.shapes[s]->link),
+          surface_for(c, s)};
 }
 
 // Updates the distances of this substep: from the cache or the core where possible, otherwise from the
