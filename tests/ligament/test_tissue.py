@@ -121,6 +121,24 @@ def test_its_memory_is_part_of_the_state(make_world, client):
     assert ends == again
 
 
+def test_what_has_ruptured_remembers_nothing_more(make_world, client):
+    """Its state does not depend on what was computed before it was restored."""
+    bench = Bench(make_world(1 / 240), client, relaxation=ACL, rupture_force=50.0)
+    bench.stretch(0.01)
+    while not bench.ligament.ruptured:
+        bench.stretch(0.03)
+    kept, hashes = bench.world.snapshot(), []
+    for fresh in (False, True):
+        if fresh:
+            p.resetSimulation(client)
+        again = Bench(make_world(1 / 240), client, relaxation=ACL, rupture_force=50.0) if fresh else bench
+        p.resetBasePositionAndOrientation(again.ends[1], (0, 0, -0.0309), (0, 0, 0, 1), client)
+        again.world.load_snapshot(kept)
+        again.world.step()
+        hashes.append(again.world.state_hash())
+    assert hashes[0] == hashes[1]
+
+
 def test_bad_materials_are_refused():
     for wrong in (((0.5,),), ((0.5, 0.0),), ((-0.1, 1.0),), ((0.7, 1.0), (0.6, 2.0)), np.zeros((0, 2))):
         with pytest.raises(bt.InvalidValue):

@@ -274,7 +274,7 @@ void Ligament::add_curvature(std::vector<LinkPair>& pairs) const {
 void Ligament::accept() {
   length = length_now_;
   force = tension_now_;
-  const bool pulled = tension < 0;  // by its material
+  const bool pulled = tension < 0 && !ruptured;  // by its material
   if (!memory.empty() && pulled) {
     relaxation_.advance(memory.data(), unrelaxed_now_ - unrelaxed);
     unrelaxed = unrelaxed_now_;
