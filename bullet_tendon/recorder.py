@@ -442,25 +442,47 @@ def _link_tracks(frames, bodies: _Bodies, shapes_of) -> tuple[LinkTrack, ...]:
 
 
 def _ligament_tracks(frames, links: tuple[LinkTrack, ...]) -> tuple[LigamentTrack, ...]:
-    """Forces as they were read; the lines where the links were."""
+    """Forces as they were read; the lines where the links were. Only while all its links were there."""
     rows: dict[Ligament, list] = {}
     for k, frame in enumerate(frames):
         for slot, force in frame.blocks.ligaments.tolist():
             rows.setdefault(frame.layout.ligaments[int(slot)], []).append((k, force))
-    known = {(track.bodyUniqueId, track.linkIndex): track for track in links}  # a ligament's bodies stay
+    known: dict[tuple[int, int], list[LinkTrack]] = {}  # of bodies that had the same id one after the other
+    for track in links:
+        known.setdefault((track.bodyUniqueId, track.linkIndex), []).append(track)
+    used = set().union(*(ligament.links for ligament in rows))
+    placed = {link: _Placement.of(known[link]) for link in used}
     tracks = []
     for ligament, of_it in rows.items():
         numbers, forces = (np.array(column) for column in zip(*of_it, strict=True))
-        moved = {link: _frames(known[link], numbers) for link in ligament.links}
-        lines = line_of(ligament, moved).astype(np.float32)
-        tracks.append(LigamentTrack(ligament.name, numbers, lines, forces.astype(np.float32)))
+        places = {link: placed[link] for link in ligament.links}
+        there = np.all([np.isin(numbers, place.frames) for place in places.values()], axis=0)
+        numbers, forces = numbers[there], forces[there]
+        if numbers.size:
+            moved = {link: place.at(numbers) for link, place in places.items()}
+            lines = line_of(ligament, moved).astype(np.float32)
+            tracks.append(LigamentTrack(ligament.name, numbers, lines, forces.astype(np.float32)))
     return tuple(tracks)
 
 
-def _frames(track: LinkTrack, numbers) -> tuple[np.ndarray, np.ndarray]:
-    """Origins (k, 3) and axes (k, 3, 3) of a link in the frames (k,)."""
-    rows = np.searchsorted(track.frames, numbers)
-    return track.position[rows].astype(float), Rotation.from_quat(track.orientation[rows]).as_matrix()
+class _Placement(NamedTuple):
+    """Where a link was in frames (k,) that ascend: positions (k, 3) and orientations (k, 4)."""
+
+    frames: np.ndarray
+    position: np.ndarray
+    orientation: np.ndarray
+
+    @classmethod
+    def of(cls, tracks: list[LinkTrack]) -> "_Placement":
+        columns = zip(*((track.frames, track.position, track.orientation) for track in tracks), strict=True)
+        frames, position, orientation = map(np.concatenate, columns)
+        order = frames.argsort()
+        return cls(frames[order], position[order], orientation[order])
+
+    def at(self, numbers) -> tuple[np.ndarray, np.ndarray]:
+        """Origins (m, 3) and axes (m, 3, 3) in the frames (m,), which are among those known."""
+        rows = np.searchsorted(self.frames, numbers)
+        return self.position[rows].astype(float), Rotation.from_quat(self.orientation[rows]).as_matrix()
 
 
 def _base_frames(poses, position, orientation) -> np.ndarray:

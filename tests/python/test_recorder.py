@@ -350,6 +350,34 @@ def test_a_file_of_other_arrays_is_refused(tmp_path):
         bt.Recording.load(tmp_path / "run.npz")
 
 
+def test_what_was_recorded_before_a_body_was_removed_is_kept(make_world):
+    """Its ligament ends there, also where another body gets the same id."""
+    world = make_world(1 / 240, (0, 0, -9.81))
+    client = world.physicsClientId
+    stand = p.createMultiBody(0, physicsClientId=client)
+    paths = []
+    for x in (0.0, 0.2):
+        shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+        ball = p.createMultiBody(1.0, shape, basePosition=(x, 0, -0.1), physicsClientId=client)
+        paths.append([(stand, -1, (x, 0, 0)), (ball, -1, (0, 0, 0))])
+    lines = [world.add_ligament(path, bt.Material(stiffness=1e3, damping=1e1)) for path in paths]
+    recorder = bt.Recorder(world, every=1)
+    world.step(10)
+    p.removeBody(paths[0][1][0], client)
+    recorder.frame(gone=1)
+    first, other = recorder.recording.ligaments
+    assert (first.name, len(first.frames), len(other.frames)) == (lines[0].name, 11 - 1, 11)
+    world.remove_ligament(lines[0])
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    again = p.createMultiBody(1.0, shape, basePosition=(0.5, 0, 0), physicsClientId=client)
+    assert again == paths[0][1][0]
+    world.step(5)
+    kept, other = recorder.recording.ligaments
+    np.testing.assert_array_equal(kept.positions, first.positions)
+    assert len(other.frames) == 16
+    np.testing.assert_allclose(other.positions[-1], lines[1].points, atol=1e-6)
+
+
 def test_a_camera_of_numpy_numbers_is_saved(make_world, tmp_path):
     world = make_world()
     world.add_tendon([(0, 0, 0), (0.1, 0, 0)], 0.002, ROPE, particles=5)
