@@ -451,9 +451,11 @@ def _ligament_tracks(frames, links: tuple[LinkTrack, ...]) -> tuple[LigamentTrac
     for track in links:
         known.setdefault((track.bodyUniqueId, track.linkIndex), []).append(track)
     used = set().union(*(ligament.links for ligament in rows))
-    placed = {link: _Placement.of(known[link]) for link in used}
+    placed = {link: _Placement.of(known[link]) for link in used & known.keys()}
     tracks = []
     for ligament, of_it in rows.items():
+        if not ligament.links <= placed.keys():
+            continue
         numbers, forces = (np.array(column) for column in zip(*of_it, strict=True))
         places = {link: placed[link] for link in ligament.links}
         there = np.all([np.isin(numbers, place.frames) for place in places.values()], axis=0)

@@ -365,6 +365,7 @@ def test_what_was_recorded_before_a_body_was_removed_is_kept(make_world):
     world.step(10)
     p.removeBody(paths[0][1][0], client)
     recorder.frame(gone=1)
+    assert len(bt.Recorder(world, every=1).recording.ligaments) == 1
     first, other = recorder.recording.ligaments
     assert (first.name, len(first.frames), len(other.frames)) == (lines[0].name, 11 - 1, 11)
     world.remove_ligament(lines[0])
