@@ -20,8 +20,13 @@ follow a link have no potential. Their work in a step is that of the mean of bot
 Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
 potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
-shortened twice at most. A body that they can touch moves by half a radius in a step. Cartilage moves by a
-thickness: behind two of them nothing presses, so that no force at all is an equilibrium too.
+shortened twice at most. A body that they can touch moves by half a radius in a step.
+
+A joint does not move beyond its limits. Where it is at one, and f points out of it, the limit holds it: it
+is left out of the residual and of the step. A step ends where the first joint comes to its limit.
+
+Cartilage moves by a thickness in a step: behind two of them nothing presses, so that no force at all is an
+equilibrium too.
 """
 
 import dataclasses
@@ -49,6 +54,7 @@ _INNER = 0.1  # of the tolerance, to which tendons are brought to rest at each p
 _INNER_STEPS = 200  # the most at one place
 _MEAN_STEPS = 15  # the most at each place in the mean
 _WITH_FRICTION = 2  # times that a step is shortened on which tendons act
+_AT_LIMIT = 1e-9  # rad or m from its limit at which a joint is at it
 _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
 
@@ -155,6 +161,7 @@ class _Free:
     joints: list[int]
     links: list[int]  # -1 for the base, those that have mass or are touched
     masses: np.ndarray
+    limits: np.ndarray  # (joints, 2) lower and upper, infinite where there are none
 
 
 class Equilibrium:
@@ -202,7 +209,7 @@ class Equilibrium:
                 raise InvalidValue("bodies", entry, "a body with joints, or its id alone")
             if masses[0] == 0 or len(links) > 1:
                 raise InvalidValue("bodies", entry, "a single body with mass, or one with joints")
-            return _Free(body, list(range(6)), [], links, masses)
+            return _Free(body, list(range(6)), [], links, masses, np.zeros((0, 2)))
         joints = movable if chosen is None else chosen
         if not isinstance(joints, (tuple, list)) or not set(joints) <= set(movable) or not joints:
             raise InvalidValue("bodies", entry, f"(bodyUniqueId, joints) with joints of {movable}")
@@ -213,7 +220,10 @@ class Equilibrium:
         columns = [first + movable.index(joint) for joint in joints]
         if first and chosen is None:
             columns = [*range(6), *columns]
-        return _Free(body, columns, list(joints), links, masses)
+        p.syncBodyInfo(client)  # limits that changeDynamics has changed
+        limits = np.array([p.getJointInfo(body, joint, client)[8:10] for joint in joints])
+        limits[limits[:, 0] > limits[:, 1]] = -np.inf, np.inf
+        return _Free(body, columns, list(joints), links, masses, limits)
 
     def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
         centre, turn = link_pose(body, link, self._client)
@@ -341,20 +351,30 @@ class Equilibrium:
 
     def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
         scale = self._scales()
-        self._put_back(self._place())
+        self._put(self._place(), np.clip(0, *self._room()))
         at, residual, may_rise = self._terms(), np.inf, self.tendons is None
         for count in range(max_steps):
             if at is None:
                 return False, count, float(residual)
-            residual = np.abs(scale * at.force).max() / max(at.largest, 1e-300)
+            room = self._room()
+            free = ~_is_stopped(at.force, room)
+            residual = np.abs(scale * at.force)[free].max(initial=0) / max(at.largest, 1e-300)
             if residual <= tolerance:
                 return True, count, float(residual)
             if not (np.isfinite(at.matrix).all() and np.isfinite(at.force).all()):
                 return False, count, float(residual)
-            step = self._shortened(_newton_step(at.matrix, at.force, scale), at)
+            step = self._shortened(_step_within(room, free, at.matrix, at.force, scale), at)
             at, fell = self._advance(at, step, may_rise)
             may_rise = fell and self.tendons is None
         return False, max_steps, float(residual)
+
+    def _room(self) -> np.ndarray:
+        """(2, n) how far coordinates can move, down (<= 0) and up; beyond a limit, the way back to it."""
+        room = []
+        for entry, (_, places) in zip(self._free, self._place(), strict=True):
+            room += [(-np.inf, np.inf)] * (len(entry.columns) - len(entry.joints))
+            room += [*(entry.limits - np.array(places)[:, None])] if entry.joints else []
+        return np.transpose(room)
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> np.ndarray:
         """The step, in which nothing moves far that cartilage, or a particle of a tendon, can touch."""
@@ -413,6 +433,27 @@ class Equilibrium:
                 out += [1.0] * 3 + [1 / _LEVER] * 3
             out += [1 / _LEVER if kind == p.JOINT_REVOLUTE else 1.0 for kind in kinds]
         return np.array(out)
+
+
+def _is_stopped(force, room) -> np.ndarray:
+    """(n,) whether a force, or a step, points out of a limit that the coordinate is at."""
+    low, high = room
+    return ((force > 0) & (high <= _AT_LIMIT)) | ((force < 0) & (low >= -_AT_LIMIT))
+
+
+def _step_within(room, free, matrix, force, scale) -> np.ndarray:
+    """Newton's step of the coordinates that are free, up to where the first one comes to its limit."""
+    while True:
+        step = np.zeros(len(force))
+        if free.any():
+            step[free] = _newton_step(matrix[np.ix_(free, free)], force[free], scale[free])
+        held = free & _is_stopped(step, room)
+        if not held.any():
+            break
+        free = free & ~held
+    moves = step != 0
+    ways = np.where(step > 0, room[1], room[0])[moves] / step[moves]
+    return step * ways.min(initial=1)
 
 
 def _newton_step(matrix, force, scale) -> np.ndarray:

@@ -725,8 +725,8 @@ class TendonWorld(NotCopied):
         With `bodies`, these are put first where ligaments, cartilage, tendons, gravity, `forces` and those
         told by apply_external_force balance, by Newton's method, and are at rest there. Tendons that touch
         these bodies, or are attached to them, follow in small steps. Other bodies, and joints that
-        are not listed, stay where they are. Motors and contacts of pybullet do not act. Where no equilibrium
-        is found, nothing has moved and the report says that it did not converge.
+        are not listed, stay where they are. Limits of joints act; motors and contacts of pybullet do not.
+        Where no equilibrium is found, nothing has moved and the report says that it did not converge.
 
         Velocities are zero afterwards, pybullet is not stepped, nothing acts on bodies. The report tells
         iterations, residual and whether it converged. A tendon that can touch nothing is solved for at once,

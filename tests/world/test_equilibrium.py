@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
@@ -469,3 +470,59 @@ def test_slack_tendons_over_a_ball_come_to_rest(make_world, client, seed):
     world.step(50)
     for t, z in zip(world.tendons, heights, strict=True):
         assert np.abs(t.positions[:, 2] - z).max() < 1e-4
+
+
+def limited_chain(path, client, limits):
+    """A chain of hinges and a slider with these limits, each link 0.1 m long and 0.2 kg."""
+    inertia = '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/>'
+    text = '<robot name="chain"><link name="l0"/>'
+    for k, (low, high) in enumerate(limits):
+        kind, axis = ("prismatic", "0 0 1") if k == 2 else ("revolute", "0 1 0" if k % 2 else "1 0 0")
+        text += (
+            f'<link name="l{k + 1}"><inertial><origin xyz="0 0 -0.05"/><mass value="0.2"/>{inertia}'
+            f'</inertial></link><joint name="j{k}" type="{kind}">'
+            f'<parent link="l{k}"/><child link="l{k + 1}"/>'
+            f'<origin xyz="0 0 {-0.1 if k else 0}"/><axis xyz="{axis}"/>'
+            f'<limit lower="{low}" upper="{high}" effort="1e3" velocity="1e3"/></joint>'
+        )
+    path.write_text(text + "</robot>", encoding="utf-8")
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    return p.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_joints_stay_within_their_limits(make_world, client, tmp_path, seed):
+    """The potential is that which a bounded minimiser finds, and the next steps stay there."""
+    world, rng = make_world(1 / 240, (0, 0, -G)), np.random.default_rng(seed)
+    limits = np.array([(-rng.uniform(0.05, 0.4), rng.uniform(0.05, 0.4)) for _ in range(4)])
+    limits[2] *= 0.05
+    arm = limited_chain(tmp_path / "chain.urdf", client, limits)
+    joints = list(range(4))
+    for joint in joints:
+        p.setJointMotorControl2(arm, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    pulled = []
+    for link, force in zip(joints, rng.uniform(0, 8, 4), strict=True):
+        at = rng.uniform(-0.4, 0.4, 3)
+        line = world.add_ligament([(arm, -1, tuple(at)), (arm, link, (0, 0, -0.1))], bt.Material(stiffness=1))
+        line.set_tension(force)
+        pulled.append((line, force))
+
+    def potential(places):
+        for joint, place in zip(joints, places, strict=True):
+            p.resetJointState(arm, joint, place, 0, client)
+        states = p.getLinkStates(arm, joints, 0, 1, client)
+        return sum(0.2 * G * state[0][2] for state in states) + sum(f * line.length for line, f in pulled)
+
+    best = minimize(potential, np.zeros(4), method="L-BFGS-B", bounds=limits, options={"ftol": 1e-15})
+    stopped = (best.x <= limits[:, 0] + 1e-6) | (best.x >= limits[:, 1] - 1e-6)
+    assert stopped.any()
+    for joint in joints:
+        p.resetJointState(arm, joint, 2 * limits[joint, 1], 0, client)  # beyond them
+    world.relax(bodies=[arm])
+    assert world.report.converged and world.report.iterations < 40
+    found = np.array([state[0] for state in p.getJointStates(arm, joints, client)])
+    assert (found >= limits[:, 0] - 1e-9).all() and (found <= limits[:, 1] + 1e-9).all()
+    np.testing.assert_allclose(found, best.x, atol=1e-4)
+    world.step(20)
+    after = np.array([state[0] for state in p.getJointStates(arm, joints, client)])
+    np.testing.assert_allclose(after, found, atol=1e-4)
