@@ -174,6 +174,27 @@ def test_a_chamfer_moves_the_edge_back(drilled):
     assert least == pytest.approx(radius + chamfer, rel=0.02)
 
 
+def test_a_tendon_slides_over_a_chamfer(drilled):
+    """Without friction, the hand that pulls it out at an angle of 45 degrees feels the pull at the other end.
+
+    The face of the bone ends where its rounded edge begins.
+    """
+    radius, pull, steps, way = 0.003, 20.0, 240, 0.01
+    world, _, _ = drilled(chamfer=0.005)
+    out = np.array([1.0, 0, 1.0]) / math.sqrt(2)
+    end = np.array([HALF, 0, 0]) + 0.06 * out
+    t = world.add_tendon([[-0.1, 0, 0], [HALF, 0, 0], end], radius, ROPE, 161)
+    t.friction = 0.0
+    t.set_force(0, [-pull, 0, 0])
+    hand, felt = t.grip(-1), []
+    for k in range(steps):
+        hand.target = end + (k / steps * way) * out
+        world.step()
+        if k >= steps // 4:
+            felt.append(-np.array(hand.force) @ out)
+    assert np.abs(felt) == pytest.approx(pull, rel=0.02)
+
+
 def test_several_tunnels(make_world, client):
     """One tendon through two bones, one of them turned and shifted: each holds its own stretch."""
     world = make_world(1 / 240)

@@ -76,8 +76,11 @@ struct Bore {
     const double depth = chamfer * std::sqrt(1 + dot(slope[mouth], slope[mouth]));
     return mouth ? length - depth : depth;
   }
-  // Whether there is no bone at p because of the bore.
-  bool removes(Vec3 p) const { return contains(p, kBoreReach * radius); }
+  // Whether there is no bone at p because of the bore, or of the chamfer of a mouth.
+  bool removes(Vec3 p) const {
+    const double wide = has_wall(p, along(p)) ? radius : radius + chamfer;
+    return beyond(p) <= kBoreReach * wide && off_axis(p) <= wide;
+  }
   // Whether the wall nearest to p, at z along the axis, is there: neither open nor a chamfer.
   bool has_wall(Vec3 p, double z) const;
   // Whether p is between both rims, nearer to neither mouth than any point of its rim.
