@@ -195,6 +195,29 @@ def test_a_tendon_slides_over_a_chamfer(drilled):
     assert np.abs(felt) == pytest.approx(pull, rel=0.02)
 
 
+@pytest.mark.parametrize(("degrees", "error"), [(30, 0.03), (45, 0.07), (60, 0.13)])
+def test_a_coarse_tendon_bends_at_a_mouth(drilled, degrees, error):
+    """Its segments are longer than its radius, and still the hand feels the pull, wherever the particles are.
+
+    If chords touched the edge, the force would be off by 1/cos - 1 where one of them ends: 15, 41 and 100 %.
+    """
+    radius, pull, steps, way = 0.003, 20.0, 240, 0.02
+    world, _, _ = drilled()
+    out = np.array([math.cos(math.radians(degrees)), 0, math.sin(math.radians(degrees))])
+    end = np.array([HALF, 0, 0]) + 0.12 * out
+    t = world.add_tendon([[-0.17, 0, 0], [HALF, 0, 0], end], radius, ROPE, 35)
+    t.friction = 0.0
+    t.set_force(0, [-pull, 0, 0])
+    hand, felt = t.grip(-1), []
+    for k in range(steps):
+        hand.target = end + (k / steps * way) * out
+        world.step()
+        if k >= steps // 4:
+            felt.append(abs(np.array(hand.force) @ out))
+    assert np.array(felt) == pytest.approx(pull, rel=error)
+    assert np.mean(felt) == pytest.approx(pull, rel=0.03)
+
+
 def test_several_tunnels(make_world, client):
     """One tendon through two bones, one of them turned and shifted: each holds its own stretch."""
     world = make_world(1 / 240)

@@ -267,11 +267,14 @@ def tangent_beside(x, place, axis, radius, slope):
     return way / np.linalg.norm(way)
 
 
-def agree_on_a_segment(kind, ends, offset, rim, stiffness, multiplier):
+STRAIGHT = np.zeros((2, 3))
+
+
+def agree_on_a_segment(kind, ends, offset, rim, stiffness, multiplier, bend=STRAIGHT):
     """The contact of a segment with ends (6,): forces and block against the potential N^2/(2k)."""
 
     def term(at):
-        return _core.testing.edge_term(kind, at[:3], at[3:], offset, *rim, stiffness, multiplier, False)
+        return _core.testing.edge_term(kind, at[:3], at[3:], offset, *rim, stiffness, multiplier, False, bend)
 
     def potential(at):
         return max(0.0, multiplier - stiffness * term(at)[0]) ** 2 / (2 * stiffness)
@@ -294,12 +297,14 @@ def test_edges(steep, seed):
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     agree_on_a_segment(MOUTH, ends, 0.001, rim, stiffness, multiplier)
+    bend = random.uniform(-1, 1, (2, 3)) * 0.2 * np.linalg.norm(ends[3:] - ends[:3])
+    agree_on_a_segment(MOUTH, ends, 0.001, rim, stiffness, multiplier, bend)
 
 
 def gap_through_mouth(start, end, steep):
     """Of a segment that passed through a mouth of radius 2.5 mm and keeps 2 mm from its edge [m]."""
     rim = np.zeros(3), np.array([0.0, 0, 1]), 2.5e-3, np.array([steep, 0, 0])
-    return _core.testing.edge_term(MOUTH, start, end, 2e-3, *rim, 1e3, 0.0, True)[0]
+    return _core.testing.edge_term(MOUTH, start, end, 2e-3, *rim, 1e3, 0.0, True, STRAIGHT)[0]
 
 
 @pytest.mark.parametrize("steep", [0.0, 0.7])

@@ -150,12 +150,15 @@ Array full_block(const Contact& contact) {
 }
 
 // A segment against the edge of a mouth, or a round bone, at the nearest point of the segment: gap, forces on
-// its ends, and the full block. threads: it passed through the mouth at the start of the step.
+// its ends, and the full block. threads: it passed through the mouth at the start of the step. bend: of the
+// segment at its start and its end (geometry/bent_segment.h) [m].
 py::tuple edge_term(int kind, Vec3 a, Vec3 b, double offset, Vec3 centre, Vec3 axis, double radius,
-                    Vec3 slope, double stiffness, double lambda, bool threads) {
+                    Vec3 slope, double stiffness, double lambda, bool threads,
+                    const std::array<Vec3, 2>& bend) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
   contact.geometry.rim = rim_of(centre, axis, radius, slope, 0);
   contact.geometry.threads_mouth = threads;
+  std::copy_n(bend.begin(), 2, contact.geometry.bend);
   contact.a = {0, 0, 0.5, 0.5};
   for (int i = 0; i < 50; ++i) contact.follow(a, b);
   const double P[2] = {contact.a.w0, contact.a.w1};

@@ -40,7 +40,7 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   double curvature = 0, across_edge = 0;
   Vec3 around;
   if (is_curved())
-    curved_gap(relative + geometry.rim_shift, curvature, around, across_edge);
+    curved_gap(relative + geometry.rim_shift + geometry.bulge, curvature, around, across_edge);
   else
     geometry.gap = dot(geometry.normal, relative) - geometry.offset;
   geometry.gap -= geometry.depth_allowance;

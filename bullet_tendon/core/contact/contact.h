@@ -67,6 +67,8 @@ struct ContactGeometry {
   double handedness = 0;       // pair: sign of n.(l_a x l_b) there; 0: a contact point is at an end
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
   bool follows = false;        // pair whose contact points are the present nearest points
+  Vec3 bend[2];                // mouth: of its segment (geometry/bent_segment.h), of the substep's start [m]
+  Vec3 bulge;                  // mouth and bore: of the segment at the contact point, as last evaluated [m]
   Vec3 point_shift;            // from the first contact point to the present one, at the start [m]
   // Contacts whose points slide along their segments: each term adds share l l^T to the block, with l over
   // the ends of a, then of b. l = sliding_term [-], share = sliding_share [N/m].

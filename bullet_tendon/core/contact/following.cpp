@@ -44,7 +44,9 @@ void Contact::follow(Vec3 start, Vec3 end) {
     const double square = dot(l, l);
     if (square > 0) a.w1 = std::min(std::max(dot(geometry.rim.centre - start, l) / square, 0.0), 1.0);
   } else {
-    a.w1 = slide_to_rim(start, end, a.w1, geometry.rim, geometry.edge);
+    const BentSegment segment{start, end - start, {geometry.bend[0], geometry.bend[1]}};
+    a.w1 = slide_to_rim(segment, a.w1, geometry.rim, geometry.edge);
+    geometry.bulge = segment.bulge(a.w1);
     geometry.beyond_edge = geometry.threads_mouth && passes_beyond(geometry.rim, start, end);
   }
   a.w0 = 1 - a.w1;
@@ -55,15 +57,16 @@ void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   geometry.sliding_terms = 0;
   const double u = a.w1;
   if (!follows() || !normal_force.pressed || u <= 0 || u >= 1) return;
-  const Vec3 x = (1 - u) * start + u * end, l = end - start;
+  const BentSegment segment{start, end - start, {geometry.bend[0], geometry.bend[1]}};
+  const Vec3 l = segment.tangent(u);
   const double kept = geometry.gap;
   double curvature = 0, across_edge = 0;
   Vec3 around;
-  curved_gap(x, curvature, around, across_edge);
+  curved_gap(segment.at(u), curvature, around, across_edge);
   geometry.gap = kept;
   const Vec3 m = cross(around, geometry.normal);
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
-  const double bent = dot(l, Hl);
+  const double bent = dot(l, Hl) + dot(geometry.normal, segment.bend_at(u));
   if (bent == 0 || (definite && bent < 0)) return;
   geometry.sliding_terms = 1;
   geometry.sliding_share[0] = normal_force.lambda_predicted / bent;

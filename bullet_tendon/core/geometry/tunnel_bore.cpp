@@ -140,19 +140,19 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last) {
           (-A * B / (square * square)) * (B * c * rim.longer + A * s * rim.shorter), at.c, at.s};
 }
 
-double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at) {
+double slide_to_rim(const BentSegment& segment, double u, const Rim& rim, RimPoint& at) {
   // Least second derivative for Newton's method, over that without the rim's curvature [-].
   constexpr double kConvex = 0.02;
-  const Vec3 d = b - a;
-  const double length2 = dot(d, d);
-  if (length2 == 0) return u;
+  if (dot(segment.along, segment.along) == 0) return u;
   for (int i = 0; i < kAdvances; ++i) {
-    at = nearest_on_rim(rim, a + u * d, at);
-    const Vec3 from = a + u * d - at.point;
+    const Vec3 x = segment.at(u), d = segment.tangent(u);
+    at = nearest_on_rim(rim, x, at);
+    const Vec3 from = x - at.point;
     // Newton's method on half the squared distance: the rim's point moves by t (t.d) / (1 - from.k). Where
     // that is not convex, the point is projected to the segment.
     const double straight = 1 - dot(from, at.curvature), along = dot(at.tangent, d);
-    double bend = straight > 0 ? length2 - along * along / straight : 0;
+    const double length2 = dot(d, d);
+    double bend = straight > 0 ? length2 - along * along / straight + dot(from, segment.bend_at(u)) : 0;
     if (bend < kConvex * length2) bend = length2;
     const double last = u;
     u = std::min(std::max(u - dot(from, d) / bend, 0.0), 1.0);
@@ -178,12 +178,11 @@ Vec3 towards(const Rim& rim, Vec3 p) {
 
 }  // namespace
 
-double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim) {
+double nearest_to_rim(const BentSegment& segment, const Rim& rim) {
   // Intervals between samples [-]. Fewer: the nearer one of two minima may be missed. More: slower.
   constexpr int kSamples = 8;
-  const Vec3 d = b - a;
   auto square = [&](double u) {
-    const Vec3 p = a + u * d, away = p - towards(rim, p);
+    const Vec3 p = segment.at(u), away = p - towards(rim, p);
     return dot(away, away);
   };
   int best = 0;
@@ -196,7 +195,7 @@ double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim) {
     }
   }
   RimPoint at;
-  return slide_to_rim(a, b, static_cast<double>(best) / kSamples, rim, at);
+  return slide_to_rim(segment, static_cast<double>(best) / kSamples, rim, at);
 }
 
 }  // namespace bt

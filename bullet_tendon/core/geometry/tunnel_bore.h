@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/bent_segment.h"
 #include "geometry/bounds.h"
 #include "math/rotation.h"
 
@@ -97,12 +98,12 @@ Bore in_world(const Tunnel& tunnel, const Pose& pose);
 // The point of a rim nearest to p; of a point on the axis of a circle, any of them. The search starts at
 // `last`, if that was found before.
 RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last = {});
-// Parameter in [0, 1] of the point of segment a-b next to u from which the rim is nowhere nearer. at: the
-// point of the rim that was found last.
-double slide_to_rim(Vec3 a, Vec3 b, double u, const Rim& rim, RimPoint& at);
+// Parameter in [0, 1] of the point of a segment next to u from which the rim is nowhere nearer. at: the point
+// of the rim that was found last.
+double slide_to_rim(const BentSegment& segment, double u, const Rim& rim, RimPoint& at);
 // Whether segment a-b passes through the plane of the rim outside of it.
 bool passes_beyond(const Rim& rim, Vec3 a, Vec3 b);
-// Parameter in [0, 1] of the point of segment a-b nearest to the rim.
-double nearest_to_rim(Vec3 a, Vec3 b, const Rim& rim);
+// Parameter in [0, 1] of the point of a segment nearest to the rim.
+double nearest_to_rim(const BentSegment& segment, const Rim& rim);
 
 }  // namespace bt

@@ -44,6 +44,10 @@ constexpr double kSpringTangentRatio = 0.1;
 // segment has three contacts, whose shares of the load depend on rounding errors.
 constexpr double kNoBulge = 1e-5;
 
+// Largest bend of a segment, over that with which all of it is equally near to the edge of a mouth, so that
+// it has no nearest point [-]. Smaller: a coarse tendon is felt to turn at its particles.
+constexpr double kBend = 0.5;
+
 // Stiffness of a particle: across the tendon, from its inertia and the tension of both segments. along: its
 // springs add their slope, at least that at the reference strain.
 HeldBack held_at(const Tendon& c, int i, bool along) {
@@ -178,6 +182,54 @@ Rim foreseen_rim(const Rim& rim, const Link& link) {
 // A particle as a point of a segment.
 SegmentPoint particle_of(const Tendon& c, int tendon, int i) {
   return i < c.n() - 1 ? SegmentPoint{tendon, i, 1, 0} : SegmentPoint{tendon, i - 1, 0, 1};
+}
+
+// Second difference of the particles at i [m].
+Vec3 bend_of(const Tendon& c, int i) {
+  if (i == 0 || i == c.n() - 1) return {};
+  return c.x.at(i + 1) - c.x.at(i) - (c.x.at(i) - c.x.at(i - 1));
+}
+
+// Largest bend of segment k that lies on a rim, `kept` from it [m]. The second derivative of their distance
+// along the segment is l^2 share / kept, less the bend. Its share of that of a straight edge across is less
+// where the segment goes along the edge, changes along the segment, and is another on each side of an
+// ellipse. It changes the faster the smaller it is, so that it is taken twice.
+double most_bend(const Tendon& c, int k, Rim rim, double kept) {
+  const Vec3 l = c.x.at(k + 1) - c.x.at(k);
+  const double square = dot(l, l);
+  if (square == 0) return 0;
+  auto share = [&](Vec3 x) {
+    const RimPoint edge = nearest_on_rim(rim, x);
+    const double straight = 1 - kept * dot(unit_or(x - edge.point, {}), edge.curvature);
+    const double along = dot(l, edge.tangent);
+    return straight > 0 ? std::max(0.0, 1 - along * along / (straight * square)) : 0;
+  };
+  double least = 1;
+  for (int half : {1, -1}) {
+    if (!rim.is_circle()) rim.half = half;
+    for (double u : {0.25, 0.5, 0.75}) least = std::min(least, share(c.x.at(k) + u * l));
+    if (rim.is_circle()) break;
+  }
+  return kBend * least * least * square / kept;
+}
+
+// The same, as far as both segments with i that lie on the edge have one nearest point to it, and as the
+// particle has room in the bore on the other side. `kept`: distance from the edge at which they lie [m].
+Vec3 bend_of(const Tendon& c, int i, const Rim& rim, double kept) {
+  const Vec3 bend = bend_of(c, i);
+  const double size = norm(bend);
+  if (size == 0) return {};
+  const double room = 8 * std::max(0.0, rim.radius - kept);
+  const double most = std::min({room, most_bend(c, i - 1, rim, kept), most_bend(c, i, rim, kept)});
+  return std::min(1.0, most / size) * bend;
+}
+
+// Bulge at particle i of a bore, if a segment of it can reach a mouth [m].
+Vec3 bulge_of(const Tendon& c, int i, const Rim (&mouths)[2], double kept) {
+  const double longest = std::max(i > 0 ? c.rest[i - 1] : 0, i + 1 < c.n() ? c.rest[i] : 0);
+  for (const Rim& rim : mouths)
+    if (std::fabs(rim.height(c.x.at(i))) < longest) return 0.125 * bend_of(c, i, rim, kept);
+  return {};
 }
 
 Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
@@ -620,6 +672,7 @@ void World::bore_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
   const Link& link = scene.links[scene.tunnels[t]->link];
+  const Rim mouths[2] = {bore.rim(0), bore.rim(1)};
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.foreseen_at(x);
     const bool inside = c.tunnel_of[i] == t;
@@ -641,7 +694,9 @@ void World::bore_contacts(int tendon, int t) {
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}, 0), link);
     contact.geometry.margin = options.contact_threshold;
-    contact.geometry.normal = unit_or(-without(x - on_axis, bore.axis), any_perpendicular(bore.axis));
+    contact.geometry.bulge = bulge_of(c, i, mouths, distance_kept_from_edge(c, t));
+    contact.geometry.normal =
+        unit_or(-without(x + contact.geometry.bulge - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
     carry(contact, c, link);
     finish_contact(contact, tendon, i);
@@ -657,8 +712,9 @@ void World::mouth_contacts(int tendon, int t) {
     const Rim rim = bore.rim(mouth);
     for (int k = 0; k + 1 < c.n(); ++k) {
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
-      const double reach = mouth_reach(tendon, t, k);
+      SegmentAtMouth at{tendon, t, mouth, k, mouth_reach(tendon, t, k), {a, d, {}}};
       const double over = rim.height(a), other = rim.height(b);
+      const double reach = at.reach + 0.125 * std::max(norm(bend_of(c, k)), norm(bend_of(c, k + 1)));
       if (over * other > 0 && std::min(std::fabs(over), std::fabs(other)) > reach) continue;
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(rim.centre - a, d) / length2)) : 0;
@@ -666,9 +722,15 @@ void World::mouth_contacts(int tendon, int t) {
       // Both ends are within the wall: the bore contacts are sufficient.
       auto inside = [&](Vec3 p, int i) { return c.tunnel_of[i] == t && bore.is_within_rims(p); };
       if (inside(a, k) && inside(b, k + 1)) continue;
-      edge_contacts(tendon, t, mouth, k, rim, reach);
+      for (int end : {0, 1}) at.now.bend[end] = bend_of(c, k + end, rim, distance_kept_from_edge(c, t));
+      edge_contacts(at, rim);
     }
   }
+}
+
+// Distance of the centreline of a tendon that lies on an edge of the tunnel's mouths from that edge [m].
+double World::distance_kept_from_edge(const Tendon& c, int t) const {
+  return c.radius + scene.tunnels[t]->chamfer + options.contact_threshold;
 }
 
 // Distance from an edge of the tunnel's mouths within which segment k can touch it in the substep [m].
@@ -678,52 +740,57 @@ double World::mouth_reach(int tendon, int t, int k) const {
   return std::max(reach(k), reach(k + 1)) + scene.tunnels[t]->chamfer;
 }
 
-// Contacts of segment k with an edge, at the points that are predicted to be nearest at the end of the
+// Contacts of a segment with an edge, at the points that are predicted to be nearest at the end of the
 // substep. The point that is nearest now would have slid past the edge by then, and the contact would push it
 // further. In the narrow ends of an ellipse, a tendon can touch both sides.
-void World::edge_contacts(int tendon, int t, int mouth, int k, Rim rim, double reach) {
-  const Tendon& c = *step_.slots[tendon];
-  const Link& link = scene.links[scene.tunnels[t]->link];
-  const Vec3 a = c.predicted.at(k) - link.foreseen_at(c.x.at(k));
-  const Vec3 b = c.predicted.at(k + 1) - link.foreseen_at(c.x.at(k + 1));
-  double u = nearest_to_rim(a, b, rim);
-  if (!rim.is_circle()) rim.half = rim.side_of((1 - u) * a + u * b);
-  mouth_contact(tendon, t, mouth, k, rim, u, reach);
+void World::edge_contacts(const SegmentAtMouth& at, Rim rim) {
+  const Tendon& c = *step_.slots[at.tendon];
+  const Link& link = scene.links[scene.tunnels[at.tunnel]->link];
+  const Vec3 a = c.predicted.at(at.segment) - link.foreseen_at(c.x.at(at.segment));
+  const Vec3 b = c.predicted.at(at.segment + 1) - link.foreseen_at(c.x.at(at.segment + 1));
+  const BentSegment ahead{a, b - a, {at.now.bend[0], at.now.bend[1]}};
+  double u = nearest_to_rim(ahead, rim);
+  const Vec3 x = ahead.at(u);
+  if (!rim.is_circle()) rim.half = rim.side_of(x);
+  mouth_contact(at, rim, u);
   if (rim.is_circle()) return;
   rim.half = -rim.half;
-  const Vec3 x = (1 - u) * a + u * b;
   RimPoint other = nearest_on_rim(rim, x);
-  if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > reach) return;
-  u = slide_to_rim(a, b, u, rim, other);
-  mouth_contact(tendon, t, mouth, k, rim, u, reach);
+  if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > at.reach) return;
+  u = slide_to_rim(ahead, u, rim, other);
+  mouth_contact(at, rim, u);
 }
 
-void World::mouth_contact(int tendon, int t, int mouth, int k, const Rim& rim, double u, double reach) {
-  Tendon& c = *step_.slots[tendon];
-  const Link& link = scene.links[scene.tunnels[t]->link];
+void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
+  Tendon& c = *step_.slots[at.tendon];
+  const Tunnel& tunnel = *scene.tunnels[at.tunnel];
+  const Link& link = scene.links[tunnel.link];
+  const int k = at.segment;
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
-  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
-  const Vec3 x = (1 - u) * a + u * b;
+  const Vec3 x = at.now.at(u);
   const Vec3 sideways = unit_or(without(x - rim.centre, rim.axis), any_perpendicular(rim.axis));
   const Vec3 apart = x - nearest_on_rim(rim, x).point;
   const double distance = norm(apart);
-  if (distance > reach) return;
+  if (distance > at.reach) return;
   const double motion = std::max(motion_of(c, k, link), motion_of(c, k + 1, link));
-  limit_motion(c, safe_fraction(distance, c.radius + scene.tunnels[t]->chamfer, motion));
+  limit_motion(c, safe_fraction(distance, c.radius + tunnel.chamfer, motion));
   Contact contact;
-  contact.link = scene.tunnels[t]->link;
-  contact.key = {ContactKind::mouth, tendon, k, 2 * t + mouth, 0, rim.half};
-  contact.a = {tendon, k, 1 - u, u};
+  contact.link = tunnel.link;
+  contact.key = {ContactKind::mouth, at.tendon, k, 2 * at.tunnel + at.mouth, 0, rim.half};
+  contact.a = {at.tendon, k, 1 - u, u};
   contact.geometry.rim = foreseen_rim(rim, link);
   contact.geometry.margin = options.contact_threshold;
-  contact.geometry.offset = c.radius + scene.tunnels[t]->chamfer + options.contact_threshold;
+  contact.geometry.offset = distance_kept_from_edge(c, at.tunnel);
+  std::copy_n(at.now.bend, 2, contact.geometry.bend);
+  contact.geometry.bulge = at.now.bulge(u);
+  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
   contact.geometry.threads_mouth =
-      (c.tunnel_of[k] == t || c.tunnel_of[k + 1] == t) && rim.height(a) * rim.height(b) < 0;
+      (c.tunnel_of[k] == at.tunnel || c.tunnel_of[k + 1] == at.tunnel) && rim.height(a) * rim.height(b) < 0;
   contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
   contact.geometry.normal = unit_or(apart, -sideways);
-  contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
+  contact.friction.coefficient = link.friction_of(tunnel.friction) * c.friction;
   carry(contact, c, link);
-  finish_contact(contact, tendon, u < 0.5 ? k : k + 1);
+  finish_contact(contact, at.tendon, u < 0.5 ? k : k + 1);
   add_contact(contact);
 }
 

@@ -108,6 +108,13 @@ struct Detection {
   std::vector<std::vector<DrilledMesh>> drilled;  // [shape], for each set of bores that tendons may enter
 };
 
+// A segment near a mouth of a tunnel.
+struct SegmentAtMouth {
+  int tendon = 0, tunnel = 0, mouth = 0, segment = 0;
+  double reach = 0;  // distance from the mouth's edge within which it can touch it in the substep [m]
+  BentSegment now;   // at the start of the substep
+};
+
 // Contacts of this substep and their memory.
 struct ContactSet {
   std::vector<Contact> all;     // of the current detection
@@ -411,8 +418,9 @@ class World {
   void bore_contacts(int tendon, int tunnel);
   void mouth_contacts(int tendon, int tunnel);
   double mouth_reach(int tendon, int t, int k) const;
-  void edge_contacts(int tendon, int tunnel, int mouth, int segment, Rim rim, double reach);
-  void mouth_contact(int tendon, int tunnel, int mouth, int segment, const Rim& rim, double u, double reach);
+  double distance_kept_from_edge(const Tendon& c, int tunnel) const;
+  void edge_contacts(const SegmentAtMouth& at, Rim rim);
+  void mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u);
 
   // The bores of a link that are wider than the tendon. The others are solid bone for it.
   const std::vector<Bore>& bores_for(const Tendon& c, int link);
