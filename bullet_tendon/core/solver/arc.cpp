@@ -23,11 +23,6 @@ namespace bt {
 
 namespace {
 
-// Largest force of the elongations by rotation, relative to the largest residual, below which a step is not
-// corrected [-]. Larger: a descent takes more steps. Smaller: more of them are corrected, at the cost of a
-// solution by given factors, without effect.
-constexpr double kCurved = 0.1;
-
 // residual = the forces of the elongations by rotation. Returns the largest one [N].
 double curvature_forces(Tendon& c) {
   double most = 0;
@@ -42,10 +37,10 @@ double curvature_forces(Tendon& c) {
 
 }  // namespace
 
-void find_correction(Island& island, const Options& options, double residual) {
+void find_correction(Island& island, const Options& options) {
   double most = 0;
   for (Tendon* c : island.tendons) most = std::max(most, curvature_forces(*c));
-  island.curved = std::isfinite(most) && most > kCurved * residual;
+  island.curved = std::isfinite(most) && most > 0;
   if (!island.curved) return;
   clear_loads(island);
   load_carried(island, &Tendon::residual);

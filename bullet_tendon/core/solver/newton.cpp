@@ -210,10 +210,10 @@ bool find_exact_step(Solution& s, bool indefinite_too) {
 // the slope is not positive there. Where the curvature along the arc is negative, it goes on beyond its end:
 // the step of a positive definite matrix is a small share of the way from a saddle. It uses slopes only,
 // because differences of the potential would suffer from cancellation.
-void line_search(Solution& s, double residual) {
+void line_search(Solution& s) {
   Island& island = s.island;
   const double start = slope_along_arc(island, 0);
-  find_correction(island, s.options(), residual);
+  find_correction(island, s.options());
   double lo = 0, hi = HUGE_VAL, slope_lo = start, slope_hi = 0, at = 0, alpha = 1;
   for (int trial = 0; trial < kMostTrials; ++trial) {
     advance_along_arc(island, at, alpha);
@@ -261,7 +261,7 @@ void leave_saddle(Solution& s) {
   find_zigzag(island);
   if (falls_along_step(island)) return;
   if (!find_exact_step(s, true) || !find_buckling_mode(island, s.options())) return;
-  if (falls_along_step(island)) line_search(s, 0);
+  if (falls_along_step(island)) line_search(s);
 }
 
 // After an iteration with a small residual: stiffens contacts, leaves a saddle, or ends the solution.
@@ -337,12 +337,12 @@ bool find_step(Solution& s, const Assembly& a) {
   return solve_linear(island, s.context, true);
 }
 
-void take_step(Solution& s, double residual) {
+void take_step(Solution& s) {
   Island& island = s.island;
   s.stepped = true;
   island.curved = false;
   if (s.searches) {
-    line_search(s, residual);
+    line_search(s);
     for (Tendon* c : island.tendons)
       for (Anchor& h : c->anchors) h.slips = h.is_beyond();
     // The normal force of a direct contact is that before the line search. Its limit is kept.
@@ -452,7 +452,7 @@ void iterate(Solution& s) {
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) break;
-    take_step(s, a.residual);
+    take_step(s);
   }
   if (island.result.converged || island.result.left_predicted_region || s.changed) return;
   island.result.converged = is_negligible(s);

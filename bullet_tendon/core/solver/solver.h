@@ -56,9 +56,9 @@ void solve_limits(Island& island, const StepContext& context, double enough);
 //
 // d: tendon.dx and dy of the bodies; c: their corrections, zero unless island.curved.
 
-// Computes c from d, by the factors of the last solution, where it matters beside the residual [N] of the
-// iterate. Afterwards the residual of tendons and bodies and the steps of links are undefined.
-void find_correction(Island& island, const Options& options, double residual);
+// Computes c from d, by the factors of the last solution. Afterwards the residual of tendons and bodies and
+// the steps of links are undefined.
+void find_correction(Island& island, const Options& options);
 
 // Moves the iterate from x(from) to x(to), with its bodies and the particles that they carry.
 void advance_along_arc(Island& island, double from, double to);
