@@ -28,13 +28,10 @@ namespace {
 
 // Residual, relative to the largest force, below which contacts are linearised completely [-]: with
 // curvature, which may make the matrix indefinite, and with friction limits that change within the linear
-// solution. Larger: inaccurate normal forces make iterations diverge. Smaller: more iterations.
+// solution; and below which they are stiffened. Larger: inaccurate normal forces make iterations diverge, and
+// multipliers are taken from them. Smaller: more iterations, and each stiffness is solved for to an accuracy
+// that is lost with the next one.
 constexpr double kNear = 0.1;
-
-// Residual, relative to the largest force, below which contacts are stiffened [-]. Larger: multipliers are
-// taken from inaccurate forces. Smaller: each stiffness is solved for to an accuracy that is lost with the
-// next one.
-constexpr double kStiffened = 3e-3;
 
 // Residual, relative to the largest force, below which the curvature of elements is computed [-]. Larger: it
 // is that of a place far from the solution. Smaller: more iterations converge linearly.
@@ -288,8 +285,7 @@ int fewest_steps(const Solution& s) { return s.descends ? kFewestDescents : 1; }
 
 Next decide(Solution& s, const Assembly& a, int start) {
   Island& island = s.island;
-  const bool near = s.iteration > 0 && !s.changed && a.residual <= kStiffened * a.scale;
-  if (island.result.converged || near) {
+  if (island.result.converged || (s.iteration > 0 && !s.changed && !s.far)) {
     const Next next = refine(s);
     if (next != Next::step) return next;
   }
