@@ -59,10 +59,6 @@ constexpr int kMostTrials = 20;
 // Smaller: a taut tendon that is released may move this far in a long step.
 constexpr double kFarOff = 1e3;
 
-// Number of descent steps that end a solution also with an exhausted budget [-]. Fewer: bodies gain energy in
-// steps that are not solved. More: a time budget is exceeded by more.
-constexpr int kFewestDescents = 3;
-
 // Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
 // saddle only within the tolerance is moved visibly. Smaller: more iterations.
 constexpr double kDisturbance = 1e-6;
@@ -276,9 +272,6 @@ Next refine(Solution& s) {
   return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
-// Number of steps that are taken with an exhausted budget [-].
-int fewest_steps(const Solution& s) { return s.descends ? kFewestDescents : 1; }
-
 Next decide(Solution& s, const Assembly& a, int start) {
   Island& island = s.island;
   if (island.result.converged || (s.iteration > 0 && !s.changed && !s.far)) {
@@ -289,7 +282,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
   if (!s.descends && a.residual > kDivergence * s.smallest) return Next::stop;
-  if (s.iteration - start >= fewest_steps(s) && s.context.budget->refuses_solve()) return Next::stop;
+  if (s.iteration > start && s.context.budget->refuses_solve()) return Next::stop;
   return Next::step;
 }
 
