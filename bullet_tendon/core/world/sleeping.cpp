@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <numeric>
 #include <type_traits>
 
 #include "world/world.h"
@@ -25,8 +24,6 @@ namespace {
 // heaps, which settle ever more slowly, are solved for longer.
 constexpr double kRestSpeed = 1e-5;
 constexpr double kRestTime = 0.5;
-// Largest damping force of a tendon at rest, over its largest spring force or its weight [-].
-constexpr double kRestDamped = 1e-4;
 // Least number of steps at rest before a tendon sleeps [-]: one long step is no rest.
 constexpr int kRestSteps = 30;
 
@@ -37,21 +34,6 @@ bool rests(const Tendon& c, double dt) {
     const double *x = c.x[k], *before = c.x_before[k], *v = c.v[k];
     for (int i = 0; i < c.n(); ++i)
       if (!(std::fabs(x[i] - before[i]) <= near && std::fabs(v[i]) <= slow)) return false;
-  }
-  return true;
-}
-
-// Whether damping forces are negligible. A tendon whose damping forces carry load is still creeping. So is
-// tissue that relaxes.
-bool unloads_dampers(const Tendon& c, double gravity) {
-  if (c.material.tissue.relaxes()) return false;
-  if (!c.structure.damped && !c.shear.damped) return true;
-  if (c.material.law.whole_velocity) return false;
-  const double weight = gravity * std::accumulate(c.mass.begin(), c.mass.end(), 0.0);
-  for (const SpringSet* s : {&c.structure, &c.shear}) {
-    const double most = kRestDamped * std::max(weight, largest_of(s->force.data(), s->count));
-    for (int k = 0; s->damped && k < s->count; ++k)
-      if (!(std::fabs(s->force[k] - s->true_elastic[k]) <= most)) return false;
   }
   return true;
 }
@@ -215,7 +197,7 @@ bool World::count_rest(double dt) {
   const bool solved = step_.substeps.taken() == 1 && step_.report.converged;
   bool any = false;
   for (auto [slot, c] : filled(step_.slots)) {
-    const bool still = solved && rests(c, dt) && unloads_dampers(c, norm(step_.context.gravity));
+    const bool still = solved && rests(c, dt) && !c.material.tissue.relaxes();
     c.quiet = still ? c.quiet + std::min(dt, kRestTime / kRestSteps) : 0;
     any |= c.quiet >= kRestTime;
   }
