@@ -182,7 +182,8 @@ void World::limit_cartilage(Measure measure) {
   }
 }
 
-// A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step.
+// A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step,
+// which are also the first guess of the solution (solver/body_schur.cpp).
 void World::foresee_links() {
   const double square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {

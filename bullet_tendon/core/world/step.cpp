@@ -407,18 +407,12 @@ void World::finish_step_of_world() {
   fall_asleep();
 }
 
-// Predicts particles on bodies where these are under the last forces, if these are known well: elements hold
-// a loaded body, and forces go on from substep to substep. They are also the first guess of the solution
-// (solver/body_schur.cpp).
+// Predicts particles on bodies where these are foreseen to be under the last forces.
 void World::expect_carried(Tendon& c) {
   for (const Anchor& h : c.anchors) {
     if (!h.moves) continue;
     const Link& link = scene.links[h.link];
-    const GeneralizedBody& m = scene.bodies[link.body];
-    if (!knows_last_forces(m)) continue;
-    const double reach = step_.context.reach;
-    const Vec3 moved = link.response(m).at(to_world(link.pose, h.local) - link.centre);
-    c.predicted.set(h.particle, h.aim + (reach * reach) * moved);
+    c.predicted.set(h.particle, h.aim + link.foreseen.given.at(link.arm_of(h.local)));
   }
 }
 
