@@ -17,7 +17,6 @@ constexpr double kHalfDiagonal = 0.867;  // half of the diagonal of a cube of si
 // Of a spacing, by which the splines may be below the distance at a crease [-]. Smaller: points there jump
 // from no depth to this. Larger: more points are evaluated that are not behind.
 constexpr double kOvershoot = 0.15;
-constexpr double kUnknown = std::numeric_limits<double>::infinity();
 
 // Weights of the four nodes around a point, and their derivatives, at the fraction t of its cell.
 struct Weights {
@@ -60,7 +59,7 @@ void DistanceGrid::size(const Box& box) {
   origin_ = box.lo - (kBorder + 1) * spacing_ * Vec3{1, 1, 1};
   known_.assign(static_cast<size_t>(b_[0]) * b_[1] * b_[2], 0);
   of_bricks_.assign(known_.size(), 0.0);
-  values_.assign(static_cast<size_t>(n_[0]) * n_[1] * n_[2], kUnknown);
+  values_.assign(static_cast<size_t>(n_[0]) * n_[1] * n_[2], HUGE_VAL);
 }
 
 DistanceGrid::DistanceGrid(const SignedDistance& distance, double spacing, double depth)
@@ -98,7 +97,7 @@ void DistanceGrid::fill(const SignedDistance& distance, int i, int j, int k, int
     for (int b = kBrick * j; b < kBrick * (j + 1) + 3; ++b)
       for (int a = kBrick * i; a < kBrick * (i + 1) + 3; ++a) {
         double& value = values_[node(a, b, c)];
-        if (value == kUnknown)
+        if (value == HUGE_VAL)
           value = distance(origin_ + spacing_ * Vec3{double(a), double(b), double(c)}, triangle);
       }
 }
@@ -109,7 +108,7 @@ std::vector<double> DistanceGrid::numbers() const {
                           double(n_[2]), double(b_[0]), double(b_[1]), double(b_[2])};
   out.insert(out.end(), of_bricks_.begin(), of_bricks_.end());
   out.insert(out.end(), known_.begin(), known_.end());
-  for (double v : values_) out.push_back(v == kUnknown ? std::numeric_limits<double>::max() : v);
+  for (double v : values_) out.push_back(v == HUGE_VAL ? std::numeric_limits<double>::max() : v);
   return out;
 }
 
@@ -130,7 +129,7 @@ DistanceGrid::DistanceGrid(const std::vector<double>& numbers) {
   known_.assign(p + bricks, p + 2 * bricks);
   values_.assign(p + 2 * bricks, numbers.data() + numbers.size());
   for (double& v : values_)
-    if (v == std::numeric_limits<double>::max()) v = kUnknown;
+    if (v == std::numeric_limits<double>::max()) v = HUGE_VAL;
   find_mark();
 }
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include "math/rounding.h"
@@ -20,9 +19,6 @@ constexpr double kFresh = 1e-2;
 // Motion of a feature, as a share of its distance, for which its list of triangles is complete [-]. Larger:
 // lists cost more. Smaller: more searches.
 constexpr double kListed = 0.05;
-
-// Bound of a search without one [m].
-constexpr double kAnyDistance = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
@@ -97,7 +93,7 @@ struct Considering {
     }
     if (shape.surface.get() != context.surface) {
       ++counts.searched;
-      const Nearest found = context.surface->search(query.a, query.b, kAnyDistance, e.nearby);
+      const Nearest found = context.surface->search(query.a, query.b, HUGE_VAL, e.nearby);
       return answer(query, found.distance, found.point, found.u, pose, context, e);
     }
     ++counts.queried;
