@@ -2,7 +2,7 @@
 //
 // A strut without bending stiffness is unstable in a zigzag of its particles. Bending stiffness makes the
 // zigzag stable. The strut then buckles in a long wave, which grows from a small disturbance by a small share
-// in each step of a descent. Therefore the wave is computed: the eigenvector of the matrix with the
+// in each step of a descent. Therefore the mode is computed: the eigenvector of the matrix with the
 // eigenvalue nearest to zero, by inverse iteration.
 //
 // A strut whose buckling takes longer than a step is no saddle of the step's potential: inertia makes it
@@ -56,11 +56,6 @@ Vec3 crosswise(const Tendon& c, int i, double angle) {
   return std::cos(angle) * side + std::sin(angle) * cross(along, side);
 }
 
-// A displacement of particle i across the tendon by one segment, by the golden angle from the last particle.
-Vec3 zigzag(const Tendon& c, int i) {
-  return std::min(c.rest[i - 1], c.rest[i]) * crosswise(c, i, kGoldenAngle * i);
-}
-
 // Whether both segments of particle i are in one line, and so compressed that this ends soon.
 bool is_straight_strut(const Tendon& c, int i) {
   if (c.structure.force[i - 1] >= 0 || c.structure.force[i] >= 0) return false;  // most of them
@@ -89,18 +84,12 @@ bool answer_forces(Island& island, const Options& options) {
 // Bends the tendon at particle i by impulses without a sum or a moment, on it and on its neighbours.
 void bend(Tendon& c, int i) {
   const double least = std::min({c.mass[i - 1], c.mass[i], c.mass[i + 1]});
-  const Vec3 impulse = kImperfection * least * zigzag(c, i);
+  const double deviation = kImperfection * std::min(c.rest[i - 1], c.rest[i]);
+  const Vec3 impulse = deviation * least * crosswise(c, i, kGoldenAngle * i);
   const double share = norm(c.x_new.at(i) - c.x_new.at(i - 1)) / norm(c.x_new.at(i + 1) - c.x_new.at(i - 1));
   c.move(i - 1, (share - 1) / c.mass[i - 1] * impulse);
   c.move(i, 1 / c.mass[i] * impulse);
   c.move(i + 1, -share / c.mass[i + 1] * impulse);
-}
-
-// Scales tendon.dx and corner_side, and completes the step by dy of the bodies and the particles they carry.
-void take_as_step(Island& island, double share) {
-  combine(island, share, &Tendon::dx, 0, &Tendon::dx);
-  move_bodies(island, share, &Tendon::dx);
-  island.curved = false;
 }
 
 }  // namespace
@@ -108,16 +97,6 @@ void take_as_step(Island& island, double share) {
 bool has_struts(const Island& island) {
   return std::any_of(island.tendons.begin(), island.tendons.end(),
                      [](const Tendon* c) { return is_strut(*c); });
-}
-
-void find_zigzag(Island& island) {
-  for (Tendon* c : island.tendons) {
-    c->dx.zero();
-    for (int i = 1; is_strut(*c) && i + 1 < c->n(); ++i) c->dx.set(i, zigzag(*c, i));
-  }
-  project_anchors(island, &Tendon::dx);
-  island.bodies.corner_side.assign(island.bodies.freedom, 0);
-  take_as_step(island, 1);
 }
 
 bool find_buckling_mode(Island& island, const Options& options) {
@@ -134,7 +113,9 @@ bool find_buckling_mode(Island& island, const Options& options) {
     if (!answer_forces(island, options)) return false;
   }
   const double share = segment / largest_step(island);
-  take_as_step(island, share);
+  combine(island, share, &Tendon::dx, 0, &Tendon::dx);
+  move_bodies(island, share, &Tendon::dx);
+  island.curved = false;
   return std::isfinite(share) && std::isfinite(largest_step(island));
 }
 

@@ -234,23 +234,16 @@ void line_search(Solution& s) {
 // disturbance.
 bool is_saddle(Solution& s) { return has_struts(s.island) && !find_exact_step(s, false); }
 
-// Moves a little along the step. Whether the potential falls along it from there.
-bool falls_along_step(Island& island) {
-  advance_along_arc(island, 0, kDisturbance);
-  residual_of(island, true, true);
-  return slope_along_arc(island, 0) < 0;
-}
-
-// Leaves a saddle, and descends from there: by a small zigzag, or, where that is stable, along the mode in
-// which the struts buckle.
+// Leaves a saddle along the mode in which the struts buckle: a little, and on from there if the potential
+// falls.
 void leave_saddle(Solution& s) {
   Island& island = s.island;
   s.disturbed = s.descends = s.searches = true;
   s.start_anew();
-  find_zigzag(island);
-  if (falls_along_step(island)) return;
   if (!find_exact_step(s, true) || !find_buckling_mode(island, s.options())) return;
-  if (falls_along_step(island)) line_search(s);
+  advance_along_arc(island, 0, kDisturbance);
+  residual_of(island, true, true);
+  if (slope_along_arc(island, 0) < 0) line_search(s);
 }
 
 // After an iteration with a small residual: stiffens contacts, leaves a saddle, or ends the solution.
