@@ -43,10 +43,7 @@ void find_correction(Island& island, const Options& options) {
   island.curved = std::isfinite(most) && most > 0;
   if (!island.curved) return;
   clear_loads(island);
-  load_carried(island, &Tendon::residual);
-  start_body_residual(island, 0);
-  project_anchors(island, &Tendon::residual);
-  island.curved = solve_again(island, options, &Tendon::residual, &Tendon::correction);
+  island.curved = answer_forces(island, options, &Tendon::residual, &Tendon::correction);
   combine(island, -1, &Tendon::correction, 0, &Tendon::correction);
   move_bodies(island, -1, &Tendon::correction, &BodyUnknowns::correction);
 }

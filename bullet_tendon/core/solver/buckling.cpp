@@ -71,16 +71,6 @@ double largest_step(const Island& island) {
   return most;
 }
 
-// tendon.dx and corner_side of the bodies = A^-1 f by the factors of the last solution, f: tendon.residual
-// and its loads on bodies. false: conjugate gradients met a direction without positive curvature.
-bool answer_forces(Island& island, const Options& options) {
-  clear_loads(island);
-  load_carried(island, &Tendon::residual);
-  start_body_residual(island, 0);
-  project_anchors(island, &Tendon::residual);
-  return solve_again(island, options, &Tendon::residual, &Tendon::dx);
-}
-
 // Bends the tendon at particle i by impulses without a sum or a moment, on it and on its neighbours.
 void bend(Tendon& c, int i) {
   const double least = std::min({c.mass[i - 1], c.mass[i], c.mass[i + 1]});
@@ -107,10 +97,10 @@ bool find_buckling_mode(Island& island, const Options& options) {
     segment = std::min(segment, c->shortest_rest());
     for (int i = 1; i + 1 < c->n(); ++i) c->residual.set(i, crosswise(*c, i, kGoldenAngle * i / c->n()));
   }
-  if (!answer_forces(island, options)) return false;
-  for (int k = 1; k < kInverseIterations; ++k) {
-    combine(island, 1 / largest_step(island), &Tendon::dx, 0, &Tendon::residual);
-    if (!answer_forces(island, options)) return false;
+  for (int k = 0; k < kInverseIterations; ++k) {
+    if (k > 0) combine(island, 1 / largest_step(island), &Tendon::dx, 0, &Tendon::residual);
+    clear_loads(island);
+    if (!answer_forces(island, options, &Tendon::residual, &Tendon::dx)) return false;
   }
   const double share = segment / largest_step(island);
   combine(island, share, &Tendon::dx, 0, &Tendon::dx);

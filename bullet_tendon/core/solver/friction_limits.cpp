@@ -49,10 +49,7 @@ void answer(Island& island, const Options& o, const std::vector<Contact*>& conta
     const Vec3 force = (-w[i] / norm(contact.friction.raw)) * contact.friction.raw;
     exert(island, contact, force, &Tendon::column);
   }
-  load_carried(island, &Tendon::column);
-  start_body_residual(island, 0);
-  project_anchors(island, &Tendon::column);
-  solve_again(island, o, &Tendon::column, &Tendon::solved);
+  answer_forces(island, o, &Tendon::column, &Tendon::solved);
   move_bodies(island, 1, &Tendon::solved);
 }
 

@@ -339,6 +339,13 @@ bool solve_again(Island& island, const Options& o, Which b, Which x) {
   return island.bodies.indices.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);
 }
 
+bool answer_forces(Island& island, const Options& o, Which forces, Which x) {
+  load_carried(island, forces);
+  start_body_residual(island, 0);
+  project_anchors(island, forces);
+  return solve_again(island, o, forces, x);
+}
+
 bool eliminate_tendons(Island& island, const StepContext& context) {
   context.budget->spend();
   return factorise(island, context.options, false) && complement(island, context.options);

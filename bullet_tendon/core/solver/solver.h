@@ -41,6 +41,8 @@ bool eliminate_tendons(Island& island, const StepContext& context);
 // and corner_side receives their part of x. false: conjugate gradients met a direction without positive
 // curvature.
 bool solve_again(Island& island, const Options& o, Which b, Which x);
+// The same for forces on particles and on links (Link::load). Anchors take those on the particles they hold.
+bool answer_forces(Island& island, const Options& o, Which forces, Which x);
 // y = alpha x + beta y, for every tendon.
 void combine(Island& island, double alpha, Which x, double beta, Which y);
 // cg_image = A cg_direction.
