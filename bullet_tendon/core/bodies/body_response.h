@@ -198,13 +198,11 @@ struct GeneralizedBody {
   const Numbers& unforced();
   void doubt_stops();
   void find_stops(double dt);
-  double rate_along(size_t stop, const Numbers& of) const;
   void add_stop(double wanted, int coordinate, double ahead = 0);
   void admit_stops(const Numbers& forces, double dt);
   void find_pushes(const Numbers& forces, double dt);
   void pivot_stops();
   bool pybullet_falls_short(double dt);
-  double pushed_along(size_t stop, const Numbers& pushes) const;
   Sweep sweep_stops(Numbers& pushes, bool backwards) const;
   const Numbers& rates_with(const Numbers& by_root, const Numbers& by_change, double dt);
   void share_stops(double dt);

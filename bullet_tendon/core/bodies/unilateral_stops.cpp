@@ -21,6 +21,7 @@
 // stopped at a rate below it, by joint_forces.
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "bodies/body_response.h"
@@ -70,6 +71,12 @@ constexpr double kReached = 1e-6;
 // noise of pybullet's contacts lifts a joint that rests on its limit, and joint_forces stop it again.
 constexpr double kTouching = 1e-5;
 
+// A row of a matrix times a vector: the rate along a stop, of the directions and rates; its change by
+// impulses of all stops, of the response `within`.
+double along(const dense::Numbers& rows, size_t row, const dense::Numbers& of) {
+  return std::inner_product(of.begin(), of.end(), rows.begin() + row * of.size(), 0.0);
+}
+
 // Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit,
 // or where the joint is moved behind it: outwards, or 0 if the depth is large.
 double rate_at_limit(double depth, double dt) {
@@ -95,7 +102,7 @@ void GeneralizedBody::doubt_stops() {
   for (size_t k = 0; k < stops_.all.size(); ++k) {
     const Stop& s = stops_.all[k];
     if (!s.acts) continue;
-    const bool went_on = rate_along(k, rates) - s.wanted < -kLeastStopped * s.held_back;
+    const bool went_on = along(stops_.directions, k, rates) - s.wanted < -kLeastStopped * s.held_back;
     if (s.coordinate < 0) stops_.rested = !went_on || stops_.rested;
     if (!went_on || s.wanted == -kFastest) continue;
     stopped_by_.clear();
@@ -111,13 +118,6 @@ bool GeneralizedBody::may_rest(Vec3 gravity) const {
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || stops_.slipped || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
-}
-
-double GeneralizedBody::rate_along(size_t stop, const Numbers& of) const {
-  const double* direction = &stops_.directions[stop * of.size()];
-  double sum = 0;
-  for (size_t i = 0; i < of.size(); ++i) sum += direction[i] * of[i];
-  return sum;
 }
 
 // Adds a stop along work_.direction, unless a motor or a constraint holds the body there: an impulse that is
@@ -203,7 +203,7 @@ void GeneralizedBody::pivot_stops() {
     for (size_t k = 0; k < acting.size(); ++k) all[acting[k]] = pushes[k];
     size_t wrong = m;
     for (size_t a = 0; a < m && wrong == m; ++a) {
-      const bool violated = work_.left[a] - pushed_along(a, all) > kStopSettled * work_.whole[a];
+      const bool violated = work_.left[a] - along(work_.within, a, all) > kStopSettled * work_.whole[a];
       if (acts[a] ? all[a] < 0 : stops_.all[a].admitted && violated) wrong = a;
     }
     if (wrong == m) {
@@ -214,21 +214,13 @@ void GeneralizedBody::pivot_stops() {
   }
 }
 
-// Change of the rate along a stop by impulses of all stops.
-double GeneralizedBody::pushed_along(size_t stop, const Numbers& pushes) const {
-  const double* row = &work_.within[stop * pushes.size()];
-  double sum = 0;
-  for (size_t b = 0; b < pushes.size(); ++b) sum += row[b] * pushes[b];
-  return sum;
-}
-
 // One sweep of projected Gauss-Seidel over the stops.
 GeneralizedBody::Sweep GeneralizedBody::sweep_stops(Numbers& pushes, bool backwards) const {
   const size_t m = stops_.all.size();
   Sweep most;
   for (size_t k = 0; k < m; ++k) {
     const size_t a = backwards ? m - 1 - k : k;
-    const double left = work_.left[a] - pushed_along(a, pushes);
+    const double left = work_.left[a] - along(work_.within, a, pushes);
     const double before = pushes[a], own = work_.within[a * m + a];
     pushes[a] = stops_.all[a].admitted ? std::max(0.0, before + left / own) : 0.0;
     const double rate = own * std::fabs(pushes[a] - before);
@@ -252,8 +244,8 @@ void GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   work_.direction = forces;
   const Numbers& reached = rates_with(root, change, dt);
   for (size_t a = 0; a < stops_.all.size(); ++a)
-    stops_.all[a].admitted =
-        stops_.all[a].wanted > -kFastest || stops_.all[a].acts || rate_along(a, reached) < -kFastest;
+    stops_.all[a].admitted = stops_.all[a].wanted > -kFastest || stops_.all[a].acts ||
+                             along(stops_.directions, a, reached) < -kFastest;
 }
 
 // Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
@@ -293,7 +285,7 @@ bool GeneralizedBody::pybullet_falls_short(double dt) {
     change = sweep_stops(pushes, sweep % 2 == 0).rate;
   for (size_t a = 0; a < m; ++a) pushes[a] -= stops_.pushes[a];
   for (size_t a = 0; a < m; ++a)
-    if (std::fabs(pushed_along(a, pushes)) > kSolverNoise) return true;
+    if (std::fabs(along(work_.within, a, pushes)) > kSolverNoise) return true;
   return false;
 }
 

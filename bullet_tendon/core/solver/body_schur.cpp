@@ -27,9 +27,6 @@ namespace {
 
 Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
 
-// s of bodies/body_response.h, for the present substep [s].
-double reach_of(const Island& island) { return island.bodies.reach; }
-
 template <class Do>
 void each_body(const Island& island, Do what) {
   for (int m : island.bodies.indices) what(island.bodies.body(m));
@@ -68,7 +65,7 @@ template <class Numbers>
 void add_generalized_loads(const Island& island, Numbers numbers_of) {
   for (int l : island.bodies.carried) {
     const Link& link = island.bodies.link(l);
-    link.add_generalized(link.reached, scaled(reach_of(island), link.load), numbers_of(link.body));
+    link.add_generalized(link.reached, scaled(island.bodies.reach, link.load), numbers_of(link.body));
   }
 }
 
@@ -83,7 +80,7 @@ void place(Island& island) {
   for (int l : island.bodies.carried) {
     Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
-    link.given = scaled(reach_of(island), link.spin_of(m.unknowns.y));
+    link.given = scaled(island.bodies.reach, link.spin_of(m.unknowns.y));
     if (link.turned.far) link.turn(m, 1);
   }
   each_carried(island, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
@@ -100,7 +97,7 @@ void guess(const Island& island, GeneralizedBody& m) {
   m.unknowns.residual.assign(m.n(), 0.0);
   if (static_cast<int>(m.last_forces().size()) != m.n()) return;
   dense::multiply_transposed(m.root, m.last_forces(), m.unknowns.y);
-  for (double& v : m.unknowns.y) v *= reach_of(island);
+  for (double& v : m.unknowns.y) v *= island.bodies.reach;
 }
 
 }  // namespace
@@ -110,7 +107,7 @@ void start_bodies(Island& island) {
   each_body(island, [](GeneralizedBody& m) { m.unknowns.lever = 0; });
   auto reach_to = [&](Link& link, Vec3 arm) {
     double& lever = island.bodies.body(link.body).unknowns.lever;
-    lever = std::max(lever, reach_of(island) * std::sqrt(trace(link.mobility(link.centre + arm))));
+    lever = std::max(lever, island.bodies.reach * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
   each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   each_line(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
@@ -164,7 +161,7 @@ void move_bodies(Island& island, double share, Which x, dense::Numbers BodyUnkno
   });
   for (int l : island.bodies.carried) {
     Link& link = island.bodies.link(l);
-    link.stepped = scaled(reach_of(island), link.twist_of(island.bodies.body(link.body).unknowns.*change));
+    link.stepped = scaled(island.bodies.reach, link.twist_of(island.bodies.body(link.body).unknowns.*change));
   }
   carry_steps(island, x);
 }
@@ -245,7 +242,7 @@ void correct_wrenches(Island& island) {
     dense::root(n, square, factor);
     dense::solve(factor, part);
     each_link([&](Link& link) {
-      const Twist by = scaled(1 / reach_of(island), link.spin_of(part));
+      const Twist by = scaled(1 / island.bodies.reach, link.spin_of(part));
       link.correction = {by.linear, by.angular};
     });
   }

@@ -66,8 +66,7 @@ bool is_straight_strut(const Tendon& c, int i) {
 
 double largest_step(const Island& island) {
   double most = 0;
-  for (const Tendon* c : island.tendons)
-    for (int k = 0; k < 3; ++k) most = std::max(most, largest_of(c->dx[k], c->n()));
+  for (const Tendon* c : island.tendons) most = std::max(most, c->dx.largest());
   return most;
 }
 
