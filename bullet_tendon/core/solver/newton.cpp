@@ -28,13 +28,13 @@ namespace {
 
 // Residual, relative to the largest force, below which contacts are linearised completely [-]: with
 // curvature, which may make the matrix indefinite, and with friction limits that change within the linear
-// solution; and below which they are stiffened. Larger: inaccurate normal forces make iterations diverge, and
-// multipliers are taken from them. Smaller: more iterations, and each stiffness is solved for to an accuracy
-// that is lost with the next one.
+// solution. Larger: inaccurate normal forces make iterations diverge. Smaller: more iterations.
 constexpr double kNear = 0.1;
 
-// Residual, relative to the largest force, below which the curvature of elements is computed [-]. Larger: it
-// is that of a place far from the solution. Smaller: more iterations converge linearly.
+// Residual, relative to the largest force, below which contacts are stiffened, and the curvature of elements
+// is computed [-]. Larger: multipliers are taken from inaccurate forces, and the curvature is that of a place
+// far from the solution. Smaller: each stiffness is solved for to an accuracy that is lost with the next one,
+// and more iterations converge linearly.
 constexpr double kNearSolution = 1e-2;
 
 // Share of the residual that an iteration without this curvature leaves [-]. Larger: it is computed where one
@@ -76,8 +76,8 @@ struct Solution {
   bool changed = false;   // a direct contact became active or inactive in this iteration
   bool disturbed = false;  // a saddle was left
   int iteration = 0;
-  int stiffened = 0;          // number of times that contacts were stiffened
-  bool stepped = true;        // a step was taken since then
+  int stiffened = 0;    // number of times that contacts were stiffened
+  bool stepped = true;  // a step was taken since then
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   int idle = 0;
@@ -154,8 +154,7 @@ Assembly judge(Solution& s) {
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // The residual of a tendon at rest is that of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
-  const bool enough =
-      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, at_guess);
+  const bool enough = a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, at_guess);
   island.result.converged = !s.changed && enough;
   note_distance(s, a);
   note_progress(s, a.residual);
@@ -267,7 +266,8 @@ Next refine(Solution& s) {
 
 Next decide(Solution& s, const Assembly& a, int start) {
   Island& island = s.island;
-  if (island.result.converged || (s.iteration > 0 && !s.changed && !s.far)) {
+  const bool near = s.iteration > 0 && !s.changed && a.residual <= kNearSolution * a.scale;
+  if (island.result.converged || near) {
     const Next next = refine(s);
     if (next != Next::step) return next;
   }

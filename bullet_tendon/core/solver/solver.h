@@ -73,8 +73,8 @@ double slope_along_arc(const Island& island, double alpha);
 // Whether tendons are compressed so much that the evaluated iterate may be a saddle.
 bool has_struts(const Island& island);
 
-// Computes, as tendon.dx and dy of the bodies, a step along the mode in which struts buckle, by the factors of
-// the last solution. Afterwards the residual is undefined. false: there is none, or it is not finite. The
+// Computes, as tendon.dx and dy of the bodies, a step along the mode in which struts buckle, by the factors
+// of the last solution. Afterwards the residual is undefined. false: there is none, or it is not finite. The
 // largest displacement is a segment.
 bool find_buckling_mode(Island& island, const Options& options);
 
