@@ -46,6 +46,11 @@ constexpr double kGaussNewton = 0.05;
 // most of their iterations belong to solutions that are abandoned.
 constexpr int kPatience = 10;
 
+// Residual, relative to that from which a mixed step of a descent led far away, below which the next one is
+// tried [-]. Larger: mixed steps and descent alternate. Smaller: the descent, which converges more slowly,
+// goes on for longer.
+constexpr double kNearer = 0.1;
+
 // Growth of the residual from its smallest value after which the descent begins [-]. Smaller: a good guess is
 // abandoned. Larger: iterations are spent far from the solution, and rounding decides whether they come back.
 constexpr double kDivergence = 100;
@@ -76,8 +81,9 @@ struct Solution {
   bool changed = false;   // a direct contact became active or inactive in this iteration
   bool disturbed = false;  // a saddle was left
   int iteration = 0;
-  int stiffened = 0;    // number of times that contacts were stiffened
-  bool stepped = true;  // a step was taken since then
+  int stiffened = 0;          // number of times that contacts were stiffened
+  bool stepped = true;        // a step was taken since then
+  double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   int idle = 0;
@@ -135,6 +141,7 @@ bool update_directs(Island& island) {
 void note_distance(Solution& s, const Assembly& a) {
   s.far = !(a.residual <= kNear * a.scale);
   s.turns |= s.far;
+  if (s.far && s.descends && !s.searches) s.trusted = kNearer * s.last_residual;
 }
 
 void note_progress(Solution& s, double residual) {
@@ -299,7 +306,7 @@ bool find_step(Solution& s, const Assembly& a) {
   // A more exact step would not reduce the residual of this iteration further.
   island.matrix.tolerance = 0.05 * enough / a.residual;
   s.searches = s.descends;
-  if (!s.descends || (s.context.may_halve && !s.far)) {
+  if (!s.descends || (s.context.may_halve && !s.far && a.residual < s.trusted)) {
     curve_elements(s, a, enough);
     assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
