@@ -168,21 +168,14 @@ bool passes_beyond(const Rim& rim, Vec3 a, Vec3 b) {
   return norm(without(crossing - rim.centre, rim.axis)) > rim.radius;
 }
 
-namespace {
-
-// The point of a rim in the direction of p from the axis: near the nearest one, and found at once.
-Vec3 towards(const Rim& rim, Vec3 p) {
-  const Vec3 out = rim.radius * unit_or(without(p - rim.centre, rim.axis), {});
-  return rim.centre + out + dot(rim.slope, out) * rim.axis;
-}
-
-}  // namespace
-
 double nearest_to_rim(const BentSegment& segment, const Rim& rim) {
   // Intervals between samples [-]. Fewer: the nearer one of two minima may be missed. More: slower.
-  constexpr int kSamples = 8;
+  constexpr int kSamples = 4;
+  RimPoint at;
   auto square = [&](double u) {
-    const Vec3 p = segment.at(u), away = p - towards(rim, p);
+    const Vec3 p = segment.at(u);
+    at = nearest_on_rim(rim, p, at);
+    const Vec3 away = p - at.point;
     return dot(away, away);
   };
   int best = 0;
@@ -194,7 +187,6 @@ double nearest_to_rim(const BentSegment& segment, const Rim& rim) {
       best = s;
     }
   }
-  RimPoint at;
   return slide_to_rim(segment, static_cast<double>(best) / kSamples, rim, at);
 }
 

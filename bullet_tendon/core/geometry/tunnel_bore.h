@@ -26,7 +26,6 @@ struct Rim {
   bool is_circle() const { return longest == radius; }
   // Height of a point over the plane of the rim [m].
   double height(Vec3 p) const { return dot(p - centre, axis - slope) * radius / longest; }
-  int side_of(Vec3 p) const { return dot(p - centre, shorter) < 0 ? -1 : 1; }
 };
 
 Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half);

@@ -218,7 +218,7 @@ double most_bend(const Tendon& c, int k, Rim rim, double kept) {
 Vec3 bend_of(const Tendon& c, int i, const Rim& rim, double kept) {
   const Vec3 bend = bend_of(c, i);
   const double size = norm(bend);
-  if (size == 0) return {};
+  if (0.125 * size <= kNoBulge * c.radius) return {};
   const double room = 8 * std::max(0.0, rim.radius - kept);
   const double most = std::min({room, most_bend(c, i - 1, rim, kept), most_bend(c, i, rim, kept)});
   return std::min(1.0, most / size) * bend;
@@ -749,16 +749,11 @@ void World::edge_contacts(const SegmentAtMouth& at, Rim rim) {
   const Vec3 a = c.predicted.at(at.segment) - link.foreseen_at(c.x.at(at.segment));
   const Vec3 b = c.predicted.at(at.segment + 1) - link.foreseen_at(c.x.at(at.segment + 1));
   const BentSegment ahead{a, b - a, {at.now.bend[0], at.now.bend[1]}};
-  double u = nearest_to_rim(ahead, rim);
-  const Vec3 x = ahead.at(u);
-  if (!rim.is_circle()) rim.half = rim.side_of(x);
-  mouth_contact(at, rim, u);
-  if (rim.is_circle()) return;
-  rim.half = -rim.half;
-  RimPoint other = nearest_on_rim(rim, x);
-  if (norm(x - other.point) - std::max(u, 1 - u) * norm(b - a) > at.reach) return;
-  u = slide_to_rim(ahead, u, rim, other);
-  mouth_contact(at, rim, u);
+  if (rim.is_circle()) return mouth_contact(at, rim, nearest_to_rim(ahead, rim));
+  for (const int half : {1, -1}) {
+    rim.half = half;
+    mouth_contact(at, rim, nearest_to_rim(ahead, rim));
+  }
 }
 
 void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
