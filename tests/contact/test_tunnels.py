@@ -174,25 +174,26 @@ def test_a_chamfer_moves_the_edge_back(drilled):
     assert least == pytest.approx(radius + chamfer, rel=0.02)
 
 
-def test_a_tendon_slides_over_a_chamfer(drilled):
-    """Without friction, the hand that pulls it out at an angle of 45 degrees feels the pull at the other end.
-
-    The face of the bone ends where its rounded edge begins.
-    """
-    radius, pull, steps, way = 0.003, 20.0, 240, 0.01
-    world, _, _ = drilled(chamfer=0.005)
-    out = np.array([1.0, 0, 1.0]) / math.sqrt(2)
-    end = np.array([HALF, 0, 0]) + 0.06 * out
-    t = world.add_tendon([[-0.1, 0, 0], [HALF, 0, 0], end], radius, ROPE, 161)
+def pulled_out(world, degrees, start, reach, particles, way):
+    """Forces of a hand [N] that pulls a tendon without friction out of the bore at an angle, against 20 N."""
+    out = np.array([math.cos(math.radians(degrees)), 0, math.sin(math.radians(degrees))])
+    end = np.array([HALF, 0, 0]) + reach * out
+    t = world.add_tendon([[start, 0, 0], [HALF, 0, 0], end], 0.003, ROPE, particles)
     t.friction = 0.0
-    t.set_force(0, [-pull, 0, 0])
+    t.set_force(0, [-20.0, 0, 0])
     hand, felt = t.grip(-1), []
-    for k in range(steps):
-        hand.target = end + (k / steps * way) * out
+    for k in range(240):
+        hand.target = end + (k / 240 * way) * out
         world.step()
-        if k >= steps // 4:
-            felt.append(-np.array(hand.force) @ out)
-    assert np.abs(felt) == pytest.approx(pull, rel=0.02)
+        if k >= 60:
+            felt.append(abs(np.array(hand.force) @ out))
+    return np.array(felt)
+
+
+def test_a_tendon_slides_over_a_chamfer(drilled):
+    """The face of the bone ends where its rounded edge begins."""
+    world, _, _ = drilled(chamfer=0.005)
+    assert pulled_out(world, 45, -0.1, 0.06, 161, 0.01) == pytest.approx(20.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("degrees", "error"), [(30, 0.03), (45, 0.07), (60, 0.13)])
@@ -201,21 +202,10 @@ def test_a_coarse_tendon_bends_at_a_mouth(drilled, degrees, error):
 
     If chords touched the edge, the force would be off by 1/cos - 1 where one of them ends: 15, 41 and 100 %.
     """
-    radius, pull, steps, way = 0.003, 20.0, 240, 0.02
     world, _, _ = drilled()
-    out = np.array([math.cos(math.radians(degrees)), 0, math.sin(math.radians(degrees))])
-    end = np.array([HALF, 0, 0]) + 0.12 * out
-    t = world.add_tendon([[-0.17, 0, 0], [HALF, 0, 0], end], radius, ROPE, 35)
-    t.friction = 0.0
-    t.set_force(0, [-pull, 0, 0])
-    hand, felt = t.grip(-1), []
-    for k in range(steps):
-        hand.target = end + (k / steps * way) * out
-        world.step()
-        if k >= steps // 4:
-            felt.append(abs(np.array(hand.force) @ out))
-    assert np.array(felt) == pytest.approx(pull, rel=error)
-    assert np.mean(felt) == pytest.approx(pull, rel=0.03)
+    felt = pulled_out(world, degrees, -0.17, 0.12, 35, 0.02)
+    assert felt == pytest.approx(20.0, rel=error)
+    assert felt.mean() == pytest.approx(20.0, rel=0.03)
 
 
 def test_several_tunnels(make_world, client):
