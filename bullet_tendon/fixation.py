@@ -64,7 +64,7 @@ class Tensioner(NotCopied):
 
     A particle that comes to the device's point is held there, by up to that tension.
 
-    particle: its index; bodyUniqueId, linkIndex: the bone; released: whether it was taken off.
+    particle: its index; bodyUniqueId, linkIndex: the bone.
 
     Example:
         >>> device = tendon.pull(-1, 20, ball, -1, (0, 0, -0.05))
@@ -87,6 +87,7 @@ class Tensioner(NotCopied):
 
     @property
     def released(self) -> bool:
+        """Whether it was taken off."""
         return self._line.released
 
     @property
@@ -151,6 +152,7 @@ class Fixation(NotCopied):
 
     @property
     def released(self) -> bool:
+        """Whether all that it holds was let go."""
         return all(line.released for line in self._lines)
 
     @property
