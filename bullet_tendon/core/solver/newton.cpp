@@ -64,6 +64,10 @@ constexpr int kMostTrials = 20;
 // Smaller: a taut tendon that is released may move this far in a long step.
 constexpr double kFarOff = 1e3;
 
+// Largest residual that is taken for rounding, in units of machine epsilon x stiffness x coordinate [-].
+// Less: far from the origin, equilibria are not recognised, and steps are divided.
+constexpr double kRounding = 8.0;
+
 // Displacement, over the segment, by which a tendon at a saddle begins to buckle [-]. Larger: what is a
 // saddle only within the tolerance is moved visibly. Smaller: more iterations.
 constexpr double kDisturbance = 1e-6;
@@ -114,9 +118,10 @@ bool ran_away(const Island& island) {
   return false;
 }
 
-// Whether the residual is rounding.
-bool is_rounding(Island& island, const Assembly& a, bool at_guess) {
-  return in_roundings(island, a, at_guess) <= 1 && !ran_away(island);
+// Whether the residual is rounding: kRounding units are allowed if it no longer halves, else one unit.
+bool is_rounding(Island& island, const Assembly& a, double last_residual, bool at_guess) {
+  const double most = a.residual > 0.5 * last_residual ? kRounding : 1;
+  return in_roundings(island, a, at_guess) <= most && !ran_away(island);
 }
 
 void begin(Solution& s) {
@@ -161,7 +166,8 @@ Assembly judge(Solution& s) {
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // The residual of a tendon at rest is that of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
-  const bool enough = a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, at_guess);
+  const bool enough =
+      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
   island.result.converged = !s.changed && enough;
   note_distance(s, a);
   note_progress(s, a.residual);
