@@ -171,7 +171,8 @@ struct ListOfRows {
     const Rows rows = Rows::ensure(from);
     if (!rows) return false;
     value.resize(rows.size() / kWidth);
-    std::memcpy(static_cast<void*>(value.data()), rows.data(), value.size() * sizeof(Value));
+    if (!value.empty())
+      std::memcpy(static_cast<void*>(value.data()), rows.data(), value.size() * sizeof(Value));
     return true;
   }
   static handle cast(const std::vector<Value>& list, return_value_policy, handle) {
