@@ -145,6 +145,9 @@ class Line(LinkAnchor):
         """At which it slips [N]. Zero after the release."""
         return 0.0 if self.released else self._tendon._core.line_load(self._tendon._slot, self._number)
 
+    def _set_load(self, load: float) -> None:
+        self._tendon._core.set_line_load(self._tendon._slot, self._number, load)
+
     @property
     def tension(self) -> float:
         """At the end of the last step [N]; negative where it pushes. Zero after the release."""

@@ -100,7 +100,7 @@ class Tensioner(NotCopied):
         force = checks.number("force", value, at_least=0)
         if self.released:
             raise UnknownId("tensioner", self.particle, "one that was not released")
-        self._line._tendon._core.set_line_load(self._line._tendon._slot, self._line._number, force)
+        self._line._set_load(force)
 
     def release(self) -> None:
         """Take it off. Doing so twice does nothing.

@@ -155,7 +155,7 @@ void BroadPhase::find_between(int i, int j, Foresight foresight, PairCounts& cou
                               std::vector<SegmentPair>& out) {
   TendonBvh &a = tendons_[i], &b = tendons_[j];
   CandidateList& list = lists_[i + j * (j + 1) / 2];
-  const double most = foresight == Foresight::near ? kFarthest * sum_of_radii(a, b) : 1e300;
+  const double most = foresight == Foresight::near ? kFarthest * sum_of_radii(a, b) : HUGE_VAL;
   double needed = list.needed(a, b, most);
   bool serves = list.serves(a, b, needed);
   const bool is_clear = serves && !list.any_within(needed);

@@ -22,6 +22,14 @@
 
 namespace bt {
 
+namespace {
+
+BentSegment bent(const ContactGeometry& geometry, Vec3 start, Vec3 end) {
+  return {start, end - start, {geometry.bend[0], geometry.bend[1]}};
+}
+
+}  // namespace
+
 void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
   const Rim& rim = geometry.rim;
   geometry.edge = nearest_on_rim(rim, x, geometry.edge);
@@ -44,7 +52,7 @@ void Contact::follow(Vec3 start, Vec3 end) {
     const double square = dot(l, l);
     if (square > 0) a.w1 = std::min(std::max(dot(geometry.rim.centre - start, l) / square, 0.0), 1.0);
   } else {
-    const BentSegment segment{start, end - start, {geometry.bend[0], geometry.bend[1]}};
+    const BentSegment segment = bent(geometry, start, end);
     a.w1 = slide_to_rim(segment, a.w1, geometry.rim, geometry.edge);
     geometry.bulge = segment.bulge(a.w1);
     geometry.beyond_edge = geometry.threads_mouth && passes_beyond(geometry.rim, start, end);
@@ -57,7 +65,7 @@ void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   geometry.sliding_terms = 0;
   const double u = a.w1;
   if (!follows() || !normal_force.pressed || u <= 0 || u >= 1) return;
-  const BentSegment segment{start, end - start, {geometry.bend[0], geometry.bend[1]}};
+  const BentSegment segment = bent(geometry, start, end);
   const Vec3 l = segment.tangent(u);
   const double kept = geometry.gap;
   double curvature = 0, across_edge = 0;
@@ -66,10 +74,10 @@ void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   geometry.gap = kept;
   const Vec3 m = cross(around, geometry.normal);
   const Vec3 Hl = (-across_edge * dot(m, l)) * m - (curvature * dot(around, l)) * around;
-  const double bent = dot(l, Hl) + dot(geometry.normal, segment.bend_at(u));
-  if (bent == 0 || (definite && bent < 0)) return;
+  const double convexity = dot(l, Hl) + dot(geometry.normal, segment.bend_at(u));
+  if (convexity == 0 || (definite && convexity < 0)) return;
   geometry.sliding_terms = 1;
-  geometry.sliding_share[0] = normal_force.lambda_predicted / bent;
+  geometry.sliding_share[0] = normal_force.lambda_predicted / convexity;
   geometry.sliding_term[0][0] = (1 - u) * Hl - geometry.normal;
   geometry.sliding_term[0][1] = u * Hl + geometry.normal;
 }

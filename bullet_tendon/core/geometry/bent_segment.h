@@ -11,6 +11,9 @@
 
 namespace bt {
 
+// Bulge at an end of a segment, which is a particle, over the second difference there [-].
+constexpr double kBulgeAtEnd = 0.125;
+
 struct BentSegment {
   Vec3 start, along;  // start; l [m]
   Vec3 bend[2];       // d_0 and d_1 [m]

@@ -393,17 +393,11 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
     if (matrix) {
-      c.matrix.add(h.particle, h.line ? h.line_block() : h.block(h.slope(c.h_eff)));
+      c.matrix.add(h.particle, h.block(h.slope(c.h_eff)));
       c.residual.add(h.particle, h.linearised() - h.force);
       continue;
     }
-    if (h.line) {
-      h.stretch(x.at(h.particle));
-    } else {
-      h.raw = h.stiffness * (x.at(h.particle) - h.aim) +
-              h.viscosity * (c.motion().velocity(h.particle) - h.drift);
-      h.force = h.limited(h.raw);
-    }
+    h.evaluate(x.at(h.particle), c.motion().velocity(h.particle));
     c.residual.add(h.particle, h.force);
   }
 }

@@ -49,12 +49,9 @@ Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
 void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
   for (Anchor& h : c.anchors) {
     if (h.rigid) continue;
-    if (h.line)
-      h.stretch(c.x.at(h.particle));
-    else
-      h.raw = h.stiffness * (c.x.at(h.particle) - h.aim) - h.viscosity * h.drift;
+    h.evaluate(c.x.at(h.particle), {});
     c.residual.add(h.particle, h.linearised());
-    c.matrix.add(h.particle, h.line ? h.line_block() : h.block(h.slope(dt)));
+    c.matrix.add(h.particle, h.block(h.slope(dt)));
   }
   for (int i = 0; i < c.n(); ++i) {
     c.residual.add(i, (-c.mass[i] / dt) * c.v.at(i));
@@ -118,12 +115,7 @@ void explicit_euler(Island& island, const StepContext& context) {
     c->h_eff = dt;
     for (Anchor& h : c->anchors) {
       if (h.rigid || h.exact) continue;
-      if (h.line) {
-        h.stretch(c->x.at(h.particle));
-      } else {
-        h.raw = h.stiffness * (c->x.at(h.particle) - h.aim) + h.viscosity * (c->v.at(h.particle) - h.drift);
-        h.force = h.limited(h.raw);
-      }
+      h.evaluate(c->x.at(h.particle), c->v.at(h.particle));
       c->residual.add(h.particle, h.force);
     }
     for (int i = 0; i < c->n(); ++i) {

@@ -66,6 +66,12 @@ struct Anchor {
   bool is_beyond() const { return line ? elastic > load : exceeds_limit(raw); }
   // The force for R.
   Vec3 limited(Vec3 r) const { return exceeds_limit(r) ? (most_force / norm(r)) * r : r; }
+  // Evaluates R and the force, with the particle at x and its velocity v.
+  void evaluate(Vec3 x, Vec3 v) {
+    if (line) return stretch(x);
+    raw = stiffness * (x - aim) + viscosity * (v - drift);
+    force = limited(raw);
+  }
   // Evaluates a line whose particle is at x.
   void stretch(Vec3 x) {
     const Vec3 d = x - end;
@@ -84,13 +90,15 @@ struct Anchor {
     const double turning = length > 0 ? std::max(0.0, slips ? load : elastic) / length : 0;
     return (slips ? 0 : spring) * outer(along) + turning * across(along);
   }
-  // The force of the linearisation at the last evaluation, and its block for the slope k [N/m].
+  // The force of the linearisation at the last evaluation, and its block for the slope k [N/m], which that of
+  // a line does not depend on.
   Vec3 linearised() const {
     if (line) return (slips ? load : elastic) * along;
     const double size = norm(raw);
     return slips && size > 0 ? (most_force / size) * raw : raw;
   }
   Sym3 block(const Sym3& k) const {
+    if (line) return line_block();
     const double size = norm(raw);
     if (!slips || !(size > 0)) return k;
     return (std::min(1.0, most_force / size) * k.xx) * across((1 / size) * raw);

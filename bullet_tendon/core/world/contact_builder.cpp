@@ -218,8 +218,8 @@ double most_bend(const Tendon& c, int k, Rim rim, double kept) {
 Vec3 bend_of(const Tendon& c, int i, const Rim& rim, double kept) {
   const Vec3 bend = bend_of(c, i);
   const double size = norm(bend);
-  if (0.125 * size <= kNoBulge * c.radius) return {};
-  const double room = 8 * std::max(0.0, rim.radius - kept);
+  if (kBulgeAtEnd * size <= kNoBulge * c.radius) return {};
+  const double room = std::max(0.0, rim.radius - kept) / kBulgeAtEnd;
   const double most = std::min({room, most_bend(c, i - 1, rim, kept), most_bend(c, i, rim, kept)});
   return std::min(1.0, most / size) * bend;
 }
@@ -228,7 +228,7 @@ Vec3 bend_of(const Tendon& c, int i, const Rim& rim, double kept) {
 Vec3 bulge_of(const Tendon& c, int i, const Rim (&mouths)[2], double kept) {
   const double longest = std::max(i > 0 ? c.rest[i - 1] : 0, i + 1 < c.n() ? c.rest[i] : 0);
   for (const Rim& rim : mouths)
-    if (std::fabs(rim.height(c.x.at(i))) < longest) return 0.125 * bend_of(c, i, rim, kept);
+    if (std::fabs(rim.height(c.x.at(i))) < longest) return kBulgeAtEnd * bend_of(c, i, rim, kept);
   return {};
 }
 
@@ -673,6 +673,7 @@ void World::bore_contacts(int tendon, int t) {
   const Bore& bore = detection_.bores[t];
   const Link& link = scene.links[scene.tunnels[t]->link];
   const Rim mouths[2] = {bore.rim(0), bore.rim(1)};
+  const double kept = distance_kept_from_edge(c, t);
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.foreseen_at(x);
     const bool inside = c.tunnel_of[i] == t;
@@ -694,7 +695,7 @@ void World::bore_contacts(int tendon, int t) {
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}, 0), link);
     contact.geometry.margin = options.contact_threshold;
-    contact.geometry.bulge = bulge_of(c, i, mouths, distance_kept_from_edge(c, t));
+    contact.geometry.bulge = bulge_of(c, i, mouths, kept);
     contact.geometry.normal =
         unit_or(-without(x + contact.geometry.bulge - on_axis, bore.axis), any_perpendicular(bore.axis));
     contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
@@ -708,13 +709,17 @@ void World::bore_contacts(int tendon, int t) {
 void World::mouth_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
+  const double kept = distance_kept_from_edge(c, t);
   for (int mouth : {0, 1}) {
     const Rim rim = bore.rim(mouth);
+    double bent = 0, bent_next = 0;  // at both ends of the segment [m]
     for (int k = 0; k + 1 < c.n(); ++k) {
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
       SegmentAtMouth at{tendon, t, mouth, k, mouth_reach(tendon, t, k), {a, d, {}}};
       const double over = rim.height(a), other = rim.height(b);
-      const double reach = at.reach + 0.125 * std::max(norm(bend_of(c, k)), norm(bend_of(c, k + 1)));
+      bent = bent_next;
+      bent_next = norm(bend_of(c, k + 1));
+      const double reach = at.reach + kBulgeAtEnd * std::max(bent, bent_next);
       if (over * other > 0 && std::min(std::fabs(over), std::fabs(other)) > reach) continue;
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(rim.centre - a, d) / length2)) : 0;
@@ -722,7 +727,7 @@ void World::mouth_contacts(int tendon, int t) {
       // Both ends are within the wall: the bore contacts are sufficient.
       auto inside = [&](Vec3 p, int i) { return c.tunnel_of[i] == t && bore.is_within_rims(p); };
       if (inside(a, k) && inside(b, k + 1)) continue;
-      for (int end : {0, 1}) at.now.bend[end] = bend_of(c, k + end, rim, distance_kept_from_edge(c, t));
+      for (int end : {0, 1}) at.now.bend[end] = bend_of(c, k + end, rim, kept);
       edge_contacts(at, rim);
     }
   }
