@@ -213,16 +213,17 @@ py::tuple listed_nearest(const std::vector<Triangle>& triangles, const Field& fr
 }
 
 // What is nearest of triangles (t, 3, 3) to segments (k, 6), no farther than `within` (k): rows of distance,
-// point and u.
-std::vector<std::array<double, 5>> searched_nearest(const std::vector<Triangle>& triangles,
+// point, u, and whether the way between the ends leads through a triangle.
+std::vector<std::array<double, 6>> searched_nearest(const std::vector<Triangle>& triangles,
                                                     const std::vector<Vec3>& ends,
                                                     const std::vector<double>& within) {
   const Surface surface(triangles);
-  std::vector<std::array<double, 5>> out;
-  std::vector<Nearby> listed;
+  std::vector<std::array<double, 6>> out;
   for (size_t k = 0; k < within.size(); ++k) {
-    const Nearest found = surface.search(ends[2 * k], ends[2 * k + 1], within[k], listed);
-    out.push_back({found.distance, found.point.x, found.point.y, found.point.z, found.u});
+    const Vec3 a = ends[2 * k], b = ends[2 * k + 1];
+    const Nearest found = surface.search(a, b, within[k]);
+    const double through = surface.is_between(a, b);
+    out.push_back({found.distance, found.point.x, found.point.y, found.point.z, found.u, through});
   }
   return out;
 }

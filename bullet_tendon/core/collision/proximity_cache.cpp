@@ -93,7 +93,7 @@ struct Considering {
     }
     if (shape.surface.get() != context.surface) {
       ++counts.searched;
-      const Nearest found = context.surface->search(query.a, query.b, HUGE_VAL, e.nearby);
+      const Nearest found = context.surface->search(query.a, query.b, HUGE_VAL);
       return answer(query, found.distance, found.point, found.u, pose, context, e);
     }
     ++counts.queried;
@@ -122,7 +122,7 @@ struct Considering {
     if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
     const double within =
         (1 + kRoundingShare) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
-    const Nearest found = surface.search(q.a, q.b, within, e.nearby);
+    const Nearest found = surface.search(q.a, q.b, within);
     e.nearby.clear();  // it is not complete up to e.listed
     if (found.distance == 0) return false;
     e.a = q.a;

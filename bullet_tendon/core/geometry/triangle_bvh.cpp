@@ -35,6 +35,18 @@ Box box_of(Vec3 a, Vec3 b) {
   return box;
 }
 
+// Whether a segment passes beside a box, by more than a margin: an axis of the box, or one across both,
+// separates them.
+bool is_beside(const Box& box, Vec3 from, Vec3 to, double margin) {
+  const Vec3 half = 0.5 * (box.hi - box.lo) + Vec3{margin, margin, margin};
+  const Vec3 d = 0.5 * (to - from), c = 0.5 * (from + to) - box.middle(), moment = cross(d, c);
+  const Vec3 h{std::fabs(d.x), std::fabs(d.y), std::fabs(d.z)};
+  return std::fabs(c.x) > half.x + h.x || std::fabs(c.y) > half.y + h.y || std::fabs(c.z) > half.z + h.z ||
+         std::fabs(moment.x) > half.y * h.z + half.z * h.y ||
+         std::fabs(moment.y) > half.z * h.x + half.x * h.z ||
+         std::fabs(moment.z) > half.x * h.y + half.y * h.x;
+}
+
 // Whether p lies over the inside of the triangle, and the foot of its perpendicular there: its barycentric
 // coordinates in the triangle's plane, from the squares and products of two edges.
 bool above(const Triangle& t, Vec3 p, Vec3& foot) {
@@ -116,11 +128,13 @@ double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) con
   return reach;
 }
 
-Nearest Surface::search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& found) const {
-  list(a, b, within, found);
-  for (const Nearby& near : found)
-    if (near.distance <= kRoundingShare * size_) return {};
-  return nearest(found, a, b);
+Nearest Surface::search(Vec3 a, Vec3 b, double within) const {
+  Nearest best{within, 0, {}};
+  tree_.visit(box_of(a, b), best.distance, [&](int k) {
+    const Nearest found = measure(k, a, b);
+    if (found.distance <= best.distance) best = found;
+  });
+  return best.distance <= kRoundingShare * size_ ? Nearest{} : best;
 }
 
 Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
@@ -154,16 +168,22 @@ Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b
 }
 
 bool Surface::is_between(Vec3 from, Vec3 to) const {
+  if (triangles_.empty()) return false;
   bool found = false;
-  const double reach = 0;
-  tree_.visit(box_of(from, to), reach, [&](int k) { found = found || is_pierced(triangles_[k], from, to); });
+  tree_.each([&](const Box& box) { return found || is_beside(box, from, to, kRoundingShare * size_); },
+             [&](int k) { found = found || is_pierced(triangles_[k], from, to); });
+  return found;
+}
+
+Nearest Surface::measure(int k, Vec3 a, Vec3 b) const {
+  Nearest found = nearest_of(triangles_[k], a, b);
+  if (is_pierced(triangles_[k], a, b)) found.distance = 0;
   return found;
 }
 
 // Of more than are kept, the nearest; `reach` then ends where the farthest of them is.
 void Surface::list_triangle(int k, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const {
-  Nearest found = nearest_of(triangles_[k], a, b);
-  if (is_pierced(triangles_[k], a, b)) found.distance = 0;
+  const Nearest found = measure(k, a, b);
   if (found.distance > reach) return;
   if (out.size() == kMostNearby) {
     std::pop_heap(out.begin(), out.end(), nearer);

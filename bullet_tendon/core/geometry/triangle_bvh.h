@@ -48,8 +48,8 @@ class Surface {
   // The nearest point of those listed.
   Nearest nearest(const std::vector<Nearby>& listed, Vec3 a, Vec3 b) const;
   // The nearest point of all, no farther than `within` by what is known already [m]. Where the segment
-  // crosses the surface, or all but touches it: a distance of 0. Overwrites `found`.
-  Nearest search(Vec3 a, Vec3 b, double within, std::vector<Nearby>& found) const;
+  // crosses the surface, or all but touches it: a distance of 0.
+  Nearest search(Vec3 a, Vec3 b, double within) const;
   // The nearest point of those listed, within reach of the segment a-b, on another side of a valley of the
   // surface. One side has the point `on`, and `out` leads from it to the point that it is nearest to. A
   // distance beyond reach: there is none.
@@ -63,6 +63,8 @@ class Surface {
   uint64_t mark() const { return mark_; }
 
  private:
+  // The nearest point of triangle k, at the distance 0 where the segment crosses it.
+  Nearest measure(int k, Vec3 a, Vec3 b) const;
   void list_triangle(int k, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const;
   std::vector<Triangle> triangles_;  // in the order of the tree
   BoxTree tree_;
