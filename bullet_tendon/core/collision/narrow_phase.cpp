@@ -110,9 +110,7 @@ void NarrowPhase::test(int k, int m) {
   if (foresight == Foresight::swept && moves > kFarthestMove * radii) {
     const Sweep swept = sweep(k, m);
     if (swept.share_apart(skins + slack) == 1) return;
-    const double share = swept.share_apart(skins);
-    s.room = std::max(share, kFarthestMove * radii / moves);
-    s.passes = share == 1;
+    s.room = std::max(swept.share_apart(skins), kFarthestMove * radii / moves);
     for (PairPoint& at : s.points) at.apart = swept.turned(at.apart);
   }
   ++counts.near;

@@ -20,7 +20,6 @@ struct PairPoint {
 struct SegmentPair {
   int tendon_a, segment_a, tendon_b, segment_b;
   PairPoint nearest;
-  bool passes = false;    // predicted not to touch
   bool parallel = false;  // nearly parallel: contacts at the ends of a stretch, else at the nearest points
   // Contact points. An end at the second particle of a segment belongs to the next segment.
   int count = 0;

@@ -124,7 +124,6 @@ struct Contact {
   Vec3 rim_arm;           // centre of the rim, from that centre of mass [m]
   bool at_start = false;  // that point is of the start of the substep, else of its end
   bool joins = false;     // couples two tendons in the pattern of their matrix
-  bool passes = false;    // predicted not to touch
   ContactGeometry geometry;
   NormalForce normal_force;
   Friction friction;

@@ -564,7 +564,6 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   contact.friction.anchored_at_other = at.w;
   contact.begin_pair(along, b.x.at(p.segment_b + 1) - b.x.at(p.segment_b));
   contact.geometry.parallel = p.parallel;
-  contact.passes = p.passes;
   finish_pair(contact);
   add_contact(contact);
 }

@@ -24,12 +24,11 @@ void World::each_coupling(Do what) {
   for (const Contact& contact : contacts_.all) call(*step_.slots[contact.a.tendon], contact.link);
 }
 
-// Calls what(tendon, tendon) for every contact between tendons whose histories contain its force.
+// Calls what(tendon, tendon) for every contact between tendons.
 template <class Do>
 void World::each_pair(Do what) {
   for (const Contact& contact : contacts_.all)
-    if (contact.b.tendon >= 0 && (!contact.passes || norm(contact.force.last_mean) > 0))
-      what(*step_.slots[contact.a.tendon], *step_.slots[contact.b.tendon]);
+    if (contact.b.tendon >= 0) what(*step_.slots[contact.a.tendon], *step_.slots[contact.b.tendon]);
 }
 
 // Calls what(key) for every contact that had a force in the last step and is none in this one: its part of
