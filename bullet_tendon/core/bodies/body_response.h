@@ -126,7 +126,6 @@ struct GeneralizedBody {
   BodyTurning turning;
   int touches = 0;          // number of attachments and contacts of tendons
   bool limited = false;     // it could pass through cartilage in this substep
-  long solves = 0;          // linear solutions of its islands in this step [-]
   bool stays = false;       // it is left out of the rest of the step (world/early_end.cpp)
   bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;

@@ -70,7 +70,6 @@ struct TendonWorkspace : PredictedRegion {
   bool coupled = false;       // in this step, to a body that has a history
   bool barred = false;        // to one that cannot have one
   bool limited = false;       // it could pass through something in this substep
-  long solves = 0;            // linear solutions of its islands in this step [-]
   double history = 0;         // weight of the previous step in the history: xh = x + history (x_before - x)
   Field displacement, x_new;
   Field v_new;                  // at the end of the substep [m/s]

@@ -27,19 +27,6 @@ void World::end_early() {
   predict();
 }
 
-// Adds linear solutions to those of an island in this step.
-void World::add_solves(const Island& g, long solves) {
-  for (Tendon* c : g.tendons) c->solves += solves;
-  for (const int m : g.bodies.indices) scene.bodies[m].solves += solves;
-}
-
-long World::solves_of(const Island& g) const {
-  long most = 0;
-  for (const Tendon* c : g.tendons) most = std::max(most, c->solves);
-  for (const int m : g.bodies.indices) most = std::max(most, scene.bodies[m].solves);
-  return most;
-}
-
 void World::mark_unsolved(const Island& g) {
   for (const int c : g.numbers) step_.unsolved[c] = 1;
   for (const int m : g.bodies.indices) step_.unsolved_bodies[m] = 1;

@@ -255,14 +255,10 @@ bool World::solve_each_island() {
   for (Island& g : islands_.all) {
     if (g.is_empty()) continue;
     const bool begun = !step_.budget.exhausted();
-    const long before = step_.budget.spent();
     step_.budget.allow(begun || is_unsolved(g) ? 0 : kLastSolves);
     bt::solve(g, step_.context);
-    add_solves(g, step_.budget.spent() - before);
-    // A solution in which the budget ends has failed if its island has used half of it.
-    const bool enough = !step_.budget.exhausted() || 2 * solves_of(g) >= step_.budget.spent();
     const bool solved = g.result.finite && (g.result.converged || g.result.left_predicted_region);
-    if (begun && enough && !solved) mark_unsolved(g);
+    if (begun && !solved) mark_unsolved(g);
     if (after_solution) after_solution(g, step_.context);
     if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
     finite &= g.result.finite;

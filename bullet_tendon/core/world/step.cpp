@@ -97,7 +97,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   history_.may_resolve = !whole && any_moved();
   for (GeneralizedBody& m : scene.bodies) {
     m.turning.far = m.turning.elements = m.stays = false;
-    m.solves = 0;
     m.begin_step();
     m.history.asked = false;
   }
@@ -112,7 +111,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   wake_disturbed(dt);
   join_step();
-  for (auto [slot, c] : filled(scene.tendons)) c.solves = 0;
   step_.unsolved.assign(scene.tendons.size(), 0);
   step_.unsolved_bodies.assign(scene.bodies.size(), 0);
   if (scene.has_elements()) count_touches();

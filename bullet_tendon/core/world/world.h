@@ -320,8 +320,6 @@ class World {
   bool any_moves() const;
   bool stays(const Element& element) const;
   bool stays(const Link& link) const;
-  void add_solves(const Island& island, long solves);
-  long solves_of(const Island& island) const;
   void mark_unsolved(const Island& island);
   bool is_unsolved(const Island& island) const;
   bool is_limited(const Island& island) const;
