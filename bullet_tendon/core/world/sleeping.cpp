@@ -38,10 +38,10 @@ bool rests(const Tendon& c, double dt) {
   return true;
 }
 
-// Bounding box of segments first to last at the start of the step.
-Box box_of(const Tendon& c, int first, int last, double margin) {
+// Bounding box of a tendon at the start of the step.
+Box box_of(const Tendon& c, double margin) {
   Box box;
-  for (int i = first; i <= last + 1; ++i) box.include(c.x.at(i));
+  for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
   box.grow(margin);
   return box;
 }
@@ -139,18 +139,8 @@ void World::wake_disturbed(double dt) {
 // Whether a tendon that moves in this substep comes within reach of one that does not.
 bool World::meets(int still, int moving) const {
   const Tendon& stays = *scene.tendons[still];
-  const double threshold = options.contact_threshold, skin = skin_of(stays, 0.5 * threshold);
-  const int segments = stays.n() - 1;
-  const Box& reach = sleep_.reach[moving];
-  if (!overlap(reach, box_of(stays, 0, segments - 1, skin)) || !scene.filter.meet(still, moving))
-    return false;
-  const Tendon& moves = *step_.slots[moving];
-  for (int k = 0; k < segments; ++k) {
-    const Box segment = box_of(stays, k, k, skin);
-    for (int m = 0; overlap(reach, segment) && m < moves.n() - 1; ++m)
-      if (overlap(swept_box(moves, m, {}, moves.radius + 0.5 * threshold), segment)) return true;
-  }
-  return false;
+  return scene.filter.meet(still, moving) &&
+         overlap(sleep_.reach[moving], box_of(stays, skin_of(stays, 0.5 * options.contact_threshold)));
 }
 
 bool World::is_met(int tendon) const {
