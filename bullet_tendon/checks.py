@@ -78,6 +78,16 @@ def array(argument: str, value, shape: tuple) -> np.ndarray:
     return result
 
 
+def sequence(argument: str, value, items: str) -> list:
+    """What an iterable of `items` yields; neither text nor bytes."""
+    try:
+        if not isinstance(value, (str, bytes)):
+            return list(value)
+    except Exception:  # no iterable, or one that raises on its way
+        pass
+    raise InvalidType(argument, value, items)
+
+
 def choice(argument: str, value, allowed: tuple):
     """One of the values in `allowed`."""
     if not isinstance(value, type(allowed[0])) or value not in allowed:

@@ -8,7 +8,6 @@ A fixation is elastic up to its load F, and then slips under F: its line pulls w
 and is elastic again from where it began to get shorter.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -198,9 +197,7 @@ class Bundle:
     def __init__(self, strands):
         from .tendon import Tendon
 
-        if not isinstance(strands, Iterable):
-            raise InvalidType("strands", strands, "tendons")
-        self.strands = tuple(strands)
+        self.strands = tuple(checks.sequence("strands", strands, "tendons"))
         if not self.strands:
             raise InvalidValue("strands", strands, "at least one tendon")
         for strand in self.strands:

@@ -209,10 +209,8 @@ class Ligament(NotCopied):
 
 def checked_path(bodies: Bodies, path: Sequence) -> tuple:
     """The path with checked ids and points. Raises InvalidType, InvalidValue or UnknownId."""
-    try:
-        rows = [tuple(row) for row in path]
-    except TypeError:
-        raise InvalidType("path", path, "points (bodyUniqueId, linkIndex, (x, y, z))") from None
+    points = "points (bodyUniqueId, linkIndex, (x, y, z))"
+    rows = [checks.sequence("path", row, points) for row in checks.sequence("path", path, points)]
     if len(rows) < 2 or any(len(row) != 3 for row in rows):
         raise InvalidValue("path", path, "two points (bodyUniqueId, linkIndex, (x, y, z)) or more")
     for body, link, _ in rows:

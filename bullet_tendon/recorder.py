@@ -151,6 +151,8 @@ class Recorder(NotCopied):
         self.steps = 0
         self.camera = None if camera is None else checked_camera(camera)
         self.bones = None if bones is None else _checked_bones(bones)
+        if not isinstance(title, str):
+            raise InvalidType("title", title, "a string")
         self.title = title
         self._functions = {} if scalars is None else _checked_functions(scalars)
         self._memory = checks.number("memory", memory, at_least=_LEAST_MEMORY)

@@ -78,7 +78,7 @@ def sweep(
         raise InvalidType("function", function, "a callable")
     seed = checks.integer("seed", seed, at_least=0)
     checks.flag("progress", progress)
-    cases = _listed(cases)
+    cases = checks.sequence("cases", cases, "an iterable of cases")
     with contextlib.ExitStack() as stack:
         engine = _engine(executor, stack)
         log = None if file is None else stack.enter_context(_Log(file, function, seed, cases))
@@ -98,12 +98,6 @@ def sweep(
         first = min(failed, key=lambda outcome: outcome.index)
         raise CaseFailed(first.index, cases[first.index], first.failure)
     return [results[index] for index in range(len(cases))]
-
-
-def _listed(cases) -> list:
-    if isinstance(cases, (str, bytes)) or not isinstance(cases, Iterable):
-        raise InvalidType("cases", cases, "an iterable of cases")
-    return list(cases)
 
 
 def _run(function, seed: int, job: tuple[int, Any]) -> _Outcome:

@@ -359,13 +359,16 @@ class Tendon(NotCopied):
     def is_attached_to(self, bodyUniqueId: int) -> bool:
         """Whether a particle is attached to any link of the body.
 
+        Raises:
+            InvalidType: for what is no integer.
+
         Example:
             >>> knot = tendon.attach(-1, ball)
             >>> tendon.is_attached_to(ball)
             True
         """
-        attachments = [a for a in self._anchors.values() if isinstance(a, Attachment)]
-        return any(a.bodyUniqueId == bodyUniqueId for a in attachments)
+        body = checks.integer("bodyUniqueId", bodyUniqueId)
+        return any(a.bodyUniqueId == body for a in self.holds if isinstance(a, Attachment))
 
     def set_force(self, particle: int, force: ArrayLike) -> None:
         """A constant external force on a particle, until it is set again.

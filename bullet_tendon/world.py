@@ -348,9 +348,10 @@ class TendonWorld(NotCopied):
         start, end = checks.vector("start", start), checks.vector("end", end)
         radius = checks.number("radius", radius, above=0)
         chamfer = checks.number("chamfer", chamfer, at_least=0)
-        length = float(np.linalg.norm(end - start))
-        if length <= 2 * chamfer:
-            raise InvalidValue("end", end, "farther from start than twice the chamfer")
+        if not 2 * chamfer < math.dist(start, end) < 1e150:  # its square is a number
+            raise InvalidValue(
+                "end", end, "farther from start than twice the chamfer, and nearer than 1e150 m"
+            )
         if friction is not None:
             friction = checks.number("friction", friction, at_least=0)
         self._placement.require_width(bodyUniqueId, linkIndex, start, end, radius)
@@ -1029,9 +1030,10 @@ class TendonWorld(NotCopied):
         if not is_link and (not isinstance(body, (int, np.integer)) or isinstance(body, bool)):
             raise InvalidType(argument, body, "a Tendon, a bodyUniqueId, or (bodyUniqueId, linkIndex)")
         self._bodies.require(*(body if is_link else (body, -1)), argument)
+        wanted = tuple(map(int, body)) if is_link else int(body)
         solid = self._obstacles.link_slots() | {t.link_slot for t in self.tunnels}
         alive = {slot: self._bodies.links[slot] for slot in solid if not self._bodies.is_gone(slot)}
-        found = {slot for slot, link in alive.items() if body in (link, link[0])}
+        found = {slot for slot, link in alive.items() if wanted in (link, link[0])}
         if not found:
             raise UnknownId(argument, body, "a link that is an obstacle or has a tunnel")
         return found

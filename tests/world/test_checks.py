@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pybullet as p
 import pytest
 
 import bullet_tendon as bt
@@ -220,7 +221,39 @@ def test_errors_of_the_value_itself_do_not_get_through_the_world(make_world):
         lambda: t.set_positions(Hostile()),
         lambda: bt.Skin.tube(t, Hostile()),
         lambda: bt.Skin.bind(t, [[0, 0, 0], [1, 0, 0], [0, 1, 0]], Hostile()),
+        lambda: world.add_ligament(Hostile(), bt.Material(stiffness=1e3)),
+        lambda: bt.Bundle(Hostile()),
+        lambda: bt.Bundle(np.array(0)),
+        lambda: bt.sweep(len, Hostile()),
+        lambda: bt.sweep(len, np.array(0)),
+        lambda: bt.Recorder(world, title=Hostile()),
+        lambda: t.is_attached_to(Hostile()),
+        lambda: t.is_attached_to(np.zeros(3)),
     ):
         with pytest.raises(TendonError):
             call()
         assert world.state_hash() == before
+
+
+@pytest.mark.parametrize("far", [1e155, 1e300])
+def test_a_bore_that_cannot_be_measured_is_not_made(make_world, client, far):
+    world, bone = make_world(), p.createMultiBody(0, physicsClientId=client)
+    world.add_tendon([[0, 0, 0], [0, 0, 1]], 0.01, bt.Material(stiffness=1e3), 4)
+    before = world.state_hash()
+    with pytest.raises(InvalidValue, match="end = .*nearer than"):
+        world.add_tunnel(bone, -1, (0, 0, 0), (0, 0, far), 0.02)
+    assert world.state_hash() == before and not world.tunnels
+
+
+def test_ids_may_be_numpys(make_world, client):
+    world = make_world()
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=client)
+    bone = p.createMultiBody(0, ball, physicsClientId=client)
+    tendon = world.add_tendon([[0, 0, 1], [0, 0, 2]], 0.01, bt.Material(stiffness=1e3), 4)
+    world.add_obstacle(bone)
+    for body in (np.int64(bone), (np.int64(bone), np.int32(-1))):
+        for enabled in (False, True):
+            world.set_collision(tendon, body, enabled)
+            assert tendon.collides_with(bone) is enabled
+    tendon.attach(0, bone)
+    assert tendon.is_attached_to(np.int64(bone))
