@@ -15,7 +15,7 @@ import numpy as np
 import pybullet as p
 
 from bullet_tendon import SolverOptions, TendonWorld, checks, view
-from bullet_tendon.errors import InvalidValue, UnknownId
+from bullet_tendon.errors import InvalidType, InvalidValue, UnknownId
 
 IMAGE = 128  # pixels: width and height of a rendered image
 BOUND = 10.0  # of every observed number; scaled observations are about 1
@@ -118,10 +118,12 @@ class Task(gymnasium.Env):
     # What gymnasium calls.
 
     def reset(self, *, seed: int | None = None, options: dict | None = None):
-        """See gymnasium.Env.reset. Raises InvalidValue for an unknown option."""
+        """See gymnasium.Env.reset. Raises InvalidType, InvalidValue for unknown options."""
         self._require_client()
-        options = {} if options is None else dict(options)
-        unknown = sorted(set(options) - set(self.option_names))
+        if not isinstance(options, dict | None):
+            raise InvalidType("options", options, "a dict")
+        options = dict(options or {})
+        unknown = [name for name in options if name not in self.option_names]
         if unknown:
             raise InvalidValue("options", unknown, f"some of {list(self.option_names)}")
         super().reset(seed=seed)

@@ -267,8 +267,11 @@ def test_bad_actions_and_options_are_refused_before_anything_moves(env):
     for bad in (np.full(size, np.nan), np.zeros(size + 1), "left"):
         with pytest.raises(bt.TendonError, match="action"):
             inner.step(bad)
-    with pytest.raises(bt.InvalidValue, match="options"):
-        inner.reset(seed=1, options={"colour": 3})
+    for unknown in ({"colour": 3}, {"colour": 3, 1: 2}):
+        with pytest.raises(bt.InvalidValue, match="options"):
+            inner.reset(seed=1, options=unknown)
+    with pytest.raises(bt.InvalidType, match="options"):
+        inner.reset(seed=1, options=[1])
     assert inner.world.state_hash() == before
 
 
