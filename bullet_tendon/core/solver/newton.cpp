@@ -160,7 +160,8 @@ void note_progress(Solution& s, double residual) {
 // Computes the residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
-  Assembly a = residual_of(island, s.descends || s.far, s.descends);
+  // As the last step was found: multipliers decide about the contacts of a mixed step, also in a descent.
+  Assembly a = residual_of(island, s.searches || s.far, s.searches);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;

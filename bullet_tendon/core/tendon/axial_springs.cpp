@@ -110,7 +110,7 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
     const double slope = K * df * inv, now = elastic_slope[k];
     const bool limited = (force[k] == 0) & (truth[k] > 0);
     const double raised = strain >= least && slope > now && !limited ? slope : now;
-    const bool there = mixed & (multiplier > floor_force) & (strain > 0) & (carried[k] > least);
+    const bool there = mixed & (multiplier > floor_force) & (carried[k] > least);
     const double line = K * (value + df * (strain - at));
     linear_elastic[k] = there ? line : truth[k];
     linear[k] = there ? line + braking[k] : force[k];

@@ -25,8 +25,8 @@
 // treated like the damping.
 //
 // A tension-only spring carries max(0, F). As with contacts, the multiplier decides whether it is linearised
-// as taut: where T > 0, by F without the limit. Where a fast damper holds its force at zero, the force at the
-// current length says nothing about that.
+// as taut: where T > 0, by F without the limit. Where a fast damper holds its force at zero, or a hand that
+// stops leaves the guess slack, the force at the current length says nothing about that.
 #pragma once
 #include <vector>
 
