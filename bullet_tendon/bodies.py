@@ -27,6 +27,7 @@ from .generalized_bodies import (
 )
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
+_WAKE = 0.5  # pybullet puts a body to sleep that was slow for 2 s [s]
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # velocity [m/s] and spin [rad/s]
 _KEY = "bullet_tendon"  # of the user data that marks a body
 _PROCESS = os.urandom(8).hex()
@@ -90,6 +91,7 @@ class Bodies:
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
+        self._awake: dict[int, float] = {}  # time since bodies that wrenches act on were woken [s]
 
     def require_client(self) -> None:
         """Raise UnknownId where the client was disconnected."""
@@ -252,15 +254,30 @@ class Bodies:
         self.require(body, link)
         return p.getDynamicsInfo(body, link, self.client)[1]
 
-    def apply_wrenches(self) -> None:
-        """Put the core's wrenches on the links that answer to them, and the forces of limits on joints."""
+    def apply_wrenches(self, dt: float) -> None:
+        """Put the core's wrenches on the links that answer to them, and the forces of limits on joints.
+
+        dt: length of the step [s].
+        """
+        pushed = set()
         for slot, force, point, torque in self._core.pushes():
             body, link = self.links[slot]
+            pushed.add(body)
             p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
             if torque is not None:
                 p.applyExternalTorque(body, link, torque, p.WORLD_FRAME, self.client)
+        self._keep_awake(pushed, dt)
         for body in self._generalized():
             body.apply_joint_forces(self._core)
+
+    def _keep_awake(self, pushed: set[int], dt: float) -> None:
+        """A force does not wake a body that pybullet has put to sleep, where sleeping is enabled for it."""
+        times = {body: self._awake.get(body, _WAKE) + dt for body in pushed}
+        for body in (body for body, time in times.items() if time > _WAKE):
+            awake = p.ACTIVATION_STATE_WAKE_UP
+            p.changeDynamics(body, -1, activationState=awake, physicsClientId=self.client)
+            times[body] = 0.0
+        self._awake = times
 
     def apply_external_force(self, body: int, link: int, force, point, in_link: bool) -> None:
         """Put a force [N] of the user on a link for pybullet's next step, and tell the next reads of it.

@@ -105,7 +105,7 @@ class Stepper:
             self._give_up()
         elif links:
             start = perf_counter()
-            self._bodies.apply_wrenches()
+            self._bodies.apply_wrenches(parameters["fixedTimeStep"])
             self._react = perf_counter() - start
         self._bodies.forget_external_forces()
         if outcome == _TO_TELL:

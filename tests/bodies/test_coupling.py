@@ -246,3 +246,38 @@ def test_a_flying_body_is_caught_without_overshooting(make_world, client, mass, 
             break
     assert p.getBaseVelocity(body, client)[0][2] > -1e-3 * speed
     assert 0 < max(tensions) <= 1.1 * exact
+
+
+@pytest.mark.parametrize("kind", ["free", "maximal", "slider"])
+def test_what_hangs_on_a_tendon_is_kept_awake(make_world, client, tmp_path, kind):
+    """pybullet puts it to sleep after two seconds at rest; no force wakes it then."""
+    if kind == "slider":
+        path = tmp_path / "slider.urdf"
+        inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+        path.write_text(
+            '<robot name="r"><link name="base"/>'
+            f'<link name="load"><inertial><mass value="1"/>{inertia}</inertial>'
+            '</link><joint name="rail" type="prismatic"><parent link="base"/><child link="load"/>'
+            '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" velocity="9"/></joint></robot>'
+        )
+        flags = p.URDF_ENABLE_SLEEPING
+        body = p.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+        p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        link = 0
+    else:
+        shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+        maximal = kind == "maximal"
+        body = p.createMultiBody(1, shape, useMaximalCoordinates=maximal, physicsClientId=client)
+        link = -1
+    sleeping = p.ACTIVATION_STATE_ENABLE_SLEEPING
+    p.changeDynamics(body, -1, activationState=sleeping, physicsClientId=client)
+    world = make_world(gravity=(0, 0, -9.81))
+    material = bt.Material(stiffness=400, damping=20, density=1e-3)
+    tendon = world.add_tendon([(0, 0, 0.1), (0, 0, 0)], 1e-3, material, 4, collides=False)
+    hand, knot = tendon.grip(0), tendon.attach(-1, body, link, (0, 0, 0))
+    world.step(3 * 240)
+    for k in range(240):
+        hand.target = (0, 0, 0.1 + 0.05 * (k + 1) / 240)
+        world.step()
+    world.step(240)
+    assert knot.force[2] == pytest.approx(9.81, rel=1e-4)
