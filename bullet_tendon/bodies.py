@@ -27,6 +27,7 @@ from .generalized_bodies import (
 )
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
+_SOFT_BODY = 3  # type of a body in getDynamicsInfo
 _WAKE = 0.5  # pybullet puts a body to sleep that was slow for 2 s [s]
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # velocity [m/s] and spin [rad/s]
 _KEY = "bullet_tendon"  # of the user data that marks a body
@@ -99,11 +100,16 @@ class Bodies:
             raise UnknownId("physicsClientId", self.client, "a connected pybullet client")
 
     def require(self, body: int, link: int, argument: str = "bodyUniqueId") -> None:
-        """Raise UnknownId unless the body exists and has that link (-1: its base)."""
+        """Raise UnknownId unless the body has that link (-1: its base), InvalidValue if it is soft.
+
+        pybullet's pose of a soft body is no frame, and its mass is a number from anywhere.
+        """
         self.require_client()
         known = [p.getBodyUniqueId(i, self.client) for i in range(p.getNumBodies(self.client))]
         if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
             raise UnknownId(argument, body, f"the id of a body of this client: {known}")
+        if p.getDynamicsInfo(int(body), -1, self.client)[10] == _SOFT_BODY:
+            raise InvalidValue(argument, body, "a body with links: a soft one has neither frame nor mass")
         count = p.getNumJoints(int(body), self.client)
         if not isinstance(link, (int, np.integer)) or isinstance(link, bool) or not -1 <= link < count:
             raise UnknownId("linkIndex", link, f"an integer from -1 to {count - 1} for body {body}")

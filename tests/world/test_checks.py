@@ -257,3 +257,28 @@ def test_ids_may_be_numpys(make_world, client):
             assert tendon.collides_with(bone) is enabled
     tendon.attach(0, bone)
     assert tendon.is_attached_to(np.int64(bone))
+
+
+def test_soft_bodies_are_refused_before_a_step(make_world, client, tmp_path):
+    """pybullet gives them a pose, and a mass that is a number from anywhere."""
+    p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD, physicsClientId=client)
+    path = tmp_path / "cloth.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    cloth = p.loadSoftBody(str(path), mass=1, useMassSpring=1, useBendingSprings=1, physicsClientId=client)
+    bone = p.createMultiBody(0, physicsClientId=client)
+    world, material = make_world(), bt.Material(stiffness=1e3)
+    tendon = world.add_tendon([[0, 0, 0], [0, 0, 1]], 0.01, material, 4)
+    before = world.state_hash()
+    for call in (
+        lambda: tendon.attach(0, cloth),
+        lambda: tendon.pull(0, 1.0, cloth, -1, (0, 0, -1)),
+        lambda: world.add_obstacle(cloth),
+        lambda: world.add_tunnel(cloth, -1, (0, 0, 0), (0, 0, 1), 0.02),
+        lambda: world.add_wrap(cloth, -1, ("sphere", 0.1), (0, 0, 0)),
+        lambda: world.add_ligament([(cloth, -1, (0, 0, 0)), (bone, -1, (0, 0, 1))], material),
+        lambda: world.relax(bodies=[cloth]),
+    ):
+        with pytest.raises(InvalidValue, match="soft"):
+            call()
+    assert world.state_hash() == before
+    world.step()
