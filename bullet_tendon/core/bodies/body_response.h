@@ -181,10 +181,6 @@ struct GeneralizedBody {
   }
 
  private:
-  // Largest change in a sweep over the stops: of a rate [m/s], [rad/s], and as a share of the rates involved.
-  struct Sweep {
-    double rate = 0, share = 0;
-  };
   const Numbers& known(Vec3 gravity);
   // Twice the kinetic energy of a change of velocity by this acceleration in a second [J].
   double energy_of(const Numbers& acceleration);
@@ -202,7 +198,7 @@ struct GeneralizedBody {
   void find_pushes(const Numbers& forces, double dt);
   void pivot_stops();
   bool pybullet_falls_short(double dt);
-  Sweep sweep_stops(Numbers& pushes, bool backwards) const;
+  double sweep_stops(Numbers& pushes, bool backwards) const;
   const Numbers& rates_with(const Numbers& by_root, const Numbers& by_change, double dt);
   void share_stops(double dt);
   void gather_acting();

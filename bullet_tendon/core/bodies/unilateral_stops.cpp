@@ -5,8 +5,8 @@
 //
 //   D u' - wanted >= 0,   lambda >= 0,   complementary,     u' = u + R D^T lambda.
 //
-// Projected Gauss-Seidel finds the active stops S: before the solution with the forces of the last step,
-// after it with its own forces (World::settle_stops). The solution treats S as rigid:
+// Principal pivoting finds the active stops S: before the solution with the forces of the last step, after it
+// with its own forces (World::settle_stops). The solution treats S as rigid:
 //
 //   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
 //
@@ -39,12 +39,9 @@ constexpr double kTakenBack = 0.2;
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
 
-// Maximum number of Gauss-Seidel sweeps over the stops of a body, and change of a rate, as a share of the
-// rates involved, below which the sweeps end [-]. Fewer: wrong active stops if there are many.
-constexpr int kStopSweeps = 100;
-constexpr double kStopSettled = 1e-11;
-// Maximum number of pivots that follow if the sweeps did not settle, per stop.
+// Maximum number of pivots, per stop, and violation, as a share of the rates involved, that is rounding [-].
 constexpr size_t kPivotsPerStop = 4;
+constexpr double kStopSettled = 1e-11;
 
 // Sweeps of pybullet's own solver (its default), forwards and backwards in turn. It also ends them when no
 // rate changes by more than kSolverResidual.
@@ -164,7 +161,7 @@ void GeneralizedBody::find_stops(double dt) {
   }
 }
 
-// Computes lambda by projected Gauss-Seidel, starting from the last lambda, and by pivoting if that is slow.
+// Computes lambda, starting from the stops of the last lambda.
 void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
   const size_t m = stops_.all.size();
   if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
@@ -177,13 +174,11 @@ void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
     work_.whole[a] = std::fabs(stops_.all[a].missing) + std::fabs(dt * work_.given[a]);
   }
   if (stops_.pushes.size() != m) stops_.pushes.assign(m, 0.0);
-  for (int sweep = 0; sweep < kStopSweeps; ++sweep)
-    if (sweep_stops(stops_.pushes, false).share <= kStopSettled) return;
   pivot_stops();
 }
 
 // Principal pivoting (Murty 1974): one stop, the first that pulls or is violated, changes sides at a time.
-// Where the response to the stops is singular this can go in circles; then lambda stays that of the sweeps.
+// Where the response to the stops is singular this can go in circles; then lambda stays the last one.
 void GeneralizedBody::pivot_stops() {
   const size_t m = stops_.all.size();
   std::vector<char> acts(m);
@@ -214,18 +209,16 @@ void GeneralizedBody::pivot_stops() {
   }
 }
 
-// One sweep of projected Gauss-Seidel over the stops.
-GeneralizedBody::Sweep GeneralizedBody::sweep_stops(Numbers& pushes, bool backwards) const {
+// One sweep of projected Gauss-Seidel over the stops. Returns the largest change of a rate [m/s], [rad/s].
+double GeneralizedBody::sweep_stops(Numbers& pushes, bool backwards) const {
   const size_t m = stops_.all.size();
-  Sweep most;
+  double most = 0;
   for (size_t k = 0; k < m; ++k) {
     const size_t a = backwards ? m - 1 - k : k;
     const double left = work_.left[a] - along(work_.within, a, pushes);
     const double before = pushes[a], own = work_.within[a * m + a];
     pushes[a] = stops_.all[a].admitted ? std::max(0.0, before + left / own) : 0.0;
-    const double rate = own * std::fabs(pushes[a] - before);
-    most.rate = std::max(most.rate, rate);
-    if (work_.whole[a] > 0) most.share = std::max(most.share, rate / work_.whole[a]);
+    most = std::max(most, own * std::fabs(pushes[a] - before));
   }
   return most;
 }
@@ -282,7 +275,7 @@ bool GeneralizedBody::pybullet_falls_short(double dt) {
   Numbers pushes(m);
   double change = kMostRate;
   for (int sweep = 0; sweep < kPybulletSweeps && change > kSolverResidual; ++sweep)
-    change = sweep_stops(pushes, sweep % 2 == 0).rate;
+    change = sweep_stops(pushes, sweep % 2 == 0);
   for (size_t a = 0; a < m; ++a) pushes[a] -= stops_.pushes[a];
   for (size_t a = 0; a < m; ++a)
     if (std::fabs(along(work_.within, a, pushes)) > kSolverNoise) return true;
