@@ -58,7 +58,7 @@ class Substepper {
   bool ends_early() const { return ends_early_; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
-  bool may_cut() const { return divisible_ && size_ > 1; }
+  bool may_cut() const { return divisible_ && !ends_early_ && size_ > 1; }
 
   // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided
   // by `parts`. Repeats end: a substep wakes each tendon, restarts each history and lets each body turn far

@@ -211,17 +211,11 @@ std::optional<Reason> World::solve_substep() {
   if (step_.motion_limit < 1 && may_limit) return Reason::motion;
   const bool again = step_.detections > 0;
   if (!again || step_.substeps.ends_early() || !contacts_.all.empty() || !contacts_.solved.empty()) {
-    // A solution with the new contacts needs linear solutions, which an exhausted budget refuses.
-    if (again && !step_.substeps.ends_early() && step_.budget.refuses()) {
-      contacts_.all.swap(contacts_.solved);
-      return {};
-    }
     if (again) inherit_multipliers();
     if (share_weights()) return Reason::step_weights;
     if (const auto why = solve_islands()) return why;
     if (step_.failed) return {};
-    const bool may_cut = step_.substeps.may_cut() && !step_.substeps.ends_early();
-    if (may_cut && solution_passes_cartilage()) return Reason::motion;
+    if (step_.substeps.may_cut() && solution_passes_cartilage()) return Reason::motion;
     if (!step_.budget.exhausted() && restart_jolted()) return Reason::step_weights;
   }
   if (!any_moved() || step_.budget.refuses()) return {};
@@ -254,7 +248,7 @@ std::optional<Reason> World::solve_islands() {
   make_islands();
   if (step_.substeps.ends_early()) leave_out_near();
   step_.context.warm = step_.detections > 0;
-  const bool may_halve = step_.substeps.may_cut() && !step_.substeps.ends_early();
+  const bool may_halve = step_.substeps.may_cut();
   const bool may_detect = step_.substeps.divisible() && (step_.detections < kMostDetections || may_halve);
   const bool may_repeat = step_.substeps.ends_early() || !step_.budget.exhausted();
   step_.context.may_detect = may_detect && may_repeat;
