@@ -481,7 +481,7 @@ Band band_of(const Array& diagonal, const Array& below) {
 }
 
 // Eight right-hand sides (n, 3, 8), zero but for the blocks first to last: solutions there (last - first + 1,
-// 3, 8); that of the first of them, solved for by itself (n, 3); and what solves for that, there alone.
+// 3, 8); and that of the first of them, solved for by itself (n, 3).
 py::tuple band_solutions(const Array& diagonal, const Array& below, const Array& right, int first, int last) {
   const Band a = band_of(diagonal, below);
   BandFactor factor;
@@ -495,13 +495,9 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
   Field one(a.n);
   for (int i = 0; i < a.n; ++i) one.set(i, {b.at(i)[0][0], b.at(i)[1][0], b.at(i)[2][0]});
   factor.solve(one, one);
-  const Field alone = one;
-  factor.solve(one, one, first, last);
-  std::vector<Vec3> within;
-  for (int i = first; i <= last; ++i) within.push_back(one.at(i));
   Array solved({py::ssize_t{last} - first + 1, py::ssize_t{3}, py::ssize_t{kLanes}});
   std::copy(x.number(first), x.number(last + 1), solved.mutable_data());
-  return py::make_tuple(solved, alone, within);
+  return py::make_tuple(solved, one);
 }
 
 }  // namespace

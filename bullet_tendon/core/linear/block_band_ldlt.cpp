@@ -281,14 +281,12 @@ bool BandFactor::factorise_middle(const Band& a) {
   return ok;
 }
 
-void BandFactor::solve(const Field& b, Field& x, int first, int last) const {
-  const int to = std::min(first, n_ - 1 - last);
-  half_ == 1 ? solve_ends<1>(b, x, to) : solve_ends<2>(b, x, to);
+void BandFactor::solve(const Field& b, Field& x) const {
+  half_ == 1 ? solve_ends<1>(b, x) : solve_ends<2>(b, x);
 }
 
-// Back substitution from the middle to step `to` of both ends.
 template <int H>
-void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
+void BandFactor::solve_ends(const Field& b, Field& x) const {
   Lanes first[3] = {}, second[3] = {};
   for (int s = 0; s < steps_; ++s) {
     const Pivot& p = pivots_[s];
@@ -323,7 +321,7 @@ void BandFactor::solve_ends(const Field& b, Field& x, int to) const {
   solve_middle<1>(y);
   for (int i = 0; i < w; ++i)
     for (int c = 0; c < 3; ++c) x[c][steps_ + i] = y[3 * i + c];
-  for (int s = steps_ - 1; s >= to; --s) {
+  for (int s = steps_ - 1; s >= 0; --s) {
     const Pivot& p = pivots_[s];
     const int top = s, bottom = n_ - 1 - s;
     for (int o = 0; o < H; ++o) {

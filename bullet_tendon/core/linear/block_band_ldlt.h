@@ -45,9 +45,7 @@ class BandFactor {
   // false: a pivot is not positive, so the matrix is not positive definite.
   bool factorise(const Band& a);
   // x = A^-1 b; x and b may be the same.
-  void solve(const Field& b, Field& x) const { solve(b, x, 0, n_ - 1); }
-  // The same for blocks first to last only. The other blocks of x are undefined.
-  void solve(const Field& b, Field& x, int first, int last) const;
+  void solve(const Field& b, Field& x) const;
   // The same for eight right-hand sides, which are zero outside blocks first to last. Only these blocks of x
   // are computed.
   void solve(const Columns& b, int first, int last, Columns& x) const;
@@ -56,7 +54,7 @@ class BandFactor {
   template <int H>
   bool factorise_ends(const Band& a);
   template <int H>
-  void solve_ends(const Field& b, Field& x, int to) const;
+  void solve_ends(const Field& b, Field& x) const;
   // The passes for eight columns.
   template <int H>
   void columns_ends(int first, int last, Columns& x) const;

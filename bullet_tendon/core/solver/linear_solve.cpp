@@ -253,21 +253,6 @@ bool apply_inverse(Island& island, const Options& o, Which b, Which x) {
   return true;
 }
 
-bool is_banded(const Island& island, const Options& o) {
-  return !island.coupled && o.linear_solver != LinearSolver::pcg;
-}
-
-// x = A^-1 b, at least in the blocks of the border (first to last).
-bool apply_inverse_at_border(Island& island, const Options& o, Which b, Which x) {
-  if (!is_banded(island, o)) return apply_inverse(island, o, b, x);
-  for (size_t k = 0; k < island.tendons.size(); ++k) {
-    Tendon& c = *island.tendons[k];
-    const Border& at = island.bodies.borders[k];
-    if (at.first <= at.last) c.factor.solve(c.*b, c.*x, at.first, at.last);
-  }
-  return true;
-}
-
 // Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
 bool answer_columns(Island& island, const Options& o, size_t p) {
   if (o.linear_solver == LinearSolver::pcg) {
@@ -320,7 +305,7 @@ bool factorise_bodies(Island& island, const Options& o, bool definite) {
 
 // Solves for bodies (corner_side) and tendons (x).
 bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
-  if (!apply_inverse_at_border(island, o, b, x)) return false;
+  if (!apply_inverse(island, o, b, x)) return false;
   island.bodies.corner_side.resize(island.bodies.freedom);
   for (int m : island.bodies.indices) {
     const GeneralizedBody& body = island.bodies.body(m);
