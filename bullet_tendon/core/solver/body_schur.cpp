@@ -562,23 +562,16 @@ int count_of(const Island& island, size_t panel) {
   return std::min(kLanes, island.bodies.freedom - first_of(panel));
 }
 
-// C^T A^-1 C, with the columns of panel p and the first `Rows` rows of panel q.
-template <int Rows>
-BT_WITHIN inline void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
-  Eight sums[Rows] = {};
+// C^T A^-1 C, with the columns of panel p and the rows of panel q.
+BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
+  Eight sums[kLanes] = {};
   for (const Border& border : island.bodies.borders)
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) {
         const Eight pull = border.panels[q].pulls.at(i)[c], answer = border.panels[p].answers.at(i)[c];
-        for (int a = 0; a < Rows; ++a) sums[a] += pull[a] * answer;
+        for (int a = 0; a < kLanes; ++a) sums[a] += pull[a] * answer;
       }
-  for (int a = 0; a < Rows; ++a) out[a] = sums[a];
-}
-
-BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, int contacts, Eight* sums) {
-  contacts <= 3   ? multiply_answers<3>(island, p, q, sums)
-  : contacts <= 6 ? multiply_answers<6>(island, p, q, sums)
-                  : multiply_answers<kLanes>(island, p, q, sums);
+  std::copy(sums, sums + kLanes, out);
 }
 
 // sum += C^T x, of the columns of panel p.
@@ -618,8 +611,8 @@ void put_answer(Island& island, size_t p, int lane) {
 }
 
 void take_complement(Island& island, size_t p, size_t q) {
-  Eight sums[kLanes] = {};
-  multiply_answers(island, p, q, count_of(island, q), sums);
+  Eight sums[kLanes];
+  multiply_answers(island, p, q, sums);
   auto entry = [&](int i, int j) -> double& {
     return island.bodies.corner[static_cast<size_t>(i) * island.bodies.freedom + j];
   };
