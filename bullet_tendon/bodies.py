@@ -10,7 +10,7 @@ differ from them by the inertial offset.
 
 import itertools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pybullet as p
@@ -142,6 +142,13 @@ class Bodies:
     def is_gone(self, slot: int) -> bool:
         """Whether the body that a slot was made for was removed from pybullet."""
         return not self._marks.holds(self._mark_of[slot])
+
+    def require_same(self, slots: Iterable[int]) -> None:
+        """Raise UnknownId where a body that one of these slots was made for was removed."""
+        self.require_client()
+        for slot in slots:
+            if self.is_gone(slot):
+                raise UnknownId("bodyUniqueId", self.links[slot][0], "a body that was not removed")
 
     def slots_of(self, body: int) -> set[int]:
         return {s for (b, _), s in self._slots.items() if b == body and not self.is_gone(s)}

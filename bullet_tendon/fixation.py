@@ -291,7 +291,7 @@ def fix_in(tendon, tunnel, kind, length, stiffness, slip_load) -> Fixation:
     span = float(np.linalg.norm(tunnel.end - tunnel.start))
     length = span if length is None else checks.number("length", length, above=0, at_most=span)
     axis = (tunnel.end - tunnel.start) / span
-    origin, axes = tendon._bodies.frame(tunnel.bodyUniqueId, tunnel.linkIndex)
+    origin, axes = tunnel._frame()
     local = (tendon.positions - origin) @ axes - tunnel.start
     height = local @ axis
     beside = np.linalg.norm(local - height[:, None] * axis, axis=1)

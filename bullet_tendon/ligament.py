@@ -140,15 +140,22 @@ class Ligament(NotCopied):
 
     @property
     def points(self) -> np.ndarray:
-        """(k, 3) the points of its path in the world frame, now [m]; where it meets and leaves wraps, too."""
-        self._there()
+        """(k, 3) the points of its path in the world frame, now [m]; where it meets and leaves wraps, too.
+
+        Raises UnknownId where a body was removed.
+        """
+        self._require_bodies()
         return self._measured()[1] if self.wraps else points_of(self._bodies, self.path)
 
     @property
     def line(self) -> np.ndarray:
         """(k, 3) what to draw of it, world frame, now [m]: its path, also along wraps. k does not change."""
-        self._there()
+        self._require_bodies()
         return line_of(self, {link: self._bodies.checked_frame(*link) for link in self.links})
+
+    def _require_bodies(self) -> None:
+        self._there()
+        self._bodies.require_same(self.link_slots)
 
     def _measured(self) -> tuple[float, np.ndarray]:
         """Length and points of a path with wraps, where pybullet has the bodies now."""

@@ -63,8 +63,13 @@ class Tunnel(NotCopied):
 
         Raises UnknownId where the client was disconnected, or the body removed.
         """
-        origin, axes = self._bodies.checked_frame(self.bodyUniqueId, self.linkIndex)
+        origin, axes = self._frame()
         return origin + np.array([self.start, self.end]) @ axes.T
+
+    def _frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """Origin (3,) and axes (3, 3) of its link's frame in the world, now. Raises UnknownId."""
+        self._bodies.require_same([self.link_slot])
+        return self._bodies.checked_frame(self.bodyUniqueId, self.linkIndex)
 
     def _drills(self, points) -> np.ndarray:
         """(k,) whether it removes the bone at points (k, 3) of the link's frame [m]."""

@@ -40,6 +40,28 @@ def test_a_reused_id_gets_no_force_meant_for_another_body(client, make_world):
     assert np.any(p.getBaseVelocity(second, client)[0])
 
 
+@pytest.mark.parametrize("reused", [False, True])
+def test_parts_of_a_removed_body_are_nowhere(client, make_world, reused):
+    """Also where another body has its id."""
+    world = make_world()
+    first, other = ball(client), ball(client)
+    tendon = world.add_tendon([[0, 0, 0], [0.2, 0, 0]], 0.004, MATERIAL, 6)
+    bore = world.add_tunnel(first, -1, (0, 0, 0), (0.1, 0, 0), 0.01)
+    line = world.add_ligament([(first, -1, (0, 0, 0)), (other, -1, (0.1, 0, 0))], MATERIAL)
+    p.removeBody(first, client)
+    if reused:
+        assert ball(client) == first
+    for call in (
+        lambda: bore.ends,
+        lambda: line.points,
+        lambda: line.line,
+        lambda: line.length,
+        lambda: tendon.fix(bore, "screw", stiffness=1e5, slip_load=1e3),
+    ):
+        with pytest.raises(bt.UnknownId, match="bodyUniqueId = 0"):
+            call()
+
+
 def test_after_a_reset_obstacles_and_tunnels_of_old_bodies_are_noticed(client, make_world):
     world = make_world()
     world.add_obstacle(ball(client, 0.0))
