@@ -273,9 +273,7 @@ void World::drop_contacts_of_torn() {
   const bool any = std::any_of(step_.slots.begin(), step_.slots.end(),
                                [](const Tendon* c) { return c && !c->torn.empty(); });
   if (!any) return;
-  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(),
-                                     [&](const Contact& c) { return !bears(c.a) || !bears(c.b); }),
-                      contacts_.all.end());
+  remove_where(contacts_.all, [&](const Contact& c) { return !bears(c.a) || !bears(c.b); });
 }
 
 // Contact with a plane on a link, given where it is foreseen to be at the end of the substep.
@@ -417,9 +415,7 @@ void World::recall(Contact& contact, double inertia) {
 }
 
 void World::remember() {
-  auto moves = [&](const ContactMemory& m) { return step_.slots[m.key.tendon] != nullptr; };
-  contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), moves),
-                         contacts_.memory.end());
+  remove_where(contacts_.memory, [&](const ContactMemory& m) { return step_.slots[m.key.tendon]; });
   contacts_.touching.assign(step_.slots.size(), 0);
   for (auto [slot, c] : filled(step_.slots)) c.touched = false;
   for (const Contact& contact : contacts_.all) {

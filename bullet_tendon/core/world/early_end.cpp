@@ -117,8 +117,7 @@ void World::leave_out_unsolved(bool leaving) {
     const bool solved = g.result.converged || (g.result.left_predicted_region && !leaving);
     if (!g.result.finite || !solved || away) leave_out_island(g);
   }
-  auto stays = [&](const Contact& contact) { return !step_.slots[contact.a.tendon]; };
-  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(), stays), contacts_.all.end());
+  remove_where(contacts_.all, [&](const Contact& contact) { return !step_.slots[contact.a.tendon]; });
 }
 
 // Takes back what was left out of the rest of the step: its forces are means over the time before.

@@ -93,9 +93,8 @@ void World::wake_tendon(int tendon) {
       c.sleeping_island = -1;
       c.quiet = 0;
     }
-  auto woken = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island < 0; };
-  contacts_.asleep.erase(std::remove_if(contacts_.asleep.begin(), contacts_.asleep.end(), woken),
-                         contacts_.asleep.end());
+  remove_where(contacts_.asleep,
+               [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island < 0; });
 }
 
 void World::wake_all() {
@@ -222,8 +221,7 @@ void World::fall_asleep() {
   }
   auto sleeps = [&](const Contact& contact) { return scene.tendons[contact.a.tendon]->sleeping_island >= 0; };
   std::copy_if(contacts_.all.begin(), contacts_.all.end(), std::back_inserter(contacts_.asleep), sleeps);
-  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(), sleeps),
-                      contacts_.all.end());
+  remove_where(contacts_.all, sleeps);
   sleep_.gravity = step_.context.gravity;
 }
 

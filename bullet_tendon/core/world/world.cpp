@@ -81,9 +81,7 @@ void World::remove_tunnel(int slot) {
 
 template <class Which>
 void World::forget_memory(Which which) {
-  auto gone = [&](const ContactMemory& m) { return which(m.key); };
-  contacts_.memory.erase(std::remove_if(contacts_.memory.begin(), contacts_.memory.end(), gone),
-                         contacts_.memory.end());
+  remove_where(contacts_.memory, [&](const ContactMemory& m) { return which(m.key); });
 }
 
 void World::forget_memory_of(int tendon) {
@@ -126,11 +124,9 @@ void World::forget_planes() {
 // Sleeping tendons near its new position wake in wake_met.
 void World::forget_contacts(int tendon) {
   wake_tendon(tendon);
-  auto touches = [&](const Contact& contact) {
+  remove_where(contacts_.all, [&](const Contact& contact) {
     return contact.a.tendon == tendon || contact.b.tendon == tendon;
-  };
-  contacts_.all.erase(std::remove_if(contacts_.all.begin(), contacts_.all.end(), touches),
-                      contacts_.all.end());
+  });
   forget_memory_of(tendon);
   if (tendon < static_cast<int>(detection_.caches.size()))
     for (NearCache& cache : detection_.caches[tendon]) cache.entries.clear();

@@ -8,6 +8,7 @@
 //
 // world/step.cpp has the loop. world/checkpoint.cpp restores the state when a step fails.
 #pragma once
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <initializer_list>
@@ -173,6 +174,12 @@ std::vector<int> slots_where(const std::vector<Part>& parts, Is is) {
   for (size_t i = 0; i < parts.size(); ++i)
     if (is(parts[i])) found.push_back(static_cast<int>(i));
   return found;
+}
+
+// Removes the entries of which is(entry) is true.
+template <class Entry, class Is>
+void remove_where(std::vector<Entry>& list, Is is) {
+  list.erase(std::remove_if(list.begin(), list.end(), is), list.end());
 }
 
 // Calls what(tendon, anchor) for every anchor of these tendons; null entries are left out.
