@@ -28,19 +28,15 @@ constexpr double kSubsteps = 0.6;
 constexpr double kFarthestTurn = 0.2;
 
 bool same_anchors(const TendonState& a, const TendonState& b) {
-  if (a.anchors.size() != b.anchors.size()) return false;
-  for (size_t h = 0; h < a.anchors.size(); ++h)
-    if (a.anchors[h].id != b.anchors[h].id) return false;
-  return true;
+  return std::equal(a.anchors.begin(), a.anchors.end(), b.anchors.begin(), b.anchors.end(),
+                    [](const Anchor& h, const Anchor& g) { return h.id == g.id; });
 }
 
 bool same_anchors(const Checkpoint& a, const Checkpoint& b) {
-  if (a.tendons.size() != b.tendons.size()) return false;
-  for (size_t c = 0; c < a.tendons.size(); ++c) {
-    if (a.tendons[c].alive != b.tendons[c].alive) return false;
-    if (a.tendons[c].alive && !same_anchors(a.tendons[c].state, b.tendons[c].state)) return false;
-  }
-  return true;
+  auto same = [](const TendonCheckpoint& t, const TendonCheckpoint& u) {
+    return t.alive == u.alive && (!t.alive || same_anchors(t.state, u.state));
+  };
+  return std::equal(a.tendons.begin(), a.tendons.end(), b.tendons.begin(), b.tendons.end(), same);
 }
 
 // Copies anchor targets and parameters that the user may have set since then.
