@@ -348,10 +348,8 @@ namespace {
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
 // limits (2), damping.
 Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers, bool floating) {
-  if (parents.size() != kinds.size() || numbers.size() != 13 * kinds.size()) throw py::value_error("joints");
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
-    if (parents.data()[j] < 0 || parents.data()[j] > j) throw py::value_error("parents");
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
     const double* p = numbers.data() + 13 * j;
     joints.push_back(
@@ -361,8 +359,6 @@ Articulated articulated(const Ints& kinds, const Ints& parents, const Array& num
 }
 
 Array answer_of(const Array& mass, const Array& forces) {
-  if (mass.ndim() != 2 || forces.ndim() != 2 || forces.shape(0) != mass.shape(0))
-    throw py::value_error("forces");
   Array out({forces.shape(0), forces.shape(1)});
   std::copy(forces.data(), forces.data() + forces.size(), out.mutable_data());
   answer(static_cast<int>(forces.shape(0)), static_cast<int>(forces.shape(1)), mass.data(),

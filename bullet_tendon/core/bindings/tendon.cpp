@@ -39,10 +39,14 @@ Anchor& anchor_of(World& w, int tendon, int id) {
 }
 
 void remove_anchor(World& w, int tendon, int id) {
-  auto& anchors = stirred(w, tendon).anchors;
+  remove_where(stirred(w, tendon).anchors, [&](const Anchor& h) { return h.id == id; });
   w.scene.tendons[tendon]->smooth = false;
-  anchors.erase(std::remove_if(anchors.begin(), anchors.end(), [&](const Anchor& h) { return h.id == id; }),
-                anchors.end());
+}
+
+void add_anchor(World& w, int tendon, const Anchor& anchor) {
+  if (anchor.link >= 0) w.ensure_link(anchor.link);
+  stirred(w, tendon).anchors.push_back(anchor);
+  w.scene.tendons[tendon]->smooth = false;
 }
 
 // The stiffness of what holds a particle at a point by no more than a force [N/m].
@@ -64,9 +68,7 @@ void add_line(World& w, int tendon, int id, int particle, int link, Vec3 local, 
   h.rest = length;
   h.spring = length > 0 ? stiffness : holding_stiffness(w, tendon, most_force);
   h.most_force = most_force;
-  w.ensure_link(link);
-  stirred(w, tendon).anchors.push_back(h);
-  w.scene.tendons[tendon]->smooth = false;
+  add_anchor(w, tendon, h);
 }
 
 void set_line_load(World& w, int tendon, int id, double most_force) {
@@ -146,8 +148,7 @@ void bind_world_tendon(GuardedWorld& world) {
              h.id = id;
              h.particle = particle;
              h.goal = h.target_before = target;
-             stirred(w, c).anchors.push_back(h);
-             w.scene.tendons[c]->smooth = false;
+             add_anchor(w, c, h);
            })
       .def("set_grip", &set_grip)
       .def("add_attachment",
@@ -157,9 +158,7 @@ void bind_world_tendon(GuardedWorld& world) {
              h.particle = particle;
              h.link = link;
              h.local = local;
-             w.ensure_link(link);
-             stirred(w, c).anchors.push_back(h);
-             w.scene.tendons[c]->smooth = false;
+             add_anchor(w, c, h);
            })
       .def("add_line", &add_line)
       .def("set_line_load", &set_line_load)
