@@ -24,9 +24,7 @@ using namespace dense;
 void Observer::start(int n) {
   *this = Observer{};
   n_ = n;
-  set_identity(n, share_);
-  set_identity(n, share_root_);
-  push_.assign(n, 0.0);
+  set_free();
   forces_.assign(n, 0.0);
   applied_.assign(n, 0.0);
 }
@@ -37,10 +35,10 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
   released_ = false;
   missed_.clear();
   if (has_acted()) {
-    measure(sampled_.empty() ? rates : sampled_, gravity);
+    const Numbers& reached = sampled_.empty() ? rates : sampled_;
+    measure(reached, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    const Numbers& reached = sampled_.empty() ? rates : sampled_;
     const bool cut = (of.jointed || of.alone) && note_cut(reached);
     if (!of.jointed) leave_out_cut();
     now_.root_acceleration = now_.acceleration;
@@ -78,12 +76,6 @@ bool Observer::sample(const Numbers& rates, const Numbers& gravity) {
   compare(now_);
   return was_released(now_);
 }
-
-namespace {
-
-bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
-
-}  // namespace
 
 void Observer::measure(const Numbers& rates, const Numbers& gravity) {
   now_.forces = applied_;
@@ -147,7 +139,7 @@ void Observer::leave_out_cut() {
 // Marks the rates that pybullet cut off. Returns whether there is any: then nothing is learned.
 bool Observer::note_cut(const Numbers& rates) {
   for (int i = 0; i < n_; ++i)
-    if (is_cut_off(rates[i])) now_.cut[i] = rates[i] > 0 ? 1 : -1;
+    if (std::fabs(rates[i]) >= kCutOff * kMostRate) now_.cut[i] = rates[i] > 0 ? 1 : -1;
   return dot(now_.cut, now_.cut) > 0;
 }
 

@@ -21,10 +21,6 @@ constexpr double kRough = 0.01;
 // asleep.
 constexpr double kCreep = 1e-3;
 
-}  // namespace
-
-namespace {
-
 bool moves_body(const Tendon& c) {
   return std::any_of(c.anchors.begin(), c.anchors.end(), [](const Anchor& h) {
     return h.moves || h.pulls || (h.link >= 0 && !h.rigid && !h.line);

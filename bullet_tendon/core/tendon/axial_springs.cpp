@@ -297,12 +297,7 @@ BT_VECTOR double find_curvature_forces(SpringSet& s, const Field& dx) {
     const double least = kRoundingShare * rest[k];
     force[k] = 0.5 * slope[k] * (px * px + py * py + pz * pz) / (len[k] > least ? len[k] : least);
   }
-  for (int c = 0; c < 3; ++c) {
-    const double* n = s.direction[c];
-    double* f = s.vector[c];
-#pragma GCC ivdep
-    for (int k = 0; k < m; ++k) f[k] = force[k] * n[k];
-  }
+  vectors(s);
   return largest_of(force, m);
 }
 
