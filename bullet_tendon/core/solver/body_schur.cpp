@@ -32,22 +32,13 @@ void each_body(const Island& island, Do what) {
   for (int m : island.bodies.indices) what(island.bodies.body(m));
 }
 
+// Calls what(tendon, anchor, link, arm) of the particles that bodies carry (Anchor::moves), or of the lines
+// to bodies (Anchor::pulls).
 template <class Do>
-void each_carried(Island& island, Do what) {
-  for (Tendon* c : island.tendons)
-    for (const Anchor& h : c->anchors)
-      if (h.moves) {
-        Link& link = island.bodies.link(h.link);
-        what(*c, h, link, link.held_arm_of(h.local));
-      }
-}
-
-// Calls what(tendon, line, link, arm) of the lines to the bodies.
-template <class Do>
-void each_line(const Island& island, Do what) {
+void each_anchor(const Island& island, bool Anchor::* is_meant, Do what) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors)
-      if (h.pulls) {
+      if (h.*is_meant) {
         Link& link = island.bodies.link(h.link);
         what(*c, h, link, link.held_arm_of(h.local));
       }
@@ -71,7 +62,7 @@ void add_generalized_loads(const Island& island, Numbers numbers_of) {
 
 // Sets the steps of the carried particles to those of their links.
 void carry_steps(Island& island, Which steps) {
-  each_carried(island, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+  each_anchor(island, &Anchor::moves, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     (c.*steps).set(h.particle, link.stepped.at(link.now(arm)));
   });
 }
@@ -83,11 +74,12 @@ void place(Island& island) {
     link.given = scaled(island.bodies.reach, link.spin_of(m.unknowns.y));
     if (link.turned.far) link.turn(m, 1);
   }
-  each_carried(island, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+  each_anchor(island, &Anchor::moves, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     c.place(h.particle, h.aim);
     c.move(h.particle, link.displaced(arm));
   });
-  each_line(island, [](Tendon&, Anchor& h, Link& link, Vec3 arm) { h.end = h.aim + link.displaced(arm); });
+  each_anchor(island, &Anchor::pulls,
+              [](Tendon&, Anchor& h, Link& link, Vec3 arm) { h.end = h.aim + link.displaced(arm); });
 }
 
 // The last generalized forces are the first guess.
@@ -109,8 +101,10 @@ void start_bodies(Island& island) {
     double& lever = island.bodies.body(link.body).unknowns.lever;
     lever = std::max(lever, island.bodies.reach * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
-  each_carried(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
-  each_line(island, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
+  each_anchor(island, &Anchor::moves,
+              [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
+  each_anchor(island, &Anchor::pulls,
+              [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
     if (contact->moves) reach_to(island.bodies.link(contact->link), contact->arm);
   for (const Element* element : island.elements.all)
@@ -190,13 +184,13 @@ void load_body(Island& island, const Contact& contact, Vec3 force) {
 }
 
 void load_carried(Island& island, Which forces) {
-  each_carried(island, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+  each_anchor(island, &Anchor::moves, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     add_load(link, (c.*forces).at(h.particle), arm);
   });
 }
 
 void load_lines(Island& island, bool beyond) {
-  each_line(island, [beyond](Tendon&, const Anchor& h, Link& link, Vec3 arm) {
+  each_anchor(island, &Anchor::pulls, [beyond](Tendon&, const Anchor& h, Link& link, Vec3 arm) {
     add_load(link, beyond ? h.force - h.linearised() : -h.force, arm);
   });
 }
@@ -301,6 +295,7 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
     }
 }
 
+// The same with the border of the tendon: what(tendon, border, anchor, arm at the end of the substep).
 template <class Do>
 BT_WITHIN inline void each_column(Island& island, bool Anchor::* is_meant, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
@@ -309,16 +304,6 @@ BT_WITHIN inline void each_column(Island& island, bool Anchor::* is_meant, Do wh
         const Link& link = island.bodies.link(h.link);
         what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.held_arm_of(h.local)));
       }
-}
-
-template <class Do>
-BT_WITHIN inline void each_carried_column(Island& island, Do what) {
-  each_column(island, &Anchor::moves, what);
-}
-
-template <class Do>
-BT_WITHIN inline void each_line_column(Island& island, Do what) {
-  each_column(island, &Anchor::pulls, what);
 }
 
 // The border of the tendon of a segment point.
@@ -360,12 +345,12 @@ void find_spans(Island& island) {
     border.first = n;
     border.last = -1;
   }
-  each_carried_column(island, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
+  each_column(island, &Anchor::moves, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
     border.carried = true;
     border.marks[h.particle] |= kCarried;
     mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
   });
-  each_line_column(island, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
+  each_column(island, &Anchor::pulls, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
     mark(border, c, h.particle, h.particle);
   });
   for (const Contact* contact : island.acting) {
@@ -408,7 +393,7 @@ void move_links(Island& island, int column) {
 }
 
 BT_VECTOR void move_carried(Island& island, size_t p) {
-  each_carried_column(island, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+  each_column(island, &Anchor::moves, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     Panel& panel = border.panels[p];
     place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
     move_particle(c.matrix, h.particle, panel);
@@ -458,13 +443,13 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     add_transposed(link.load + 3, k.at(2, 3), link.twist);
     add(link.load + 3, k.at(3, 3), link.twist + 3);
   }
-  each_carried_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+  each_column(island, &Anchor::moves, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
   });
 }
 
 BT_VECTOR void couple_lines(Island& island, size_t p) {
-  each_line_column(island, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+  each_column(island, &Anchor::pulls, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     LinkColumns& link = island.bodies.of_links[h.link];
     if (!link.moves) return;
     Eight end[3], force[3] = {};
