@@ -203,6 +203,8 @@ class _Log:
         with open(self._path, "rb") as file:
             content = file.read()
         complete = content.rfind(b"\n") + 1
+        if not complete and not self._head.encode().startswith(content):
+            self._refuse(1)
         for number, line in enumerate(content[:complete].splitlines(), 1):
             self._take(number, line)
         return complete
@@ -219,8 +221,11 @@ class _Log:
         except (ValueError, KeyError, IndexError, TypeError):
             same = False
         if not same:
-            what = f"function and seed {self._head}" if number == 1 else "the same cases"
-            raise InvalidValue("file", self._path, f"a file of this sweep, with {what} (line {number})")
+            self._refuse(number)
+
+    def _refuse(self, number: int):
+        what = f"function and seed {self._head}" if number == 1 else "the same cases"
+        raise InvalidValue("file", self._path, f"a file of this sweep, with {what} (line {number})")
 
 
 def _as_json(what: str, value) -> str:

@@ -246,12 +246,23 @@ def test_cases_may_be_added_but_not_changed(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_a_file_of_something_else_is_refused_and_kept(tmp_path):
+@pytest.mark.parametrize("text", ["my notes\n", "my notes", '{"a": 1}'])
+def test_a_file_of_something_else_is_refused_and_kept(tmp_path, text):
     path = tmp_path / "notes.txt"
-    path.write_text("my notes\n")
+    path.write_text(text)
     with pytest.raises(bt.InvalidValue, match="line 1"):
         bt.sweep(draw, ["a"], file=path, progress=False)
-    assert path.read_text() == "my notes\n"
+    assert path.read_text() == text
+
+
+def test_a_sweep_that_was_killed_in_its_first_line_starts_again(tmp_path):
+    path = tmp_path / "sweep.jsonl"
+    first = bt.sweep(draw, ["a"], file=path, progress=False)
+    whole = path.read_bytes()
+    for size in (0, 5):
+        path.write_bytes(whole[:size])
+        assert bt.sweep(draw, ["a"], file=path, progress=False) == first
+        assert path.read_bytes() == whole
 
 
 @pytest.mark.parametrize(
