@@ -50,6 +50,15 @@ def test_scenes_in_which_contacts_begin_and_end_suddenly(family, seed):
     judge(family, [seed], 150, integrator="bdf2")
 
 
+def test_a_finger_that_lay_in_its_stops_is_not_taken_for_a_held_one():
+    """Forces of 30 mN m at limits cancel the tendons' but for 1e-6 N m: no response is learned from that.
+
+    The last link snaps over at 43 rad/s, and pybullet's limits act only once they are passed.
+    """
+    outcome = run("finger_from_urdf", 27003)
+    assert outcome.verdict == "right", outcome.message
+
+
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).
 WRONG_TODAY = {
     "end_pushed_on_plate": "a free end that buckles under a large push",

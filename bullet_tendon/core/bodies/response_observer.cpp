@@ -8,8 +8,8 @@ namespace bt {
 
 namespace {
 
-// Smallest error of the prediction relative to the acceleration by gravity, motion and stops, and reduction
-// of the response [-]: rounding and noise.
+// Smallest error of the prediction relative to the acceleration by gravity, motion and stops, and by the
+// forces at joint limits, and reduction of the response [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
 // the change of the forces (of a held body that is released, to the forces), and the relative change of the
@@ -174,9 +174,13 @@ void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
   const double es = dot(e_, s_), ee = dot(e_, e_);
   one_ = gravity;
   forward(root_, one_);
+  // Forces at joint limits may cancel those of tendons but for a small remainder.
+  multiply_transposed(root_, forces_, other_);
+  for (int i = 0; i < n_; ++i) other_[i] -= now.root_forces[i];
   // A body that is held may yield by less than that.
   const double least_error = held_ ? kLeastNews : kEvidence;
-  if (ee <= least_error * least_error * news || ee <= kLeastNews * kLeastNews * dot(one_, one_)) return;
+  const double known = dot(one_, one_) + dot(other_, other_);
+  if (ee <= least_error * least_error * news || ee <= kLeastNews * kLeastNews * known) return;
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
   if (ee > 2 * std::fabs(es)) return;
