@@ -15,6 +15,7 @@ import pybullet as p
 from scipy.spatial.transform import Rotation
 
 from . import checks
+from .bodies import Marks
 from .errors import InvalidType, NotCopied
 from .lens import checked_camera
 from .ligament import Ligament, line_of
@@ -181,6 +182,7 @@ class Recorder(NotCopied):
 
         Raises:
             InvalidType, InvalidValue: for a scalar that is no finite number.
+            UnknownId: where the client was disconnected. Then nothing has changed.
 
         Example:
             >>> recorder = bt.Recorder(world)
@@ -189,6 +191,7 @@ class Recorder(NotCopied):
             (array([0.]), array([3.2]))
         """
         values = {name: checks.number(name, value) for name, value in scalars.items()}
+        self._world._bodies.require_client()
         self._world._listeners.next_begins()
         self._calls += 1
         if (self._calls - 1) % self._share == 0:
@@ -250,11 +253,12 @@ class Recorder(NotCopied):
         """Keep a frame. at_once: what stands is where it was when the last step began."""
         for name, function in self._functions.items():
             values[name] = checks.number(name, function())
-        if self._frames and self._frames[-1].step == self.steps:
-            last = self._frames.pop()
-            self._bytes -= last.bytes
-            values = {**last.scalars, **values}
+        again = bool(self._frames) and self._frames[-1].step == self.steps
+        if again:
+            values = {**self._frames[-1].scalars, **values}
         frame = self._read(values, at_once)
+        if again:
+            self._bytes -= self._frames.pop().bytes
         self._frames.append(frame)
         self._bytes += frame.bytes
         if self._bytes > self._memory or (self._most is not None and len(self._frames) > self._most):
@@ -315,12 +319,14 @@ class _Bodies:
         self._clients = itertools.repeat(client)
         self._ids: tuple[int, ...] = ()
         self._present: dict[int, tuple[int, list[int]]] = {}  # number and joints, by id
+        self._marks = Marks(client)
+        self._mark_of: dict[int, tuple[int, bytes]] = {}  # by id
         self.seen: list[_Sight] = []  # by number
 
     def present(self) -> dict[int, tuple[int, list[int]]]:
         """By id, the number and the joints of each body that is there."""
         ids = tuple(map(p.getBodyUniqueId, range(p.getNumBodies(self._client)), self._clients))
-        if ids != self._ids:
+        if ids != self._ids or not self._marks.all_hold(self._mark_of.values()):
             self._look(ids)
         return self._present
 
@@ -335,8 +341,11 @@ class _Bodies:
         return bases, links
 
     def _look(self, ids: tuple[int, ...]) -> None:
-        known = self._present
+        known = {
+            body: found for body, found in self._present.items() if self._marks.holds(self._mark_of[body])
+        }
         self._present = {body: known[body] if body in known else self._meet(body) for body in ids}
+        self._mark_of = {body: self._marks.mark(body) for body in ids}
         self._ids = ids
 
     def _meet(self, body: int) -> tuple[int, list[int]]:

@@ -238,7 +238,8 @@ def test_tendons_and_bodies_that_come_and_go(make_world):
         found.tendon("nobody")
 
 
-def test_another_body_of_the_same_id_is_another_track(make_world):
+@pytest.mark.parametrize("frame_between", [True, False])
+def test_another_body_of_the_same_id_is_another_track(make_world, frame_between):
     world = make_world()
     client = world.physicsClientId
     recorder = bt.Recorder(world, every=1)
@@ -246,14 +247,28 @@ def test_another_body_of_the_same_id_is_another_track(make_world):
         shape = p.createVisualShape(p.GEOM_BOX, halfExtents=[half] * 3, physicsClientId=client)
         body = p.createMultiBody(0, -1, shape, (half, 0, 0), physicsClientId=client)
         world.step(2)
+        recorder.frame()  # reads where the bodies are, before one of them is gone
         p.removeBody(body, client)
-        world.step()
+        if frame_between:
+            world.step()
     tracks = recorder.recording.links
     assert [track.bodyUniqueId for track in tracks] == [0, 0]
-    for track, half, first in zip(tracks, (0.01, 0.02), (1, 4), strict=True):
+    for track, half, first in zip(tracks, (0.01, 0.02), (1, 4 if frame_between else 3), strict=True):
         np.testing.assert_array_equal(track.frames, [first, first + 1])
         np.testing.assert_allclose(track.position, [[half, 0, 0]] * 2, atol=1e-9)
         np.testing.assert_allclose(np.ptp(track.meshes[0].vertices, axis=0), 2 * half, rtol=1e-6)
+
+
+def test_a_frame_that_cannot_be_read_takes_no_other_away():
+    client = p.connect(p.DIRECT)
+    world = world_in(client, 1 / 240, (0, 0, 0))
+    recorder = bt.Recorder(world, every=1)
+    world.step(3)
+    before = recorder.recording.times.tolist()
+    p.disconnect(client)
+    with pytest.raises(bt.UnknownId, match="connected"):
+        recorder.frame()
+    assert recorder.recording.times.tolist() == before and len(before) == 4
 
 
 def test_ligaments_are_recorded_with_their_forces_and_paths(make_world):
