@@ -14,6 +14,12 @@ namespace {
 constexpr double kGap = 5e-4;
 constexpr double kStiffening = 10.0;
 
+// A contact is softened as long as its gap stays within this share of kGap, to at least this share of its
+// first stiffness [-]. Larger and smaller: contacts are softened that have to be stiffened again. Smaller and
+// larger: a tendon leaves fewer contacts in an iteration.
+constexpr double kSoftGap = 0.4;
+constexpr double kSoftest = 1e-3;
+
 }  // namespace
 
 void Contact::curved_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
@@ -88,15 +94,26 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
 }
 
 bool Contact::stiffen() {
-  if (normal_force.softest == 0 || normal_force.direct || normal_force.value <= 0) return false;
+  if (normal_force.first_stiffness == 0 || normal_force.direct || normal_force.value <= 0) return false;
   if (std::fabs(geometry.gap) <= kGap * geometry.radius) return false;
   take_over(normal_force.value);
   return true;
 }
 
+bool Contact::soften() {
+  if (normal_force.first_stiffness == 0 || normal_force.direct) return false;
+  const double most = kSoftGap * kGap * geometry.radius;
+  if (std::fabs(geometry.gap) > most) return false;
+  const double enough = std::max(kSoftest * normal_force.first_stiffness, normal_force.value / most);
+  if (!(enough < 0.5 * normal_force.stiffness)) return false;
+  normal_force.stiffness = enough;
+  return true;
+}
+
 void Contact::take_over(double force) {
   normal_force.lambda = force;
-  if (normal_force.stiffness <= kStiffening * normal_force.softest) normal_force.stiffness *= kStiffening;
+  if (normal_force.stiffness <= kStiffening * normal_force.first_stiffness)
+    normal_force.stiffness *= kStiffening;
 }
 
 void Contact::settle(Vec3 relative) {

@@ -80,7 +80,7 @@ struct ContactGeometry {
 struct NormalForce {
   double value = 0;             // N, as last evaluated [N]
   double stiffness = 0;         // k [N/m]
-  double softest = 0;           // first k [N/m]; 0: k is the user's and does not grow
+  double first_stiffness = 0;   // k at first [N/m]; 0: k is the user's and does not change
   double lambda = 0;            // N_0 [N]
   double lambda_previous = 0;   // N of the previous step [N]
   double lambda_predicted = 0;  // predicted N; scales the curvature terms of the block [N]
@@ -159,6 +159,8 @@ struct Contact {
   // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
   // whether it did.
   bool stiffen();
+  // If a smaller k leaves no gap or depth that is too large, decreases k. Returns whether it did.
+  bool soften();
   // Sets N_0 to force [N] and increases k.
   void take_over(double force);
   // mu N less the friction limit [N].

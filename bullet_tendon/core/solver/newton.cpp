@@ -3,7 +3,9 @@
 // Every iteration takes the full step. The linear solution predicts the multipliers of springs and contacts,
 // and the friction limits. The residual is computed with the true forces. It includes the differences between
 // the friction limits and mu N (Coulomb's law). When the residual is small, contacts that press at a
-// gap or a depth are stiffened (augmented Lagrangian).
+// gap or a depth are stiffened (augmented Lagrangian). Where iteration after iteration others press, contacts
+// are softened: next to stiff contacts a taut tendon lies still, so that each iteration would release no more
+// than the last of them, and a tendon of more particles would take more iterations.
 //
 // A solution whose residual does not fall goes on as a descent, from where the incremental potential is small
 // (begin_descent): plain Newton steps, linearised at the present positions with their true forces. The blocks
@@ -55,6 +57,10 @@ constexpr double kNearer = 0.1;
 // abandoned. Larger: iterations are spent far from the solution, and rounding decides whether they come back.
 constexpr double kDivergence = 100;
 
+// Iterations in a row, near the solution, in each of which other contacts press, after which contacts are
+// softened [-]. Fewer: contacts are softened that are about to settle. More: iterations are spent.
+constexpr int kUnsettled = 3;
+
 // Largest number of trial points of a line search [-]. Fewer: a step along a very inaccurate direction is not
 // shortened enough. More: such steps are slower.
 constexpr int kMostTrials = 20;
@@ -91,6 +97,8 @@ struct Solution {
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   int idle = 0;
+  uint64_t pressed = 0;  // hash of the contacts that press
+  int unsettled = 0;     // iterations in a row in which others do
   // Residual of the last iteration [N]; infinite if contacts were stiffened since.
   double last_residual = HUGE_VAL;
 
@@ -157,6 +165,14 @@ void note_progress(Solution& s, double residual) {
   s.idle = 0;
 }
 
+void note_contacts(Solution& s) {
+  uint64_t pressed = 0;
+  for (const Contact* contact : s.island.contacts)
+    if (contact->normal_force.pressed) pressed += hash_of(contact->key);
+  s.unsettled = pressed == s.pressed || s.far || s.descends ? 0 : s.unsettled + 1;
+  s.pressed = pressed;
+}
+
 // Computes the residual at the iterate, and whether it is small enough.
 Assembly judge(Solution& s) {
   Island& island = s.island;
@@ -172,6 +188,7 @@ Assembly judge(Solution& s) {
   island.result.converged = !s.changed && enough;
   note_distance(s, a);
   note_progress(s, a.residual);
+  note_contacts(s);
   return a;
 }
 
@@ -197,6 +214,12 @@ void place_at_dx(Island& island) {
 bool stiffen_contacts(Island& island) {
   bool any = false;
   for (Contact* contact : island.contacts) any |= contact->stiffen();
+  return any;
+}
+
+bool soften_contacts(Island& island) {
+  bool any = false;
+  for (Contact* contact : island.contacts) any |= contact->soften();
   return any;
 }
 
@@ -284,6 +307,11 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (island.result.converged || near) {
     const Next next = refine(s);
     if (next != Next::step) return next;
+  }
+  if (s.unsettled >= kUnsettled && soften_contacts(island)) {
+    s.unsettled = 0;
+    s.start_anew();
+    return Next::judge;
   }
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;

@@ -339,7 +339,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   contact.friction.stiffness = carries ? kStickingRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                        : kSpringTangentRatio * held.stiffness;
   if (contact.link >= 0) set_arm(contact);
-  contact.normal_force.softest = carries && !chosen ? contact.normal_force.stiffness : 0;
+  contact.normal_force.first_stiffness = carries && !chosen ? contact.normal_force.stiffness : 0;
   double most = kPushOut * radius;
   if (contact.link >= 0) {
     // A body that was put elsewhere before the step pushes by as much, as one that moves there does. Beyond a
