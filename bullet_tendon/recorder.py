@@ -165,9 +165,10 @@ class Recorder(NotCopied):
         self._seen = _Bodies(self._client)
         self._standing: dict[int, tuple] = {}
         self._look()
-        self._world._listeners.add(self._step_taken)
+        self._world._listeners.next_begins()  # a step that was applied before is not one of the recording
         if self.every is not None:
             self._keep({})
+        self._world._listeners.add(self._step_taken)
 
     def __len__(self) -> int:
         """How many frames are kept."""

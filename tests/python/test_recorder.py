@@ -155,6 +155,35 @@ def test_steps_by_apply_are_counted_when_the_script_has_stepped(make_world):
     np.testing.assert_array_equal(found.tendons[0].positions, np.array(places, np.float32))
 
 
+def test_a_step_applied_before_it_began_is_not_counted(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    tendon = world.add_tendon([(0, 0, 0), (0, 0, 0.1)], 0.002, bt.Material(stiffness=1e3), 3)
+    tendon.set_force(-1, (0, 0, 1))
+    heights = []
+
+    def step():
+        world.apply()
+        p.stepSimulation(client)
+        heights.append(tendon.positions[-1, 2])
+
+    step()
+    recorder = bt.Recorder(world, every=1)
+    step()
+    step()
+    recording = recorder.recording
+    np.testing.assert_array_equal(recording.steps, [0, 1, 2])
+    np.testing.assert_allclose(recording.tendons[0].positions[:, -1, 2], heights, rtol=1e-6)
+
+
+@pytest.mark.parametrize("value", [float("nan"), "text"])
+def test_a_recorder_that_is_refused_records_nothing(make_world, value):
+    world = make_world()
+    with pytest.raises(bt.TendonError, match="pull"):
+        bt.Recorder(world, every=1, scalars={"pull": lambda: value})
+    world.step()
+
+
 def test_a_recorder_disturbs_nothing():
     def run(recorded):
         client = p.connect(p.DIRECT)
