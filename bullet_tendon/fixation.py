@@ -203,6 +203,8 @@ class Bundle:
         for strand in self.strands:
             if not isinstance(strand, Tendon):
                 raise InvalidType("strands", strand, "tendons")
+        if len(set(self.strands)) < len(self.strands):
+            raise InvalidValue("strands", strands, "tendons that are listed once")
 
     def __repr__(self) -> str:
         shares = ", ".join(f"{100 * share:.0f}" for share in self.shares)

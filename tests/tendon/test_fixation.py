@@ -380,6 +380,7 @@ def test_what_is_refused_changes_nothing(client):
         (lambda: tendon.pull(0, -1.0, bone, -1, (0, 0, 1)), bt.InvalidValue),
         (lambda: tendon.pull(99, 1.0, bone, -1, (0, 0, 1)), bt.InvalidValue),
         (lambda: bt.Bundle([]), bt.InvalidValue),
+        (lambda: bt.Bundle([tendon, tendon]), bt.InvalidValue),
         (lambda: bt.Bundle([bone]), bt.InvalidType),
         (lambda: bt.Bundle(5), bt.InvalidType),
     ):
