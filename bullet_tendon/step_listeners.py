@@ -35,7 +35,16 @@ class StepListeners:
         self._applied = True
 
     def complete(self, at_once: bool = True) -> None:
-        """A step is complete. at_once: the script has done nothing since it began."""
+        """A step is complete. at_once: the script has done nothing since it began.
+
+        All are told, also where one of them raises.
+        """
         self._applied = False
+        first = None
         for listener in tuple(self._listeners):
-            listener(at_once)
+            try:
+                listener(at_once)
+            except Exception as problem:  # of a function that the user has given
+                first = first or problem
+        if first is not None:
+            raise first

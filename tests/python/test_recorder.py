@@ -184,6 +184,19 @@ def test_a_recorder_that_is_refused_records_nothing(make_world, value):
     world.step()
 
 
+def test_a_scalar_that_raises_leaves_other_recordings_as_they_are(make_world):
+    world = make_world()
+    values = iter([0.0, 1.0, float("nan"), 3.0])
+    first = bt.Recorder(world, every=1, scalars={"pull": lambda: next(values)})
+    second = bt.Recorder(world, every=1)
+    world.step()
+    with pytest.raises(bt.InvalidValue, match="pull"):
+        world.step()
+    world.step()
+    np.testing.assert_array_equal(first.recording.steps, [0, 1, 3])
+    np.testing.assert_array_equal(second.recording.steps, [0, 1, 2, 3])
+
+
 def test_a_recorder_disturbs_nothing():
     def run(recorded):
         client = p.connect(p.DIRECT)
