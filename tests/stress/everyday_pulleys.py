@@ -237,14 +237,14 @@ def pulleys_in_series(scene):
 def smooth_pulleys_in_series(scene):
     """Without friction the tension is the same on both ends, and no wheel turns.
 
-    A chord may stand at half the turn of a particle to the circle: a polygon has as many places of rest.
+    A chord may stand at half the turn of a particle to each circle: a polygon has as many places of rest.
     """
     hinges, sizes, tendon, up, load = in_series(scene, 0.0)
     tendon.grip(-1)
     scene.run(scene.steps)
     for hinge in hinges:
         scene.near("angle of a smooth wheel [rad]", angle(scene, hinge), 0, absolute=0.02)
-    scene.capstan_range(tendon, 0.0, scene.restless(tendon), chords=True)
+    scene.capstan_range(tendon, 0.0, scene.restless(tendon), chords=len(hinges))
 
 
 @family

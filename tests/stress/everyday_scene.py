@@ -744,14 +744,15 @@ class Scene:
         found = self.world.contacts["normal_force"].sum()
         self.check(found <= 2 * pressed, f"contacts of {found:.4g} N where loads can press {pressed:.4g} N")
 
-    def capstan_range(self, tendon, friction, slack, pull=None, edges=False, chords=False, wedges=False):
+    def capstan_range(self, tendon, friction, slack, pull=None, edges=False, chords=0, wedges=False):
         """T1/T0 of the ends within e^(+-mu phi); slack [N]: what weights and inertia may add.
 
         phi is the turning of the polyline; a hundredth for ends that are not straight. pull (3,) [N]: load on
         the first particle, from which the tendon turns too once that segment lies on the post. edges: a
         particle on a sharp edge, where it turns by an angle, is held by normals between those of both its
-        segments: its tensions differ by up to that angle's cosine, without friction. chords: by half of the
-        largest one. wedges: where a segment lies between two surfaces, as a belt in a V-groove, their normal
+        segments: its tensions differ by up to that angle's cosine, without friction. chords: round posts in a
+        row; where a tendon comes onto one, T cos a = T' cos(b / 2), with a <= b / 2 and the angle b at a
+        particle. wedges: where a segment lies between two surfaces, as a belt in a V-groove, their normal
         forces are larger than what turns it; the turning counts by their sum over that of the vectors.
         """
         t = tendon._target
@@ -767,8 +768,7 @@ class Scene:
         grown = np.exp(1.01 * friction * held * turned.sum())
         if edges:
             grown /= np.cos(np.minimum(turned, 1.4)).prod()
-        if chords:
-            grown /= np.cos(turned.max() / 2)
+        grown /= np.cos(turned.max() / 2) ** chords
         message = (
             f"tensions {first:.4g} and {last:.4g} N, beyond a factor of {grown:.4g} (slack {slack:.3g} N)"
         )
