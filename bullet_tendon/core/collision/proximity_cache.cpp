@@ -10,12 +10,6 @@ namespace bt {
 
 namespace {
 
-// Most steps for which a feature reuses a plane after it has moved along it by more than kFresh of its
-// distance
-// [-]. Larger: features that come to rest use tilted planes for longer. Smaller: more queries.
-constexpr int kOldest = 24;
-constexpr double kFresh = 1e-2;
-
 // Motion of a feature, as a share of its distance, for which its list of triangles is complete [-]. Larger:
 // lists cost more. Smaller: more searches.
 constexpr double kListed = 0.05;
@@ -138,9 +132,7 @@ struct Considering {
   bool still_true(Entry& e, const Query& q, double moved) const {
     const Vec3 n = e.asked.normal;
     const double aside = std::max(norm(without(q.a - e.a, n)), norm(without(q.b - e.b, n)));
-    // A feature that has moved is measured every kOldest steps, so that it comes to rest on an exact plane.
-    if (aside > kFresh * e.distance) ++e.age;
-    if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance || e.age >= kOldest) return false;
+    if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance) return false;
     e.now = e.asked;
     e.clearance = e.distance - moved;
     return true;
@@ -219,7 +211,6 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
   }
   e.known = true;
   e.inside = distance < 0;
-  e.age = 0;
   e.a = q.a;
   e.b = q.b;
   const double sign = distance < 0 ? -1 : 1;

@@ -18,9 +18,9 @@
 // After a displacement from distance d, the distance to a convex primitive is at least the height d' over the
 // plane, d' >= d - |displacement|. With m the part of the displacement along the plane, the distance exceeds
 // d' by at most sqrt(d'^2 + m^2) - d' <= m^2/(2 d'). Hence reuse up to m = sqrt(2 d' tolerance). The error of
-// the normal is up to sqrt(2 tolerance/d') while a feature slides, and for some steps after. A feature at
-// rest on a curved primitive rests on a fixed plane. With a measurement in each step it would vibrate with
-// about 1e-6 m/s.
+// the normal is up to sqrt(2 tolerance/d') while a feature slides and where it stops. A feature at rest on a
+// curved primitive rests on a fixed plane. With a measurement in each step it would vibrate with about 1e-6
+// m/s.
 #pragma once
 #include <vector>
 
@@ -49,7 +49,6 @@ struct Entry {
   double clearance = 0;        // lower bound of the centreline's present distance [m]
   double motion = 0;           // of the feature in this step, relative to the shape [m]
   double reach = 0;            // greatest distance at which contact is possible in this step [m]
-  int age = 0;                 // how often the plane was reused after the feature had moved
   Plane asked, now;            // of the last query, and of this step
   Vec3 a, b;                   // the feature's ends at the last query, shape frame
   double listed = 0;           // distance at the last query up to which all triangles are listed [m]

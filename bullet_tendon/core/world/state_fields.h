@@ -62,7 +62,7 @@ struct StateFields {
             geometry.gap, normal_force.value, friction.force, force.mean)
   BT_FIELDS(Plane, point, normal, u, hole)
   // The list of near triangles is recomputed from a, b and listed.
-  BT_FIELDS(Entry, known, inside, distance, clearance, age, asked, a, b, listed)
+  BT_FIELDS(Entry, known, inside, distance, clearance, asked, a, b, listed)
   // What a world must share with a state to restore it. The surface of a mesh has a mark of its own.
   BT_FIELDS(Law, exponent, toe_strain, tension_only, damping_exponent, whole_velocity)
   BT_FIELDS(Material, law, stiffness, damping, shear_stiffness, bending_stiffness, linear_density, tissue)
