@@ -250,7 +250,6 @@ void bind_world_elements(GuardedWorld& world) {
            })
       .def("ligament_force", [](const World& w, int slot) { return ligament_of(w, slot).force; })
       .def("ligament_is_ruptured", [](const World& w, int slot) { return ligament_of(w, slot).ruptured; })
-      .def("ligament_length", [](const World& w, int slot) { return ligament_of(w, slot).length; })
       .def("ligament_points",
            [](const World& w, int slot) {
              std::vector<Vec3> points;

@@ -272,14 +272,13 @@ void Ligament::add_curvature(std::vector<LinkPair>& pairs) const {
 }
 
 void Ligament::accept() {
-  length = length_now_;
   force = tension_now_;
   const bool pulled = tension < 0 && !ruptured;  // by its material
   if (!memory.empty() && pulled) {
     relaxation_.advance(memory.data(), unrelaxed_now_ - unrelaxed);
     unrelaxed = unrelaxed_now_;
   }
-  ruptured |= material_.tissue.excess(force, length / rest - 1) > 1;
+  ruptured |= material_.tissue.excess(force, length_now_ / rest - 1) > 1;
 }
 
 }  // namespace bt

@@ -41,7 +41,6 @@ struct LigamentModel {
 
 // What a step changes.
 struct LigamentState {
-  double length = 0;           // at the end of the last step [m]
   double force = 0;            // tension at the end of the last step [N]
   double unrelaxed = 0;        // T_e [N]
   std::vector<double> memory;  // m_i [N]

@@ -74,7 +74,7 @@ struct StateFields {
   BT_FIELDS(Wrap, link, shape, local, radii)
   BT_FIELDS(LigamentModel, rest, tension)
   BT_FIELDS(Tissue, weights, times, most_force, most_strain)
-  BT_FIELDS(LigamentState, length, force, unrelaxed, memory, begun, ruptured)
+  BT_FIELDS(LigamentState, force, unrelaxed, memory, begun, ruptured)
   BT_FIELDS(FoundationLaw, stiffness, thickness, logarithmic)
   BT_FIELDS(CartilageModel, law, damping)
   BT_FIELDS(PressedRegion, force, torque, area, centre, max_pressure, max_depth)
