@@ -110,11 +110,16 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
     const double slope = K * df * inv, now = elastic_slope[k];
     const bool limited = (force[k] == 0) & (truth[k] > 0);
     const double raised = strain >= least && slope > now && !limited ? slope : now;
+    // What is predicted to pull by no more than the floor goes there by the chord. By the tangent of a toe,
+    // each iteration would halve its strain.
+    const bool slackens =
+        mixed & (multiplier <= floor_force) & (strain > at) & (truth[k] > K * value) & !limited;
+    const double chord = slackens ? (truth[k] - K * value) / (strain - at) * inv : raised;
     const bool there = mixed & (multiplier > floor_force) & (carried[k] > least);
     const double line = K * (value + df * (strain - at));
     linear_elastic[k] = there ? line : truth[k];
     linear[k] = there ? line + braking[k] : force[k];
-    elastic_slope[k] = there ? slope : raised;
+    elastic_slope[k] = there ? slope : chord;
     damping_slope[k] = there ? braking_slope[k] : damping_slope[k];
     // Where the true force pulls, particles that yield across it as if it did not would stretch the spring.
     carried[k] = !there & (force[k] > carried[k]) ? force[k] : carried[k];

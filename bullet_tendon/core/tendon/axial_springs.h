@@ -105,8 +105,10 @@ void measure(SpringSet& s, const Field& x, const Field& displacement);
 double evaluate(SpringSet& s, const Law& law, const Motion& motion);
 // Computes slopes, forces of the linearisation and blocks, after `evaluate`. A spring whose multiplier is
 // below floor_force [N] keeps its true force, also as T if that is larger. Its slope is at least the slope at
-// floor_force, which couples a slack tendon at once and changes nothing where forces are larger. definite:
-// the negative T/len of compressed springs are limited to a share of the inertia; else they are not limited.
+// floor_force, which couples a slack tendon at once and changes nothing where forces are larger; where the
+// true force is above floor_force, it is that of the chord between both, by which it unloads at once.
+// definite: the negative T/len of compressed springs are limited to a share of the inertia; else they are not
+// limited.
 void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, const Motion& motion,
                bool definite);
 // Evaluates and linearises at a state (x, v) that need not satisfy v = (x - xh)/b, for explicit Euler and
