@@ -11,8 +11,8 @@ namespace bt {
 
 namespace {
 
-// Linear solutions of an island after the budget of the step is exhausted, if another one has used most of it
-// [-]. Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
+// Linear solutions of an island after the budget of the step is exhausted, if another one exhausted it [-].
+// Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
 constexpr long kLastSolves = 20;
 
 // Whether a particle that a shape comes near to has moved farther relative to its link than contacts were
