@@ -99,7 +99,8 @@ def test_what_holds_and_joins_is_told_in_one_line(make_world):
     assert repr(button) == "<Fixation of particle 5 by button: 0 of 958 N, slipped by 0 mm>"
     device = tendon.pull(6, 20, body, -1, (0, 0, -0.1))
     assert repr(device) == f"<Tensioner between particle 6 and body {body}, link -1: 20 N>"
-    assert repr(bt.Bundle([tendon, tendon])) == "<Bundle of 2 strands: 0 N, shares 0, 0 %>"
+    beside = world.add_tendon([(0, 0.1, 0.01), (0.1, 0.1, 0.01)], 0.002, STEEL, 11)
+    assert repr(bt.Bundle([tendon, beside])) == "<Bundle of 2 strands: 0 N, shares 0, 0 %>"
     device.release(), button.release(), hand.release()
     assert "released" in repr(device) and "released" in repr(button) and "released" in repr(hand)
     world.remove_ligament(line), world.remove_cartilage(pad)
