@@ -22,6 +22,11 @@ struct Box {
     hi += m;
   }
 };
+inline Box box_of(const Field& points) {
+  Box box;
+  for (int i = 0; i < points.size(); ++i) box.include(points.at(i));
+  return box;
+}
 inline bool overlap(const Box& a, const Box& b, double m = 0) {  // within the margin m
   return a.lo.x <= b.hi.x + m && b.lo.x <= a.hi.x + m && a.lo.y <= b.hi.y + m && b.lo.y <= a.hi.y + m &&
          a.lo.z <= b.hi.z + m && b.lo.z <= a.hi.z + m;

@@ -295,7 +295,8 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
     }
 }
 
-// The same with the border of the tendon: what(tendon, border, anchor, arm at the end of the substep).
+// As each_anchor, with the border of the tendon, and the arm at the end of the substep: what(tendon, border,
+// anchor, arm).
 template <class Do>
 BT_WITHIN inline void each_column(Island& island, bool Anchor::* is_meant, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)

@@ -604,8 +604,7 @@ bool came_through_mouth(const Tendon& c, const Bore& bore, int first, int last) 
 // It belongs to the bore until it is beyond a mouth, even if a step moves it farther from the axis.
 void World::classify(int tendon) {
   Tendon& c = *step_.slots[tendon];
-  Box box;
-  for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
+  const Box box = box_of(c.x);
   detection_.near_tunnels.clear();
   for (size_t t = 0; t < scene.tunnels.size(); ++t)
     if (may_enter(tendon, static_cast<int>(t)) && overlap(box, detection_.bores[t].box, c.radius))
@@ -639,14 +638,10 @@ void World::find_near_tunnels(int tendon) {
   const Tendon& c = *step_.slots[tendon];
   detection_.near_tunnels.clear();
   if (scene.tunnels.empty()) return;
-  Box box;
-  double moved = 0, longest = 0;
-  for (int i = 0; i < c.n(); ++i) {
-    box.include(c.x.at(i));
-    moved = std::max(moved, norm(c.predicted.at(i) - c.x.at(i)));
-  }
+  const Box box = box_of(c.x);
+  double longest = 0;
   for (double l : c.rest) longest = std::max(longest, l);
-  const double own = c.radius + options.contact_threshold + c.most_slack + moved + longest;
+  const double own = c.radius + options.contact_threshold + c.most_slack + most_motion(c) + longest;
   for (size_t t = 0; t < scene.tunnels.size(); ++t) {
     if (!may_enter(tendon, static_cast<int>(t))) continue;
     const Link& link = scene.links[scene.tunnels[t]->link];

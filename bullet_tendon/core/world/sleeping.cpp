@@ -38,14 +38,6 @@ bool rests(const Tendon& c, double dt) {
   return true;
 }
 
-// Bounding box of a tendon at the start of the step.
-Box box_of(const Tendon& c, double margin) {
-  Box box;
-  for (int i = 0; i < c.n(); ++i) box.include(c.x.at(i));
-  box.grow(margin);
-  return box;
-}
-
 // Bounding box of all that a tendon can touch in the step.
 BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
   Box box;
@@ -139,7 +131,7 @@ void World::wake_disturbed(double dt) {
 bool World::meets(int still, int moving) const {
   const Tendon& stays = *scene.tendons[still];
   return scene.filter.meet(still, moving) &&
-         overlap(sleep_.reach[moving], box_of(stays, skin_of(stays, 0.5 * options.contact_threshold)));
+         overlap(sleep_.reach[moving], box_of(stays.x), skin_of(stays, 0.5 * options.contact_threshold));
 }
 
 bool World::is_met(int tendon) const {
