@@ -92,7 +92,8 @@ class Bodies:
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
-        self._awake: dict[int, float] = {}  # time since bodies that wrenches act on were woken [s]
+        self._awake: set[int] = set()  # bodies on which wrenches acted in the last step
+        self._since_woken = 0.0  # [s]
 
     def require_client(self) -> None:
         """Raise UnknownId where the client was disconnected."""
@@ -285,12 +286,15 @@ class Bodies:
 
     def _keep_awake(self, pushed: set[int], dt: float) -> None:
         """A force does not wake a body that pybullet has put to sleep, where sleeping is enabled for it."""
-        times = {body: self._awake.get(body, _WAKE) + dt for body in pushed}
-        for body in (body for body, time in times.items() if time > _WAKE):
+        sleepy = pushed - self._awake
+        self._awake = pushed
+        self._since_woken += dt
+        if self._since_woken > _WAKE:
+            sleepy = pushed
+            self._since_woken = 0.0
+        for body in sleepy:
             awake = p.ACTIVATION_STATE_WAKE_UP
             p.changeDynamics(body, -1, activationState=awake, physicsClientId=self.client)
-            times[body] = 0.0
-        self._awake = times
 
     def apply_external_force(self, body: int, link: int, force, point, in_link: bool) -> None:
         """Put a force [N] of the user on a link for pybullet's next step, and tell the next reads of it.
