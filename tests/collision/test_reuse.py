@@ -77,6 +77,23 @@ def test_what_is_nearest_of_all_is_found_from_a_bound(surface, length):
     np.testing.assert_allclose(np.linalg.norm(between, axis=1)[apart], exact[apart], rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("exponent", [-4, -6, -7, -8, -9])
+def test_the_nearest_is_found_from_its_own_distance(exponent):
+    """Next to the surface the rounding of coordinates is a large share of the bound."""
+    rng = np.random.default_rng(5)
+    hull = ConvexHull(rng.standard_normal((60, 3)) * 0.05 + 0.3)
+    corners = hull.points[hull.simplices]
+    faces = rng.integers(len(corners), size=1000)
+    on = np.einsum("nk,nkj->nj", rng.dirichlet([1, 1, 1], 1000), corners[faces])
+    distance = rng.uniform(0.7, 1.3, (2, 1000, 1)) * 10.0**exponent
+    before, now = on + distance * hull.equations[faces, :3]
+    point = _core.testing.searched_nearest(corners, np.c_[before, before], np.full(1000, np.inf))[:, 1:4]
+    within = (1 + 1e-9) * np.linalg.norm(now - point, axis=1)
+    found = _core.testing.searched_nearest(corners, np.c_[now, now], within)
+    np.testing.assert_allclose(found[:, 0], distance[1, :, 0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found[:, 1:4], on, rtol=0, atol=1e-14)
+
+
 def test_flat_faces_are_not_crossed_by_what_lies_in_their_planes():
     square = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 1, 0], [0, 1, 0], [1, 0, 0]]], float)
     beside = [2.0, 0.2, 0.0, 2.5, 0.8, 0.0]

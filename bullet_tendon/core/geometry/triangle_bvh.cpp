@@ -129,7 +129,8 @@ double Surface::list(Vec3 a, Vec3 b, double reach, std::vector<Nearby>& out) con
 }
 
 Nearest Surface::search(Vec3 a, Vec3 b, double within) const {
-  Nearest best{within, 0, {}};
+  // The bound has the rounding of coordinates, which next to the surface is larger than a share of it.
+  Nearest best{within + kRoundingShare * size_, 0, {}};
   tree_.visit(box_of(a, b), best.distance, [&](int k) {
     const Nearest found = measure(k, a, b);
     if (found.distance <= best.distance) best = found;
