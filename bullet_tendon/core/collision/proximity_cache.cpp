@@ -25,16 +25,36 @@ double safe_fraction(double clearance, double radius, double motion) {
   return std::max(clearance - radius, kFarthestMove * radius) / motion;
 }
 
-double motion_limit_of(const NearCache& cache, double radius) {
+double motion_limit_of(const NearCache& cache, const Shape& shape, const Tendon& tendon) {
+  const int n = static_cast<int>(cache.local.size());
+  auto towards = [&](const Entry& e, int i) {
+    return shape.primitive && !e.inside ? -dot(e.now.normal, cache.way[i]) : norm(cache.way[i]);
+  };
+  auto is_held = [&](int i) {
+    const Vec3 here = cache.local[i];
+    return shape.primitive && shape.primitive.stays_over_face(here, here + cache.way[i], tendon.slack[i]);
+  };
   double room = 1;
-  for (const Entry& e : cache.entries)
-    if (e.wanted) room = std::min(room, safe_fraction(e.clearance, radius, e.motion));
+  for (int f = 0; f < static_cast<int>(cache.entries.size()); ++f) {
+    const Entry& e = cache.entries[f];
+    if (!e.wanted) continue;
+    const int first = f < n ? f : f - n, last = f < n ? f : first + 1;
+    const double motion = std::max(towards(e, first), towards(e, last));
+    const double safe = safe_fraction(e.clearance, tendon.radius, motion);
+    if (safe < room && !(is_held(first) && is_held(last))) room = safe;
+  }
   return room;
 }
 
-double motion_of(const Tendon& tendon, int i, const Link& link) {
-  return norm(tendon.predicted.at(i) - tendon.x.at(i) - link.foreseen_at(tendon.x.at(i)));
+namespace {
+
+Vec3 way_of(const Tendon& tendon, int i, const Link& link) {
+  return tendon.predicted.at(i) - tendon.x.at(i) - link.foreseen_at(tendon.x.at(i));
 }
+
+}  // namespace
+
+double motion_of(const Tendon& tendon, int i, const Link& link) { return norm(way_of(tendon, i, link)); }
 
 double reach_of(const Tendon& tendon, int i, const Link& link, double threshold) {
   return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link);
@@ -64,9 +84,8 @@ struct Considering {
   std::vector<Query>& queries;
   NearCounts& counts;
 
-  void operator()(Entry& e, const Query& query, double motion, double reach) {
+  void operator()(Entry& e, const Query& query, double reach) {
     ++counts.considered;
-    e.motion = motion;
     e.reach = reach;
     if (e.known && !e.inside && context.reuse_tolerance > 0) {
       const double moved = std::max(norm(query.a - e.a), norm(query.b - e.b));
@@ -146,17 +165,17 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   const int n = tendon.n();
   // Copied into the cache only where the shape is near. Most shapes are not.
   thread_local std::vector<Vec3> local;
-  thread_local std::vector<double> motion;
+  thread_local std::vector<Vec3> way;
   local.resize(n);
-  motion.resize(n);
+  way.resize(n);
   const Pose pose = in_world(shape, link);
   Box box;
   double reach = 0;
   for (int i = 0; i < n; ++i) {
     local[i] = to_local(pose, tendon.x.at(i));
     box.include(local[i]);
-    motion[i] = motion_of(tendon, i, link);
-    reach = std::max(reach, motion[i] + tendon.slack[i]);
+    way[i] = transposed_times(pose.rotation, way_of(tendon, i, link));
+    reach = std::max(reach, norm(way[i]) + tendon.slack[i]);
   }
   const double skin = tendon.radius + context.threshold;
   reach += skin;
@@ -167,7 +186,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   }
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
   cache.local = local;
-  cache.motion = motion;
+  cache.way = way;
   Considering consider{shape, link, pose, context, queries, counts};
   // In a bore its wall is felt, and before a mouth the edge of that.
   auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
@@ -175,20 +194,19 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   bool bored_before = false;
   for (int i = 0; i < n; ++i) {
     const Vec3 here = cache.local[i];
-    const double now = skin + cache.motion[i] + tendon.slack[i];
+    const double now = skin + norm(cache.way[i]) + tendon.slack[i];
     const bool bored = !context.bores->empty() && drilled(i);
     if (!overlap({here, here}, shape.box(), now) || bored)
       ++counts.culled;
     else
-      consider(cache.entries[i], {tendon_slot, shape_slot, i, here, here}, cache.motion[i], now);
+      consider(cache.entries[i], {tendon_slot, shape_slot, i, here, here}, now);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
       if (!overlap({lowest(last, here), highest(last, here)}, shape.box(), most) || bored || bored_before)
         ++counts.culled;
       else
-        consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here},
-                 std::max(cache.motion[i - 1], cache.motion[i]), most);
+        consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here}, most);
     }
     before = now;
     bored_before = bored;
@@ -261,7 +279,8 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   const double spacing =
       norm(cache.local[std::min(feature % n + 1, n - 1)] - cache.local[std::max(feature % n - 1, 0)]);
   const Vec3 point = cache.entries[feature].now.point, normal = cache.entries[feature].now.normal;
-  if (feature < n && shape.primitive && !shape.primitive.is_round()) {
+  const bool beside_box = feature < n && shape.primitive && !shape.primitive.is_round();
+  if (beside_box && !shape.primitive.stays_over_face(cache.local[feature], ahead, 0)) {
     const Primitive::Nearest found = shape.primitive.nearest(ahead, ahead);
     if (found.distance > 0) return {found.point, (1 / found.distance) * (ahead - found.point)};
   }

@@ -47,7 +47,6 @@ struct Entry {
   bool wanted = false;         // within reach: a contact is built in this step
   double distance = 0;         // at the last query [m]
   double clearance = 0;        // lower bound of the centreline's present distance [m]
-  double motion = 0;           // of the feature in this step, relative to the shape [m]
   double reach = 0;            // greatest distance at which contact is possible in this step [m]
   Plane asked, now;            // of the last query, and of this step
   Vec3 a, b;                   // the feature's ends at the last query, shape frame
@@ -69,7 +68,7 @@ struct NearCounts {
 struct NearCache {
   std::vector<Entry> entries;  // n particles, then n - 1 segments; empty until the shape is near
   std::vector<Vec3> local;     // particles, shape frame [m]
-  std::vector<double> motion;  // predicted, of particles in this step relative to the shape [m]
+  std::vector<Vec3> way;       // predicted, of particles in this step relative to the shape, shape frame [m]
 };
 
 struct NearContext {
@@ -94,8 +93,11 @@ void list_within_reach(Entry& entry, Vec3 a, Vec3 b, const Surface& surface);
 // Share of a step that is safe for a feature at the distance `clearance` [m] from a centreline of this radius
 // [m], with the relative motion `motion` [m]: until they could touch, or move by kFarthestMove radii [-].
 double safe_fraction(double clearance, double radius, double motion);
-// The smallest of these shares of all features near the shape [-].
-double motion_limit_of(const NearCache& cache, double radius);
+// The smallest of these shares of all features near the shape [-]. Only motion towards a convex primitive
+// counts: the plane at its nearest point separates it from the feature, which passes through nothing on this
+// side of the plane. Where the way is over one flat face, this plane is the contact's, which holds the
+// feature as a half-space does, however far it moves.
+double motion_limit_of(const NearCache& cache, const Shape& shape, const Tendon& tendon);
 
 // A surface beside a feature: a plane, or round (shape frame).
 struct Tangent {

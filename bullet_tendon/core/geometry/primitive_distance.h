@@ -25,6 +25,9 @@ struct Primitive {
   // Curvature of the surface at a point of it, where its normal is `normal`, along a tangential unit vector
   // [1/m].
   double curvature(Vec3 point, Vec3 normal, Vec3 along) const;
+  // Whether a point begins before a flat face and stays over it until `to`, also if it ends up to `beside`
+  // from there [m]. `to` may be behind the face.
+  bool stays_over_face(Vec3 from, Vec3 to, double beside) const;
 
  private:
   friend struct AlongPrimitive;

@@ -248,7 +248,7 @@ void World::collect_contacts() {
     }
     for (auto [s, shape] : filled(scene.shapes))
       if (!shape.half_space)
-        limit_motion(c, motion_limit_of(detection_.caches[tendon][s], c.radius));
+        limit_motion(c, motion_limit_of(detection_.caches[tendon][s], shape, c));
       else if (scene.filter.meets_link(tendon, shape.link))
         half_space_contacts(tendon, s);
   }
