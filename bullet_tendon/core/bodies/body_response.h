@@ -179,6 +179,7 @@ struct GeneralizedBody {
   const Numbers& last_forces() const {
     return substep.last_forces.empty() ? observer.forces() : substep.last_forces;
   }
+  bool knows_last_forces() const { return static_cast<int>(last_forces().size()) == n(); }
 
  private:
   const Numbers& known(Vec3 gravity);

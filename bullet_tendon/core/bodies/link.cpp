@@ -110,7 +110,7 @@ Vec3 Link::displaced_from_foreseen(Vec3 arm) const {
 Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
 
 Twist Link::response(const GeneralizedBody& m) const {
-  dense::Numbers y;
+  static thread_local dense::Numbers y;  // keeps its memory from step to step
   dense::multiply_transposed(m.root, m.last_forces(), y);
   return times(root, y);
 }

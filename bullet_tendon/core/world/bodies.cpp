@@ -69,7 +69,10 @@ void World::find_unknowns() {
     if (!l.yields()) continue;
     const GeneralizedBody& m = scene.bodies[l.body];
     l.turned.far = m.unknowns.any && m.turning.far;
-    if (m.unknowns.any) l.reached = l.root;
+    if (m.unknowns.any)
+      l.reached = l.root;
+    else
+      l.given = {};
   }
   for (Contact& contact : contacts_.all)
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&

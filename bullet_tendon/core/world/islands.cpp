@@ -182,14 +182,14 @@ void World::limit_cartilage(Measure measure) {
   }
 }
 
-// A load that elements hold moves nothing: such a link is foreseen to move under the forces of the last step,
-// which are also the first guess of the solution (solver/body_schur.cpp).
+// A load that is held moves nothing: a link is foreseen to move under the tendons' and elements' forces of
+// the last step or substep, which are also the first guess of the solution (solver/body_schur.cpp).
 void World::foresee_links() {
   const double square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {
     Twist given;
-    if (l.yields() && knows_last_forces(scene.bodies[l.body])) {
-      const Twist response = l.response(scene.bodies[l.body]);
+    if (const GeneralizedBody* m = body_of(l); m && m->touches > 0 && m->knows_last_forces()) {
+      const Twist response = l.response(*m);
       given = {square * response.linear, square * response.angular};
     }
     l.foresee(given, step_.context.dt, turns_far(l));
@@ -210,7 +210,7 @@ bool World::foresee_at_solution() {
   bool any = false;
   for (auto [s, shape] : filled(scene.shapes)) {
     Link& l = scene.links[shape.link];
-    if (!l.yields() || !knows_last_forces(scene.bodies[l.body])) continue;
+    if (!l.yields()) continue;
     const Twist solved = solved_motion(l);
     for (auto [slot, c] : filled(step_.slots)) {
       if (!scene.filter.meets_link(slot, shape.link) ||
@@ -233,13 +233,6 @@ bool World::foresee_at_solution() {
     }
   }
   return any;
-}
-
-// Of a body that elements hold, the generalized forces of the last step; in a step that is divided, those of
-// the last substep.
-bool World::knows_last_forces(const GeneralizedBody& m) const {
-  const bool continues = m.turning.elements || step_.substeps.taken() > 0;
-  return continues && static_cast<int>(m.last_forces().size()) == m.n();
 }
 
 void World::accept_elements() {

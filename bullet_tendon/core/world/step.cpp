@@ -144,9 +144,7 @@ bool moves(const Link& link) {
 // The starting guess of a tendon in bores. Particles in them go with the link, and the difference from the
 // motion of the last step changes evenly along the tendon between them. That motion alone would stretch
 // segments where a link turns or is pulled, and lose the contacts at the mouths.
-// knows(link): whether the link's motion is foreseen well.
-template <class Knows>
-void go_with_bores(const Scene& scene, Tendon& c, double dt, Knows knows) {
+void go_with_bores(const Scene& scene, Tendon& c, double dt) {
   static thread_local std::vector<Vec3> off;  // keeps its memory from step to step
   off.assign(c.n(), {});
   int last = -1;
@@ -154,7 +152,7 @@ void go_with_bores(const Scene& scene, Tendon& c, double dt, Knows knows) {
   for (int i = 0; i < c.n(); ++i) {
     if (c.tunnel_of[i] < 0) continue;
     const Link& link = scene.links[scene.tunnels[c.tunnel_of[i]]->link];
-    if (moves(link) && knows(link)) {
+    if (moves(link)) {
       off[i] = foreseen_in_bore(link, c.x.at(i), c.v.at(i), dt) - c.x_new.at(i);
       any = true;
     }
@@ -188,10 +186,7 @@ void World::predict() {
     aim_attachments(c);
     aim_grips(c, step_.substeps.share_left(), step_.whole ? 0 : step_.context.dt);
     begin_step(c, step_.context);
-    if (step_.substeps.is_whole() && carries(options))
-      go_with_bores(scene, c, step_.context.dt, [&](const Link& link) {
-        return !link.yields() || knows_last_forces(scene.bodies[link.body]);
-      });
+    if (step_.substeps.is_whole() && carries(options)) go_with_bores(scene, c, step_.context.dt);
     c.predict();
     expect_carried(c);
   }

@@ -456,7 +456,6 @@ class World {
   void limit_cartilage(Measure measure);
   void foresee_links();
   bool foresee_at_solution();
-  bool knows_last_forces(const GeneralizedBody& m) const;
   int island_root(int tendon);
   void join_islands(int a, int b);
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
