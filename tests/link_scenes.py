@@ -11,6 +11,13 @@ TETRA = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
+def cube(half, at=(0, 0, 0)):
+    """Vertices (8, 3) [m] and triangles (12, 3) of a cube with edges of 2 half around `at`."""
+    corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    quads = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+    return corners + at, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
 def mesh_obstacle(world, client, vertices, faces, friction=0.0):
     """The body of a static obstacle of the triangles as they are."""
     vertices, faces = np.asarray(vertices, float), np.asarray(faces)

@@ -20,6 +20,16 @@ def off_centre(client, mass, offset, at=(0, 0, 0)):
     return body
 
 
+def shots_at_a_ball(world, client):
+    """Far away, a ball and a tendon: a function that shoots it, so that the next step is taken in parts."""
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.2, physicsClientId=client)
+    body = p.createMultiBody(0, ball, -1, (1.015, 0, -0.2), physicsClientId=client)
+    world.add_obstacle(body, friction=0.0)
+    shot = world.add_tendon([[1, 0, 0.006], [1.03, 0, 0.006]], 0.002, CORD, 4)
+    place = shot.positions
+    return lambda: shot.set_positions(place, np.tile([0, 0, -20.0], (4, 1)))
+
+
 @pytest.mark.parametrize("shot", [False, True])
 @pytest.mark.parametrize("spin", [(0, 3.0, 0), (1.0, -2.0, 1.5)])
 def test_a_body_spins_about_its_centre_in_parts_of_a_step_as_well(make_world, client, shot, spin):
@@ -32,16 +42,10 @@ def test_a_body_spins_about_its_centre_in_parts_of_a_step_as_well(make_world, cl
     p.resetBaseVelocity(body, [0.1, 0, 0.2], spin, client)
     t = world.add_tendon([[-0.02, 0.05, 0.06], [-0.05, 0.09, 0.06]], 0.002, CORD, 4)
     tie, arm = t.attach(0, body), np.linalg.norm(t.positions[0] - [0.12, 0.03, 0])
-    if shot:
-        half = [0.1, 0.1, 1e-3]
-        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-        world.add_obstacle(p.createMultiBody(0, shape, -1, (1, 0, 0), physicsClientId=client), friction=0.0)
-        other = world.add_tendon([[1, 0, 0.006], [1.03, 0, 0.006]], 0.002, CORD, 4)
+    shoot = shots_at_a_ball(world, client) if shot else lambda: None
     parts = []
     for _ in range(6):
-        if shot:
-            place = [[1 + 0.01 * k, 0, 0.006] for k in range(4)]
-            other.set_positions(place, np.tile([0, 0, -20.0], (4, 1)))
+        shoot()
         world.step()
         parts.append(world.report.counts["substeps"])
         assert misfit(t, tie, client) <= 0.6 * arm * (np.linalg.norm(spin) * DT) ** 2
@@ -141,13 +145,9 @@ def test_a_weight_in_balance_hangs_still_in_steps_that_are_divided(
         cord = world.add_ligament([(post, -1, (0, 0, 0)), (body, link, (0, 0, 0))], law, 0.2)
     load = [(body, link, (0, 0, -pull), (0, 0, 0), p.LINK_FRAME)] if loaded_by == "force" else []
     world.relax(1e-9, bodies=[body], forces=load)
-    half = [0.1, 0.1, 1e-3]
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    world.add_obstacle(p.createMultiBody(0, shape, -1, (1, 0, 0), physicsClientId=client), friction=0.0)
-    shot = world.add_tendon([[1, 0, 0.006], [1.03, 0, 0.006]], 0.002, CORD, 4)
+    shoot = shots_at_a_ball(world, client)
     for _ in range(12):
-        place = [[1 + 0.01 * k, 0, 0.006] for k in range(4)]
-        shot.set_positions(place, np.tile([0, 0, -20.0], (4, 1)))
+        shoot()
         for told in load:
             world.apply_external_force(*told)
         world.step()

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import free_ball
+from link_scenes import cube, free_ball, mesh_obstacle
 
 import bullet_tendon as bt
 
@@ -14,9 +14,7 @@ def test_a_tendon_off_its_body_is_drawn_back_the_same_in_parts(client, make_worl
     """By m off/dt^2, however many parts the step is taken in because something smooth is near."""
     world = make_world()
     body = free_ball(client, 0.3, radius=0.02)
-    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05] * 3, physicsClientId=client)
-    near = p.createMultiBody(0, box, basePosition=(0.1, 0, -0.032), physicsClientId=client)
-    world.add_obstacle(near, friction=0)
+    mesh_obstacle(world, client, *cube(0.05, at=(0.1, 0, -0.032)))
     t = world.add_tendon([[0, 0, 0.02], [0.3, 0, 0.02]], 0.001, bt.Material(stiffness=stiffness), 10)
     hold = t.attach(0, body, -1, [0, 0, 0.02])
     t.set_positions(t.positions + [off, 0, 0])
