@@ -45,7 +45,10 @@ def released(client, world, rng):
     return t, body, mass
 
 
-@pytest.mark.parametrize("seeds", [range(9), pytest.param(range(9, 240, 3), marks=pytest.mark.slow)])
+# The tension of the last two hardly changes while the body is held.
+@pytest.mark.parametrize(
+    "seeds", [range(9), (66, 72), pytest.param(range(9, 240, 3), marks=pytest.mark.slow)]
+)
 def test_a_released_body_that_flies_into_its_slack_tendon_gains_nothing(client, make_world, seeds):
     """The tendon tangles between body and hand. Linear energy of the body, and the tendon's.
 

@@ -8,12 +8,13 @@ namespace bt {
 
 namespace {
 
-// Smallest error of the prediction relative to the acceleration by gravity, motion and stops, and by the
-// forces at joint limits, and reduction of the response [-]: rounding and noise.
+// Smallest relative change of the forces from which the observer learns, smallest error of the prediction
+// relative to the acceleration by gravity, motion and stops, and by the forces at joint limits, and smallest
+// reduction of the response [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces (of a held body that is released, to the forces), and the relative change of the
-// forces. Larger: released light bodies are thrown. Smaller: steps of held bodies
+// the change of the forces (of a held body that is released, to the forces), and, for an increased response,
+// the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps of held bodies
 // are solved twice.
 constexpr double kEvidence = 0.1;
 
@@ -163,9 +164,7 @@ void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
   s_.resize(n_);
   for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
   const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
-  // The motion of a body that the user moves changes slightly in every step, independently of the forces. So
-  // does the error of pybullet's sweeps over several stops.
-  if (news <= kEvidence * kEvidence * whole) return;
+  if (news <= kLeastNews * kLeastNews * whole) return;
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
   multiply(root_, e_, one_);
@@ -184,6 +183,8 @@ void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
   if (ee > 2 * std::fabs(es)) return;
+  // The motion of a body that the user moves changes slightly in every step, independently of the forces.
+  if (es > 0 && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
   limit_share();
