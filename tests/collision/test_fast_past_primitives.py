@@ -1,4 +1,4 @@
-"""Fast tendons beside convex shapes: a step is cut for motion towards a shape that may be passed alone."""
+"""Fast tendons beside convex shapes: a way over a face, or that ends clear, does not cut a step."""
 
 import numpy as np
 import pybullet as p
@@ -103,7 +103,7 @@ SHAPES = {
 @settings(max_examples=40, deadline=None)
 @given(name=st.sampled_from(sorted(SHAPES)), seed=st.integers(0, 2**31))
 def test_nothing_enters_a_convex_shape(name, seed):
-    """Shot past, along and at a shape by up to 60 m/s, it stays outside."""
+    """Shot past, along and at a shape by up to 60 m/s, its centreline stays outside."""
     random = np.random.default_rng(seed)
     client = p.connect(p.DIRECT)
     try:
@@ -119,6 +119,6 @@ def test_nothing_enters_a_convex_shape(name, seed):
         shoot(t, 10 ** random.uniform(0, 1.8) * (random.normal(size=3) - 1.5 * way) / 2.5)
         for _ in range(8):
             world.step()
-            assert outside(name, size, t.positions).min() > 0.9 * R
+            assert outside(name, size, t.positions).min() > 0.5 * R
     finally:
         p.disconnect(client)

@@ -27,21 +27,24 @@ double safe_fraction(double clearance, double radius, double motion) {
 
 double motion_limit_of(const NearCache& cache, const Shape& shape, const Tendon& tendon) {
   const int n = static_cast<int>(cache.local.size());
-  auto towards = [&](const Entry& e, int i) {
-    return shape.primitive && !e.inside ? -dot(e.now.normal, cache.way[i]) : norm(cache.way[i]);
-  };
-  auto is_held = [&](int i) {
+  auto face_over = [&](int i) {
     const Vec3 here = cache.local[i];
-    return shape.primitive && shape.primitive.stays_over_face(here, here + cache.way[i], tendon.slack[i]);
+    return shape.primitive.face_over(here, here + cache.way[i], tendon.slack[i]);
+  };
+  auto ends_clear = [&](const Entry& e, int i) {
+    const double height = e.clearance + dot(e.now.normal, cache.way[i]);
+    return shape.primitive && height > tendon.radius + tendon.slack[i];
   };
   double room = 1;
   for (int f = 0; f < static_cast<int>(cache.entries.size()); ++f) {
     const Entry& e = cache.entries[f];
     if (!e.wanted) continue;
-    const int first = f < n ? f : f - n, last = f < n ? f : first + 1;
-    const double motion = std::max(towards(e, first), towards(e, last));
+    const int a = f < n ? f : f - n, b = f < n ? f : a + 1;
+    const double motion = std::max(norm(cache.way[a]), norm(cache.way[b]));
     const double safe = safe_fraction(e.clearance, tendon.radius, motion);
-    if (safe < room && !(is_held(first) && is_held(last))) room = safe;
+    if (safe >= room || (ends_clear(e, a) && ends_clear(e, b))) continue;
+    const int face = face_over(a);
+    if (face == 0 || face != face_over(b)) room = safe;
   }
   return room;
 }
@@ -279,8 +282,8 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   const double spacing =
       norm(cache.local[std::min(feature % n + 1, n - 1)] - cache.local[std::max(feature % n - 1, 0)]);
   const Vec3 point = cache.entries[feature].now.point, normal = cache.entries[feature].now.normal;
-  const bool beside_box = feature < n && shape.primitive && !shape.primitive.is_round();
-  if (beside_box && !shape.primitive.stays_over_face(cache.local[feature], ahead, 0)) {
+  const bool beside_box = feature < n && shape.primitive.is_flat();
+  if (beside_box && shape.primitive.face_over(cache.local[feature], ahead, 0) == 0) {
     const Primitive::Nearest found = shape.primitive.nearest(ahead, ahead);
     if (found.distance > 0) return {found.point, (1 / found.distance) * (ahead - found.point)};
   }

@@ -93,10 +93,10 @@ void list_within_reach(Entry& entry, Vec3 a, Vec3 b, const Surface& surface);
 // Share of a step that is safe for a feature at the distance `clearance` [m] from a centreline of this radius
 // [m], with the relative motion `motion` [m]: until they could touch, or move by kFarthestMove radii [-].
 double safe_fraction(double clearance, double radius, double motion);
-// The smallest of these shares of all features near the shape [-]. Only motion towards a convex primitive
-// counts: the plane at its nearest point separates it from the feature, which passes through nothing on this
-// side of the plane. Where the way is over one flat face, this plane is the contact's, which holds the
-// feature as a half-space does, however far it moves.
+// The smallest of these shares of all features near the shape [-]. Two kinds of ways past a convex primitive
+// are safe however long they are: over one face of a box, whose plane holds the feature as a half-space does;
+// and one that ends beyond reach of the plane at the nearest point, which separates the feature from the
+// shape. Along other ways the contact's plane would be that of another place.
 double motion_limit_of(const NearCache& cache, const Shape& shape, const Tendon& tendon);
 
 // A surface beside a feature: a plane, or round (shape frame).

@@ -118,21 +118,20 @@ double Primitive::curvature(Vec3 point, Vec3 normal, Vec3 along) const {
   return (all - (flat_x ? x : 0) - (flat_y ? y : 0) - (flat_z ? z : 0)) / growth;
 }
 
-bool Primitive::stays_over_face(Vec3 from, Vec3 to, double beside) const {
-  if (growth > 0) return false;
-  if (kind == Kind::cylinder)
-    return std::fabs(from.z) > half_length &&
-           std::max(std::hypot(from.x, from.y), std::hypot(to.x, to.y) + beside) <= radius;
-  const double start[] = {from.x, from.y, from.z}, end[] = {to.x, to.y, to.z},
-               most[] = {half.x, half.y, half.z};
-  int before = 0;
+int Primitive::face_over(Vec3 from, Vec3 to, double beside) const {
+  if (!is_flat()) return 0;
+  const double start[] = {from.x, from.y, from.z}, end[] = {to.x, to.y, to.z};
+  const double most[] = {half.x, half.y, half.z};
+  int face = 0;
   for (int k = 0; k < 3; ++k) {
-    if (std::fabs(start[k]) > most[k])
-      ++before;
-    else if (std::fabs(end[k]) + beside > most[k])
-      return false;
+    if (std::fabs(start[k]) <= most[k]) {
+      if (std::fabs(end[k]) + beside > most[k]) return 0;
+      continue;
+    }
+    if (face != 0) return 0;
+    face = start[k] > 0 ? k + 1 : -(k + 1);
   }
-  return before == 1;
+  return face;
 }
 
 Primitive::Nearest Primitive::nearest(Vec3 a, Vec3 b) const {

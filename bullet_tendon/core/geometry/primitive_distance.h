@@ -20,14 +20,15 @@ struct Primitive {
   double radius = 0, half_length = 0;  // of the cylinder [m]
 
   explicit operator bool() const { return kind != Kind::none; }
+  bool is_flat() const { return kind == Kind::box && growth == 0; }
   bool is_round() const { return kind == Kind::cylinder || (kind == Kind::box && growth > 0); }
   Nearest nearest(Vec3 a, Vec3 b) const;
   // Curvature of the surface at a point of it, where its normal is `normal`, along a tangential unit vector
   // [1/m].
   double curvature(Vec3 point, Vec3 normal, Vec3 along) const;
-  // Whether a point begins before a flat face and stays over it until `to`, also if it ends up to `beside`
-  // from there [m]. `to` may be behind the face.
-  bool stays_over_face(Vec3 from, Vec3 to, double beside) const;
+  // The face of a box before which a point begins, and over which it stays until `to`, also if it ends up to
+  // `beside` from there [m]; `to` may be behind it: 1 to 3 by axis, negative on the low side; 0: none.
+  int face_over(Vec3 from, Vec3 to, double beside) const;
 
  private:
   friend struct AlongPrimitive;
