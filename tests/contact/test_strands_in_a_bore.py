@@ -16,12 +16,12 @@ STEPS, LEAD, HOLD = 120, 60, 30  # steps; while strands are led aside; before th
 DT, SPEED = 1 / 240, 0.01  # s, m/s
 
 
-def pulled(make_world, client, strands: int, particles: int, friction: float):
+def pulled(make_world, client, strands: int, particles: int, friction: float, **options):
     """Lead strands aside at the mouth of a bore and pull them out slowly. Yields (world, hands) each step."""
     around = (1.0 if strands == 2 else np.sqrt(2)) * 1.03 * RADIUS
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[BORE / 2, 0.02, 0.02], physicsClientId=client)
     body = p.createMultiBody(0, shape, physicsClientId=client)
-    world = make_world(DT)
+    world = make_world(DT, **options)
     world.add_obstacle(body, friction=friction)
     wall = 1.02 * (around + RADIUS)
     world.add_tunnel(body, -1, [-BORE / 2, 0, 0], [BORE / 2, 0, 0], wall, friction=friction)
@@ -60,3 +60,14 @@ def test_smooth_strands_carry_their_load_around_the_mouth(make_world, client, pa
         assert world.report.converged
         tensions = [np.linalg.norm(hand.force) for hand in hands]
     assert tensions == pytest.approx([PULL, PULL], rel=0.03)
+
+
+def test_the_users_stiffness_is_kept_where_contacts_alternate(make_world, client):
+    """It is so large that depths are far below those at which a contact by multipliers is softened."""
+    stiffness, largest = 1e8, 0.0
+    for world, _ in pulled(make_world, client, 2, 60, 0.3, contact_stiffness=stiffness):
+        assert world.report.converged
+        forces, depths = world.contacts["normal_force"], np.maximum(0, -world.contacts["distance"])
+        np.testing.assert_allclose(forces, stiffness * depths, rtol=1e-9)
+        largest = max(largest, forces.max(initial=0))
+    assert largest > PULL / 4
