@@ -52,10 +52,13 @@ def test_what_was_listed_answers_until_something_else_can_be_nearest(soup, lengt
         assert np.linalg.norm(moved[0] + u * (moved[1] - moved[0]) - point) == pytest.approx(exact, abs=1e-15)
 
 
-@pytest.mark.parametrize("length", [0.01, 0.06])
+@pytest.mark.parametrize(("length", "scale"), [(0.01, 1.0), (0.06, 1.0), (0.06, 1000.0)])
 @pytest.mark.parametrize("surface", ["hills", "soup", "closed"])
-def test_what_is_nearest_of_all_is_found_from_a_bound(surface, length):
-    """Points and segments, many of which cross the surface: there, and only there, the distance is 0."""
+def test_what_is_nearest_of_all_is_found_from_a_bound(surface, length, scale):
+    """Points and segments, many of which cross the surface: there, and only there, the distance is 0.
+
+    With lengths below and above one: a quotient of them is no product.
+    """
     rng = np.random.default_rng(3)
     vertices, triangles = hills(2, cells=12)
     corners = vertices[triangles]
@@ -66,15 +69,18 @@ def test_what_is_nearest_of_all_is_found_from_a_bound(surface, length):
         corners = hull.points[hull.simplices]
     a = rng.uniform(-0.05, 0.05, (400, 3))
     b = a + rng.normal(0, length, (400, 3)) * (rng.random((400, 1)) < 0.7)
+    corners, a, b = scale * corners, scale * a, scale * b
     exact = np.array([segment_triangles(*ends, corners) for ends in zip(a, b, strict=True)])
     within = exact * (1 + 10 ** rng.uniform(-8, 1, 400))
     found = _core.testing.searched_nearest(corners, np.c_[a, b], within)
-    np.testing.assert_allclose(found[:, 0], exact, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found[:, 0], exact, rtol=0, atol=scale * 1e-15)
     np.testing.assert_array_equal(found[:, 5] == 1, exact == 0)
     assert 20 <= (exact == 0).sum() <= 300
     apart = exact > 0
     between = a + found[:, 4:5] * (b - a) - found[:, 1:4]
-    np.testing.assert_allclose(np.linalg.norm(between, axis=1)[apart], exact[apart], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        np.linalg.norm(between, axis=1)[apart], exact[apart], rtol=0, atol=scale * 1e-15
+    )
 
 
 @pytest.mark.parametrize("exponent", [-4, -6, -7, -8, -9])
