@@ -157,3 +157,25 @@ def test_a_weight_in_balance_hangs_still_in_steps_that_are_divided(
         state = p.getLinkState(body, 0, 1, physicsClientId=client)[6] if link == 0 else None
         velocity = p.getBaseVelocity(body, client)[0] if state is None else state
         assert np.abs(velocity).max() <= 1e-7
+
+
+@pytest.mark.parametrize(("mass", "pull"), [(1e-3, 20.0), (5e-3, 100.0), (1e-2, 5.0), (5e-2, 200.0)])
+def test_a_light_body_is_not_expected_to_fly_off_when_its_load_ends(make_world, client, mass, pull):
+    """What held it would move it by metres. It goes no farther than the strand contracts."""
+    world = make_world(DT)
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    body = p.createMultiBody(mass, ball, -1, [0, 0, -0.11], physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
+    world.add_obstacle(body, friction=0.0)
+    law = bt.Material(stiffness=20 * pull, damping=0.05 * pull)
+    strand = world.add_tendon([[0, 0, 0], [0, 0, -0.1]], 0.001, law, 21)
+    strand.grip(0)
+    tie = strand.attach(-1, body, -1, [0, 0, 0.01])
+    for _ in range(240):
+        world.apply_external_force(body, -1, (0, 0, -pull), (0, 0, 0), p.LINK_FRAME)
+        world.step()
+    assert tie.force[2] == pytest.approx(pull, rel=1e-6)
+    assert not world.report.reasons
+    world.step()
+    assert world.report.converged
+    assert world.report.counts["substeps"] == 1

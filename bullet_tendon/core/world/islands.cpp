@@ -182,15 +182,17 @@ void World::limit_cartilage(Measure measure) {
   }
 }
 
-// A load that is held moves nothing: a link is foreseen to move under the tendons' and elements' forces of
-// the last step or substep, which are also the first guess of the solution (solver/body_schur.cpp).
+// A load that is held moves nothing: a link is foreseen to move under what holds it of the tendons' and
+// elements' forces of the last step or substep. What they would move it by beyond that is theirs to change: a
+// load that has ended is no reason to expect that a light body flies off.
 void World::foresee_links() {
   const double square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {
     Twist given;
     if (const GeneralizedBody* m = body_of(l); m && m->touches > 0 && m->knows_last_forces()) {
       const Twist response = l.response(*m);
-      given = {square * response.linear, square * response.angular};
+      const double share = square * m->share_that_holds(step_.substeps.step());
+      given = {share * response.linear, share * response.angular};
     }
     l.foresee(given, step_.context.dt, turns_far(l));
   }
