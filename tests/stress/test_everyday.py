@@ -9,6 +9,8 @@ import pytest
 from everyday import FAMILIES, run
 from everyday_scene import Scene, Wrong
 
+from bullet_tendon.stepper import Stepper
+
 SCENES = 5_000
 PER_FAMILY = -(-SCENES // len(FAMILIES))
 CHUNK = 20
@@ -57,6 +59,21 @@ def test_a_finger_that_lay_in_its_stops_is_not_taken_for_a_held_one():
     """
     outcome = run("finger_from_urdf", 27003)
     assert outcome.verdict == "right", outcome.message
+
+
+def test_fingers_without_motors_are_not_taken_for_held_ones(monkeypatch):
+    """What pybullet leaves of several stops changes while the tendons' forces hardly do."""
+    held, step = [], Stepper.step
+
+    def watched(stepper):
+        step(stepper)
+        held.append(stepper._core.any_held())
+
+    monkeypatch.setattr(Stepper, "step", watched)
+    for seed in (50018, 50048, 50061):
+        assert run("finger_from_urdf", seed).verdict == "right"
+    assert len(held) > 500
+    assert not any(held)
 
 
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).

@@ -13,9 +13,9 @@ namespace {
 // reduction of the response [-]: rounding and noise.
 constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces (of a held body that is released, to the forces), and, for an increased response,
-// the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps of held bodies
-// are solved twice.
+// the change of the forces (of a held body that is released, to the forces), and, for an increased response
+// and for joints, the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps
+// of held bodies are solved twice.
 constexpr double kEvidence = 0.1;
 
 }  // namespace
@@ -45,7 +45,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
     if (!cut || of.jointed) released_ = held_ && was_released(now_);
-    if (!cut && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of.noise);
+    if (!cut && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
@@ -160,7 +160,7 @@ bool Observer::was_released(const Sample& now) {
   return beyond > kEvidence * dot(now.root_forces, now.root_forces);
 }
 
-void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
+void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
   s_.resize(n_);
   for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
   const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
@@ -168,7 +168,7 @@ void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
   multiply(root_, e_, one_);
-  if (std::all_of(one_.begin(), one_.end(), [&](double error) { return dt_ * std::fabs(error) <= noise; }))
+  if (std::all_of(one_.begin(), one_.end(), [&](double error) { return dt_ * std::fabs(error) <= of.noise; }))
     return;
   const double es = dot(e_, s_), ee = dot(e_, e_);
   one_ = gravity;
@@ -183,8 +183,9 @@ void Observer::learn(const Sample& now, const Numbers& gravity, double noise) {
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
   if (ee > 2 * std::fabs(es)) return;
-  // The motion of a body that the user moves changes slightly in every step, independently of the forces.
-  if (es > 0 && news <= kEvidence * kEvidence * whole) return;
+  // The motion of a body that the user moves changes slightly in every step, independently of the forces. So
+  // does the error of pybullet's sweeps over several stops of joints.
+  if ((es > 0 || of.jointed) && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
   limit_share();

@@ -96,7 +96,7 @@ class Observer {
   bool note_cut(const Numbers& rates);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
-  void learn(const Sample& now, const Numbers& gravity, double noise);
+  void learn(const Sample& now, const Numbers& gravity, const Circumstances& of);
   void limit_share();
   void take_effective();
   void find_push();
