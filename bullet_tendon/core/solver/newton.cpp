@@ -53,9 +53,10 @@ constexpr int kPatience = 10;
 // goes on for longer.
 constexpr double kNearer = 0.1;
 
-// Growth of the residual from its smallest value after which the descent begins [-]. Smaller: a good guess is
-// abandoned. Larger: iterations are spent far from the solution, and rounding decides whether they come back.
-constexpr double kDivergence = 100;
+// Growth of the residual from that of the guess after which the descent begins [-]. Smaller: a solution is
+// abandoned in which slack segments and contacts that have parted leave particles free for an iteration.
+// Larger: iterations are spent far from the solution, and rounding decides whether they come back.
+constexpr double kDivergence = 30;
 
 // Iterations in a row, near the solution, in each of which other contacts press, after which contacts are
 // softened [-]. Fewer: contacts are softened that are about to settle. More: iterations are spent.
@@ -96,6 +97,7 @@ struct Solution {
   double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
+  double first = 0;  // residual of the guess [N]
   int idle = 0;
   uint64_t pressed = 0;  // hash of the contacts that press
   int unsettled = 0;     // iterations in a row in which others do
@@ -187,6 +189,7 @@ Assembly judge(Solution& s) {
       a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
   island.result.converged = !s.changed && enough;
   note_distance(s, a);
+  if (s.iteration == 0) s.first = a.residual;
   note_progress(s, a.residual);
   note_contacts(s);
   return a;
@@ -316,7 +319,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
-  if (!s.descends && a.residual > kDivergence * s.smallest) return Next::stop;
+  if (!s.descends && a.residual > kDivergence * std::max(s.smallest, s.first)) return Next::stop;
   if (s.iteration > start && s.context.budget->refuses_solve()) return Next::stop;
   return Next::step;
 }

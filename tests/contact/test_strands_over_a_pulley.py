@@ -1,4 +1,4 @@
-"""Strands over a pulley that hold a mass: contacts are detected once a step while nothing moves."""
+"""Strands over a pulley that hold a mass, at rest and lifted by the steps of an encoder."""
 
 import math
 
@@ -51,3 +51,17 @@ def test_nothing_is_detected_again_at_rest(make_world, client, mass, strands, fr
     np.testing.assert_allclose(p.getBasePositionAndOrientation(body, client)[0], start, atol=2e-5)
     if friction == 0:
         assert sum(np.linalg.norm(hand.force) for hand in hands) == pytest.approx(mass * G, rel=0.01)
+
+
+@pytest.mark.parametrize("mass", [0.05, 0.2])
+def test_jerky_steps_that_let_the_strands_go_slack_are_solved_whole(make_world, client, mass):
+    """The hand stops in each fifth step: the tension falls to a hundredth, along all of the arc at once."""
+    world, hands, _ = hung_over_a_pulley(make_world, client, mass, 2, 0.0015, 0.0, dt=1e-3)
+    start = [np.array(hand.target) for hand in hands]
+    for k in range(200):
+        risen = 5e-5 * round(0.04e-3 * (k + 1) / 5e-5)
+        for hand, at in zip(hands, start, strict=True):
+            hand.target = at - [0, 0, risen]
+        world.step()
+        assert world.report.converged and "not_converged" not in world.report.reasons
+        assert world.report.counts["linear_solves"] <= 40
