@@ -21,7 +21,7 @@ struct Primitive {
 
   explicit operator bool() const { return kind != Kind::none; }
   bool is_flat() const { return kind == Kind::box && growth == 0; }
-  bool is_round() const { return kind == Kind::cylinder || (kind == Kind::box && growth > 0); }
+  bool is_round() const { return *this && !is_flat(); }
   Nearest nearest(Vec3 a, Vec3 b) const;
   // Curvature of the surface at a point of it, where its normal is `normal`, along a tangential unit vector
   // [1/m].
