@@ -32,9 +32,7 @@ const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
   return work_.known;
 }
 
-double GeneralizedBody::share_that_holds(double dt) const {
-  static thread_local Numbers y;  // keeps its memory from step to step
-  dense::multiply_transposed(root, last_forces(), y);
+double GeneralizedBody::share_that_holds(const Numbers& y, double dt) const {
   const double taken_back = -dense::dot(last_forces(), change), all = dt * dense::dot(y, y);
   return taken_back <= 0 ? 0 : taken_back >= all ? 1 : taken_back / all;
 }

@@ -180,9 +180,11 @@ struct GeneralizedBody {
     return substep.last_forces.empty() ? observer.forces() : substep.last_forces;
   }
   bool knows_last_forces() const { return static_cast<int>(last_forces().size()) == n(); }
-  // Share of them that holds the body in this step of dt [s] [-]: as far as they take back, in the metric of
-  // its mass, what else changes its rates.
-  double share_that_holds(double dt) const;
+  // Their effect by E: y = E^T f.
+  void answer_last_forces(Numbers& y) const { dense::multiply_transposed(root, last_forces(), y); }
+  // Share of them, whose effect is y, that holds the body in this step of dt [s] [-]: as far as they take
+  // back, in the metric of its mass, what else changes its rates.
+  double share_that_holds(const Numbers& y, double dt) const;
 
  private:
   const Numbers& known(Vec3 gravity);

@@ -109,12 +109,6 @@ Vec3 Link::displaced_from_foreseen(Vec3 arm) const {
 
 Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
 
-Twist Link::response(const GeneralizedBody& m) const {
-  static thread_local dense::Numbers y;  // keeps its memory from step to step
-  dense::multiply_transposed(m.root, m.last_forces(), y);
-  return times(root, y);
-}
-
 Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
 
 Twist Link::spin_of(const dense::Numbers& y) const { return times(root, y); }

@@ -137,8 +137,6 @@ struct Link {
   Vec3 displaced_from_foreseen(Vec3 arm) const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
-  // Acceleration by the last generalized forces of the tendons.
-  Twist response(const GeneralizedBody& m) const;
   // Twist by the unknowns, or by their change, divided by s.
   Twist twist_of(const dense::Numbers& y) const;
   // The same; if the link rotates far, the angular part is the change of theta.

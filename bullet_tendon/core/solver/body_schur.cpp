@@ -88,7 +88,7 @@ void guess(const Island& island, GeneralizedBody& m) {
   m.unknowns.dy.assign(m.n(), 0.0);
   m.unknowns.residual.assign(m.n(), 0.0);
   if (!m.knows_last_forces()) return;
-  dense::multiply_transposed(m.root, m.last_forces(), m.unknowns.y);
+  m.answer_last_forces(m.unknowns.y);
   for (double& v : m.unknowns.y) v *= island.bodies.reach;
 }
 

@@ -186,12 +186,14 @@ void World::limit_cartilage(Measure measure) {
 // elements' forces of the last step or substep. What they would move it by beyond that is theirs to change: a
 // load that has ended is no reason to expect that a light body flies off.
 void World::foresee_links() {
+  static thread_local dense::Numbers y;  // keeps its memory from step to step
   const double square = step_.context.reach * step_.context.reach;
   for (Link& l : scene.links) {
     Twist given;
     if (const GeneralizedBody* m = body_of(l); m && m->touches > 0 && m->knows_last_forces()) {
-      const Twist response = l.response(*m);
-      const double share = square * m->share_that_holds(step_.substeps.step());
+      m->answer_last_forces(y);
+      const Twist response = l.spin_of(y);
+      const double share = square * m->share_that_holds(y, step_.substeps.step());
       given = {share * response.linear, share * response.angular};
     }
     l.foresee(given, step_.context.dt, turns_far(l));
