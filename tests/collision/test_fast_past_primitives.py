@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import signed_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -82,21 +83,18 @@ def test_a_tendon_that_runs_over_an_edge_is_not_held_by_the_face(make_world, cli
     assert t.velocities[:, 2].max() < -9.81 * DT * fallen
 
 
-def outside(name, size, x):
-    """Distances of points (n, 3) outside a box, a cylinder or a ball, from formulas of their own [m]."""
-    if name == "box":
-        beyond = np.abs(x) - size
-        return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
-    if name == "ball":
-        return np.linalg.norm(x, axis=1) - size[0]
-    beyond = np.c_[np.hypot(x[:, 0], x[:, 1]) - size[0], np.abs(x[:, 2]) - size[1]]
-    return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
-
-
+# Of three numbers: what pybullet is told, and the sizes as signed_distance takes them.
 SHAPES = {
-    "box": lambda size: {"shapeType": p.GEOM_BOX, "halfExtents": list(size)},
-    "cylinder": lambda size: {"shapeType": p.GEOM_CYLINDER, "radius": size[0], "height": 2 * size[1]},
-    "ball": lambda size: {"shapeType": p.GEOM_SPHERE, "radius": size[0]},
+    "box": lambda a: ({"shapeType": p.GEOM_BOX, "halfExtents": list(a)}, 2 * a),
+    "capsule": lambda a: (
+        {"shapeType": p.GEOM_CAPSULE, "radius": a[0], "height": 2 * a[1]},
+        (a[0], 2 * a[1]),
+    ),
+    "cylinder": lambda a: (
+        {"shapeType": p.GEOM_CYLINDER, "radius": a[0], "height": 2 * a[1]},
+        (a[0], 2 * a[1]),
+    ),
+    "sphere": lambda a: ({"shapeType": p.GEOM_SPHERE, "radius": a[0]}, a[:1]),
 }
 
 
@@ -110,7 +108,8 @@ def test_nothing_enters_a_convex_shape(name, seed):
         p.setTimeStep(DT, physicsClientId=client)
         world = bt.TendonWorld(client)
         size = random.uniform(0.004, 0.04, 3)
-        world.add_obstacle(add(client, SHAPES[name](size)), friction=random.uniform(0, 0.5))
+        shape, sizes = SHAPES[name](size)
+        world.add_obstacle(add(client, shape), friction=random.uniform(0, 0.5))
         way = random.normal(size=3)
         middle = (np.linalg.norm(size) + 0.01) * way / np.linalg.norm(way)
         along = np.cross(way, random.normal(size=3))
@@ -119,6 +118,6 @@ def test_nothing_enters_a_convex_shape(name, seed):
         shoot(t, 10 ** random.uniform(0, 1.8) * (random.normal(size=3) - 1.5 * way) / 2.5)
         for _ in range(8):
             world.step()
-            assert outside(name, size, t.positions).min() > 0.5 * R
+            assert signed_distance(name, sizes, t.positions).min() > 0.5 * R
     finally:
         p.disconnect(client)
