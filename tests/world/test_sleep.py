@@ -177,8 +177,9 @@ def test_only_what_is_near_wakes(scene, client):
     world.step(5)
     assert [t.name for t in world.tendons if t.asleep] == ["over", "hanging"]
     ball(world, client, (0.3, 0.03, 0.05), 0.01, (0, 0, 0))
-    world.step(REST)  # all are roused by a further obstacle, and those that it does not reach sleep again
-    assert {"over", "hanging"} <= {t.name for t in world.tendons if t.asleep}
+    # All are roused by a further obstacle, and those that it does not reach sleep again. It rolls off later.
+    world.step(REST // 2)
+    assert [t.name for t in world.tendons if t.asleep] == ["over", "hanging"]
     grip = by_name(world)["over"].holds[0]
     grip.target = grip.target
     world.step()
