@@ -8,6 +8,7 @@ import pytest
 from brute_force import subdivided
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 import bullet_tendon as bt
 from bullet_tendon import _core, shapes
@@ -115,6 +116,80 @@ def test_the_distance_from_an_edge_is_the_least(seed, steep):
     edge = centre + BORE * (out + np.outer(out @ slope, axis))
     least = np.linalg.norm(x - edge, axis=1).min()
     assert found == pytest.approx(least, abs=1e-6 * BORE)
+
+
+def ended_half(steep, distance, lean, half, samples=20001):
+    """Points of an edge of radius BORE, ended for a line at this distance from both halves.
+
+    lean: angle of the line and the normal of the edge's plane, about the shorter axis [rad].
+    Returns (k, 2) coordinates along the longer and the shorter axis, and the tangent at the first end.
+    """
+    A, B = BORE * math.hypot(1, steep), BORE
+    seen = A * math.cos(lean)  # along the line
+
+    def beyond(angle):
+        """By how much the line between both halves that is nearest there is farther."""
+        return B / seen * math.hypot(seen * math.sin(angle), B * math.cos(angle)) - distance
+
+    end = brentq(beyond, 0, np.pi / 2, xtol=1e-14) if seen > B and beyond(0) < 0 else 0
+    angle = np.linspace(end, np.pi - end, samples)
+    points = np.c_[A * np.cos(angle), half * B * np.sin(angle)]
+    tangent = np.array([A * np.sin(angle[0]), -half * B * np.cos(angle[0])])
+    return points, tangent / np.linalg.norm(tangent)
+
+
+def distance_in_plane(x, points, tangent):
+    """Distance of x (2,) from these points, and from the straight lines that go on from both ends."""
+    least = np.linalg.norm(points - x, axis=1).min()
+    for end, way in ((points[0], tangent), (points[-1], tangent * [-1, 1])):
+        beyond = max(0.0, (x - end) @ way)
+        least = min(least, np.linalg.norm(x - end - beyond * way))
+    return least
+
+
+def distance_from_half(x, height, steep, half, distance, lean):
+    """That of the core, of a point in the same coordinates at a height over the plane [m]."""
+    stretch = math.hypot(1, steep)
+    longer, normal = np.array([1, 0, steep]) / stretch, np.array([-steep, 0, 1]) / stretch
+    place = x[0] * longer + x[1] * np.array([0, 1, 0]) + height * normal
+    along, slope = math.sin(lean) * longer + math.cos(lean) * normal, np.array([steep, 0, 0])
+    return _core.testing.distance_from_half(
+        place, np.zeros(3), np.array([0, 0, 1.0]), BORE, slope, half, distance, along
+    )
+
+
+@RANDOM
+@given(seed=st.integers(0, 2**32 - 1), steep=st.floats(0.2, 2.0), half=st.sampled_from([1, -1]))
+def test_a_half_goes_on_straight_where_a_tendon_cannot_follow_it(seed, steep, half):
+    """Around the narrow end, up to the distance for which it is ended; against a search."""
+    random = np.random.default_rng(seed)
+    distance, lean = BORE * random.uniform(0.3, 0.95), random.uniform(-0.8, 0.8)
+    points, tangent = ended_half(steep, distance, lean, half)
+    A = BORE * math.hypot(1, steep)
+    tried = 0
+    for x in random.uniform([0.3 * A, -0.7 * BORE], [1.2 * A, 0.7 * BORE], (200, 2)):
+        height = distance * math.sin(lean) * random.uniform(0.9, 1.1)
+        least = math.hypot(distance_in_plane(x, points, tangent), height)
+        if least > distance:
+            continue
+        tried += 1
+        found = distance_from_half(x, height, steep, half, distance, lean)
+        assert found == pytest.approx(least, abs=1e-6 * BORE)
+    assert tried > 10
+
+
+@pytest.mark.parametrize("wider", [0.9, 1.0, 1.001, 1.02, 1.2, 1.4])
+def test_what_holds_a_centreline_in_a_narrow_end_bends_no_more_sharply_than_it_is_rounded(wider):
+    """Of thinner and wider tendons: the distance from a half has a bounded second derivative."""
+    steep, rounded = 1.0, 0.02
+    A = BORE * math.hypot(1, steep)
+    kept = wider * BORE**2 / A
+    distance = (1 + rounded) * kept
+    for x in np.linspace(A - 1.5 * kept, A - 0.5 * kept, 41):
+        y = np.linspace(-0.5, 0.5, 1001) * BORE
+        held = np.array([distance_from_half((x, v), 0, steep, 1, distance, 0) for v in y])
+        bend = np.abs(np.diff(held, 2)) / (y[1] - y[0]) ** 2
+        assert bend[held[1:-1] <= kept].max(initial=0) <= 1.05 / (rounded * kept)
 
 
 def off_axis(points, way):

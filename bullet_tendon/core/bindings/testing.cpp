@@ -124,7 +124,7 @@ py::tuple contact_term(int kind, Vec3 relative, Vec3 normal, double offset, Vec3
                        double radius, Vec3 slope, double stiffness, double lambda, double tangent_stiffness,
                        double limit, Vec3 tangent_anchor, bool definite) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
-  contact.geometry.rim = rim_of(centre, axis, radius, slope, 0);
+  contact.geometry.rim = rim_of(centre, axis, radius, slope);
   contact.geometry.normal = normal;
   contact.friction.coefficient = limit > 0 ? 1 : 0;
   contact.friction.limit = limit;
@@ -133,6 +133,15 @@ py::tuple contact_term(int kind, Vec3 relative, Vec3 normal, double offset, Vec3
   contact.evaluate(relative, true, definite);
   return py::make_tuple(contact.geometry.gap, contact.geometry.normal, contact.force.total,
                         full_of(contact.force.block), contact.friction.sliding);
+}
+
+// Distance [m] of a point from the half of an elliptic edge that is ended for a line at a distance [m].
+double distance_from_half(Vec3 x, Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half,
+                          double distance, Vec3 along) {
+  Rim rim = rim_of(centre, axis, radius, slope);
+  rim.half = half;
+  end_halves(rim, distance, along);
+  return norm(x - nearest_on_rim(rim, x).point);
 }
 
 // The matrix of a contact on its particles.
@@ -156,7 +165,7 @@ py::tuple edge_term(int kind, Vec3 a, Vec3 b, double offset, Vec3 centre, Vec3 a
                     Vec3 slope, double stiffness, double lambda, bool threads,
                     const std::array<Vec3, 2>& bend) {
   Contact contact = contact_of(static_cast<ContactKind>(kind), offset, stiffness, lambda);
-  contact.geometry.rim = rim_of(centre, axis, radius, slope, 0);
+  contact.geometry.rim = rim_of(centre, axis, radius, slope);
   contact.geometry.threads_mouth = threads;
   std::copy_n(bend.begin(), 2, contact.geometry.bend);
   contact.a = {0, 0, 0.5, 0.5};
@@ -329,6 +338,7 @@ void bind_terms(py::module_& testing) {
   testing.def("grip_term", &grip_term);
   testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);
+  testing.def("distance_from_half", &distance_from_half);
   testing.def("pair_term", &pair_term);
   testing.def("touching_parameters", &touching_parameters);
   testing.def("listed_nearest", &listed_nearest);

@@ -27,8 +27,8 @@ Bore in_world(const Tunnel& tunnel, const Pose& pose) {
   return bore;
 }
 
-Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half) {
-  Rim rim{centre, axis, radius, slope, radius, {}, {}, half};
+Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope) {
+  Rim rim{centre, axis, radius, slope, radius};
   const double steep = norm(slope);
   if (steep == 0) return rim;
   const double stretch = std::sqrt(1 + steep * steep);
@@ -38,8 +38,18 @@ Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half) {
   return rim;
 }
 
+void end_halves(Rim& rim, double distance, Vec3 along) {
+  // Seen along the line, the ellipse has the semi-axes A and B. From its point (A c, B s), the normal meets
+  // the first of them after B/A sqrt(A^2 s^2 + B^2 c^2).
+  const double A = rim.longest * std::fabs(dot(rim.longer, unit_or(cross(along, rim.shorter), {})));
+  const double B = rim.radius, seen = distance * A / B;
+  const double s2 = A > B ? (seen * seen - B * B) / (A * A - B * B) : 0;
+  rim.end_s = std::sqrt(std::min(1.0, std::max(0.0, s2)));
+  rim.end_c = std::sqrt(1 - rim.end_s * rim.end_s);
+}
+
 Rim Bore::rim(int mouth) const {
-  return rim_of(start + chamfer_at(mouth) * axis, axis, radius + chamfer, slope[mouth], 0);
+  return rim_of(start + chamfer_at(mouth) * axis, axis, radius + chamfer, slope[mouth]);
 }
 
 bool Bore::has_wall(Vec3 p, double z) const {
@@ -81,37 +91,35 @@ Direction direction(double c, double s) {
   return size > 0 ? Direction{c / size, s / size} : Direction{0, 1};
 }
 
-// Finds the angle at which the half of an ellipse (A cos, B sin), sin >= 0, is nearest to (x, y); x >= 0 and
-// A > B. The search starts at `at`, if that is not zero. Returns false where it is nearest at the end of that
-// half.
+// Finds the angle at which an ellipse (A cos, B sin) is nearest to (x, y); x >= 0 and A > B. Its quarter
+// begins at `end`, and goes on straight beyond it. The search starts at `at`, if that is not zero. Returns
+// false where the straight part is nearest.
 //
-// With f half the squared distance, f' = (B^2 - A^2) s c + A x s - B y c. On the side of (x, y), f' changes
-// sign once in the quarter. On the other side, f has a minimum beside that of (x, 0), or none.
-bool nearest_on_half(double A, double B, double x, double y, Direction& at) {
+// With f half the squared distance, f' = (B^2 - A^2) s c + A x s - B y c. Between zeros of s and c, f' / (s
+// c) is monotone for y >= 0 and convex for y < 0. If it is negative at the end, it therefore changes sign
+// once.
+bool nearest_on_quarter(double A, double B, double x, double y, Direction end, Direction& at) {
   // Iterations of Newton's method [-]. Fewer: points near the middle get a point that is not their nearest.
   constexpr int kIterations = 40;
   const double excess = A * A - B * B;
-  const bool own_side = y >= 0;
-  if (!own_side && A * x >= excess) return false;
-  if (!own_side)
-    at = direction(A * x / excess, std::sqrt(1 - A * x / excess * (A * x / excess)));
-  else if (at.c == 0 && at.s == 0)
-    at = direction(B * x, A * y);
-  Direction low{1, 0}, high{0, 1};
+  auto slope = [&](Direction d) { return A * x * d.s - B * y * d.c - excess * d.s * d.c; };
+  auto bend = [&](Direction d) { return A * x * d.c + B * y * d.s - excess * (d.c * d.c - d.s * d.s); };
+  const double first = slope(end);
+  if (first > 0 || (first == 0 && bend(end) >= 0)) return false;
+  if (at.c == 0 && at.s == 0) at = direction(B * x, A * std::fabs(y));
+  Direction low = end, high{0, 1};
+  if (at.s < end.s) at = end;
   for (int i = 0; i < kIterations; ++i) {
-    const double slope = A * x * at.s - B * y * at.c - excess * at.s * at.c;
-    const double bend = A * x * at.c + B * y * at.s - excess * (at.c * at.c - at.s * at.s);
-    (slope > 0 ? high : low) = at;
-    const double step = bend > 0 ? -slope / bend : 0;
+    (slope(at) > 0 ? high : low) = at;
+    const double curve = bend(at), step = curve > 0 ? -slope(at) / curve : 0;
     Direction next = direction(at.c - step * at.s, at.s + step * at.c);
-    if (!own_side && (bend <= 0 || next.s <= 0)) return false;
-    if (bend > 0 && std::fabs(step) < kArrived) {
+    if (curve > 0 && std::fabs(step) < kArrived) {
       at = next;
       break;
     }
     // Beside the root, rounding puts the step outside the bracket: what has arrived is not halved again.
     const bool between = low.c * next.s >= low.s * next.c && next.c * high.s >= next.s * high.c;
-    if (own_side && (bend <= 0 || !between)) next = direction(low.c + high.c, low.s + high.s);
+    if (curve <= 0 || !between) next = direction(low.c + high.c, low.s + high.s);
     at = next;
   }
   return true;
@@ -128,16 +136,15 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last) {
   const double x = dot(p - rim.centre, rim.longer), y = dot(p - rim.centre, rim.shorter);
   const double side = rim.half ? rim.half : std::copysign(1.0, y);
   Direction at{last.c, last.s};
-  if (!nearest_on_half(A, B, std::fabs(x), side * y, at)) {
-    // The end of the half is a point, whose curvature is infinite, whichever way it is seen.
-    const Vec3 end = rim.centre + std::copysign(A, x) * rim.longer, from = p - end;
-    return {end, rim.shorter, (-1e9 / std::max(dot(from, from), 1e-18 * A * A)) * from};
-  }
+  const bool arc = nearest_on_quarter(A, B, std::fabs(x), side * y, {rim.end_c, rim.end_s}, at);
+  if (!arc) at = {rim.end_c, rim.end_s};
   const double c = std::copysign(at.c, x), s = side * at.s;
   const double square = A * A * s * s + B * B * c * c;
-  return {rim.centre + A * c * rim.longer + B * s * rim.shorter,
-          (1 / std::sqrt(square)) * (B * c * rim.shorter - A * s * rim.longer),
-          (-A * B / (square * square)) * (B * c * rim.longer + A * s * rim.shorter), at.c, at.s};
+  const Vec3 on_arc = rim.centre + A * c * rim.longer + B * s * rim.shorter;
+  const Vec3 tangent = (1 / std::sqrt(square)) * (B * c * rim.shorter - A * s * rim.longer);
+  if (!arc) return {on_arc + dot(p - on_arc, tangent) * tangent, tangent};
+  return {on_arc, tangent, (-A * B / (square * square)) * (B * c * rim.longer + A * s * rim.shorter), at.c,
+          at.s};
 }
 
 double slide_to_rim(const BentSegment& segment, double u, const Rim& rim, RimPoint& at) {

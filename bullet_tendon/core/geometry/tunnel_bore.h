@@ -23,12 +23,18 @@ struct Rim {
   double longest = 0;    // the longer semi-axis [m]
   Vec3 longer, shorter;  // unit vectors along the semi-axes, if the slope is not zero
   int half = 0;          // 1, -1: only the half on that side of the longer axis; 0: all of it
+  double end_c = 1,
+         end_s = 0;  // where a half ends, as the place of a RimPoint; it goes on straight there [-]
   bool is_circle() const { return longest == radius; }
   // Height of a point over the plane of the rim [m].
   double height(Vec3 p) const { return dot(p - centre, axis - slope) * radius / longest; }
 };
 
-Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope, int half);
+Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope);
+
+// Ends both halves of an ellipse where they are nearest to a line that goes along a direction between them,
+// at this distance from both [m]: such a line keeps it from the rest of them.
+void end_halves(Rim& rim, double distance, Vec3 along);
 
 // A point of a rim, with the unit tangent and the curvature vector of the rim there [1/m].
 struct RimPoint {

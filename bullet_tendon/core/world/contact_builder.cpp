@@ -54,6 +54,12 @@ constexpr double kNoBulge = 1e-5;
 // it has no nearest point [-]. Smaller: a coarse tendon is felt to turn at its particles.
 constexpr double kBend = 0.5;
 
+// Distance over that at which a tendon lies on an elliptic edge, up to which the edge keeps its shape where
+// the tendon touches both halves, over the tendon's clearance in the bore [-]. Smaller: where the tendon is
+// hardly wider than the narrow end, the surface on which its centreline lies bends too sharply for Newton's
+// method. Larger: the tendon is wedged where it only begins to touch both halves.
+constexpr double kRounded = 0.05;
+
 // Stiffness of a particle: across the tendon, from its inertia and the tension of both segments. along: its
 // springs add their slope, at least that at the reference strain.
 HeldBack held_at(const Tendon& c, int i, bool along) {
@@ -191,7 +197,11 @@ void carry(Contact& contact, const Tendon& c, const Link& link) {
 Rim foreseen_rim(const Rim& rim, const Link& link) {
   const Vec3 axis = unit_or(link.foreseen.turn * rim.axis, rim.axis);
   const Vec3 slope = without(link.foreseen.turn * rim.slope, axis);
-  return rim_of(foreseen_point(rim.centre, link), axis, rim.radius, slope, rim.half);
+  Rim foreseen = rim_of(foreseen_point(rim.centre, link), axis, rim.radius, slope);
+  foreseen.half = rim.half;
+  foreseen.end_c = rim.end_c;
+  foreseen.end_s = rim.end_s;
+  return foreseen;
 }
 
 // A particle as a point of a segment.
@@ -309,7 +319,7 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   const bool is_free = link.yields() && link.jacobian.empty() && !turns_far(link);
   if (surface.radius > 0 && !is_free)
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
-                                  cross(surface.normal, surface.along), surface.radius + kept, {}, 0);
+                                  cross(surface.normal, surface.along), surface.radius + kept, {});
   contact.geometry.margin = options.contact_threshold;
   contact.friction.coefficient = friction * c.friction;
   carry(contact, c, link);
@@ -704,7 +714,7 @@ void World::bore_contacts(int tendon, int t) {
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
-    contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}, 0), link);
+    contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}), link);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.bulge = bulge_of(c, i, mouths, kept);
     contact.geometry.normal =
@@ -765,7 +775,9 @@ void World::edge_contacts(const SegmentAtMouth& at, Rim rim) {
   const Vec3 a = c.predicted.at(at.segment) - link.foreseen_at(c.x.at(at.segment));
   const Vec3 b = c.predicted.at(at.segment + 1) - link.foreseen_at(c.x.at(at.segment + 1));
   const BentSegment ahead{a, b - a, {at.now.bend[0], at.now.bend[1]}};
-  if (rim.is_circle()) return mouth_contact(at, rim, nearest_to_rim(ahead, rim));
+  const double nearest = nearest_to_rim(ahead, rim), kept = distance_kept_from_edge(c, at.tunnel);
+  if (rim.is_circle()) return mouth_contact(at, rim, nearest);
+  end_halves(rim, kept + kRounded * std::max(0.0, rim.radius - kept), ahead.tangent(nearest));
   for (const int half : {1, -1}) {
     rim.half = half;
     mouth_contact(at, rim, nearest_to_rim(ahead, rim));
