@@ -94,16 +94,16 @@ class Scene:
         return self.energy() - self.begun - self.gyration
 
 
-# At pybullet's bounds of 100 m/s and 100 rad/s, on tendons whose ends move at kilometres per second: steps
-# that are not solved gain energy (limits in bullet_tendon/core/README.md).
-CUT_OFF = {199, 203}
+NO_STOPS_AGREE = 178  # no set of stopped spins agrees with its tendons' forces
 ROUNDING = 1e-15  # J
 
 
-@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 400), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "seeds", [range(40), [NO_STOPS_AGREE], pytest.param(range(40, 400), marks=pytest.mark.slow)]
+)
 def test_a_body_pulled_beside_its_centre_gains_no_energy(client, seeds):
     """What it turns by in a step is up to pybullet's own bounds: 100 rad/s about each axis."""
-    for seed in sorted(set(seeds) - CUT_OFF):
+    for seed in seeds:
         scene = Scene(client, seed)
         for _ in range(min(60, int(0.4 / scene.dt))):
             gained = scene.step()

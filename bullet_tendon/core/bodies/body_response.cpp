@@ -48,11 +48,11 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
 
 void GeneralizedBody::sense() {
   if (observer.has_acted()) doubt_stops();
-  const bool jointed = !limits.empty(), stops_known = !contacts.empty() && !stops_.slipped;
+  const bool jointed = !limits.empty();
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
   const double noise = is_stopped() ? kSolverNoise : 0;
-  observer.observe(rates, free, unforced(), {alone, jointed, stops_known, noise});
+  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise});
   take_owed();
   contacts_known = false;
 }

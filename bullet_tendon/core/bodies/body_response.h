@@ -34,6 +34,7 @@ struct Stop {
   // Way to a limit that is not reached yet, so that pybullet does not act on it; negative: behind it [m],
   // [rad].
   double ahead = 0;
+  bool dropped = false;  // it acted in this step, and does not any more
 };
 
 // The stops of a body in this step.
@@ -138,10 +139,16 @@ struct GeneralizedBody {
     return coordinates;
   }
   bool may_stop() const { return !stops_.all.empty(); }
+  // Whether contacts are predicted to stop it.
+  bool contacts_stop() const { return !contacts.empty() && !stops_.slipped; }
   bool is_stopped() const;
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
+  // Number of rates that are of its base, whose velocity pybullet integrates: 6, or 0 where it is fixed.
+  int base() const {
+    return gravity_response.empty() ? 0 : limits.empty() ? n() : static_cast<int>(limits[0]);
+  }
   // Learns from its motion since the last step.
   void sense();
   // Adds a generalized force of the user to those of this step.
@@ -200,7 +207,7 @@ struct GeneralizedBody {
   void doubt_stops();
   void find_stops(double dt);
   void add_stop(double wanted, int coordinate, double ahead = 0);
-  void admit_stops(const Numbers& forces, double dt);
+  bool admit_stops(const Numbers& forces, double dt);
   void find_pushes(const Numbers& forces, double dt);
   void pivot_stops();
   bool pybullet_falls_short(double dt);

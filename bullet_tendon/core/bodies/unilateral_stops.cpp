@@ -17,8 +17,9 @@
 // what contacts and motors do in the step. It needs joint_forces too where it falls short: pybullet cuts off
 // rates before its stops act, and ends its sweeps over several stops early.
 //
-// The cut-off itself would leave the other joints of a chain without its reactions. A joint is therefore
-// stopped at a rate below it, by joint_forces.
+// The cut-off itself would leave the other joints of a chain without its reactions, and a body that turns
+// less than was solved would be entered by the tendon that strikes it. A joint is therefore stopped at a rate
+// below it, by joint_forces, and so is the spin of a base about each axis of the world.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -55,8 +56,8 @@ constexpr double kLeastYield = 1e-3;
 // Response of a joint, as a share of that with all other joints held, below which its own motor holds it [-].
 constexpr double kLeastOfJoint = 0.5;
 
-// Rate at which joints are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off, which
-// would have no reactions.
+// Rate at which joints and spins are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off,
+// which would have no reactions.
 constexpr double kFastest = 0.99 * kMostRate;
 
 // Depth from which pybullet's rate at a limit does not correct depth (its split impulse) [rad], [m].
@@ -153,12 +154,18 @@ void GeneralizedBody::find_stops(double dt) {
     work_.direction[i] = limits[s + 1];
     add_stop(wanted, i, wanted > -kFastest ? -depth : kFastest);
   }
-  for (size_t c = 0; c < contacts.size() && !stops_.slipped; c += 7) {
+  for (size_t c = 0; c < contacts.size() && contacts_stop(); c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
     // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, rates);
     add_stop(stops_.rested ? now : rate_at_contact(contacts[c + 6], dt), -1);
   }
+  for (int i = 3; i < base(); ++i)
+    for (double side : {1, -1}) {
+      work_.direction.assign(n(), 0.0);
+      work_.direction[i] = side;
+      add_stop(-kFastest, i, kFastest);
+    }
 }
 
 // Computes lambda, starting from the stops of the last lambda.
@@ -232,26 +239,35 @@ const GeneralizedBody::Numbers& GeneralizedBody::rates_with(const Numbers& by_ro
 }
 
 // A stop of speed begins to act only where the rates of this solution exceed it. Forces on a joint that was
-// stopped would move it, free, by far more than they last.
-void GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
+// stopped would move it, free, by far more than they last: one that was dropped is not tried again, because
+// no set of stops may agree with forces that change with the rotation. What is faster already has a higher
+// cut-off (changeDynamics). Returns whether any stop may act.
+bool GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   work_.direction = forces;
   const Numbers& reached = rates_with(root, change, dt);
-  for (size_t a = 0; a < stops_.all.size(); ++a)
-    stops_.all[a].admitted = stops_.all[a].wanted > -kFastest || stops_.all[a].acts ||
-                             along(stops_.directions, a, reached) < -kFastest;
+  bool any = false;
+  for (size_t a = 0; a < stops_.all.size(); ++a) {
+    Stop& s = stops_.all[a];
+    s.admitted = s.wanted > -kFastest || s.acts ||
+                 (!s.dropped && along(stops_.directions, a, reached) < -kFastest &&
+                  along(stops_.directions, a, rates) >= -kMostRate);
+    any |= s.admitted;
+  }
+  return any;
 }
 
 // Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.all.size();
   bool other = false;
-  admit_stops(forces, dt);
+  if (!admit_stops(forces, dt)) return false;
   find_pushes(forces, dt);
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_.all[a];
     s.held_back = stops_.pushes[a] * work_.within[a * m + a];
     // It acts if it changes the rate by more than rounding.
     const bool acts = s.held_back > kRoundingShare * work_.whole[a];
+    s.dropped |= s.acts && !acts;
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;

@@ -40,7 +40,7 @@ struct StateFields {
   BT_FIELDS(CollisionFilter, inert_, tendons_, links_)
   BT_FIELDS(SpringState, lambda, elastic, slope, unrelaxed, memory)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
-  BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead)
+  BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead, dropped)
   BT_FIELDS(BodyStops, all, directions, pushes, unstopped, doubted, rested, slipped)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
