@@ -40,6 +40,7 @@ from .errors import InvalidType, InvalidValue
 from .generalized_bodies import (
     is_fixed,
     jacobians_and_mass,
+    joint_infos,
     link_pose,
     movable_joints,
     product,
@@ -161,6 +162,7 @@ class _Free:
     joints: list[int]
     links: list[int]  # -1 for the base, those that have mass or are touched
     masses: np.ndarray
+    infos: tuple  # of joint_infos
     limits: np.ndarray  # (joints, 2) lower and upper, infinite where there are none
 
 
@@ -185,6 +187,7 @@ class Equilibrium:
             for link in entry.links
             if (slot := bodies.find_slot(entry.body, link)) is not None
         ]
+        self.slots = [slot for *_, slot in self._slots]  # of the links of the free bodies
         self.free = frozenset(found)
         self._loads: dict[tuple[int, int], _Load] = {}
         for body, link, force, point, follows in forces:
@@ -201,7 +204,8 @@ class Equilibrium:
         body, chosen = entry if is_pair else (entry, None)
         self._bodies.require(body, -1, "bodies")
         body, client = int(body), self._client
-        movable = movable_joints(body, client)
+        infos = joint_infos(body, client)
+        movable = movable_joints(body, client, infos)
         links = list(range(-1, p.getNumJoints(body, client)))
         masses = np.array([p.getDynamicsInfo(body, link, client)[0] for link in links])
         if not movable:
@@ -209,11 +213,11 @@ class Equilibrium:
                 raise InvalidValue("bodies", entry, "a body with joints, or its id alone")
             if masses[0] == 0 or len(links) > 1:
                 raise InvalidValue("bodies", entry, "a single body with mass, or one with joints")
-            return _Free(body, list(range(6)), [], links, masses, np.zeros((0, 2)))
+            return _Free(body, list(range(6)), [], links, masses, infos, np.zeros((0, 2)))
         joints = movable if chosen is None else chosen
         if not isinstance(joints, (tuple, list)) or not set(joints) <= set(movable) or not joints:
             raise InvalidValue("bodies", entry, f"(bodyUniqueId, joints) with joints of {movable}")
-        kinds = [p.getJointInfo(body, joint, client)[2] for joint in movable]
+        kinds = [infos[joint][2] for joint in movable]
         if any(kind not in (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC) for kind in kinds):
             raise InvalidValue("bodies", entry, "a body whose joints are hinges and sliders")
         first = 0 if is_fixed(body, client) else 6
@@ -223,7 +227,7 @@ class Equilibrium:
         p.syncBodyInfo(client)  # limits that changeDynamics has changed
         limits = np.array([p.getJointInfo(body, joint, client)[8:10] for joint in joints])
         limits[limits[:, 0] > limits[:, 1]] = -np.inf, np.inf
-        return _Free(body, columns, list(joints), links, masses, limits)
+        return _Free(body, columns, list(joints), links, masses, infos, limits)
 
     def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
         centre, turn = link_pose(body, link, self._client)
@@ -256,11 +260,6 @@ class Equilibrium:
             for joint, angle, change in zip(entry.joints, angles, by, strict=True):
                 p.resetJointState(entry.body, joint, angle + change, 0, client)
         self._bodies.read()
-
-    @property
-    def slots(self) -> list[int]:
-        """Of the links of the free bodies."""
-        return [slot for *_, slot in self._slots]
 
     def _terms(self) -> _Terms | None:
         """Where the bodies are; None where the tendons do not come to rest."""
@@ -322,7 +321,7 @@ class Equilibrium:
     def _jacobians(self, entry: _Free) -> np.ndarray:
         if not entry.joints:
             return np.eye(6)[None]
-        found = jacobians_and_mass(entry.body, entry.links, self._client)
+        found = jacobians_and_mass(entry.body, entry.links, self._client, entry.infos)
         if found is None:
             raise InvalidType("bodies", entry.body, "a body on joints that are known")
         return found[0][:, :, entry.columns]
@@ -351,12 +350,14 @@ class Equilibrium:
 
     def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
         scale = self._scales()
-        self._put(self._place(), np.clip(0, *self._room()))
+        place = self._place()
+        self._put(place, np.clip(0, *self._room(place)))
         at, residual, may_rise = self._terms(), np.inf, self.tendons is None
         for count in range(max_steps):
             if at is None:
                 return False, count, float(residual)
-            room = self._room()
+            place = self._place()
+            room = self._room(place)
             free = ~_is_stopped(at.force, room)
             residual = np.abs(scale * at.force)[free].max(initial=0) / max(at.largest, 1e-300)
             if residual <= tolerance:
@@ -364,14 +365,14 @@ class Equilibrium:
             if not (np.isfinite(at.matrix).all() and np.isfinite(at.force).all()):
                 return False, count, float(residual)
             step = self._shortened(_step_within(room, free, at.matrix, at.force, scale), at)
-            at, fell = self._advance(at, step, may_rise)
+            at, fell = self._advance(at, place, step, may_rise)
             may_rise = fell and self.tendons is None
         return False, max_steps, float(residual)
 
-    def _room(self) -> np.ndarray:
+    def _room(self, place: list) -> np.ndarray:
         """(2, n) how far coordinates can move, down (<= 0) and up; beyond a limit, the way back to it."""
         room = []
-        for entry, (_, places) in zip(self._free, self._place(), strict=True):
+        for entry, (_, places) in zip(self._free, place, strict=True):
             room += [(-np.inf, np.inf)] * (len(entry.columns) - len(entry.joints))
             room += [*(entry.limits - np.array(places)[:, None])] if entry.joints else []
         return np.transpose(room)
@@ -391,12 +392,14 @@ class Equilibrium:
                 most = max(most, (moved * moved).sum(axis=1).max())
         return step * min(1.0, self.tendons.farthest / max(most**0.5, 1e-300))
 
-    def _advance(self, at: _Terms, step: np.ndarray, may_rise: bool) -> tuple[_Terms | None, bool]:
-        """Move by a share of the step that is small enough: the terms there, and whether it was.
+    def _advance(
+        self, at: _Terms, place: list, step: np.ndarray, may_rise: bool
+    ) -> tuple[_Terms | None, bool]:
+        """Move from a place by a share of the step that is small enough: the terms there, and whether it was.
 
         may_rise: the whole step is taken even if it was not.
         """
-        place, share, ahead, tries = self._place(), 1.0, at.force @ step, 0
+        share, ahead, tries = 1.0, at.force @ step, 0
         before = None if self.tendons is None else self.tendons.checkpoint()
         while True:
             if self.tendons is not None and share < 1:
@@ -428,7 +431,7 @@ class Equilibrium:
         """What makes forces [N] of the generalized forces."""
         out = []
         for entry in self._free:
-            kinds = [p.getJointInfo(entry.body, joint, self._client)[2] for joint in entry.joints]
+            kinds = [entry.infos[joint][2] for joint in entry.joints]
             if len(entry.columns) > len(entry.joints):
                 out += [1.0] * 3 + [1 / _LEVER] * 3
             out += [1 / _LEVER if kind == p.JOINT_REVOLUTE else 1.0 for kind in kinds]
@@ -445,7 +448,9 @@ def _step_within(room, free, matrix, force, scale) -> np.ndarray:
     """Newton's step of the coordinates that are free, up to where the first one comes to its limit."""
     while True:
         step = np.zeros(len(force))
-        if free.any():
+        if free.all():
+            step = _newton_step(matrix, force, scale)
+        elif free.any():
             step[free] = _newton_step(matrix[np.ix_(free, free)], force[free], scale[free])
         held = free & _is_stopped(step, room)
         if not held.any():
