@@ -12,9 +12,9 @@ Keyes 1998).
 
 import numpy as np
 
+from . import _core
 from .anchors import Attachment, Grip
 from .bodies import Bodies
-from .reports import Readouts
 from .states import States
 from .stepper import Stepper
 from .tendon import Tendon
@@ -32,14 +32,14 @@ class Relaxation:
 
     def __init__(
         self,
+        core: _core.World,
         stepper: Stepper,
         states: States,
-        readouts: Readouts,
         bodies: Bodies,
         tendons: tuple[Tendon, ...],
         alone: bool,
     ):
-        self._stepper, self._states, self._readouts, self._bodies = stepper, states, readouts, bodies
+        self._core, self._stepper, self._states, self._bodies = core, stepper, states, bodies
         self._tendons, self._alone = tendons, alone
         self._last_dt = _FIRST  # of the last step of `follow` [s]
         self.taken = 0  # steps so far
@@ -51,6 +51,7 @@ class Relaxation:
         kept = self._states.capture()
         start = {t: t.positions for t in self._tendons}
         try:
+            self._bodies.read()
             for t in self._tendons:
                 if self._alone:
                     self._lay_out(t, gravity)
@@ -71,14 +72,14 @@ class Relaxation:
     def follow(self, gravity, tolerance: float, max_steps: int, at_hand: float = 0.0) -> bool:
         """Bring the tendons to rest from where they are, after bodies have moved a little; whether they are.
 
-        at_hand: the largest force on the bodies [N]. The tolerance is of that where it is larger than the
-        tendons' own: a slack tendon has no force, and nothing that is small beside it. Nothing is taken back.
-        Raises what Stepper.hold raises.
+        The bodies are where they were read last. at_hand: the largest force on them [N]. The tolerance is of
+        that where it is larger than the tendons' own: a slack tendon has no force, and nothing that is small
+        beside it. Nothing is taken back. Raises what Stepper.hold raises.
         """
         start = {t: t.positions for t in self._tendons}
         first = min(_ENDLESS, self._last_dt)
         settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, keeps=False)
-        return bool(settled and self._stepper.report.converged)
+        return bool(settled)
 
     def _descend(
         self,
@@ -97,31 +98,37 @@ class Relaxation:
         through a bone would act on it.
         """
         stepper, dt = self._stepper, first
+        weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
+        heaviest = {t: float(t.masses.max()) for t in start}
         iterations, residual, settled, before = 0, np.inf, not start, start
         for _ in range(max_steps):
             self._last_dt = dt
             self.taken += 1
             before_it = None if keeps else stepper.checkpoint()
-            if not stepper.hold(dt, gravity):
+            report = stepper.hold(dt, gravity)
+            if report is None:
                 return None, iterations, residual
-            report = stepper.report
             iterations += report.iterations
             if not report.converged and before_it is not None:
                 stepper.take_back(before_it)
+                settled = False
                 dt /= _GROWTH
                 continue
             now = {t: t.positions for t in start}
             moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
             before = now
-            residual = max([report.residual, *(_inertia(t, moved[t], dt, gravity) for t in start)])
-            own = max((_at_hand(t, gravity) for t in start), default=0.0)
+            forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
+            inertia = [heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]  # keeps it from equilibrium
+            residual = max([report.residual, *inertia])
+            own = max(forces.values(), default=0.0)
             residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
             for t in start:
                 t._core.stop(t._slot)
             if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
                 return None, iterations, residual
-            settled = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
-            if report.converged and settled and self._depth() <= _DEPTH:
+            is_small = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
+            settled = report.converged and is_small
+            if settled and self._core.pressed_depth() <= _DEPTH:
                 break
             ratio = max((moved[t] / t.radius for t in start), default=0.0)
             too_far = ratio > _FARTHEST and not self._alone
@@ -130,11 +137,6 @@ class Relaxation:
             elif ratio < _NEAREST:
                 dt = min(dt * _GROWTH, _ENDLESS)
         return settled, iterations, residual
-
-    def _depth(self) -> float:
-        """Of the deepest contact, in radii of its tendon [-]."""
-        radii = {t._slot: t.radius for t in self._tendons}
-        return max((depth / radii[slot] for slot, depth in self._readouts.pressed_depths()), default=0.0)
 
     def _lay_out(self, tendon: Tendon, gravity) -> None:
         """Put a tendon that touches nothing where its segments have their rest lengths, hanging.
@@ -166,17 +168,6 @@ class Relaxation:
             origin, axes = self._bodies.frame(anchor.bodyUniqueId, anchor.linkIndex)
             return origin + axes @ anchor.position
         return anchor.target if isinstance(anchor, Grip) and anchor.stiffness is None else None
-
-
-def _inertia(tendon, moved: float, dt: float, gravity) -> float:
-    """Inertia force of the step over the largest force at hand [-]: what keeps it from equilibrium."""
-    return float(tendon.masses.max() * moved / dt**2 / _at_hand(tendon, gravity))
-
-
-def _at_hand(tendon, gravity) -> float:
-    """The largest force [N]."""
-    weight = tendon.masses.sum() * np.linalg.norm(gravity)
-    return max(float(np.abs(tendon.tension).max()), weight, 1e-300)
 
 
 def _span(a, b, rest, load) -> np.ndarray:

@@ -189,12 +189,6 @@ class Readouts:
         names = {slot: t.name for slot, t in self._tendons.items()}
         return contact_table(self._core.contacts(), names, self._bodies.links)
 
-    def pressed_depths(self) -> list[tuple[int, float]]:
-        """(slot of the tendon, depth) of each contact of the last step that has a normal force [m]."""
-        records = self._core.contacts()
-        distance, force = (11 + CONTACT.names[8:].index(name) for name in ("distance", "normal_force"))
-        return [(int(of[0]), -of[distance]) for of in records.tolist() if of[force] > 0]
-
     def wrench(self, body: int, link: int) -> np.ndarray:
         """See TendonWorld.wrench."""
         self._bodies.require(body, link)

@@ -131,20 +131,21 @@ class Stepper:
         """The last step is not solved again: the bodies were moved since."""
         self._core.forbid_resolve()
 
-    def hold(self, dt: float, gravity: tuple) -> bool:
-        """One step of dt [s] in which bodies neither move nor yield; whether it was solved.
+    def hold(self, dt: float, gravity: tuple) -> _core.Report | None:
+        """One step of dt [s] in which bodies neither move nor yield: what the core reports of it.
 
-        False only where it could not be solved and the options say to go on. Raises what apply raises.
+        They are where they were read last. None only where the step could not be solved and the options say
+        to go on. Raises what apply raises.
         """
         if self._placement.new:
             self._placement.look()
-        sense = self._sense if self._links else None
-        solved = self._core.hold(dt, gravity, sense, self._measure)
+        solved = self._core.hold(dt, gravity, self._measure)
         self._is_read = False
         self._bullet = self._react = 0.0
         if not solved:
             self._give_up()
-        return solved
+            return None
+        return self._core.report()
 
     def checkpoint(self) -> _core.Checkpoint:
         """The state of the core, for take_back."""
@@ -177,15 +178,15 @@ class Stepper:
         name = "?" if worst is None else worst.name
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
 
-    def _sense(self, dt: float, gravity: tuple, held: bool = False) -> None:
+    def _sense(self, dt: float, gravity: tuple) -> None:
         """Read where links are and how they respond; correct a last step with a release or a sudden pull."""
         self._bodies.read()
-        if not self._core.sense(dt, gravity, held) or held:
+        if not self._core.sense(dt, gravity):
             return  # nothing is held that could be released
         for slot in self._bodies.unheld():
             self._core.let_go(slot)
         if self._resolve_previous_step():
-            self._core.sense(dt, gravity, False)
+            self._core.sense(dt, gravity)
 
     def _resolve_previous_step(self) -> bool:
         """Correct a step in which a body was released, or pulled by a force that was not predicted.

@@ -1008,7 +1008,7 @@ class TendonWorld(NotCopied):
 
     def _relaxation(self) -> Relaxation:
         alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
-        return Relaxation(self._stepper, self._states, self._readouts, self._bodies, self.tendons, alone)
+        return Relaxation(self._core, self._stepper, self._states, self._bodies, self.tendons, alone)
 
     def _checked_force(self, body, link, force, point, flags) -> tuple:
         """Body, link, force (3,), point (3,), and whether these are in the link's inertial frame."""

@@ -368,6 +368,7 @@ def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world
         turned = (Rotation.from_rotvec(twist[3:]) * Rotation.from_quat(turn)).as_quat()
         p.resetBasePositionAndOrientation(bodies[k], np.add(centre, twist[:3]), turned, client)
         kept = world.save_state()
+        world._bodies.read()
         for _ in range(12):
             world._stepper.hold(1e4 if scene == "slung" else 1.0, (0, 0, -G))
             tendon._core.stop(tendon._slot)
@@ -418,6 +419,7 @@ def test_the_stiffness_of_tendons_knows_that_mouths_move_and_turn(make_world, cl
     def wrench(twist):
         turned = (Rotation.from_rotvec(twist[3:]) * Rotation.from_quat(turn)).as_quat()
         p.resetBasePositionAndOrientation(bone, np.add(centre, twist[:3]), turned, client)
+        world._bodies.read()
         for _ in range(6):
             assert rest.follow((0, 0, 0), 1e-9, 60)
         found = world._core.wrenches()[slots[0]].copy()

@@ -432,8 +432,8 @@ bool any_held(const World& w) {
 void bind_world_bodies(GuardedWorld& world) {
   world
       .def("sense",
-           [](World& w, double dt, Vec3 gravity, bool held) {
-             w.sense(dt, gravity, held);
+           [](World& w, double dt, Vec3 gravity) {
+             w.sense(dt, gravity, false);
              return any_held(w) || !w.released_bodies().empty() || !w.pulled_bodies().empty();
            })
       .def("released_bodies", &World::released_bodies)

@@ -95,6 +95,14 @@ std::vector<std::array<double, 14>> contacts(const World& w) {
   return out;
 }
 
+// Depth of the deepest contact that has a normal force, in radii of its tendon [-].
+double pressed_depth(const World& w) {
+  double most = 0;
+  for (const ContactRecord& c : w.contacts())
+    if (c.normal_force > 0) most = std::max(most, -c.distance / w.scene.tendons[c.tendon]->radius);
+  return most;
+}
+
 }  // namespace
 
 void bind_world_collision(GuardedWorld& world) {
@@ -120,7 +128,8 @@ void bind_world_collision(GuardedWorld& world) {
            })
       .def("collides", [](World& w, int c) { return !w.scene.filter.is_inert(c); })
       .def("link_collides", [](World& w, int c, int link) { return w.scene.filter.meets_link(c, link); })
-      .def("contacts", &contacts);
+      .def("contacts", &contacts)
+      .def("pressed_depth", &pressed_depth);
 }
 
 }  // namespace bt

@@ -75,10 +75,9 @@ bool step(World& w, double dt, Vec3 gravity, bool whole, const py::object& measu
   return w.step(dt, gravity, whole, oracle);
 }
 
-// sense(dt, gravity, whole) reads the bodies, before the step; None: there are none. The interpreter is given
-// to other threads only after that: every time it is given away, this thread waits for it again.
-bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& sense,
-             const py::object& measure) {
+// sense(dt, gravity) reads the bodies, before the step; None: there are none. The interpreter is given to
+// other threads only after that: every time it is given away, this thread waits for it again.
+bool attempt(World& w, double dt, Vec3 gravity, const py::object& sense, const py::object& measure) {
   PythonOracle oracle(measure);
   std::optional<Unlocked> unlocked;
   std::function<void()> read;
@@ -86,10 +85,10 @@ bool attempt(World& w, double dt, Vec3 gravity, bool whole, const py::object& se
     unlocked.emplace();
   else
     read = [&] {
-      sense(dt, gravity, whole);
+      sense(dt, gravity);
       unlocked.emplace();
     };
-  return w.attempt(dt, gravity, whole, oracle, read);
+  return w.attempt(dt, gravity, false, oracle, read);
 }
 
 // Result of `apply`.
@@ -114,13 +113,16 @@ int apply(World& w, const py::dict& parameters, const py::object& sense, const p
     if (!std::isfinite(values[k])) return kBadParameters;
   }
   if (!(values[0] > 0)) return kBadParameters;
-  if (!attempt(w, values[0], {values[1], values[2], values[3]}, false, sense, measure)) return kFailed;
+  if (!attempt(w, values[0], {values[1], values[2], values[3]}, sense, measure)) return kFailed;
   return w.report().coarse_tendon < 0 && w.report().flat_cartilage < 0 ? kSolved : kSolvedToTell;
 }
 
-// A step of another length, which is not divided, and in which bodies neither move nor yield.
-bool hold(World& w, double dt, Vec3 gravity, const py::object& sense, const py::object& measure) {
-  return attempt(w, dt, gravity, true, sense, measure);
+// A step of another length, which is not divided, and in which bodies neither move nor yield. They are where
+// they were read last.
+bool hold(World& w, double dt, Vec3 gravity, const py::object& measure) {
+  PythonOracle oracle(measure);
+  Unlocked unlocked;
+  return w.attempt(dt, gravity, true, oracle, [&] { w.sense(dt, gravity, true); });
 }
 
 // (6 k, 6 k); None where the last step that held the bodies has not found it.
