@@ -252,7 +252,8 @@ class Bodies:
         for slot in sorted(gone & self._in_use()):
             body = self.links[slot][0]
             raise UnknownId("bodyUniqueId", body, "a body that was not removed: release what refers to it")
-        self.forget(gone)
+        if gone:
+            self.forget(gone)
 
     def frame(self, body: int, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the URDF link frame in the world."""

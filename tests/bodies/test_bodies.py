@@ -251,3 +251,18 @@ def test_released_attachments_put_no_force_on_the_body(make_world, client):
     world.step()
     assert (world.wrench(body) == 0).all()
     assert (a.force == 0).all()
+
+
+def test_bodies_are_listed_anew_once_after_one_was_removed(make_world, client):
+    world = make_world(1 / 240, (0, 0, -G))
+    world.add_tendon([[0, 0, 0], [LENGTH, 0, 0]], RADIUS, ROPE, 4).grip(0)
+    bodies = [ball(client, (0, y, 0)) for y in (1.0, 2.0)]
+    for body in bodies:
+        world.add_obstacle(body)
+    world.step()
+    world.remove_obstacle(bodies[0])
+    p.removeBody(bodies[0], client)
+    world.step()
+    listed = world._bodies._generalized()
+    world.step()
+    assert world._bodies._generalized() is listed
