@@ -94,6 +94,7 @@ class Bodies:
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
         self._awake: set[int] = set()  # bodies on which wrenches acted in the last step
         self._since_woken = 0.0  # [s]
+        self.revision = 0  # of what slots mean
 
     def require_client(self) -> None:
         """Raise UnknownId where the client was disconnected."""
@@ -123,6 +124,7 @@ class Bodies:
             return known
         mark = self._marks.mark(key[0])
         self._bodies = None
+        self.revision += 1
         if self._unused:
             slot = min(self._unused)
             self._unused.discard(slot)
@@ -153,6 +155,10 @@ class Bodies:
 
     def slots_of(self, body: int) -> set[int]:
         return {s for (b, _), s in self._slots.items() if b == body and not self.is_gone(s)}
+
+    def marks_read(self) -> set[tuple[int, bytes]]:
+        """The marks of bodies without which `read` raises, or changes what slots mean."""
+        return {self._mark_of[slot] for slot in self._used()}
 
     def marked_links(self) -> tuple:
         """Body, link and the body's mark by slot; None for slots not in use."""
@@ -243,6 +249,7 @@ class Bodies:
         self._unused |= slots
         self._slots = {key: slot for key, slot in self._slots.items() if slot not in slots}
         self._bodies = None
+        self.revision += 1
 
     def require_alive(self) -> None:
         """Forget bodies that were removed and that nothing refers to; raise UnknownId for others."""

@@ -4,7 +4,6 @@ Owns: the frames, until they are a Recording. Goes with no room of the core. A f
 arrays: what they mean is worked out when somebody asks for the recording.
 """
 
-import itertools
 import sys
 from collections.abc import Callable
 from os import PathLike
@@ -268,11 +267,11 @@ class Recorder(NotCopied):
     def _read(self, values: dict, at_once: bool) -> _Frame:
         world = self._world
         is_known = world._tendons == self._tendons and world._ligaments is self._ligaments
-        if not is_known or world._bodies.links != self._links:
+        if not is_known or world._bodies.revision != self._revision:
             self._look()
         frame = _Frame()
         frame.time, frame.step, frame.scalars, frame.layout = self.time, self.steps, values, self._layout
-        frame.bodies = self._seen.present()
+        frame.bodies = self._seen.present(at_once)
         standing = world._bodies.standing() if at_once else {}
         frame.bytes = _FRAME_BYTES
         if standing != self._standing:
@@ -287,9 +286,10 @@ class Recorder(NotCopied):
         """See which tendons, ligaments and links there are."""
         world = self._world
         self._tendons, self._ligaments = dict(world._tendons), world._ligaments
-        self._links = list(world._bodies.links)
+        self._revision = world._bodies.revision
+        self._seen.read_by_steps(world._bodies.marks_read())
         tendons = tuple((tendon, slot, tendon.particles) for slot, tendon in sorted(self._tendons.items()))
-        self._layout = _Layout(tendons, tuple(self._links), self._ligaments)
+        self._layout = _Layout(tendons, tuple(world._bodies.links), self._ligaments)
 
     def _thin(self) -> None:
         """Give up every second frame, and keep half as many from now on."""
@@ -317,18 +317,26 @@ class _Bodies:
 
     def __init__(self, client: int):
         self._client = client
-        self._clients = itertools.repeat(client)
-        self._ids: tuple[int, ...] = ()
         self._present: dict[int, tuple[int, list[int]]] = {}  # number and joints, by id
         self._marks = Marks(client)
         self._mark_of: dict[int, tuple[int, bytes]] = {}  # by id
+        self._read: set[tuple[int, bytes]] = set()  # marks of bodies that steps read
+        self._others: list[tuple[int, bytes]] = []  # those of the others
         self.seen: list[_Sight] = []  # by number
 
-    def present(self) -> dict[int, tuple[int, list[int]]]:
-        """By id, the number and the joints of each body that is there."""
-        ids = tuple(map(p.getBodyUniqueId, range(p.getNumBodies(self._client)), self._clients))
-        if ids != self._ids or not self._marks.all_hold(self._mark_of.values()):
-            self._look(ids)
+    def read_by_steps(self, marks: set[tuple[int, bytes]]) -> None:
+        """Steps read the bodies that carry these marks, and see that they are there."""
+        self._read = marks
+        self._others = [mark for mark in self._mark_of.values() if mark not in marks]
+
+    def present(self, at_once: bool) -> dict[int, tuple[int, list[int]]]:
+        """By id, the number and the joints of each body that is there.
+
+        at_once: nothing has come or gone since the last step began.
+        """
+        marks = self._others if at_once else self._mark_of.values()
+        if p.getNumBodies(self._client) != len(self._mark_of) or not self._marks.all_hold(marks):
+            self._look()
         return self._present
 
     def poses(self, standing: dict[int, tuple]) -> tuple[list, list]:
@@ -341,13 +349,14 @@ class _Bodies:
                 links += p.getLinkStates(body, joints, 0, 1, client)
         return bases, links
 
-    def _look(self, ids: tuple[int, ...]) -> None:
+    def _look(self) -> None:
+        ids = [p.getBodyUniqueId(i, self._client) for i in range(p.getNumBodies(self._client))]
         known = {
             body: found for body, found in self._present.items() if self._marks.holds(self._mark_of[body])
         }
         self._present = {body: known[body] if body in known else self._meet(body) for body in ids}
         self._mark_of = {body: self._marks.mark(body) for body in ids}
-        self._ids = ids
+        self.read_by_steps(self._read)
 
     def _meet(self, body: int) -> tuple[int, list[int]]:
         client = self._client

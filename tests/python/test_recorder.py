@@ -301,6 +301,25 @@ def test_another_body_of_the_same_id_is_another_track(make_world, frame_between)
         np.testing.assert_allclose(np.ptp(track.meshes[0].vertices, axis=0), 2 * half, rtol=1e-6)
 
 
+def test_a_body_that_steps_no_longer_read_is_known_from_its_successor(make_world):
+    world = make_world()
+    client = world.physicsClientId
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.01, physicsClientId=client)
+    bodies = [p.createMultiBody(0, shape, basePosition=(x, 0, 0), physicsClientId=client) for x in (0.0, 0.1)]
+    for body in bodies:
+        world.add_obstacle(body)
+    recorder = bt.Recorder(world, every=1)
+    world.step()
+    world.remove_obstacle(bodies[1])
+    world.step()
+    p.removeBody(bodies[1], client)
+    again = p.createMultiBody(0, shape, basePosition=(0.2, 0, 0), physicsClientId=client)
+    assert again == bodies[1]
+    world.step(2)
+    found = [(track.bodyUniqueId, track.frames.tolist()) for track in recorder.recording.links]
+    assert found == [(bodies[0], [0, 1, 2, 3, 4]), (again, [0, 1, 2]), (again, [3, 4])]
+
+
 def test_a_frame_that_cannot_be_read_takes_no_other_away():
     client = p.connect(p.DIRECT)
     world = world_in(client, 1 / 240, (0, 0, 0))
