@@ -316,7 +316,10 @@ Next decide(Solution& s, const Assembly& a, int start) {
     s.start_anew();
     return Next::judge;
   }
-  if (s.iteration - start >= s.options().max_iterations || s.idle > kPatience) return Next::stop;
+  if (s.iteration - start >= s.options().max_iterations) return Next::stop;
+  // The potential of a descent falls, also where a tendon buckles and the residual grows. Where the substep
+  // cannot be cut, that is the only way on.
+  if (s.idle > kPatience && (!s.descends || s.context.may_halve)) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
   if (!s.descends && a.residual > kDivergence * std::max(s.smallest, s.first)) return Next::stop;
