@@ -140,3 +140,21 @@ def test_a_body_hung_by_its_tunnel_takes_few_iterations(make_world, client):
         iterations.append(world.report.iterations)
     assert "mouth" in set(world.contacts["kind"])
     assert np.mean(iterations) <= 9
+
+
+@pytest.mark.parametrize("options", [{}, {"integrator": "bdf2"}], ids=["euler", "bdf2"])
+def test_a_body_that_hangs_on_an_end_fixed_in_its_bore_is_foreseen_at_rest(make_world, client, options):
+    """The end is aimed at where the body would fall to. What is beside it is not."""
+    mass = 0.1
+    world = make_world(DT, (0, 0, -9.81), sleep=False, **options)
+    body = heavy(client, mass)
+    for z in (-0.03, 0.02):
+        world.add_tunnel(body, -1, [0, 0, z], [0, 0, z + 0.006], 0.002)
+    t = world.add_tendon([[0, 0, 0.2], [0, 0, -0.025]], 0.001, bt.Material(stiffness=5e3, damping=2.0), 60)
+    t.grip(0)
+    t.attach(-1, body, -1, [0, 0, -0.025])
+    world.step(120)
+    for _ in range(20):
+        world.step()
+        assert world.report.reasons == {}
+    assert t.tension[-1] == pytest.approx(9.81 * (mass + t.masses[-1]), rel=1e-6)

@@ -73,7 +73,6 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
     for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
   }
   c.begin_tissue(method == Integrator::explicit_euler ? 0 : context.tissue_time);
-  c.place_anchors();
 }
 
 BT_VECTOR void find_velocities(Tendon& c) {

@@ -39,7 +39,7 @@ struct StepContext {
   Options options;
 };
 
-// Computes the history, the inertial target y, the starting guess and the rigid anchors' particles of a
+// Computes the history, the inertial target y and the starting guess of a
 // tendon.
 void begin_step(Tendon& c, const StepContext& context);
 

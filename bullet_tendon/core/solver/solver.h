@@ -11,8 +11,8 @@
 // solve_linear, for tendon.dx and dy of the bodies (solver/linear_solve.cpp, solver/body_schur.h);
 // solve_limits, which corrects them (solver/friction_limits.cpp).
 //
-// Before: begin_step (integrator/scheme.h) has computed h_eff, the inertial target, the guess tendon.x_new
-// and the rigid anchors' particles of every tendon. The contacts have their geometry and their multipliers.
+// Before: begin_step (integrator/scheme.h) has computed h_eff, the inertial target and the guess tendon.x_new
+// of every tendon, and rigid anchors are placed. The contacts have their geometry and their multipliers.
 // After: tendon.x_new, tendon.v_new, the multipliers, the forces of anchors and contacts, and island.result
 // are those of the solution. tendon.x and tendon.v are unchanged: the Substepper decides whether the solution
 // becomes the state.

@@ -166,7 +166,6 @@ void go_with_bores(const Scene& scene, Tendon& c, double dt) {
   if (!any) return;
   std::fill(off.begin() + last, off.end(), off[last]);
   for (int i = 0; i < c.n(); ++i) c.place(i, c.x_new.at(i) + off[i]);
-  c.place_anchors();
 }
 
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
@@ -187,6 +186,7 @@ void World::predict() {
     aim_grips(c, step_.substeps.share_left(), step_.whole ? 0 : step_.context.dt);
     begin_step(c, step_.context);
     if (step_.substeps.is_whole() && carries(options)) go_with_bores(scene, c, step_.context.dt);
+    c.place_anchors();
     c.predict();
     expect_carried(c);
   }
