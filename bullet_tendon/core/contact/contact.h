@@ -196,6 +196,7 @@ struct Contact {
 struct HeldBack {
   double stiffness = 0;  // tangent stiffness there, inertia included [N/m]
   double inertia = 0;    // mass of the particles there over h_eff^2 [N/m]
+  double arc = 0;        // of all particles along a round surface together, away from it [N/m]
 };
 
 // Hash of a key. The sum of the hashes identifies a set of keys. The multipliers are those of 64-bit FNV-1a

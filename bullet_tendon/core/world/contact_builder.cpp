@@ -20,12 +20,6 @@ namespace {
 // origin decides about what slides.
 constexpr double kContactRatio = 60.0;
 
-// Additional stiffness of a contact with a round surface, over that with which the segments, which turn
-// there, resist being moved away from it [-]. All contacts along an arc part together where a load ends in a
-// step: a gap of each stretches the tendon. Larger: the active set takes more iterations. Smaller: such gaps
-// take multiplier updates.
-constexpr double kArcRatio = 2.0;
-
 // Largest depth that one step corrects, in radii [-]. Depth over dt is a velocity, which remains after the
 // step. Larger: a tendon that was placed inside a bone leaves it at high speed. Smaller: the correction takes
 // longer.
@@ -92,13 +86,13 @@ HeldBack mean_of(const HeldBack& a, const HeldBack& b) {
   return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia)};
 }
 
-// Stiffness with which both segments resist motion of the particle between them along the normal, because
-// they turn there [N/m].
-double stiffness_by_turn(const Tendon& c, int i, Vec3 normal) {
+// Stiffness of a particle on a round surface where all along the arc part from it together, as where a load
+// ends: a gap stretches each segment by itself times the angle of the turn [N/m].
+double stiffness_of_arc(const Tendon& c, int i, Vec3 normal) {
   if (i == 0 || i == c.n() - 1) return 0;
   auto direction = [&](int k) { return unit_or(c.x.at(k + 1) - c.x.at(k), {}); };
-  const double half = 0.5 * dot(direction(i) - direction(i - 1), normal);
-  return half * half * (c.structure.slope[i - 1] + c.structure.slope[i]);
+  const double turn = dot(direction(i) - direction(i - 1), normal);
+  return 0.5 * turn * turn * (c.structure.slope[i - 1] + c.structure.slope[i]);
 }
 
 // Whether a shape is nearer to the interior of segment k than to its ends, which have contacts of their own.
@@ -341,13 +335,9 @@ double World::depth_to_leave(const Contact& contact, double most) const {
 void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *step_.slots[tendon_slot];
   contact.geometry.radius = c.radius;
-  finish_contact(contact, held_at(c, particle, !carries(options)), c.radius);
-  NormalForce& force = contact.normal_force;
-  // In steps that hold the bodies no load ends, and the bodies' equilibrium takes the contacts into its
-  // matrix (world/tendon_stiffness.cpp): relax would fail with stiffer ones.
-  if (step_.whole || !contact.is_round() || force.first_stiffness == 0) return;
-  force.stiffness += kArcRatio * stiffness_by_turn(c, particle, contact.geometry.normal);
-  force.first_stiffness = force.stiffness;
+  HeldBack held = held_at(c, particle, !carries(options));
+  if (contact.is_round()) held.arc = stiffness_of_arc(c, particle, contact.geometry.normal);
+  finish_contact(contact, held, c.radius);
 }
 
 void World::finish_pair(Contact& contact) {
@@ -365,7 +355,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   else if (!carries)  // without multipliers only stiffness limits the depth
     contact.normal_force.stiffness = kSpringRatio * held.stiffness;
   else
-    contact.normal_force.stiffness = kContactRatio * held.stiffness;
+    contact.normal_force.stiffness = kContactRatio * held.stiffness + held.arc;
   // The inertia term makes a particle without tension stick before it gains speed.
   contact.friction.stiffness = carries ? kStickingRatio * held.stiffness + kLooseTangentRatio * held.inertia
                                        : kSpringTangentRatio * held.stiffness;
