@@ -7,7 +7,8 @@ residual is the static one. A tendon that can touch nothing is taken there at on
 something to touch, positions must not jump over it: then steps of growing length are taken, each
 from rest. They are shortened where particles move by more than a share of the radius, or where a step
 does not converge, and lengthened where particles move little (pseudo-transient continuation, Kelley and
-Keyes 1998).
+Keyes 1998). Where bodies come to rest as well, the steps grow from place to place: in short ones damping
+holds the tendons back, which Newton's matrix of the bodies' equilibrium does not know.
 """
 
 import numpy as np
@@ -101,7 +102,7 @@ class Relaxation:
         weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
         heaviest = {t: float(t.masses.max()) for t in start}
         iterations, residual, settled, before = 0, np.inf, not start, start
-        for _ in range(max_steps):
+        for count in range(max_steps):
             self._last_dt = dt
             self.taken += 1
             before_it = None if keeps else stepper.checkpoint()
@@ -128,7 +129,8 @@ class Relaxation:
                 return None, iterations, residual
             is_small = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
             settled = report.converged and is_small
-            if settled and self._core.pressed_depth() <= _DEPTH:
+            is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
+            if is_at_rest and count > 0:
                 break
             ratio = max((moved[t] / t.radius for t in start), default=0.0)
             too_far = ratio > _FARTHEST and not self._alone
@@ -136,6 +138,9 @@ class Relaxation:
                 dt /= _GROWTH
             elif ratio < _NEAREST:
                 dt = min(dt * _GROWTH, _ENDLESS)
+            if is_at_rest:  # after one step: `follow` begins with a longer one, in which less is damped
+                self._last_dt = dt
+                break
         return settled, iterations, residual
 
     def _lay_out(self, tendon: Tendon, gravity) -> None:

@@ -338,6 +338,21 @@ def test_two_weights_over_a_drum(make_world, client, particles):
     assert at_rest(world, [light, heavy], client, most=1e-6)
 
 
+def test_a_damped_tendon_is_followed_as_fast_as_one_without_damping(make_world, client):
+    """Newton's matrix is that of tendons at rest: steps in which they are damped would mislead it."""
+    world = make_world(1 / 240, (0, 0, -G))
+    body = hung(world, client)
+    material = bt.Material(stiffness=1e5, damping=1e5)
+    tendon = world.add_tendon([(0.06, 0, 0), (0.02, 0, -0.1)], 0.002, material, particles=20)
+    tendon.attach(0, 0)
+    tendon.attach(-1, body)
+    world.relax(bodies=[body], tolerance=1e-9)
+    for force, without in (((5, 3, 0), 13), ((5, -3, -10), 13), ((0, 0, -20), 7)):
+        centre = p.getBasePositionAndOrientation(body, client)[0]
+        world.relax(bodies=[body], tolerance=1e-9, forces=[(body, -1, force, centre, p.WORLD_FRAME)])
+        assert world.report.converged and world.report.iterations <= without + 4
+
+
 def slung(world, client):
     """Two weights on one tendon, which sags between two grips."""
     bodies = [
