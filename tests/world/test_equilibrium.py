@@ -353,6 +353,36 @@ def test_a_damped_tendon_is_followed_as_fast_as_one_without_damping(make_world, 
         assert world.report.converged and world.report.iterations <= without + 4
 
 
+ON_A_CYLINDER = [  # N, coefficient, particles, mass [kg], radius of the cylinder, of the tendon, lengths [m]
+    (3e3, 0.08, 53, 0.08, 0.0135, 2.5e-3, 0.03, 0.095),
+    (5e4, 0.11, 64, 1.2, 0.012, 8e-4, 0.14, 0.072),
+    (8e4, 0.4, 31, 0.12, 0.0105, 1.4e-3, 0.046, 0.14),
+]
+
+
+@pytest.mark.parametrize("stiffness, friction, particles, mass, big, small, held, hanging", ON_A_CYLINDER)
+def test_a_weight_over_a_cylinder_with_friction(
+    make_world, client, stiffness, friction, particles, mass, big, small, held, hanging
+):
+    """While the tendon is slack, contacts as stiff as in other steps would leave solutions unconverged."""
+    world = make_world(1 / 240, (0, 0, -G))
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=big, height=0.1, physicsClientId=client)
+    lying = p.getQuaternionFromEuler((math.pi / 2, 0, 0))
+    drum = p.createMultiBody(0, shape, -1, (0, 0, 0), lying, physicsClientId=client)
+    world.add_obstacle(drum, friction=1.0)
+    side, turn = big + small + 5e-4, np.linspace(math.pi, 0, 30)
+    arc = np.stack([side * np.cos(turn), 0 * turn, side * np.sin(turn)], axis=1)
+    points = [(-side, 0, -held), *arc, (side, 0, -hanging)]
+    material = bt.Material(stiffness=stiffness, damping=1, friction=friction)
+    tendon = world.add_tendon(points, small, material, particles)
+    weight = block(client, mass, (side, 0, -hanging - 0.01), (0.005, 0.005, 0.005))
+    tendon.grip(0)
+    tendon.attach(-1, weight)
+    world.relax(bodies=[weight])
+    assert world.report.converged
+    assert tendon.tension[-1] == pytest.approx(mass * G, rel=0.01)
+
+
 def slung(world, client):
     """Two weights on one tendon, which sags between two grips."""
     bodies = [

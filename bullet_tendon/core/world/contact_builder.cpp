@@ -336,7 +336,8 @@ void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
   const Tendon& c = *step_.slots[tendon_slot];
   contact.geometry.radius = c.radius;
   HeldBack held = held_at(c, particle, !carries(options));
-  if (contact.is_round()) held.arc = stiffness_of_arc(c, particle, contact.geometry.normal);
+  // In steps that hold the bodies no load ends, and without inertia stiffer contacts take more iterations.
+  if (contact.is_round() && !step_.whole) held.arc = stiffness_of_arc(c, particle, contact.geometry.normal);
   finish_contact(contact, held, c.radius);
 }
 
