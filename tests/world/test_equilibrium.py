@@ -338,6 +338,22 @@ def test_two_weights_over_a_drum(make_world, client, particles):
     assert at_rest(world, [light, heavy], client, most=1e-6)
 
 
+@pytest.mark.parametrize("particles", [40, 80])
+@pytest.mark.parametrize("friction", [0.2, 0.3, 0.5])
+def test_two_weights_over_a_rough_drum(make_world, client, friction, particles):
+    """Friction holds what it can; the ligament bears the rest. No contact gives way from place to place."""
+    world = make_world(1 / 240, (0, 0, -G))
+    tendon, line, light, heavy = over_a_drum(world, client, friction, particles)
+    world.relax(bodies=[light, heavy])
+    assert world.report.converged
+    assert world.report.iterations <= 80
+    below, above = sorted(tendon.tension[[0, -1]])
+    assert above == pytest.approx(2 * G, rel=3e-3)
+    assert below == pytest.approx(1.0 * G + line.force, rel=3e-3)
+    assert above <= 1.01 * math.exp(friction * math.pi) * below
+    assert at_rest(world, [light, heavy], client, most=1e-6)
+
+
 def test_a_damped_tendon_is_followed_as_fast_as_one_without_damping(make_world, client):
     """Newton's matrix is that of tendons at rest: steps in which they are damped would mislead it."""
     world = make_world(1 / 240, (0, 0, -G))

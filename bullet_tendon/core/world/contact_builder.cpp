@@ -419,14 +419,16 @@ void World::recall(Contact& contact, double inertia) {
   const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
       bt::carries(options) && options.contact_stiffness == 0;  // the paper's spring has no multiplier
-  contact.friction.anchor = without(turn * found->tangent_anchor, contact.geometry.normal);
+  // It stays in the plane in which it was found. The point where this contact was detected may be far along
+  // its segment from the one that touches: in the plane there, it would lose a part in every step.
+  contact.friction.anchor = turn * found->tangent_anchor;
   // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
     const double per_inertia = kStickingRatio + kLooseTangentRatio;
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
   }
-  contact.friction.anchor += without(moved_since_held(contact), contact.geometry.normal);
+  contact.friction.anchor += moved_since_held(contact);
   contact.normal_force.lambda_previous = found->lambda;
   contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;
