@@ -117,12 +117,16 @@ class Relaxation:
                 continue
             now = {t: t.positions for t in start}
             moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
-            before = now
             forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
-            inertia = [heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]  # keeps it from equilibrium
-            residual = max([report.residual, *inertia])
+            # What keeps it from equilibrium in this step alone: inertia and damping. Beside bodies that move,
+            # the next step is a longer one in any case.
+            passing = [heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]
+            if keeps:
+                passing += [_damping(t, last, now[t], dt) / forces[t] for t, last in before.items()]
+            residual = max([report.residual, *passing])
             own = max(forces.values(), default=0.0)
             residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
+            before = now
             for t in start:
                 t._core.stop(t._slot)
             if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
@@ -173,6 +177,16 @@ class Relaxation:
             origin, axes = self._bodies.frame(anchor.bodyUniqueId, anchor.linkIndex)
             return origin + axes @ anchor.position
         return anchor.target if isinstance(anchor, Grip) and anchor.stiffness is None else None
+
+
+def _damping(tendon: Tendon, x, x_new, dt: float) -> float:
+    """Largest force of damping in taut segments, in a step of dt from x to x_new (n, 3) [N]."""
+    if tendon.material.damping == 0:
+        return 0.0
+    before, after = (np.linalg.norm(np.diff(at, axis=0), axis=1) for at in (x, x_new))
+    rates = np.abs(after - before) / tendon._core.rest(tendon._slot) / dt
+    fastest = float(rates[tendon.tension > 0].max(initial=0.0))
+    return tendon.material.damping * fastest**tendon.material.damping_exponent
 
 
 def _span(a, b, rest, load) -> np.ndarray:
