@@ -1,8 +1,11 @@
 """save_state, restore_state, snapshots: to the bit, and refused where they do not fit."""
 
+import hashlib
 import io
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pybullet as p
@@ -311,6 +314,14 @@ def test_crafted_tables_are_refused(client):
     world.load_snapshot(crafted(data))
     assert world.state_hash() == before
     world.step(3)
+
+
+def test_the_version_is_raised_where_the_core_keeps_other_fields():
+    """Where this fails: raise states.VERSION, and set both here."""
+    fields = Path(__file__).parents[2] / "bullet_tendon" / "core" / "world" / "state_fields.h"
+    found = re.findall(r"BT_FIELDS\(([^)]*)\)", fields.read_text())
+    digest = hashlib.sha256("\n".join(" ".join(struct.split()) for struct in found).encode()).hexdigest()
+    assert (states.VERSION, digest[:16]) == (21, "6359ce7eb9464a3a")
 
 
 def test_snapshots_of_another_version_are_refused_by_its_number(client):
