@@ -198,6 +198,9 @@ class Equilibrium:
                 else:
                     centre, axes = self._inertial(body, link)
                     load.fixed.append((np.array(force), axes.T @ (np.array(point) - centre)))
+        heaviest = max(float(entry.masses.max()) for entry in self._free)
+        told = max((load.largest() for load in self._loads.values()), default=0.0)
+        self._given = max(heaviest * float(np.linalg.norm(gravity)), told)  # the largest weight or load [N]
 
     def _checked(self, entry) -> _Free:
         is_pair = isinstance(entry, (tuple, list)) and len(entry) == 2
@@ -265,6 +268,7 @@ class Equilibrium:
         """Where the bodies are; None where the tendons do not come to rest."""
         slots, tendons = self.slots, self.tendons
         potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
+        largest = max(largest, self._given)
         if tendons is not None and not tendons.settle(self._tolerance, largest):
             return None
         if tendons is not None:
@@ -301,7 +305,6 @@ class Equilibrium:
         on_links[:, :3] += entry.masses[:, None] * self._gravity
         for link, (*weight, _, _, _) in zip(entry.links, on_links, strict=True):
             if any(weight):
-                terms.largest = max(terms.largest, np.linalg.norm(weight))
                 terms.potential -= weight @ self._inertial(entry.body, link)[0]
 
     def _load(self, entry: _Free, jacobians, on_links, where: slice, terms: _Terms) -> None:
@@ -316,7 +319,6 @@ class Equilibrium:
                 turn = jacobians[place, 3:]
                 terms.matrix[where, where] += turn.T @ load.stiffness(axes) @ turn
             terms.potential += load.potential(centre, axes)
-            terms.largest = max(terms.largest, load.largest())
 
     def _jacobians(self, entry: _Free) -> np.ndarray:
         if not entry.joints:

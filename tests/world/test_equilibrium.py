@@ -420,6 +420,36 @@ def test_a_weight_over_a_cylinder_with_friction(
     assert tendon.tension[-1] == pytest.approx(mass * G, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("tilt", "width", "friction"),
+    [(0.3, 0.8, 0), (0.45, 1.06, 0), (0.5, 0.95, 1), (0.8, 1.1, 1), (0.96, 0.56, 1), (1.0, 0.96, 5)],
+)
+def test_a_weight_hung_by_its_own_oblique_bore(make_world, client, tilt, width, friction):
+    """Tied within the bore; width: of the tendon, over that of the mouths' narrow ends.
+
+    About the vertical nothing resists: a torque that is not there would spin it for ever.
+    """
+    world = make_world(1 / 240, (0, 0, -G))
+    mass, radius, height = 0.5, 0.005, 0.02
+    body = block(client, mass, half=(0.03, 0.03, height))
+    world.add_obstacle(body, friction=friction)
+    way = np.array([height * math.tan(tilt), 0, height])
+    world.add_tunnel(body, -1, -way, way, radius)
+    points = np.vstack([np.linspace(-0.5 * way, way, 9), np.linspace(way, [0, 0, 0.15], 16)[1:]])
+    tendon = world.add_tendon(points, width * radius * math.cos(tilt), bt.Material(stiffness=2e3))
+    tendon.attach(0, body), tendon.grip(-1)
+    world.relax(bodies=[body])
+    assert world.report.converged
+    assert tendon.tension[-1] == pytest.approx((mass + tendon.masses[:-1].sum()) * G, rel=1e-6)
+    below = mass * place(body, client)[:2] + tendon.masses[:-1] @ tendon.positions[:-1, :2]
+    np.testing.assert_allclose(below / mass, 0, atol=1e-7)  # of both together, from the line through the grip
+    last = tendon.positions[-1] - tendon.positions[-2]
+    forces = np.outer(tendon.masses, [0, 0, -G])
+    forces[-1] = tendon.tension[-1] * last / np.linalg.norm(last)
+    torque = np.cross(tendon.positions - place(body, client)[:3], forces).sum(axis=0)
+    np.testing.assert_allclose(world.wrench(body)[3:], torque, atol=1e-9)
+
+
 def slung(world, client):
     """Two weights on one tendon, which sags between two grips."""
     bodies = [

@@ -382,12 +382,13 @@ bool World::turns_far(const Link& link) const {
 // Friction and normal force act on the centreline, because particles do not spin. The arm is that
 // of the predicted end, to which the normal belongs: a smooth wheel is then turned by nothing, and a ball
 // that rolls is not driven on. Where rotations of free bodies are not finite in this step, their arm is that
-// of the start of the substep: implicit Euler keeps the angular momentum of both with it.
+// of the start of the substep: implicit Euler keeps the angular momentum of both with it. Tendons that are
+// brought to rest among held bodies have no momentum.
 void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
   const bool far = turns_far(link);
-  contact.at_start = link.jacobian.empty() && !far && !link.ends_known;
+  contact.at_start = link.jacobian.empty() && !far && !link.ends_known && !step_.whole;
   Vec3 end = contact.a.of(contact.at_start ? c.x : c.predicted);
   const Vec3 centre = contact.at_start ? link.centre : link.centre + link.foreseen.all.linear;
   // A force without friction passes through the centre of a round surface, wherever it acts.
