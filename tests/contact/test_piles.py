@@ -106,3 +106,26 @@ def test_tendons_far_apart_are_solved_alone(make_world, client, apart):
     world.step(5)
     counts = world.report.counts
     assert counts["islands"] == 5 and counts["contacts"] == counts["tendon_pairs_considered"] == 0
+
+
+@pytest.mark.parametrize(
+    ("layers", "load", "rate"), [(2, 5.0, 60), (3, 5.0, 240), (3, 50.0, 240), (5, 20.0, 240)]
+)
+def test_slack_strands_that_stand_on_each_other_hold_by_friction(make_world, client, layers, load, rate):
+    """Crosswise, under a load at 8 degrees to the vertical; friction alone keeps the top from tipping."""
+    radius = 1.5e-3
+    world = make_world(1 / rate, (0, 0, -9.81))
+    plate = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.02), physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, plate, -1, (0, 0, -0.02), physicsClientId=client), friction=1.0)
+    material = bt.Material(stiffness=2e3, damping=1, density=1000, friction=0.8)
+    for layer in range(layers):
+        way = np.roll([0.006, 0, 0], layer % 2)
+        height = np.array([0, 0, (1 + 2 * layer) * radius])
+        top = world.add_tendon([height - way, height + way], radius, material, 5)
+    force = load * np.array([0.1, 0.1, -1])
+    for k in range(300):
+        top.set_force(2, min(1.0, k / 50) * force)
+        world.step()
+    np.testing.assert_allclose(top.positions[2, :2], 0, atol=0.05 * layers * radius)
+    assert top.positions[2, 2] == pytest.approx((2 * layers - 1) * radius, abs=0.01 * radius)
+    assert world.report.converged and world.report.counts["linear_solves"] <= 10

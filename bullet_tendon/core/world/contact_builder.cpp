@@ -25,11 +25,13 @@ constexpr double kContactRatio = 60.0;
 // longer.
 constexpr double kPushOut = 0.5;
 
-// Tangential stiffness of a sticking contact: shares of the transverse stiffness of the particle, and of its
-// inertia divided by the squared step weight [-]. They set the displacement before sliding: of a taut tendon
-// that turns by phi at a particle, mu phi / kStickingRatio of a segment. Larger: more iterations. Smaller:
-// tendons that should stick creep first, and contacts store energy (with 1, 6 % of what was moved). A tendon
-// that is laid on a slope gains the velocity g dt before its contacts are strained. It slips first where the
+// Tangential stiffness of a sticking contact: shares of the transverse stiffness of the particle together
+// with N / r, which the normal force N takes from it where the tendon lies on another, and of the inertia
+// divided by the squared step weight [-]. They set the displacement before sliding: of a taut tendon that
+// turns by phi at a particle, mu phi / kStickingRatio of a segment; of a slack one, mu / kStickingRatio of
+// the radius r. Larger: more iterations. Smaller: tendons that should stick creep first, contacts store
+// energy (with 1, 6 % of what was moved), and slack strands that stand on each other tip over. A tendon that
+// is laid on a slope gains the velocity g dt before its contacts are strained. It slips first where the
 // friction limit exceeds the tangential weight by a share of less than about 1 / kLooseTangentRatio.
 constexpr double kStickingRatio = 10.0;
 constexpr double kLooseTangentRatio = 300.0;
@@ -423,6 +425,7 @@ void World::recall(Contact& contact, double inertia) {
   // It stays in the plane in which it was found. The point where this contact was detected may be far along
   // its segment from the one that touches: in the plane there, it would lose a part in every step.
   contact.friction.anchor = turn * found->tangent_anchor;
+  if (carries) contact.friction.stiffness += kStickingRatio * found->lambda / contact.geometry.radius;
   // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
     const double per_inertia = kStickingRatio + kLooseTangentRatio;
