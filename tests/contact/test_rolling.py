@@ -212,3 +212,34 @@ def test_a_drum_unwinds_from_a_tendon_as_a_rigid_one_would(make_world, client, d
     fall = 9.81 / (1 + inertia / (mass * arm**2))
     (_, _, height), _ = p.getBasePositionAndOrientation(drum, client)
     assert height == pytest.approx(-0.5 * fall * time * (time + dt), rel=0.015)
+
+
+@pytest.mark.parametrize("tension", [5.0, 50.0])
+@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
+def test_a_taut_tendon_on_a_free_wheel_turns_with_it(make_world, client, tension, shape):
+    """It presses on the wheel by tension over radius, which neither turns the wheel nor makes it unstable."""
+    world = make_world()
+    radius, spin, turn, stiffness, n = 0.02, np.array([0, 2.0, 0]), np.pi, 1e4, 20
+    if shape == "sphere":
+        solid = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
+    else:
+        solid = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.02, physicsClientId=client)
+    axle = p.getQuaternionFromEuler([np.pi / 2, 0, 0])
+    wheel = p.createMultiBody(0.05, solid, -1, [0, 0, 0], axle, physicsClientId=client)
+    p.changeDynamics(wheel, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    world.add_obstacle(wheel, friction=1.0)
+    angle = np.linspace(-turn / 2, turn / 2, n)
+    around = (radius + 0.001) / np.cos(0.5 * turn / (n - 1))  # its chords lie on the wheel
+    line = around * np.c_[np.sin(angle), 0 * angle, np.cos(angle)]
+    material = bt.Material(stiffness=stiffness, friction=0.3)
+    t = world.add_tendon(line / (1 + tension / stiffness), 0.001, material, n)
+    t.set_positions(line, np.cross(spin, line))
+    t.attach(0, wheel), t.attach(-1, wheel)
+    p.resetBaseVelocity(wheel, [0, 0, 0], spin.tolist(), physicsClientId=client)
+    for _ in range(30):
+        world.step()
+        assert world.report.counts["substeps"] == 1
+    velocity, found = p.getBaseVelocity(wheel, physicsClientId=client)
+    np.testing.assert_allclose(found, spin, atol=1e-3 * spin[1])
+    np.testing.assert_allclose(velocity, 0, atol=1e-3 * spin[1] * radius)
+    np.testing.assert_allclose(t.tension, tension, rtol=2e-3)

@@ -85,10 +85,11 @@ void FiniteRotation::turn_by(double share, Vec3 by) {
   rate = rate_of(slowed(theta)) * slowing_rate_of(theta);
 }
 
-void FiniteRotation::add_pull(Vec3 arm, Vec3 f) {
-  pulls.r0 += arm.x * f;
-  pulls.r1 += arm.y * f;
-  pulls.r2 += arm.z * f;
+void FiniteRotation::add_pull(Vec3 arm, Vec3 f, Vec3 torque) {
+  const Vec3 half = 0.5 * (torque - cross(arm, f));
+  pulls.r0 += arm.x * f + Vec3{0, half.z, -half.y};
+  pulls.r1 += arm.y * f + Vec3{-half.z, 0, half.x};
+  pulls.r2 += arm.z * f + Vec3{half.y, -half.x, 0};
 }
 
 Sym3 FiniteRotation::stiffness() const {

@@ -23,12 +23,14 @@ struct FiniteRotation {
   // the share of the latter that is taken; and theta, with what the tendons add.
   Vec3 begun, more, straight, theta;
   Rot3 rotation, rate;  // since the substep began; Q
-  Rot3 pulls;           // sum of outer products r' f over the points that are touched
+  // Sum of outer products r' f over the points that are touched. The antisymmetric part is the torque.
+  Rot3 pulls;
 
   // The rotation within the substep, if it ends at this theta.
   Rot3 since_begun(Vec3 theta) const;
   void turn_by(double share, Vec3 by);
-  void add_pull(Vec3 arm, Vec3 f);
+  // Adds a force f that gives this torque. Of its arm, only this part turns with the body.
+  void add_pull(Vec3 arm, Vec3 f, Vec3 torque);
   // The change of the torque on theta with theta, the symmetric part of it, at the pulls that were added.
   Sym3 stiffness() const;
 };

@@ -44,11 +44,12 @@ void each_anchor(const Island& island, bool Anchor::* is_meant, Do what) {
       }
 }
 
-void add_load(Link& link, Vec3 force, Vec3 arm) {
-  const Vec3 now = link.now(arm);
+// turning: the part of the arm that turns with the body.
+void add_load(Link& link, Vec3 force, Vec3 arm, Vec3 turning) {
+  const Vec3 torque = cross(link.now(arm), force);
   link.load.linear += force;
-  link.load.angular += cross(now, force);
-  if (link.turned.far) link.turned.add_pull(now, force);
+  link.load.angular += torque;
+  if (link.turned.far) link.turned.add_pull(link.now(turning), force, torque);
 }
 
 // Adds B^T of the loads on links to the vectors of their bodies.
@@ -179,19 +180,23 @@ void clear_pulls(Island& island) {
   for (int l : island.bodies.carried) island.bodies.link(l).turned.pulls = {{}, {}, {}};
 }
 
+// The point of a contact slides on a curved surface. Where the surface itself does not turn, the tendon holds
+// this point in place while the body turns. With an arm that turned with the body, a tendon that is wound
+// around a free wheel would seem to turn it on: the matrix would not be definite.
 void load_body(Island& island, const Contact& contact, Vec3 force) {
-  add_load(island.bodies.link(contact.link), force, contact.arm);
+  const bool slides = contact.is_curved() && !island.bodies.turn_surfaces;
+  add_load(island.bodies.link(contact.link), force, contact.arm, slides ? contact.rim_arm : contact.arm);
 }
 
 void load_carried(Island& island, Which forces) {
   each_anchor(island, &Anchor::moves, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
-    add_load(link, (c.*forces).at(h.particle), arm);
+    add_load(link, (c.*forces).at(h.particle), arm, arm);
   });
 }
 
 void load_lines(Island& island, bool beyond) {
   each_anchor(island, &Anchor::pulls, [beyond](Tendon&, const Anchor& h, Link& link, Vec3 arm) {
-    add_load(link, beyond ? h.force - h.linearised() : -h.force, arm);
+    add_load(link, beyond ? h.force - h.linearised() : -h.force, arm, arm);
   });
 }
 
