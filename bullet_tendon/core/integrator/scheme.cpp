@@ -31,8 +31,8 @@ bool moves_body(const Tendon& c) {
 
 BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
   const double dt = context.dt;
-  // The velocities of a tendon in contact can be discontinuous, and are not extrapolated.
-  const bool history = c.dt_before > 0 && c.smooth && !c.touched;
+  // Velocities are extrapolated where no contact has begun or ended, and none of them has jumped.
+  const bool history = c.dt_before > 0 && c.smooth;
   const Integrator method = context.options.integrator;
   // Within a divided step, a tendon in contact or on a body that moves takes implicit Euler. So do all
   // tendons where the step was cut because something is near: only that method removes the energy that a step
@@ -85,7 +85,7 @@ BT_VECTOR void find_velocities(Tendon& c) {
 }
 
 void finish_step(Tendon& c, const StepContext& context) {
-  if (is_second_order(context.options.integrator)) c.smooth &= !c.touched || goes_smoothly(c, context.dt);
+  c.smooth &= !c.touched || goes_smoothly(c, context.dt);
   c.x_before = c.x;
   c.v_before = c.v;
   c.x = c.x_new;
