@@ -10,6 +10,7 @@
 #include "bodies/link.h"
 #include "cartilage/cartilage.h"
 #include "contact/contact_cache.h"
+#include "integrator/substepper.h"
 #include "ligament/ligament.h"
 #include "tendon/tendon.h"
 
@@ -27,10 +28,11 @@ struct ElementCheckpoint {
   std::vector<CartilageState> cartilages;
 };
 
-// Length and gravity of a completed step.
+// Of a completed step.
 struct StepRecord {
-  double dt = 0;  // [s]
-  Vec3 gravity;   // [m/s^2]
+  double dt = 0;      // length [s]
+  Vec3 gravity;       // [m/s^2]
+  int next = kUnits;  // units of the first substep of the next one
 };
 
 struct Checkpoint {
