@@ -3,9 +3,8 @@
 // A substep that was not solved is not taken. What can be solved ends the step: one substep is its rest, in
 // which each island gets a few linear solutions more. Left out of it are the islands
 //
-//   - that have used up the budget, or of which a solution has not converged in this step, or does not in
-//   that
-//     substep,
+//   - that have used up the budget,
+//   - of which a solution has not converged in this step, or does not in that substep,
 //   - that move so far that they could pass through something,
 //   - that come within reach of what is left out, or sleeps.
 //
