@@ -125,3 +125,48 @@ def test_what_rests_over_an_edge_goes_on_resting(make_world, client, integrator,
     world.step(600)
     assert np.abs(t.velocities).max() < 1e-8
     np.testing.assert_allclose(t.positions, x, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("force", "mass", "stiffness"), [(10.0, 0.1, 2e4), (30.0, 0.5, 2e3), (100.0, 0.5, 2e4)]
+)
+def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
+    make_world, client, force, mass, stiffness
+):
+    """What the motor presses with is not told before the step: jaws sink in and come back, and stay."""
+    mu, radius, open_by = 0.4, 0.002, 0.004
+    world = make_world(1 / 240)
+    half = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.01, 0.02], physicsClientId=client)
+    sides = (-1, 1)
+    jaws = p.createMultiBody(
+        linkMasses=[mass] * 2,
+        linkCollisionShapeIndices=[half] * 2,
+        linkVisualShapeIndices=[-1] * 2,
+        linkPositions=[(0, side * (0.01 + radius + open_by), 0) for side in sides],
+        linkOrientations=[(0, 0, 0, 1)] * 2,
+        linkInertialFramePositions=[(0, 0, 0)] * 2,
+        linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2,
+        linkParentIndices=[0] * 2,
+        linkJointTypes=[p.JOINT_PRISMATIC] * 2,
+        linkJointAxis=[(0, -side, 0) for side in sides],
+        physicsClientId=client,
+    )
+    for joint in (0, 1):
+        p.setCollisionFilterGroupMask(jaws, joint, 0, 0, client)
+        p.setJointMotorControl2(
+            jaws, joint, p.VELOCITY_CONTROL, targetVelocity=0.05, force=force, physicsClientId=client
+        )
+    world.add_obstacle(jaws, friction=1.0)
+    material = bt.Material(stiffness=stiffness, damping=1e-3 * stiffness, friction=mu)
+    cord = world.add_tendon([[-0.06, 0, 0], [0.06, 0, 0]], radius, material, 49)
+    world.step(144)
+    closed = [state[0] for state in p.getJointStates(jaws, (0, 1), client)]
+    np.testing.assert_allclose(closed, open_by, atol=1e-3 * radius)
+    start, slips_at = cord.positions[0, 0], None
+    for share in np.linspace(0, 1.1, 400):
+        cord.set_force(-1, (share * 2 * mu * force, 0, 0))
+        world.step()
+        assert world.report.converged
+        if slips_at is None and cord.positions[0, 0] - start > 0.1 * radius:
+            slips_at = share
+    assert slips_at == pytest.approx(1.0, abs=0.03)
