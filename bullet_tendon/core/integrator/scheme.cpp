@@ -164,7 +164,6 @@ constexpr long kBetweenPolls = 64;
 void Budget::start(long most, double seconds, std::function<void()> poll) {
   most_ = most;
   spent_ = allowed_ = 0;
-  longest_ = {};
   exhausted_ = refused_ = false;
   timed_ = seconds > 0;
   if (timed_)
@@ -172,23 +171,9 @@ void Budget::start(long most, double seconds, std::function<void()> poll) {
   poll_ = std::move(poll);
 }
 
-void Budget::begin_solution(long beyond) {
-  beyond_ = beyond;
-  allowed_ = spent_ + beyond;
-  if (timed_) last_ = Clock::now();
-}
-
 void Budget::spend() {
   ++spent_;
-  bool late = false;
-  if (timed_) {
-    const auto now = Clock::now();
-    longest_ = std::max(longest_, now - last_);
-    last_ = now;
-    late = now + (kLastSolves + 1) * longest_ >= end_;  // the last one is followed by a line search
-  }
-  if (!exhausted_) allowed_ = spent_ + beyond_;
-  exhausted_ |= late || spent_ >= most_;
+  exhausted_ |= spent_ >= most_ || (timed_ && Clock::now() >= end_);
   if (poll_ && spent_ % kBetweenPolls == 0) poll_();
 }
 

@@ -30,16 +30,13 @@ struct StepContext {
   double tissue_time = 0;  // that passes for tissue: dt, or 0 while bodies are held at rest [s]
   double reach = 0;        // s of bodies/body_response.h [s]
   const Substepper* substeps = nullptr;
-  bool halves = false;  // the substep is halved if it does not converge
-  bool ends = false;    // but not once the budget is exhausted
+  bool may_halve = false;  // the substep is halved if it does not converge
   Budget* budget = nullptr;
   bool warm = false;  // starts from the last solution, with newly detected contacts
   // Contacts may be detected again: a solution may end early where it leaves the predicted region.
   bool may_detect = false;
   Vec3 gravity;
   Options options;
-
-  bool may_halve() const { return halves && !(ends && budget->exhausted()); }
 };
 
 // Computes the history, the inertial target y and the starting guess of a

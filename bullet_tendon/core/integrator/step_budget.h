@@ -5,10 +5,6 @@
 
 namespace bt {
 
-// Linear solutions that end a solution in which the budget is exhausted [-]. Larger: less of the wall time is
-// left to what comes before. Smaller: shorter substeps are what can be solved.
-constexpr long kLastSolves = 4;
-
 // Limits the linear solutions and the wall time of a whole step.
 class Budget {
  public:
@@ -23,9 +19,8 @@ class Budget {
     refused_ |= exhausted_;
     return exhausted_;
   }
-  // Begins a solution. It may take this many linear solutions beyond an exhausted budget. For kLastSolves of
-  // them, wall time is kept.
-  void begin_solution(long beyond);
+  // Allows a solution this many linear solutions beyond an exhausted budget.
+  void allow(long beyond) { allowed_ = spent_ + beyond; }
   // The same, for the next linear solution of a solution.
   bool refuses_solve() { return refuses() && spent_ >= allowed_; }
   // Whether the budget has refused work.
@@ -34,10 +29,9 @@ class Budget {
 
  private:
   using Clock = std::chrono::steady_clock;
-  long most_ = 0, spent_ = 0, beyond_ = 0, allowed_ = 0;
+  long most_ = 0, spent_ = 0, allowed_ = 0;
   bool timed_ = false, exhausted_ = false, refused_ = false;
-  Clock::time_point end_, last_;
-  Clock::duration longest_{};  // from one linear solution to the next
+  Clock::time_point end_;
   std::function<void()> poll_;
 };
 

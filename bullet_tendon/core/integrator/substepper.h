@@ -3,9 +3,9 @@
 //
 // Only this class cuts or repeats substeps. Lengths are integers in units of the step, so that substeps add
 // up to the step exactly. One budget limits the linear solutions and the wall time of a whole step. When it
-// is exhausted, one substep is the rest of the step (World::end_early).
+// is exhausted, the substep takes its last iterate, and one substep is the rest of the step
+// (World::end_early).
 #pragma once
-#include <algorithm>
 #include <array>
 
 namespace bt {
@@ -13,9 +13,6 @@ namespace bt {
 // Units in a step [-], three times a power of two. One unit is the shortest substep. More: steps that cannot
 // be solved cost more, up to the budget. Fewer: light bodies on stiff, taut tendons are not solved.
 constexpr int kUnits = 3 * 8192;
-// Units of the longest substep that an exhausted budget ends with a solution that has not converged [-].
-// Larger: it is less accurate. Smaller: what cannot be solved within a budget stands still.
-constexpr int kUnsolvedUnits = kUnits / 64;
 // Largest number of times that contacts are detected again for a substep before it is halved, and that stops
 // of bodies are for a step [-]. Smaller: more substeps where contacts appear one after another.
 constexpr int kMostDetections = 6;
@@ -37,13 +34,13 @@ using ReasonCounts = std::array<int, static_cast<int>(Reason::released) + 1>;
 
 class Substepper {
  public:
-  // Begins a step of dt [s]. divisible: substeps may be shorter than the step. first: units of the first one.
-  void start(double dt, bool divisible, int first) {
+  // Begins a step of dt [s]. divisible: substeps may be shorter than the step.
+  void start(double dt, bool divisible) {
     dt_ = dt;
     divisible_ = divisible;
     ends_early_ = false;
     done_ = 0;
-    size_ = next_ = divisible ? first : kUnits;
+    size_ = kUnits;
     taken_ = 0;
     reasons_ = {};
   }
@@ -61,7 +58,6 @@ class Substepper {
   bool ends_early() const { return ends_early_; }
   bool is_last() const { return done_ + size_ == kUnits; }
   bool divisible() const { return divisible_; }
-  bool may_end_unsolved() const { return !ends_early_ && size_ <= kUnsolvedUnits; }
   bool may_cut() const { return divisible_ && !ends_early_ && size_ > 1; }
 
   // Solves the substep again: with the same length; halved until it is at most `share` of its length; divided
@@ -80,9 +76,7 @@ class Substepper {
     size_ /= parts;
   }
   // Ends the substep. The next one is twice as long where that aligns with the units of the step.
-  // converged: all its islands have.
-  void accept(bool converged) {
-    if (!ends_early_) next_ = std::max(taken_ == 0 ? 0 : next_, converged ? 2 * size_ : size_);
+  void accept() {
     done_ += size_;
     ++taken_;
     if (done_ % (2 * size_) == 0 && done_ + 2 * size_ <= kUnits) size_ *= 2;
@@ -90,14 +84,9 @@ class Substepper {
 
   // Makes the substep the rest of the step.
   void end_early() {
-    if (taken_ == 0) next_ = size_;
-    while (kUnits % next_ != 0) next_ /= 2;
     size_ = kUnits - done_;
     ends_early_ = true;
   }
-  // Units of the next step's first substep: after a step that ended early, twice those of the longest substep
-  // that it has solved, or those that it would have tried next.
-  int next() const { return ends_early_ ? next_ : kUnits; }
 
   // Whether the step was cut because of something that is near, or ends early.
   bool was_cut() const { return ends_early_ || reasons_[static_cast<int>(Reason::motion)] > 0; }
@@ -108,7 +97,7 @@ class Substepper {
   void count(Reason why) { ++reasons_[static_cast<int>(why)]; }
   double dt_ = 0;
   bool divisible_ = true, ends_early_ = false;
-  int done_ = 0, size_ = kUnits, next_ = kUnits, taken_ = 0;
+  int done_ = 0, size_ = kUnits, taken_ = 0;
   ReasonCounts reasons_{};
 };
 

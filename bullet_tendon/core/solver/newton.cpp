@@ -14,9 +14,9 @@
 // line search on the slope of the potential shortens the step. Each step keeps the friction limits of the
 // last iterate. Near the solution, steps of the mixed method are taken, which converge faster, but only where
 // their matrix is definite: a straight tendon that is compressed is a saddle of the potential, which only the
-// descent leaves. If this fails too, the Substepper cuts the substep. If it cannot be cut, or is short and
-// the budget is exhausted, the end of the descent is accepted: the potential bounds its energy, and bodies
-// move as it does (correct_wrenches).
+// descent leaves. If this fails too, the Substepper cuts the substep. If it cannot be cut, or the budget is
+// exhausted, the end of the descent is accepted: the potential bounds its energy, and bodies move as it does
+// (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 
@@ -294,7 +294,7 @@ Next refine(Solution& s) {
     s.start_anew();
     return Next::judge;
   }
-  if (island.result.converged && !s.disturbed && s.context.may_halve() && is_saddle(s)) {
+  if (island.result.converged && !s.disturbed && s.context.may_halve && is_saddle(s)) {
     leave_saddle(s);
     return Next::judge;
   }
@@ -319,7 +319,7 @@ Next decide(Solution& s, const Assembly& a, int start) {
   if (s.iteration - start >= s.options().max_iterations) return Next::stop;
   // The potential of a descent falls, also where a tendon buckles and the residual grows. Where the substep
   // cannot be cut, that is the only way on.
-  if (s.idle > kPatience && (!s.descends || s.context.may_halve())) return Next::stop;
+  if (s.idle > kPatience && (!s.descends || s.context.may_halve)) return Next::stop;
   if (!std::isfinite(a.residual)) return Next::stop;
   if (a.residual > s.smallest && ran_away(island)) return Next::stop;
   if (!s.descends && a.residual > kDivergence * std::max(s.smallest, s.first)) return Next::stop;
@@ -347,7 +347,7 @@ bool find_step(Solution& s, const Assembly& a) {
   // A more exact step would not reduce the residual of this iteration further.
   island.matrix.tolerance = 0.05 * enough / a.residual;
   s.searches = s.descends;
-  if (!s.descends || (s.context.may_halve() && !s.far && a.residual < s.trusted)) {
+  if (!s.descends || (s.context.may_halve && !s.far && a.residual < s.trusted)) {
     curve_elements(s, a, enough);
     assemble(island, Linearisation::multiplier, false, s.far);
     if (solve_linear(island, s.context, false)) {
@@ -499,11 +499,10 @@ void newton(Island& island, const StepContext& context) {
   const auto failed = [&] { return !island.result.converged && !island.result.left_predicted_region; };
   begin(s);
   iterate(s);
-  // What the budget ends is not taken where the substep can be cut.
-  if (failed() && !(context.may_halve() && context.budget->refuses_solve())) {
+  if (failed()) {
     begin_descent(s);
     iterate(s);
-    if (failed() && !context.may_halve()) correct_wrenches(island);
+    if (failed() && !context.may_halve) correct_wrenches(island);
   }
   end(s);
 }
@@ -519,7 +518,7 @@ void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   if (island.result.converged) bend_straight_struts(island);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve()) &&
+  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
       by_euler(island, context))
     project_energy(island, context.gravity);
 }

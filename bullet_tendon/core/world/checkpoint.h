@@ -10,7 +10,6 @@
 #include "bodies/link.h"
 #include "cartilage/cartilage.h"
 #include "contact/contact_cache.h"
-#include "integrator/substepper.h"
 #include "ligament/ligament.h"
 #include "tendon/tendon.h"
 
@@ -28,11 +27,10 @@ struct ElementCheckpoint {
   std::vector<CartilageState> cartilages;
 };
 
-// Of a completed step.
+// Length and gravity of a completed step.
 struct StepRecord {
-  double dt = 0;      // length [s]
-  Vec3 gravity;       // [m/s^2]
-  int next = kUnits;  // units of the first substep of the next one
+  double dt = 0;  // [s]
+  Vec3 gravity;   // [m/s^2]
 };
 
 struct Checkpoint {

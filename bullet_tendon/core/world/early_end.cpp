@@ -1,17 +1,15 @@
 // The end of a step whose budget is exhausted.
 //
-// A substep that was not solved is not taken. What can be solved ends the step: one substep is its rest, in
-// which each island gets a few linear solutions more. Left out of it are the islands
+// What can be solved ends the step: one substep is its rest, in which each island gets a few linear solutions
+// more. Left out of it are the islands
 //
-//   - that have used up the budget,
 //   - of which a solution has not converged in this step, or does not in that substep,
 //   - that move so far that they could pass through something,
 //   - that come within reach of what is left out, or sleeps.
 //
 // What is left out stays where it is, and keeps its velocities for the next step: it is slowed down.
 // Otherwise one tangle would slow down the whole world. An island that stays and catches up would load what
-// it holds with more than its share. The first substep of the next step is one that is likely to be solved
-// (Substepper::next).
+// it holds with more than its share.
 #include <algorithm>
 #include <iterator>
 
@@ -22,10 +20,7 @@ namespace bt {
 // Makes the rest of the step one substep, and leaves out what was not solved.
 void World::end_early() {
   step_.solved_share = step_.substeps.share_before();
-  if (step_.substeps.taken() == 0) {
-    contacts_.before = history_.start->contacts;
-    step_.report.take(step_.attempt);
-  }
+  contacts_.before = contacts_.all;
   for (Island& g : islands_.all)
     if (is_unsolved(g)) leave_out_island(g);
   step_.substeps.end_early();
@@ -73,18 +68,16 @@ void World::leave_out_island(Island& g) {
   g.clear();
 }
 
-// Leaves out the islands of the last solution that would move too far, with their contacts: what moves far
-// comes near to everything.
+// Leaves out the islands of the last solution that would move too far. Contacts are then detected again
+// without them: what moves far comes near to everything.
 void World::leave_out_limited() {
   for (Island& g : islands_.all)
     if (is_limited(g)) leave_out_island(g);
-  drop_contacts_left_out();
 }
 
-void World::drop_contacts_left_out() {
-  remove_where(contacts_.all, [&](const Contact& contact) {
-    return !step_.slots[contact.a.tendon] || (contact.b.tendon >= 0 && !step_.slots[contact.b.tendon]);
-  });
+bool World::any_limited() const {
+  return std::any_of(islands_.all.begin(), islands_.all.end(),
+                     [&](const Island& g) { return is_limited(g); });
 }
 
 bool World::is_limited(const Island& g) const {
@@ -115,26 +108,16 @@ bool World::is_near_left_out(const Island& g) const {
   return false;
 }
 
-// Leaves out the islands that have no solution where contacts were detected.
-void World::leave_out_unsolved() {
-  if (!may_detect()) mark_left();
-  for (Island& g : islands_.all)
-    if (is_unsolved(g)) leave_out_island(g);
-  drop_contacts_left_out();
-}
-
-// Marks the islands whose solution is not where contacts were detected. true: there are some.
-bool World::mark_left() {
-  foresee_at_solution();
-  bool any = false;
+// Leaves out the islands that have no solution. leaving: those too that left their predicted region.
+void World::leave_out_unsolved(bool leaving) {
   for (Island& g : islands_.all) {
-    if (!is_limited(g) && std::none_of(g.tendons.begin(), g.tendons.end(),
-                                       [](const Tendon* c) { return leaves_predicted_region(*c); }))
-      continue;
-    mark_unsolved(g);
-    any = true;
+    if (g.is_empty()) continue;
+    const bool away = leaving && std::any_of(g.tendons.begin(), g.tendons.end(),
+                                             [](const Tendon* c) { return leaves_predicted_region(*c); });
+    const bool solved = g.result.converged || (g.result.left_predicted_region && !leaving);
+    if (!g.result.finite || !solved || away) leave_out_island(g);
   }
-  return any;
+  remove_where(contacts_.all, [&](const Contact& contact) { return !step_.slots[contact.a.tendon]; });
 }
 
 // Takes back what was left out of the rest of the step: its forces are means over the time before.
@@ -146,11 +129,10 @@ void World::finish_left_out() {
   std::copy_if(contacts_.before.begin(), contacts_.before.end(), std::back_inserter(contacts_.all), stayed);
   for (const int c : step_.left_out) {
     step_.slots[c] = scene.tendons[c].get();
-    for (Anchor& h : step_.slots[c]->anchors)
-      h.sum_force = step_.solved_share > 0 ? (1 / step_.solved_share) * h.sum_force : h.step_force;
+    for (Anchor& h : step_.slots[c]->anchors) h.sum_force = (1 / step_.solved_share) * h.sum_force;
   }
   for (GeneralizedBody& m : scene.bodies)
-    if (m.stays) m.leave_out(std::max(step_.solved_share, 1.0 / kUnits), step_.substeps.step());
+    if (m.stays) m.leave_out(step_.solved_share, step_.substeps.step());
   count_touches();
 }
 

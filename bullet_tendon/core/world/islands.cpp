@@ -11,9 +11,9 @@ namespace bt {
 
 namespace {
 
-// Linear solutions of an island in the rest of a step that ends early [-]. Larger: a budget of wall time is
-// exceeded by more. Smaller: one tangle slows down what has contacts.
-constexpr long kSolvesOfRest = 20;
+// Linear solutions of an island after the budget of the step is exhausted, if another one exhausted it [-].
+// Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
+constexpr long kLastSolves = 20;
 
 // Whether a particle that a shape comes near to has moved farther relative to its link than contacts were
 // looked for. solved: motion of the link.
@@ -204,6 +204,7 @@ void World::foresee_links() {
 // of particles. true: a mouth has moved otherwise by more than a share of the radius of the thinnest tendon,
 // or a link has come near to a tendon by more than was foreseen.
 bool World::foresee_at_solution() {
+  if (step_.detections >= kMostDetections) return false;
   double slack = HUGE_VAL;
   for (auto [slot, c] : filled(step_.slots)) slack = std::min(slack, kSlack * c.radius);
   const double h = step_.context.dt;
@@ -220,7 +221,7 @@ bool World::foresee_at_solution() {
           !outruns_search(c, shape, l, solved, options.contact_threshold))
         continue;
       l.foresee(l.given, h, turns_far(l));
-      scene.bodies[l.body].limited = any = true;
+      any = true;
       break;
     }
   }
@@ -232,7 +233,7 @@ bool World::foresee_at_solution() {
       const Vec3 arm = to_world(l.pose, local) - l.centre;
       if (norm(solved.at(arm) - l.foreseen.all.at(arm)) <= slack) continue;
       l.foresee(l.given, h, turns_far(l));
-      scene.bodies[l.body].limited = any = true;
+      any = true;
     }
   }
   return any;
@@ -245,20 +246,16 @@ void World::accept_elements() {
 
 // false: a solution is not finite.
 bool World::solve_each_island() {
-  bool finite = true, given_up = false;
+  bool finite = true;
   step_.attempt = Report{};
-  step_.unconverged = step_.abandoned = false;
+  step_.unconverged = false;
   for (Island& g : islands_.all) {
-    // A substep that is not taken is not solved for the others.
-    if (g.is_empty() || given_up) continue;
-    const bool ends_early = step_.substeps.ends_early(), begun = ends_early || !step_.budget.exhausted();
-    step_.budget.begin_solution(ends_early ? kSolvesOfRest : kLastSolves);
+    if (g.is_empty()) continue;
+    const bool begun = !step_.budget.exhausted();
+    step_.budget.allow(begun || is_unsolved(g) ? 0 : kLastSolves);
     bt::solve(g, step_.context);
     const bool solved = g.result.finite && (g.result.converged || g.result.left_predicted_region);
-    // What used up the budget is not solved in the rest of the step either.
-    if (begun && (!solved || (!ends_early && step_.budget.exhausted()))) mark_unsolved(g);
-    step_.abandoned |= !g.result.finite || (!solved && step_.context.may_halve());
-    given_up = step_.abandoned && step_.substeps.may_cut() && step_.budget.exhausted();
+    if (begun && !solved) mark_unsolved(g);
     if (after_solution) after_solution(g, step_.context);
     if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
     finite &= g.result.finite;

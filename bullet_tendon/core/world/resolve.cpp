@@ -132,8 +132,7 @@ bool World::rewind(const std::vector<int>& pulled) {
   std::vector<dense::Numbers> contacts;
   const bool back = !(released.empty() && pulled.empty()) && take_back();
   if (back) {
-    history_.last_step.dt = last.dt;
-    history_.last_step.gravity = last.gravity;
+    history_.last_step = last;
     step_.context.dt = last.dt;
     step_.context.gravity = last.gravity;
     scene.links.swap(links_now);

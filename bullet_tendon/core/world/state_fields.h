@@ -69,7 +69,7 @@ struct StateFields {
   BT_FIELDS(Primitive, kind, half, growth, radius, half_length)
   BT_FIELDS(Shape, link, local, lo, hi, half_space, plane_normal, plane_offset, friction, primitive)
   BT_FIELDS(Tunnel, link, start, end, radius, chamfer, friction, start_slope, end_slope)
-  BT_FIELDS(StepRecord, dt, gravity, next)
+  BT_FIELDS(StepRecord, dt, gravity)
   BT_FIELDS(PathPoint, link, local)
   BT_FIELDS(Wrap, link, shape, local, radii)
   BT_FIELDS(LigamentModel, rest, tension)

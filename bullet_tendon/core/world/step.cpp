@@ -53,15 +53,13 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
   if (!step_.attempted) start_budget(oracle);
   begin_step_of_world(dt, gravity, whole);
   predict();
-  std::optional<Reason> again;
   while (!step_.substeps.done()) {
-    const bool may_end = step_.substeps.taken() > 0 || again == Reason::not_converged;
-    if (may_end && !step_.substeps.ends_early() && step_.budget.refuses()) end_early();
+    if (step_.substeps.taken() > 0 && !step_.substeps.ends_early() && step_.budget.refuses()) end_early();
     if (step_.substeps.ends_early() && !any_moves()) break;
     const auto asked = Clock::now();
     update_proximity(oracle);
     step_.report.near_seconds += seconds_since(asked);
-    again = solve_substep();
+    const std::optional<Reason> again = solve_substep();
     if (step_.failed) break;
     if (again)
       solve_again(*again);
@@ -93,7 +91,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.whole = whole;
   step_.left_out.clear();
   find_solid_links();
-  step_.substeps.start(dt, !whole && carries(options), history_.last_step.next);
+  step_.substeps.start(dt, !whole && carries(options));
   step_.slots.clear();
   for (Link& l : scene.links) l.wrench = {};
   history_.may_resolve = !whole && any_moved();
@@ -203,12 +201,9 @@ std::optional<Reason> World::solve_substep() {
   contacts_.all.swap(contacts_.solved);
   collect_contacts();
   limit_motion_of_cartilage();
-  if (step_.substeps.ends_early())
-    leave_out_limited();
-  else if (wake_met())
-    return Reason::woken;
-  else if (step_.motion_limit < 1 && step_.substeps.may_cut())
-    return Reason::motion;
+  if (!step_.substeps.ends_early() && wake_met()) return Reason::woken;
+  const bool may_limit = step_.substeps.ends_early() ? any_limited() : step_.substeps.may_cut();
+  if (step_.motion_limit < 1 && may_limit) return Reason::motion;
   const bool again = step_.detections > 0;
   if (!again || step_.substeps.ends_early() || !contacts_.all.empty() || !contacts_.solved.empty()) {
     if (again) inherit_multipliers();
@@ -248,39 +243,30 @@ std::optional<Reason> World::solve_islands() {
   make_islands();
   if (step_.substeps.ends_early()) leave_out_near();
   step_.context.warm = step_.detections > 0;
-  const bool ends_early = step_.substeps.ends_early(), may_halve = step_.substeps.may_cut();
-  step_.context.may_detect = may_detect();
-  step_.context.halves = may_halve || ends_early;
-  step_.context.ends = step_.substeps.may_end_unsolved();
+  const bool may_halve = step_.substeps.may_cut();
+  const bool may_detect = step_.substeps.divisible() && (step_.detections < kMostDetections || may_halve);
+  const bool may_repeat = step_.substeps.ends_early() || !step_.budget.exhausted();
+  step_.context.may_detect = may_detect && may_repeat;
+  step_.context.may_halve = (may_halve || step_.substeps.ends_early()) && may_repeat;
   const bool finite = solve_each_island();
-  if (ends_early) leave_out_unsolved();
-  if (step_.abandoned && may_halve) return Reason::not_converged;
-  step_.failed = !finite && !ends_early;
+  if (step_.substeps.ends_early()) leave_out_unsolved(!may_detect);
+  // If the budget ran out meanwhile, the substep is halved all the same: its end has not descended.
+  const bool to_halve = (!finite || step_.unconverged) && may_halve;
+  if (to_halve && (step_.context.may_halve || !step_.budget.refuses())) return Reason::not_converged;
+  step_.failed = !finite && !step_.substeps.ends_early();
   if (step_.failed) return {};
-  if (may_detect() && !(may_halve && step_.unconverged && step_.budget.exhausted())) {
-    bool left = predict_at_solution();
-    if (!left || step_.budget.exhausted())
-      left |= step_.detections < kMostDetections && foresee_at_solution();
-    if (left) return Reason::left_prediction;
-  } else if (may_halve && mark_left()) {  // the budget is exhausted
-    return Reason::not_converged;
-  }
+  if (may_detect && (predict_at_solution() || foresee_at_solution())) return Reason::left_prediction;
   if (step_.whole && !stiffness.links.empty()) find_tendon_stiffness();
   return {};
-}
-
-// An exhausted budget leaves one detection.
-bool World::may_detect() const {
-  if (!step_.substeps.divisible()) return false;
-  return step_.detections < kMostDetections || (step_.substeps.may_cut() && !step_.budget.exhausted());
 }
 
 void World::solve_again(Reason why) {
   if (why == Reason::left_prediction && step_.detections < kMostDetections) {
     step_.substeps.repeat(why);
-    step_.detections = step_.budget.exhausted() ? kMostDetections : step_.detections + 1;
+    ++step_.detections;
     return;
   }
+  if (step_.substeps.ends_early() && why == Reason::motion) leave_out_limited();
   if (step_.substeps.ends_early())
     step_.substeps.repeat(why);
   else if (why == Reason::motion)
@@ -382,16 +368,16 @@ void World::take_substep() {
   accept_elements();
   keep_held_links();
   if (after_substep) after_substep();
-  if (step_.substeps.is_last()) return step_.substeps.accept(step_.attempt.converged);
+  if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();
-  step_.substeps.accept(step_.attempt.converged);
+  step_.substeps.accept();
   for (auto [slot, c] : filled(step_.slots)) c.keep_multipliers(c.start_multipliers);
   step_.stop_changes = 0;
   predict();
 }
 
 void World::finish_step_of_world() {
-  step_.report.substeps = std::max(step_.substeps.taken(), 1);
+  step_.report.substeps = step_.substeps.taken();
   step_.report.add(step_.substeps.reasons());
   step_.report.linear_solves = step_.budget.spent();
   step_.report.over_budget = step_.budget.refused();
@@ -401,8 +387,7 @@ void World::finish_step_of_world() {
   each_anchor(step_.slots, [](const Tendon&, Anchor& h) { h.step_force = h.sum_force; });
   find_coarse_turns();
   find_flat_cartilage();
-  if (!step_.whole)
-    history_.last_step = {step_.substeps.step(), step_.context.gravity, step_.substeps.next()};
+  if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
   step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),
                                       [](auto& c) { return c && c->sleeping_island >= 0; });

@@ -81,7 +81,6 @@ struct StepState {
   bool failed = false;                // a solution is not finite
   double motion_limit = 1;            // share of the substep in which nothing can pass through anything [-]
   bool unconverged = false;           // an island did not converge
-  bool abandoned = false;             // the same, and a shorter substep may be solved instead
   std::vector<char> unsolved;         // by tendon: a solution of its island has failed
   std::vector<char> unsolved_bodies;  // the same, by body
   double solved_share = 1;            // share of the step before its early end [-]
@@ -317,7 +316,6 @@ class World {
   std::optional<Reason> solve_substep();
   std::optional<Reason> outlast_history();
   std::optional<Reason> solve_islands();
-  bool may_detect() const;
   void solve_again(Reason why);
   void take_substep();
   void finish_step_of_world();
@@ -332,13 +330,12 @@ class World {
   void mark_unsolved(const Island& island);
   bool is_unsolved(const Island& island) const;
   bool is_limited(const Island& island) const;
+  bool any_limited() const;
   bool is_near_left_out(const Island& island) const;
   void leave_out_near();
   void leave_out_island(Island& island);
   void leave_out_limited();
-  void leave_out_unsolved();
-  bool mark_left();
-  void drop_contacts_left_out();
+  void leave_out_unsolved(bool leaving);
   void finish_left_out();
   // world/histories.cpp
   template <class Do>
