@@ -115,8 +115,7 @@ def test_slack_strands_that_stand_on_each_other_hold_by_friction(make_world, cli
     """Crosswise, under a load at 8 degrees to the vertical; friction alone keeps the top from tipping."""
     radius = 1.5e-3
     world = make_world(1 / rate, (0, 0, -9.81))
-    plate = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.02), physicsClientId=client)
-    world.add_obstacle(p.createMultiBody(0, plate, -1, (0, 0, -0.02), physicsClientId=client), friction=1.0)
+    floor(world, client)
     material = bt.Material(stiffness=2e3, damping=1, density=1000, friction=0.8)
     for layer in range(layers):
         way = np.roll([0.006, 0, 0], layer % 2)

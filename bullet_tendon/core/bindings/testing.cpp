@@ -246,9 +246,9 @@ py::tuple finite_rotation_term(Vec3 begun, Vec3 by, const Field& arms, const Fie
   turned.pulls = {{}, {}, {}};
   Vec3 torque;
   for (int i = 0; i < arms.size(); ++i) {
-    const Vec3 arm = turned.rotation * arms.at(i), f = forces.at(i);
-    turned.add_pull(arm, f, cross(arm, f));
-    torque += transposed_times(turned.rate, cross(arm, f));
+    const Vec3 arm = turned.rotation * arms.at(i), f = forces.at(i), about_centre = cross(arm, f);
+    turned.add_pull(arm, f, about_centre);
+    torque += transposed_times(turned.rate, about_centre);
   }
   return py::make_tuple(turned.rotation, torque, full_of(turned.stiffness()));
 }
