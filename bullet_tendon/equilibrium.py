@@ -13,9 +13,8 @@ apart from ligaments around ellipsoids. Where its symmetric part is not positive
 be long, the step is that of the symmetric part with negative curvature reversed, limited in length along
 each principal direction.
 
-A step is shortened until f along the step no longer points back, or the potential falls. One step in a row is
-taken as it is: bones roll on each other along curves, and the next step leads back to the curve. Forces that
-follow a link have no potential. Their work in a step is that of the mean of both ends.
+A step is shortened until f along the step no longer points back, or the potential falls. Forces that follow a
+link have no potential. Their work in a step is that of the mean of both ends.
 
 Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
@@ -55,6 +54,7 @@ _INNER = 0.1  # of the tolerance, to which tendons are brought to rest at each p
 _INNER_STEPS = 200  # the most at one place
 _MEAN_STEPS = 15  # the most at each place in the mean
 _WITH_FRICTION = 2  # times that a step is shortened on which tendons act
+_EARTH = 9.81  # m/s^2
 _AT_LIMIT = 1e-9  # rad or m from its limit at which a joint is at it
 _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
@@ -200,7 +200,9 @@ class Equilibrium:
                     load.fixed.append((np.array(force), axes.T @ (np.array(point) - centre)))
         heaviest = max(float(entry.masses.max()) for entry in self._free)
         told = max((load.largest() for load in self._loads.values()), default=0.0)
-        self._given = max(heaviest * float(np.linalg.norm(gravity)), told)  # the largest weight or load [N]
+        # The largest weight or load [N]. Without gravity too, forces count beside a weight: where all
+        # ligaments get slack, they vanish together with the residual.
+        self._given = max(heaviest * max(float(np.linalg.norm(gravity)), _EARTH), told)
 
     def _checked(self, entry) -> _Free:
         is_pair = isinstance(entry, (tuple, list)) and len(entry) == 2
@@ -354,7 +356,7 @@ class Equilibrium:
         scale = self._scales()
         place = self._place()
         self._put(place, np.clip(0, *self._room(place)))
-        at, residual, may_rise = self._terms(), np.inf, self.tendons is None
+        at, residual = self._terms(), np.inf
         for count in range(max_steps):
             if at is None:
                 return False, count, float(residual)
@@ -367,8 +369,7 @@ class Equilibrium:
             if not (np.isfinite(at.matrix).all() and np.isfinite(at.force).all()):
                 return False, count, float(residual)
             step = self._shortened(_step_within(room, free, at.matrix, at.force, scale), at)
-            at, fell = self._advance(at, place, step, may_rise)
-            may_rise = fell and self.tendons is None
+            at = self._advance(at, place, step)
         return False, max_steps, float(residual)
 
     def _room(self, place: list) -> np.ndarray:
@@ -394,13 +395,8 @@ class Equilibrium:
                 most = max(most, (moved * moved).sum(axis=1).max())
         return step * min(1.0, self.tendons.farthest / max(most**0.5, 1e-300))
 
-    def _advance(
-        self, at: _Terms, place: list, step: np.ndarray, may_rise: bool
-    ) -> tuple[_Terms | None, bool]:
-        """Move from a place by a share of the step that is small enough: the terms there, and whether it was.
-
-        may_rise: the whole step is taken even if it was not.
-        """
+    def _advance(self, at: _Terms, place: list, step: np.ndarray) -> _Terms | None:
+        """Move from a place by a share of the step that is small enough, and find the terms there."""
         share, ahead, tries = 1.0, at.force @ step, 0
         before = None if self.tendons is None else self.tendons.checkpoint()
         while True:
@@ -410,13 +406,12 @@ class Equilibrium:
             after = self._terms()
             if after is None:
                 if share < _SHORTEST:
-                    return None, False
+                    return None
                 share *= 0.25
                 continue
-            if self._is_enough(at, after, share * step):
-                return after, True
-            if may_rise or share < _SHORTEST or (self.tendons is not None and tries == _WITH_FRICTION):
-                return after, False
+            shortest = share < _SHORTEST or (self.tendons is not None and tries == _WITH_FRICTION)
+            if shortest or self._is_enough(at, after, share * step):
+                return after
             back = after.force @ step
             tries += 1
             share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5

@@ -736,7 +736,8 @@ class TendonWorld(NotCopied):
         did not converge.
 
         Args:
-            tolerance: largest residual force over the largest force at hand [-].
+            tolerance: largest residual force over the largest force at hand [-]. The weight that the heaviest
+                of `bodies` has on earth counts as one.
             max_steps: the most solutions.
             bodies: what is free, each a bodyUniqueId (a rigid body, or a body with all its joints and, unless
                 it is fixed, its base), or (bodyUniqueId, joints) for some of its hinges and sliders.

@@ -225,6 +225,54 @@ def test_it_converges_as_newtons_method_does(make_world, client):
     assert len(near) <= 3 and residuals[-2] <= 0.01 * residuals[-3]
 
 
+@pytest.mark.parametrize("pull", [0.0, 3.0])
+@pytest.mark.parametrize("start", [0.001, 0.005, 0.013, 0.03, 0.077])
+def test_a_bead_on_a_rod_is_where_its_cord_is_balanced(make_world, client, start, pull):
+    """A cord of constant tension from beside the rod. Beyond its distance h from the rod Newton's steps are
+    too long: from x to -x^3/h^2 without a pull. So they could lead to and fro between two places for ever.
+    """
+    world = make_world(1 / 240, (0, 0, 0))
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.001, physicsClientId=client)
+    rod = p.createMultiBody(
+        0,
+        -1,
+        -1,
+        (0, 0, 0),
+        linkMasses=[0.1],
+        linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[(0, 0, 0)],
+        linkOrientations=[(0, 0, 0, 1)],
+        linkInertialFramePositions=[(0, 0, 0)],
+        linkInertialFrameOrientations=[(0, 0, 0, 1)],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_PRISMATIC],
+        linkJointAxis=[(1, 0, 0)],
+        physicsClientId=client,
+    )
+    stand, h, tension = block(client, 0), 0.005, 10.0
+    line = world.add_ligament([(stand, -1, (0, 0, h)), (rod, 0, (0, 0, 0))], bt.Material(stiffness=1.0))
+    line.set_tension(tension)
+    p.resetJointState(rod, 0, start, 0, client)
+    force = (rod, 0, (pull, 0, 0), (start, 0, 0), p.WORLD_FRAME)
+    world.relax(bodies=[rod], tolerance=1e-9, max_steps=20, forces=[force])
+    assert world.report.converged
+    exact = h * pull / math.sqrt(tension**2 - pull**2)
+    assert p.getJointState(rod, 0, client)[0] == pytest.approx(exact, abs=1e-9)
+
+
+def test_a_body_whose_ligament_gets_slack_is_found(make_world, client):
+    """In its toe the force falls to a quarter with each step. It is the only force."""
+    world = make_world(1 / 240, (0, 0, 0))
+    stand, body = block(client, 0), block(client, 0.5, (0, 0, -0.103))
+    material = bt.Material.ligament(2e3, 0.06)
+    line = world.add_ligament([(stand, -1, (0, 0, 0)), (body, -1, (0, 0, 0))], material, rest_length=0.1)
+    world.relax(bodies=[body], tolerance=1e-6, max_steps=20)
+    assert world.report.converged
+    assert line.force <= 1e-6 * 0.5 * G
+    assert place(body, client)[2] == pytest.approx(-0.1, abs=1e-5)
+
+
 def test_what_hangs_on_nothing_is_put_back(make_world, client):
     world = make_world(1 / 240, (0, 0, -G))
     stand, body = block(client, 0), block(client, 1.0, (0, 0, -0.1))
