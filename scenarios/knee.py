@@ -32,8 +32,7 @@ INERTIA = np.array([2.7, 2.7, 0.1, 2.7, 0.0045])
 LEVER = np.array([1.0, 1.0, 0.1, 1.0, 0.1])
 LONGEST, SHORTEST = 1 / 120, 1 / 1920  # steps while the knee settles [s]
 MOST_STEPS, MOST_WAITED = 500, 360  # in which the knee settles; in which it comes to rest
-# Steps that were not solved, after which a knee is given up, as where the tibia is dislocated. Each has used
-# up the budget of a step.
+# Steps that were not solved, after which a knee is given up. Each has used up the budget of a step.
 MOST_UNSOLVED = 5
 TYPICAL = 1e3  # N: forces in a knee
 MOST_RELAXATIONS = 60  # steps of Newton's method
@@ -41,8 +40,9 @@ NEARLY = 1e-6  # motion in a step at rest [m, rad]
 # The mean place of so many steps is that of as many before, to [m] and [rad] of JOINTS.
 WINDOW, SAME_PLACE = 12, np.array([5e-6, 5e-6, 1e-4, 5e-6, 1e-4])
 # From the middle of the femur, after which a condyle has left its plateau: half of their widths, about 30 mm
-# across and 50 mm from front to back [m]; and the adduction that opens the knee as far [rad].
-DISLOCATED_LATERAL, DISLOCATED_ANTERIOR, DISLOCATED_ADDUCTION = 0.015, 0.025, 0.5
+# across and 50 mm from front to back [m]; the way up past the condyles, which are about as high; and the
+# adduction that opens the knee as far [rad].
+DISLOCATED_LATERAL, DISLOCATED_ANTERIOR, DISLOCATED_SUPERIOR, DISLOCATED_ADDUCTION = 0.015, 0.025, 0.015, 0.5
 LINE_RADIUS = 8e-4  # of a strand in pictures [m]
 
 
@@ -221,14 +221,17 @@ class KneeRig:
             self._step_world()
 
     def settle(self, tolerance: float = TOLERANCE, max_steps: int = MOST_STEPS) -> bool:
-        """Let the knee come to rest under the load; whether it did within `max_steps` steps.
+        """Let the knee come to rest under the load; whether it did, in joint, within `max_steps` steps.
 
         tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. The equilibrium is
         found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
         taken with kinetic damping (Cundall), beside what implicit Euler damps. No time is meant to pass.
-        Friction of tendons makes the end depend on the way. It gives up after 5 steps that were not solved,
-        as where the tibia is `dislocated`. The work of each is bounded by SolverOptions.max_linear_solves.
-        Raises InvalidType, InvalidValue or StepFailed.
+        Friction of tendons makes the end depend on the way. Large loads that come at once can also lead past
+        an equilibrium that they would reach slowly.
+
+        A load that the ligaments do not hold leads the tibia out of joint. Then settle ends and the tibia
+        stays there, `dislocated`, until it is put back by place. It also ends after 5 steps that were not
+        solved. Raises InvalidType, InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
         return self._settle(tolerance, checks.integer("max_steps", max_steps, at_least=1))[0]
@@ -271,14 +274,16 @@ class KneeRig:
 
     @property
     def dislocated(self) -> bool:
-        """Whether a condyle has left its plateau: the tibia is by 15 mm beside the femur, 25 mm before or
-        behind it, or adducted or abducted by 0.5 rad. Loads of such a knee tell nothing of its laxity, and it
-        may have no equilibrium that `settle` finds.
+        """Whether a condyle has left its plateau: the tibia is by 15 mm beside or above the place where the
+        bones' frames coincide, by 25 mm before or behind it, or adducted or abducted by 0.5 rad. An
+        equilibrium there tells nothing of the knee's laxity. Where settle or come_to_rest returned True, the
+        knee is in joint.
         """
         at = self.coordinates
         return bool(
             abs(at.lateral) > DISLOCATED_LATERAL
             or abs(at.anterior) > DISLOCATED_ANTERIOR
+            or at.superior > DISLOCATED_SUPERIOR
             or abs(at.adduction) > DISLOCATED_ADDUCTION
         )
 
@@ -431,7 +436,7 @@ class KneeRig:
         return self._damp(is_balanced, max_steps, LONGEST, SHORTEST)
 
     def _damp(self, is_at_rest, max_steps: int, longest: float, shortest: float) -> tuple[bool, int]:
-        """Steps with kinetic damping until is_at_rest(step); whether it was, and the steps taken.
+        """Steps with kinetic damping until is_at_rest(step); whether it was, in joint, and the steps taken.
 
         Motion is stopped whenever the kinetic energy has passed a maximum. Steps [s] are halved where one had
         to be divided, because its forces are means of several places. At the end nothing moves.
@@ -439,6 +444,8 @@ class KneeRig:
         step, last, unsolved = longest, 0.0, 0
         try:
             for taken in range(1, max_steps + 1):
+                if self.dislocated:
+                    break
                 p.setTimeStep(step, self.client)
                 places, rates = self._joints(), self._joints(velocity=True)
                 self.step()

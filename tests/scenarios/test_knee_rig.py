@@ -289,6 +289,34 @@ def test_a_knee_out_of_joint_is_given_up():
         assert rig.unsettled >= given_up + 3
 
 
+def test_a_load_that_leads_out_of_joint_is_given_up_there():
+    """Backwards, at 60 degrees and without the ACL, a tibia slips off medially from about 60 N.
+
+    Up to there it follows the load as it grows. From 0.8 of the load it has no equilibrium in joint.
+    """
+    with KneeRig() as rig:
+        rig.cut("ACL")
+        rig.flex(np.radians(60))
+        assert rig.settle()
+        rested = rig.joints
+        for share in np.linspace(0.1, 0.6, 6):
+            rig.load(anterior=-93.2 * share, lateral=-7.1 * share, valgus=-1.1 * share)
+            assert rig.settle() and not rig.dislocated
+        assert rig.coordinates.lateral == pytest.approx(-6.7e-3, abs=1e-3)  # also where motion creeps to
+        for share in (0.8, 1.0):
+            rig.place(rested)
+            rig.load(anterior=-93.2 * share, lateral=-7.1 * share, valgus=-1.1 * share)
+            solved = count_steps(rig)
+            assert not rig.settle() and rig.dislocated
+            assert all(solved)
+            assert not rig.settle() and not rig.come_to_rest(), "it is out of joint until it is put back"
+        assert rig.unsettled == 6
+        rig.place(rested)
+        rig.load()
+        assert rig.settle()
+        assert rig.joints == pytest.approx(rested, abs=1e-4)
+
+
 def test_groups_are_cut_by_the_beginning_of_their_names():
     with KneeRig() as rig:
         assert rig.forces["ACL"] == rig.forces["ACLam"] + rig.forces["ACLpl"]
