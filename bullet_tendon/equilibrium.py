@@ -9,9 +9,9 @@ elements on the links, the Jacobians J_l, gravity and the forces F of the user, 
 
 vanishes. Newton's matrix is the derivative of -f: sum J^T K J, with K of the elements, the change of the
 Jacobians under the forces, and that of forces which follow their link, which is not symmetric. It is exact,
-apart from ligaments around ellipsoids. Where its symmetric part is not positive definite, or the step would
-be long, the step is that of the symmetric part with negative curvature reversed, limited in length along
-each principal direction.
+apart from ligaments around ellipsoids. Where not all of its eigenvalues have positive real parts, or the step
+would be long, the step is that of the symmetric part with negative curvature reversed, limited in length
+along each principal direction.
 
 A step is shortened until f along the step no longer points back, or the potential falls. Forces that follow a
 link have no potential. Their work in a step is that of the mean of both ends.
@@ -459,15 +459,16 @@ def _step_within(room, free, matrix, force, scale) -> np.ndarray:
 
 
 def _newton_step(matrix, force, scale) -> np.ndarray:
-    """Newton's step, if the symmetric part of the matrix is positive definite and the step is not long.
+    """Newton's step, if all eigenvalues of the matrix have positive real parts and the step is not long.
 
     Else that of the symmetric part, whose negative and tiny curvatures are replaced, limited in length.
     Each principal direction has a limit of its own: along one in which hardly anything resists, such as the
     spin of a weight about the tendon on which it hangs, the step is long and tells nothing about others.
     """
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2 * np.outer(scale, scale))
+    scaled = matrix * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     least = _STIFFEST * max(np.abs(values).max(), 1.0)
-    if values[0] > least:
+    if np.linalg.eigvals(scaled).real.min() > least:
         step = np.linalg.solve(matrix, force)
         if np.abs(step).max() <= _FARTHEST:
             return step

@@ -176,6 +176,17 @@ def test_a_knee_without_its_medial_ligament_dislocates():
             assert rig.dislocated == dislocated
 
 
+def test_forces_that_follow_the_tibia_are_balanced_where_they_alone_make_the_matrix_indefinite():
+    """Its symmetric part has a negative eigenvalue there, and itself has none."""
+    with KneeRig() as rig:
+        rig.cut("MCL")
+        rig.flex(np.radians(25.0))
+        rig.settle()
+        rig.load(anterior=38.5, lateral=-16.1, superior=4.6)
+        assert rig.settle() and not rig.dislocated
+        assert np.degrees(rig.coordinates.internal_rotation) == pytest.approx(-15.28, abs=0.1)
+
+
 def test_a_knee_without_its_medial_ligament_that_is_slack_settles():
     """Between 20 and 50 degrees no ligament is taut, and hardly any force is there."""
     with KneeRig() as rig:
