@@ -54,10 +54,11 @@ class SolverOptions:
         max_linear_solves: linear solutions that one step may take, of all its islands and substeps together.
             The default is some eighty times what the most violent step of the scenarios takes.
         time_budget: wall time that one step may take [s]; None: any. Once either is used up, the present
-            substep ends after a few more iterations of what used it up. The rest of the step is one substep.
-            For that, tendons that are not solved in it by 20 linear solutions, or that would pass through
-            something, and the bodies on which they act, stay where they are, and the next step begins with
-            their velocities. In such a step report.converged is False and report.over_budget True.
+            substep ends after a few more iterations, shortened if particles have moved so far that they could
+            pass through something. The rest of the step is one substep. For that, tendons that are not solved
+            in it by 20 linear solutions, or that would pass through something, and the bodies on which they
+            act, stay where they are, and the next step begins with their velocities. In such a step
+            report.converged is False and report.over_budget True.
         on_failure: what a step without a finite solution does. "raise": StepFailed. "warn": a StepWarning,
             and the report says converged False; the tendons stay as they were, without a force on bodies, for
             that step. A step that ends finite above the tolerance is taken in both cases: its report says

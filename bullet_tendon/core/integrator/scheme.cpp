@@ -164,6 +164,7 @@ constexpr long kBetweenPolls = 64;
 void Budget::start(long most, double seconds, std::function<void()> poll) {
   most_ = most;
   spent_ = allowed_ = 0;
+  longest_ = {};
   exhausted_ = refused_ = false;
   timed_ = seconds > 0;
   if (timed_)
@@ -171,9 +172,20 @@ void Budget::start(long most, double seconds, std::function<void()> poll) {
   poll_ = std::move(poll);
 }
 
+void Budget::begin_solution(long beyond) {
+  allowed_ = spent_ + beyond;
+  if (timed_) last_ = Clock::now();
+}
+
 void Budget::spend() {
   ++spent_;
-  exhausted_ |= spent_ >= most_ || (timed_ && Clock::now() >= end_);
+  if (timed_) {
+    const auto now = Clock::now();
+    longest_ = std::max(longest_, now - last_);
+    last_ = now;
+    exhausted_ |= now + kKept * longest_ >= end_;
+  }
+  exhausted_ |= spent_ >= most_;
   if (poll_ && spent_ % kBetweenPolls == 0) poll_();
 }
 

@@ -37,6 +37,9 @@ struct StepContext {
   bool may_detect = false;
   Vec3 gravity;
   Options options;
+
+  // Whether a solution that has not converged is taken.
+  bool takes_any() const { return !may_halve || budget->exhausted(); }
 };
 
 // Computes the history, the inertial target y and the starting guess of a

@@ -5,6 +5,10 @@
 
 namespace bt {
 
+// Iterations for which wall time is kept [-], as long as the longest one so far. They end a solution. Larger:
+// less of the time is used. Smaller: it is exceeded by more where iterations are long.
+constexpr int kKept = 2;
+
 // Limits the linear solutions and the wall time of a whole step.
 class Budget {
  public:
@@ -19,8 +23,8 @@ class Budget {
     refused_ |= exhausted_;
     return exhausted_;
   }
-  // Allows a solution this many linear solutions beyond an exhausted budget.
-  void allow(long beyond) { allowed_ = spent_ + beyond; }
+  // Begins a solution, which may take this many linear solutions beyond an exhausted budget.
+  void begin_solution(long beyond);
   // The same, for the next linear solution of a solution.
   bool refuses_solve() { return refuses() && spent_ >= allowed_; }
   // Whether the budget has refused work.
@@ -31,7 +35,8 @@ class Budget {
   using Clock = std::chrono::steady_clock;
   long most_ = 0, spent_ = 0, allowed_ = 0;
   bool timed_ = false, exhausted_ = false, refused_ = false;
-  Clock::time_point end_;
+  Clock::time_point end_, last_;
+  Clock::duration longest_{};  // iteration
   std::function<void()> poll_;
 };
 

@@ -113,11 +113,6 @@ struct Solution {
 
 bool touches(const Island& island) { return !island.acting.empty(); }
 
-bool any_left_predicted_region(const Island& island) {
-  return std::any_of(island.tendons.begin(), island.tendons.end(),
-                     [](const Tendon* c) { return leaves_predicted_region(*c); });
-}
-
 // Whether an iterate is so far away that any residual is smaller than its rounding error.
 bool ran_away(const Island& island) {
   for (const Tendon* c : island.tendons)
@@ -299,8 +294,8 @@ Next refine(Solution& s) {
     return Next::judge;
   }
   if (island.result.converged) return Next::stop;
-  island.result.left_predicted_region =
-      s.context.may_detect && touches(island) && any_left_predicted_region(island);
+  island.result.left_predicted_region = s.context.may_detect && !s.context.budget->exhausted() &&
+                                        touches(island) && leaves_predicted_region(island);
   return island.result.left_predicted_region ? Next::stop : Next::step;
 }
 
@@ -502,7 +497,7 @@ void newton(Island& island, const StepContext& context) {
   if (failed()) {
     begin_descent(s);
     iterate(s);
-    if (failed() && !context.may_halve) correct_wrenches(island);
+    if (failed() && context.takes_any()) correct_wrenches(island);
   }
   end(s);
 }
@@ -514,11 +509,16 @@ bool by_euler(const Island& island, const StepContext& context) {
 
 }  // namespace
 
+bool leaves_predicted_region(const Island& island) {
+  return std::any_of(island.tendons.begin(), island.tendons.end(),
+                     [](const Tendon* c) { return leaves_predicted_region(*c); });
+}
+
 void converged_step(Island& island, const StepContext& context) {
   newton(island, context);
   if (island.result.converged) bend_straight_struts(island);
   for (Tendon* c : island.tendons) find_velocities(*c);
-  if (!island.result.left_predicted_region && (island.result.converged || !context.may_halve) &&
+  if (!island.result.left_predicted_region && (island.result.converged || context.takes_any()) &&
       by_euler(island, context))
     project_energy(island, context.gravity);
 }

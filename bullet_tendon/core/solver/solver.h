@@ -25,6 +25,8 @@ namespace bt {
 // One substep by the method of the options.
 void solve(Island& island, const StepContext& context);
 
+// Whether a particle is outside its predicted region.
+bool leaves_predicted_region(const Island& island);
 void converged_step(Island& island, const StepContext& context);
 void single_linearisation(Island& island, const StepContext& context);
 void explicit_euler(Island& island, const StepContext& context);

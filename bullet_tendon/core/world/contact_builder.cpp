@@ -257,7 +257,9 @@ Rot3 turn_of(const Link* link) { return link ? link->pose.rotation : Rot3{}; }
 
 }  // namespace
 
-void World::collect_contacts() {
+// Finds the share of the substep in which nothing can pass through anything. The contacts of tunnels and
+// planes are collected with it. The others take longer, and are not needed if the substep is cut.
+void World::limit_motion() {
   contacts_.all.clear();
   step_.motion_limit = 1;
   for (auto [tendon, c] : filled(step_.slots)) {
@@ -273,10 +275,17 @@ void World::collect_contacts() {
       else if (scene.filter.meets_link(tendon, shape.link))
         half_space_contacts(tendon, s);
   }
+  find_pairs();
+  limit_motion_of_cartilage();
+}
+
+// Adds the contacts with bones and between tendons.
+void World::collect_contacts() {
   for (auto [tendon, c] : filled(step_.slots))
     for (auto [s, shape] : filled(scene.shapes))
       if (!shape.half_space) bone_contacts(tendon, s);
-  tendon_contacts();
+  for (const SegmentPair& p : detection_.pairs)
+    for (int k = 0; k < p.count; ++k) pair_contact(p, p.points[k]);
   drop_contacts_of_torn();
 }
 
@@ -556,7 +565,7 @@ void World::half_space_contacts(int tendon, int s) {
 }
 
 // Algorithm 1, steps 3 and 4.
-void World::tendon_contacts() {
+void World::find_pairs() {
   const auto start = std::chrono::steady_clock::now();
   detection_.pairs.clear();
   const Foresight foresight = step_.substeps.divisible() ? Foresight::swept : Foresight::near;
@@ -564,10 +573,8 @@ void World::tendon_contacts() {
                                                    foresight, detection_.pairs);
   step_.report.search_seconds +=
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  for (const SegmentPair& p : detection_.pairs) {
+  for (const SegmentPair& p : detection_.pairs)
     if (p.room < 1) limit_motion(farther_of(*step_.slots[p.tendon_a], *step_.slots[p.tendon_b]), p.room);
-    for (int k = 0; k < p.count; ++k) pair_contact(p, p.points[k]);
-  }
 }
 
 void World::pair_contact(const SegmentPair& p, const PairPoint& at) {

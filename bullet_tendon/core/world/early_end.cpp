@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "solver/solver.h"
 #include "world/world.h"
 
 namespace bt {
@@ -112,8 +113,7 @@ bool World::is_near_left_out(const Island& g) const {
 void World::leave_out_unsolved(bool leaving) {
   for (Island& g : islands_.all) {
     if (g.is_empty()) continue;
-    const bool away = leaving && std::any_of(g.tendons.begin(), g.tendons.end(),
-                                             [](const Tendon* c) { return leaves_predicted_region(*c); });
+    const bool away = leaving && leaves_predicted_region(g);
     const bool solved = g.result.converged || (g.result.left_predicted_region && !leaving);
     if (!g.result.finite || !solved || away) leave_out_island(g);
   }

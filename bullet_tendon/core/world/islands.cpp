@@ -252,10 +252,10 @@ bool World::solve_each_island() {
   for (Island& g : islands_.all) {
     if (g.is_empty()) continue;
     const bool begun = !step_.budget.exhausted();
-    step_.budget.allow(begun || is_unsolved(g) ? 0 : kLastSolves);
+    step_.budget.begin_solution(begun || is_unsolved(g) ? 0 : kLastSolves);
     bt::solve(g, step_.context);
     const bool solved = g.result.finite && (g.result.converged || g.result.left_predicted_region);
-    if (begun && !solved) mark_unsolved(g);
+    if (!solved) mark_unsolved(g);
     if (after_solution) after_solution(g, step_.context);
     if (!g.result.finite) g.result.residual = std::numeric_limits<double>::infinity();
     finite &= g.result.finite;

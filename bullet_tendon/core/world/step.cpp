@@ -20,6 +20,7 @@
 #include <cmath>
 #include <optional>
 
+#include "solver/solver.h"
 #include "world/world.h"
 
 namespace bt {
@@ -199,11 +200,11 @@ std::optional<Reason> World::solve_substep() {
   step_.failed = false;
   if (const auto why = outlast_history()) return why;
   contacts_.all.swap(contacts_.solved);
-  collect_contacts();
-  limit_motion_of_cartilage();
+  limit_motion();
   if (!step_.substeps.ends_early() && wake_met()) return Reason::woken;
   const bool may_limit = step_.substeps.ends_early() ? any_limited() : step_.substeps.may_cut();
   if (step_.motion_limit < 1 && may_limit) return Reason::motion;
+  collect_contacts();
   const bool again = step_.detections > 0;
   if (!again || step_.substeps.ends_early() || !contacts_.all.empty() || !contacts_.solved.empty()) {
     if (again) inherit_multipliers();
@@ -243,19 +244,19 @@ std::optional<Reason> World::solve_islands() {
   make_islands();
   if (step_.substeps.ends_early()) leave_out_near();
   step_.context.warm = step_.detections > 0;
-  const bool may_halve = step_.substeps.may_cut();
-  const bool may_detect = step_.substeps.divisible() && (step_.detections < kMostDetections || may_halve);
-  const bool may_repeat = step_.substeps.ends_early() || !step_.budget.exhausted();
-  step_.context.may_detect = may_detect && may_repeat;
-  step_.context.may_halve = (may_halve || step_.substeps.ends_early()) && may_repeat;
+  const bool may_cut = step_.substeps.may_cut();
+  const bool may_detect = step_.substeps.divisible() &&
+                          (step_.detections < kMostDetections || (may_cut && !step_.budget.exhausted()));
+  step_.context.may_detect = may_detect;
+  step_.context.may_halve = may_cut || step_.substeps.ends_early();
   const bool finite = solve_each_island();
   if (step_.substeps.ends_early()) leave_out_unsolved(!may_detect);
-  // If the budget ran out meanwhile, the substep is halved all the same: its end has not descended.
-  const bool to_halve = (!finite || step_.unconverged) && may_halve;
-  if (to_halve && (step_.context.may_halve || !step_.budget.refuses())) return Reason::not_converged;
+  if (may_cut && (!finite || (step_.unconverged && !step_.budget.refuses()))) return Reason::not_converged;
   step_.failed = !finite && !step_.substeps.ends_early();
   if (step_.failed) return {};
-  if (may_detect && (predict_at_solution() || foresee_at_solution())) return Reason::left_prediction;
+  if (may_detect && ((solution_leaves() && predict_at_solution()) || foresee_at_solution()))
+    return Reason::left_prediction;
+  if (may_cut && step_.budget.exhausted() && outruns_prediction()) return Reason::motion;
   if (step_.whole && !stiffness.links.empty()) find_tendon_stiffness();
   return {};
 }
@@ -263,7 +264,7 @@ std::optional<Reason> World::solve_islands() {
 void World::solve_again(Reason why) {
   if (why == Reason::left_prediction && step_.detections < kMostDetections) {
     step_.substeps.repeat(why);
-    ++step_.detections;
+    step_.detections = step_.budget.exhausted() ? kMostDetections : step_.detections + 1;
     return;
   }
   if (step_.substeps.ends_early() && why == Reason::motion) leave_out_limited();
@@ -279,6 +280,27 @@ void World::solve_again(Reason why) {
     step_.substeps.repeat(why);
   for (auto [slot, c] : filled(step_.slots)) c.restore_multipliers(c.start_multipliers);
   predict();
+}
+
+// Whether contacts are to be detected again where the solution leaves the predicted region. Once the budget
+// is exhausted, only for islands that are solved.
+bool World::solution_leaves() const {
+  if (!step_.budget.exhausted()) return true;
+  return std::any_of(islands_.all.begin(), islands_.all.end(), [](const Island& g) {
+    return (g.result.converged || g.result.left_predicted_region) && leaves_predicted_region(g);
+  });
+}
+
+// Whether an iterate that is taken without another detection may have passed through something: a particle is
+// farther from its prediction than its radius. Finds the share of the substep in which none is: what forces
+// add to the prediction goes with the square of the time.
+bool World::outruns_prediction() {
+  double most = 1;
+  for (auto [slot, c] : filled(step_.slots))
+    for (int i = 0; i < c.n(); ++i)
+      most = std::max(most, norm(c.x_new.at(i) - c.predicted.at(i)) / std::max(c.radius, c.slack[i]));
+  step_.motion_limit = 1 / std::sqrt(most);
+  return most > 1;
 }
 
 // Moves the predicted region of particles that left it to their solved positions. true: some particles left

@@ -2,6 +2,7 @@
 //
 //   predict           history, inertial targets and starting guess of every tendon
 //   update_proximity  distances between tendons and shapes, where they are needed
+//   limit_motion      shortens the substep so that nothing passes through anything
 //   collect_contacts  contacts with bones, bores, mouths and tendons, with warm start
 //   solve_islands     solves each island by itself
 //   take_substep      updates tendons, contact memory and the wrenches on links
@@ -316,6 +317,8 @@ class World {
   std::optional<Reason> solve_substep();
   std::optional<Reason> outlast_history();
   std::optional<Reason> solve_islands();
+  bool solution_leaves() const;
+  bool outruns_prediction();
   void solve_again(Reason why);
   void take_substep();
   void finish_step_of_world();
@@ -377,12 +380,13 @@ class World {
   void find_coarse_turns();
   void find_flat_cartilage();
   // world/contact_builder.cpp
+  void limit_motion();
   void collect_contacts();
   void limit_motion(Tendon& c, double share);
   void drop_contacts_of_torn();
   void bone_contacts(int tendon, int shape);
   void half_space_contacts(int tendon, int shape);
-  void tendon_contacts();
+  void find_pairs();
   void pair_contact(const SegmentPair& pair, const PairPoint& at);
   void finish_contact(Contact& contact, int tendon_slot, int particle);
   void finish_contact(Contact& contact, const HeldBack& held, double radius);
