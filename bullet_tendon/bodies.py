@@ -349,4 +349,5 @@ class Bodies:
         About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
         changes too. stopped: degrees of freedom that a joint's limit kept from moving in it.
         """
-        exchange_wrench(*self.links[slot], old, new, dt, self.client, stopped)
+        response = self._core.response(slot)
+        exchange_wrench(self.links[slot][0], *response, old, new, dt, self.client, stopped)

@@ -32,7 +32,6 @@ _KINDS = {
 _LIMITED = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 _NEEDS_CONTACTS = 2  # what the core answers where contacts may decide what a body is going to do
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
-_IMMOVABLE = 1e12  # times its mass: what a limit stops answers by nothing
 
 
 def generalized_bodies(
@@ -292,23 +291,25 @@ def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
     return _core.Articulated([_KINDS[joint[0]] for joint in joints], parents, numbers, floating)
 
 
-def exchange_wrench(body, link, old, new, dt, client, stopped=()) -> None:
+def exchange_wrench(body, jacobian, response, old, new, dt, client, stopped=()) -> None:
     """Change a body's motion as if the wrench `new` had acted on a link in the last step and not `old`.
 
-    Both (6,), about the link's centre of mass, world frame [N], [N m]. dt: length of that step [s], whose
-    displacement changes too. stopped: degrees of freedom that do not answer.
+    Both (6,), about the link's centre of mass, world frame [N], [N m]. jacobian (6, n), response (n, n): of
+    that link and of the body at the start of that step, as jacobians_and_mass has them, M^-1. dt: length of
+    that step [s], whose displacement changes too. stopped: degrees of freedom that do not answer.
     Bodies on joints of other kinds than jacobians_and_mass knows stay as they are.
     """
-    parts = jacobians_and_mass(body, [link], client)
-    if parts is None or not len(parts[1]):
+    if tree_of(joint_infos(body, client), not is_fixed(body, client)) is None:
         return
-    jacobian, now = parts[0][0], rates(body, client)
-    parts[1][stopped, stopped] *= _IMMOVABLE
-    took, gives = dt * _core.answer(parts[1], jacobian.T @ np.transpose([old, new])).T
+    now = rates(body, client)
+    if len(stopped):
+        through = response[:, stopped]
+        response = response - through @ np.linalg.solve(response[np.ix_(stopped, stopped)], through.T)
+    took, gives = dt * (response @ (jacobian.T @ np.transpose([old, new]))).T
     most = np.where(np.abs(now) > _core.CUT_OFF_RATE, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     change = np.clip(now + change, -_core.MOST_RATE, _core.MOST_RATE) - now  # and so it does with the new one
-    if p.getDynamicsInfo(body, -1, client)[0] > 0:
+    if not is_fixed(body, client):
         _push_base(body, now[:6] + change[:6], change[:6], dt, client)
         change = change[6:]
     _push_joints(body, change, dt, client)

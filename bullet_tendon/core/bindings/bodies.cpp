@@ -400,6 +400,19 @@ Wrench push_on(const World& w, const Link& l) {
   return l.wrench + Wrench{{f[0], f[1], f[2]}, {f[3], f[4], f[5]}};
 }
 
+// Jacobian of a link (6, n) and free response of its body (n, n), of the start of the last step.
+py::tuple response_of(const World& w, int link) {
+  const Link& l = w.scene.links[link];
+  const GeneralizedBody& body = w.scene.bodies[l.body];
+  const py::ssize_t n = body.n();
+  Array jacobian({py::ssize_t{6}, n}), free({n, n});
+  std::copy(body.free.begin(), body.free.end(), free.mutable_data());
+  std::copy(l.jacobian.begin(), l.jacobian.end(), jacobian.mutable_data());
+  if (l.jacobian.empty())
+    for (py::ssize_t k = 0; k < 6 * n; ++k) jacobian.mutable_data()[k] = k % (n + 1) == 0;
+  return py::make_tuple(jacobian, free);
+}
+
 // Slot, force, point and torque about the point of every link that yields and is given a wrench. The torque
 // is None where the wrench is a single force, as from one attachment: where both are orthogonal.
 py::list pushes(const World& w) {
@@ -452,6 +465,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
+      .def("response", &response_of)
       .def("pushable",
            [](const World& w) {
              return slots_where(w.scene.links, [&](const Link& l) {
