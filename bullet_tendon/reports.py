@@ -91,9 +91,9 @@ class StepReport:
             shorter. "not_converged": a solution failed. "left_prediction": particles ended where
             contacts were not looked for. "woken": tendons at rest were reached. "step_weights": tendons that
             press on each other had other methods, or were struck in a step of BDF2. "joint_stops": joint
-            limits act otherwise than predicted. "body_rotation": a body turns far. "released": a body was
-            released, or pulled by something that was not predicted: this step or the previous one was solved
-            again; iterations, linear_solves and the other reasons include that.
+            limits act otherwise than predicted. "body_rotation": a body turns far. "released": a body that
+            something holds yields, was released, or pulled by something that was not predicted: this step or
+            the previous one was solved again; iterations, linear_solves and the other reasons include that.
         over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged
             is then False.
         tolerance: what the residual was to reach; None of methods that do not iterate.

@@ -315,6 +315,51 @@ def test_a_motor_that_yields_to_an_impact_throws_nothing(make_world, client, dt,
 
 
 @pytest.mark.parametrize(
+    ("torque", "mass", "arm", "dt", "stiffness", "speed", "particles"),
+    [
+        (9.27, 0.766, 0.15, 1 / 60, 2.6e5, 0.35, 2),
+        (1.02, 0.223, 0.07, 1 / 60, 2.8e4, 2.2, 2),
+        (1.42, 0.072, 0.12, 1 / 240, 2.9e5, 1.2, 15),
+        (5.9, 1.1, 0.11, 1 / 60, 2.7e4, 0.18, 2),
+    ],
+)
+def test_a_lever_whose_motor_stalls_pulls_with_its_torque(
+    make_world, client, torque, mass, arm, dt, stiffness, speed, particles
+):
+    """A motor that moved a lever freely is stalled by a stiff tendon: T arm = torque; nothing is thrown."""
+    world = make_world(dt)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.01, 0.01, arm], physicsClientId=client)
+    lever = p.createMultiBody(
+        linkMasses=[mass],
+        linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[(0, 0, 0)],
+        linkOrientations=[(0, 0, 0, 1)],
+        linkInertialFramePositions=[(0, 0, arm / 2)],
+        linkInertialFrameOrientations=[(0, 0, 0, 1)],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_REVOLUTE],
+        linkJointAxis=[(0, -1, 0)],
+        physicsClientId=client,
+    )
+    p.changeDynamics(lever, 0, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client)
+    p.setJointMotorControl2(
+        lever, 0, p.VELOCITY_CONTROL, targetVelocity=speed, force=torque, physicsClientId=client
+    )
+    cord = bt.Material(stiffness=stiffness, damping=1e-3 * stiffness)
+    tendon = world.add_tendon([(0.2, 0, arm), (0, 0, arm)], 1e-3, cord, particles, rest_length=0.2005)
+    tendon.grip(0)
+    tendon.attach(-1, lever, 0)
+    for _ in range(round(3 / dt)):
+        world.step()
+        assert world.report.converged
+        assert abs(p.getJointState(lever, 0, client)[1]) < 10 * speed
+    end, along = tendon.positions[-1], tendon.positions[-2] - tendon.positions[-1]
+    lever_arm = abs(np.cross(end, along / np.linalg.norm(along))[1])
+    assert tendon.tension[-1] * lever_arm == pytest.approx(torque, rel=1e-3)
+
+
+@pytest.mark.parametrize(
     "wheel_mass, load, strain, friction",
     [(0.02, 0.5, 0.3, 0.0), (0.02, 0.5, 0.3, 0.6), (0.5, 0.05, 0.003, 0.0)],
 )

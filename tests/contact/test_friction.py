@@ -127,22 +127,18 @@ def test_what_rests_over_an_edge_goes_on_resting(make_world, client, integrator,
     np.testing.assert_allclose(t.positions, x, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("force", "mass", "stiffness"), [(10.0, 0.1, 2e4), (30.0, 0.5, 2e3), (100.0, 0.5, 2e4)]
-)
-def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
-    make_world, client, force, mass, stiffness
-):
-    """What the motor presses with is not told before the step: jaws sink in and come back, and stay."""
-    mu, radius, open_by = 0.4, 0.002, 0.004
-    world = make_world(1 / 240)
+OPEN_BY = 0.004  # way of each jaw to the cord between them [m]
+
+
+def gripper(client, mass, cord_radius):
+    """Two jaws on sliders, on both sides of a cord along x, which open by OPEN_BY; its body id."""
     half = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.01, 0.02], physicsClientId=client)
     sides = (-1, 1)
     jaws = p.createMultiBody(
         linkMasses=[mass] * 2,
         linkCollisionShapeIndices=[half] * 2,
         linkVisualShapeIndices=[-1] * 2,
-        linkPositions=[(0, side * (0.01 + radius + open_by), 0) for side in sides],
+        linkPositions=[(0, side * (0.01 + cord_radius + OPEN_BY), 0) for side in sides],
         linkOrientations=[(0, 0, 0, 1)] * 2,
         linkInertialFramePositions=[(0, 0, 0)] * 2,
         linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2,
@@ -153,6 +149,27 @@ def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
     )
     for joint in (0, 1):
         p.setCollisionFilterGroupMask(jaws, joint, 0, 0, client)
+        p.changeDynamics(
+            jaws, joint, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
+        )
+    return jaws
+
+
+def joint_states(body, client, which):
+    return np.array([state[which] for state in p.getJointStates(body, (0, 1), client)])
+
+
+@pytest.mark.parametrize(
+    ("force", "mass", "stiffness"), [(10.0, 0.1, 2e4), (30.0, 0.5, 2e3), (100.0, 0.5, 2e4)]
+)
+def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
+    make_world, client, force, mass, stiffness
+):
+    """What the motor presses with is not told before the step: jaws sink in and come back, and stay."""
+    mu, radius = 0.4, 0.002
+    world = make_world(1 / 240)
+    jaws = gripper(client, mass, radius)
+    for joint in (0, 1):
         p.setJointMotorControl2(
             jaws, joint, p.VELOCITY_CONTROL, targetVelocity=0.05, force=force, physicsClientId=client
         )
@@ -160,8 +177,7 @@ def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
     material = bt.Material(stiffness=stiffness, damping=1e-3 * stiffness, friction=mu)
     cord = world.add_tendon([[-0.06, 0, 0], [0.06, 0, 0]], radius, material, 49)
     world.step(144)
-    closed = [state[0] for state in p.getJointStates(jaws, (0, 1), client)]
-    np.testing.assert_allclose(closed, open_by, atol=1e-3 * radius)
+    np.testing.assert_allclose(joint_states(jaws, client, 0), OPEN_BY, atol=1e-3 * radius)
     start, slips_at = cord.positions[0, 0], None
     for share in np.linspace(0, 1.1, 400):
         cord.set_force(-1, (share * 2 * mu * force, 0, 0))
@@ -170,3 +186,42 @@ def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
         if slips_at is None and cord.positions[0, 0] - start > 0.1 * radius:
             slips_at = share
     assert slips_at == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("control", [p.VELOCITY_CONTROL, p.POSITION_CONTROL])
+@pytest.mark.parametrize(
+    ("force", "mass", "dt", "stiffness", "tension"),
+    [
+        (20.0, 0.1, 1 / 240, 2e4, 1000.0),
+        (2.0, 0.1, 1 / 240, 2e4, 1000.0),
+        (20.0, 0.1, 1e-3, 2e4, 100.0),
+        (20.0, 0.01, 1 / 240, 2e3, 1.0),
+        (200.0, 1.0, 1 / 60, 2e4, 500.0),
+    ],
+)
+def test_jaws_close_on_a_taut_cord_with_the_force_of_their_motors(
+    make_world, client, force, mass, dt, stiffness, tension, control
+):
+    """A motor that moved the jaw freely is trusted with no force that would throw the jaw when it yields."""
+    radius, speed = 0.002, 0.05
+    world = make_world(dt)
+    jaws = gripper(client, mass, radius)
+    for joint in (0, 1):
+        goal = {"targetVelocity": speed} if control == p.VELOCITY_CONTROL else {"targetPosition": 0.0065}
+        p.setJointMotorControl2(
+            jaws, joint, control, force=force, maxVelocity=speed, physicsClientId=client, **goal
+        )
+    world.add_obstacle(jaws, friction=1.0)
+    material = bt.Material(stiffness=stiffness, damping=1e-3 * stiffness, friction=0.4)
+    slack = 0.12 / (1 + tension / stiffness)
+    cord = world.add_tendon([[-0.06, 0, 0], [0.06, 0, 0]], radius, material, 49, rest_length=slack)
+    cord.grip(0)
+    cord.grip(-1)
+    for _ in range(round(0.6 / dt)):
+        world.step()
+        assert world.report.converged
+        # Pushed out of the depth of one step, it goes back by as much.
+        assert np.abs(joint_states(jaws, client, 1)).max() < speed + radius / dt
+    np.testing.assert_allclose(joint_states(jaws, client, 0), OPEN_BY, atol=1e-3 * radius)
+    pressed = [abs(world.wrench(jaws, joint)[1]) for joint in (0, 1)]
+    np.testing.assert_allclose(pressed, force, rtol=1e-3)

@@ -469,7 +469,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("pushable",
            [](const World& w) {
              return slots_where(w.scene.links, [&](const Link& l) {
-               return l.yields() && !w.scene.bodies[l.body].observer.held();
+               return l.yields() && w.scene.bodies[l.body].observer.responds_freely();
              });
            })
       .def("joint_forces",

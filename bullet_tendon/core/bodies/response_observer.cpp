@@ -17,6 +17,10 @@ constexpr double kLeastNews = 1e-3;
 // and for joints, the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps
 // of held bodies are solved twice.
 constexpr double kEvidence = 0.1;
+// A hold is trusted with what it has withstood, and with what would give a rate of this share of kMostRate if
+// it yielded [-]. Larger: pybullet cuts off the rate of what yields, which then tells nothing about its
+// force. Smaller: bodies that are held are predicted to yield where their load grows.
+constexpr double kTrusted = 0.5;
 
 }  // namespace
 
@@ -45,7 +49,10 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
     if (!cut || of.jointed) released_ = held_ && was_released(now_);
-    if (!cut && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
+    note_hold();
+    held_rates_ = rates_;
+    for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
+    if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
@@ -101,7 +108,8 @@ void Observer::rest(const Numbers& tendons) {
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
-  held_ = released_ = false;
+  held_ = released_ = yields_ = limit_known_ = false;
+  withstood_ = 0;
   take_effective();
   push_.assign(n_, 0.0);
 }
@@ -114,8 +122,71 @@ void Observer::let_go() {
 
 void Observer::release() {
   if (was_cut()) return let_go();
-  set_free();
-  trust_last();
+  withstood_ = norm_of_hold(last_.forces, last_.acceleration);
+  let_yield(last_.forces, last_.acceleration, withstood_);
+  limit_known_ = true;
+}
+
+// Sets s_ to the acceleration a - R w by what holds the body. Returns |L^-1 s|.
+double Observer::norm_of_hold(const Numbers& forces, const Numbers& acceleration) {
+  respond(root_, forces, one_, other_);
+  s_.resize(n_);
+  one_.resize(n_);
+  for (int i = 0; i < n_; ++i) one_[i] = s_[i] = acceleration[i] - other_[i];
+  forward(root_, one_);
+  return std::sqrt(dot(one_, one_));
+}
+
+// What holds the body would give it this acceleration under these forces. Lets it yield if its hold
+// withstands no more than `most`.
+void Observer::let_yield(const Numbers& forces, const Numbers& acceleration, double most) {
+  const double needed = norm_of_hold(forces, acceleration);
+  held_push_ = push_;
+  push_ = s_;
+  for (double& a : push_) a *= needed > 0 ? most / needed : 0;
+  effective_root_ = root_;
+  yields_ = true;
+}
+
+bool Observer::limit_hold(const Numbers& tendons, double dt) {
+  if (!held_ || yields_ || static_cast<int>(tendons.size()) != n_) return false;
+  respond(effective_root_, tendons, one_, e_);
+  for (int i = 0; i < n_; ++i) e_[i] += push_[i];
+  const double needed = norm_of_hold(tendons, e_);
+  double fastest = 0;
+  for (double a : s_) fastest = std::max(fastest, dt * std::fabs(a));
+  const double cut_off = kMostRate / fastest * needed;
+  const double trusted = limit_known_ ? withstood_ : withstood_ + kTrusted * cut_off;
+  // No force moves what withstands a rate that pybullet cuts off.
+  if (withstood_ >= cut_off || !(needed > trusted)) return false;
+  let_yield(tendons, e_, trusted);
+  return true;
+}
+
+// Notes what held the body in the last step. If it yielded as it was let, it is free, else its limit was too
+// low.
+void Observer::note_hold() {
+  if (std::exchange(yields_, false)) {
+    take_effective();
+    if (!released_ && has_yielded()) return set_free();
+    limit_known_ = false;
+  }
+  const double now = norm_of_hold(now_.forces, now_.acceleration);
+  limit_known_ &= held_ && now <= (1 + kEvidence) * withstood_;
+  withstood_ = std::max(held_ ? withstood_ : 0, now);
+}
+
+// Whether the last motion is nearer to that of the yielding body than to that of the held one.
+bool Observer::has_yielded() {
+  respond(effective_root_, now_.forces, one_, other_);
+  one_.resize(n_);
+  for (int i = 0; i < n_; ++i) {
+    one_[i] = missed_[i];
+    other_[i] += held_push_[i] - now_.acceleration[i] + missed_[i];
+  }
+  forward(root_, one_);
+  forward(root_, other_);
+  return dot(one_, other_) < 0.5 * dot(other_, other_);
 }
 
 // a - R_eff w.
@@ -208,6 +279,14 @@ void Observer::limit_share() {
 }
 
 void Observer::trust_last() { unexplained(last_, push_); }
+
+// What held it goes on to restore the rates at which it held.
+void Observer::resume() {
+  if (!yields_) return find_push();
+  yields_ = false;
+  take_effective();
+  for (int i = 0; i < n_; ++i) push_[i] = (held_rates_[i] - rates_[i]) / dt_;
+}
 
 void Observer::find_push() {
   if (samples_ < 2) return push_.assign(n_, 0.0);

@@ -10,6 +10,9 @@
 //              exceeds the free one. One update finds one rigid constraint.
 //   push       r = a - R_eff w, the smaller one of two steps by coordinate, so that an impact is not
 //              repeated. For a rate that pybullet cut off, r is the least possible one.
+//   hold       h = a - R w, by what holds the body. |L^-1 h| is at most what it is trusted with: what it was
+//              seen to yield at, else a share more than it has withstood. Beyond, the body answers freely,
+//              pushed by the h that it is trusted with, as by a motor of limited force.
 //
 // Accelerations are compared in the norm of the kinetic energy, |L^-1 a|. A held body that moved more along
 // the forces than R_eff predicted has been released. The forces of that step were those on a held body.
@@ -54,18 +57,26 @@ class Observer {
   void set_free();
   // The same, and forgets the last steps.
   void let_go();
-  // The same after a step in which the body was released. What held it may go on pushing, as a motor of
-  // limited force does. The push is that of the last step, unless pybullet cut off its rate.
+  // Lets it yield in a step in which it was released, at the force that its motion shows, as a motor of
+  // limited force does. If pybullet cut off its rate, that is not known, and the body is free.
   void release();
 
-  // Sets the push to that of the last step, or to the part that the last two steps have in common.
+  // Sets the push to that of the last step.
   void trust_last();
-  void require_two() { find_push(); }
+  // After the last step was solved again: sets the push to the part that the last two steps have in common. A
+  // body that yielded in it is held again, up to that force, and returns to the rates at which it was held.
+  void resume();
+
+  // If what holds the body is not trusted with these forces of the tendons in a step of dt [s], lets it yield
+  // until the step is observed. Returns whether it did.
+  bool limit_hold(const Numbers& tendons, double dt);
 
   // Whether a step was taken since the rates were read last.
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
-  bool is_new() const { return samples_ < 2; }             // fewer than two steps are known
-  bool held() const { return held_; }                      // R_eff is less than the free response
+  bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
+  bool held() const { return held_; }           // R_eff is less than the free response
+  // R_eff is the free response, or is taken for it because the hold yields.
+  bool responds_freely() const { return !held_ || yields_; }
   bool released() const { return released_; }              // it was held until the last step
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
   const Numbers& free_root() const { return root_; }       // L, R = L L^T
@@ -90,6 +101,10 @@ class Observer {
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
   };
   void start(int n);
+  double norm_of_hold(const Numbers& forces, const Numbers& acceleration);
+  void let_yield(const Numbers& forces, const Numbers& acceleration, double most);
+  void note_hold();
+  bool has_yielded();
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   void leave_out_cut();
@@ -107,11 +122,15 @@ class Observer {
   Numbers rates_, forces_, push_;
   Numbers applied_;  // all known forces in the last step
   Numbers missed_;
-  Numbers sampled_;  // rates right after the last step, if sampled
+  Numbers held_push_;     // push without yielding
+  Numbers held_rates_;    // rates at the start of the last step, less gravity's change in it
+  Numbers sampled_;       // rates right after the last step, if sampled
+  double withstood_ = 0;  // largest |L^-1 (a - R w)| since the body is held
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
-  bool known_ = false, acted_ = false, held_ = false, released_ = false;
+  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false,
+       limit_known_ = false;
   Sample now_;  // work space, like the rest
   dense::Scratch s_, e_, one_, other_, turned_, vectors_;
 };

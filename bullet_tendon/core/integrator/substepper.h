@@ -28,7 +28,7 @@ enum class Reason : int {
   step_weights,     // tendons in contact had different step weights, or BDF2 and a jump: repeated
   joint_stops,      // joint limits or contacts of a body act differently from the prediction: repeated
   body_rotation,    // a body turns far that was predicted to turn little: repeated
-  released,         // a body was released or pulled in a step, which is solved again after it
+  released,         // a held body yields, or was released or pulled in the step before: repeated
 };
 using ReasonCounts = std::array<int, static_cast<int>(Reason::released) + 1>;
 

@@ -154,6 +154,25 @@ bool World::find_turning() {
   return any;
 }
 
+// Lets bodies yield whose hold is not trusted with the forces of this solution. Returns whether there is any.
+bool World::limit_holds() {
+  if (step_.whole || std::none_of(scene.bodies.begin(), scene.bodies.end(),
+                                  [](const GeneralizedBody& m) { return m.observer.held(); }))
+    return false;
+  measure_wrenches();
+  sum_forces(1 / step_.substeps.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
+  bool any = false;
+  for (size_t m = 0; m < scene.bodies.size(); ++m) {
+    GeneralizedBody& body = scene.bodies[m];
+    if (body.n() == 0 || body.stays || !body.observer.limit_hold(body.forces, step_.substeps.step()))
+      continue;
+    any = true;
+    body.predict(step_.substeps.step(), step_.context.gravity);
+    lead_links(static_cast<int>(m));
+  }
+  return any;
+}
+
 // Updates joint limits and contacts of bodies to the forces of this solution. Returns whether any changed.
 bool World::settle_stops() {
   if (step_.whole || step_.stop_changes >= kMostDetections ||
@@ -301,7 +320,7 @@ void World::lead_links(int body) {
 void World::finish_resolve() {
   for (GeneralizedBody& m : scene.bodies) {
     m.observer.refresh(m.rates);
-    m.observer.require_two();
+    m.observer.resume();
   }
   history_.may_resolve = false;
   capture(*history_.now);

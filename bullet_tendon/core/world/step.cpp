@@ -215,6 +215,7 @@ std::optional<Reason> World::solve_substep() {
     if (!step_.budget.exhausted() && restart_jolted()) return Reason::step_weights;
   }
   if (!any_moved() || step_.budget.refuses()) return {};
+  if (limit_holds()) return Reason::released;
   if (settle_stops()) return Reason::joint_stops;
   if (find_turning()) return Reason::body_rotation;
   return {};
