@@ -129,3 +129,32 @@ def test_many_unknowns_are_solved_for_as_by_conjugate_gradients(make_world, clie
     for body in bodies:
         p.removeBody(body, client)
     assert direct == pytest.approx(bundle(make_world(1 / 240, (0, 0, -9.81)), client, "pcg")[0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mass", "rate", "share"), [(20.0, 240, 0.0), (1.0, 240, 0.5), (20.0, 960, 0.5), (1.0, 960, 0.0)]
+)
+def test_a_body_that_lies_on_slack_strands_comes_to_rest(make_world, client, mass, rate, share):
+    """The strands are lighter by a factor of 1e4; share: of the load at which they slide that pulls them."""
+    radius, friction = 2e-3, 0.4
+    world = make_world(1 / rate, (0, 0, -9.81))
+    bodies = []
+    for height, weight, half in ((-0.02, 0, (0.3, 0.3, 0.02)), (2 * radius + 0.02, mass, (0.03, 0.03, 0.02))):
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+        bodies.append(p.createMultiBody(weight, shape, -1, (0, 0, height), physicsClientId=client))
+        world.add_obstacle(bodies[-1], friction=1.0)
+    p.setCollisionFilterPair(*bodies, -1, -1, 0, client)
+    p.changeDynamics(bodies[1], -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    material = bt.Material(stiffness=2e3, damping=2, density=1000, friction=friction)
+    lines = [[(-0.08, y, radius), (0.08, y, radius)] for y in (-0.02, 0.02)]
+    strands = [world.add_tendon(line, radius, material, 33) for line in lines]
+    most = friction * (mass / 2 + strands[0].masses.sum()) * 9.81
+    for k in range(2 * rate):
+        for strand in strands:
+            strand.set_force(-1, (min(1.0, 4 * k / rate) * share * most, 0, 0))
+        world.step()
+    velocity, spin = p.getBaseVelocity(bodies[1], client)
+    assert np.abs(velocity).max() < 1e-6 and np.abs(spin).max() < 1e-5
+    height = p.getBasePositionAndOrientation(bodies[1], client)[0][2]
+    assert height == pytest.approx(2 * radius + 0.02, abs=5e-4 * radius)
+    assert world.wrench(bodies[1])[2] == pytest.approx(mass * 9.81, rel=1e-6)

@@ -93,9 +93,18 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   }
 }
 
+void Contact::bear(double load, double sticking_ratio) {
+  const double transverse = load / geometry.radius;
+  friction.stiffness += sticking_ratio * transverse;
+  normal_force.stiffness = std::max(normal_force.stiffness, transverse / kGap);
+  normal_force.first_stiffness = normal_force.stiffness;
+}
+
+bool Contact::is_closed() const { return std::fabs(geometry.gap) <= kGap * geometry.radius; }
+
 bool Contact::stiffen() {
   if (normal_force.first_stiffness == 0 || normal_force.direct || normal_force.value <= 0) return false;
-  if (std::fabs(geometry.gap) <= kGap * geometry.radius) return false;
+  if (is_closed()) return false;
   take_over(normal_force.value);
   return true;
 }

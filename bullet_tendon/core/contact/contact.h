@@ -156,6 +156,13 @@ struct Contact {
   // Sets the sliding term that the motion of this point along the segment adds to the block
   // (contact/following.cpp). Call it after evaluate.
   void add_sliding_term(Vec3 start, Vec3 end, bool definite);
+  // Whether no gap or depth remains that is too large.
+  bool is_closed() const;
+  // Makes k so large that a load [N] presses no deeper than may remain, even without a multiplier, and k_t
+  // larger by a share of what the load takes from the transverse stiffness of a tendon that lies on another,
+  // load / r. Multipliers follow a step late: on slack tendons, which are light, a heavy body would rock for
+  // ever on contacts as soft as their inertia.
+  void bear(double load, double sticking_ratio);
   // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
   // whether it did.
   bool stiffen();

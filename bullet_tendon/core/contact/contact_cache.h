@@ -9,6 +9,7 @@ struct ContactMemory {
   ContactKey key;
   double lambda = 0;            // N [N]
   double lambda_confirmed = 0;  // the smaller N of the last two steps [N]
+  double load = 0;              // the same, if no gap or depth remained that is too large; else 0 [N]
   bool sliding = false;
   Vec3 mean_force;   // on the point a [N]
   Vec3 given_force;  // ContactForce::given [N]

@@ -434,8 +434,7 @@ void World::recall(Contact& contact, double inertia) {
   // It stays in the plane in which it was found. The point where this contact was detected may be far along
   // its segment from the one that touches: in the plane there, it would lose a part in every step.
   contact.friction.anchor = turn * found->tangent_anchor;
-  if (carries)
-    contact.friction.stiffness += kStickingRatio * found->lambda_confirmed / contact.geometry.radius;
+  if (carries) contact.bear(found->load, kStickingRatio);
   // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
   if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
     const double per_inertia = kStickingRatio + kLooseTangentRatio;
@@ -465,7 +464,8 @@ void World::remember() {
     }
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
     const double now = contact.normal_force.value, previous = contact.normal_force.lambda_previous;
-    contacts_.memory.push_back({contact.key, now, step_.whole ? now : std::min(now, previous),
+    const double confirmed = step_.whole ? now : std::min(now, previous);
+    contacts_.memory.push_back({contact.key, now, confirmed, contact.is_closed() ? confirmed : 0,
                                 contact.friction.sliding, contact.force.mean, contact.force.given,
                                 step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement),

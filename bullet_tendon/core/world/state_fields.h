@@ -55,7 +55,7 @@ struct StateFields {
             history.mean.torque, history.applied.force, history.applied.torque, history.excess, wrench.force,
             wrench.torque)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
-  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, sliding, mean_force, given_force, h_eff,
+  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, load, sliding, mean_force, given_force, h_eff,
             tangent_anchor, normal)
   BT_FIELDS(SegmentPoint, tendon, first, w0, w1)
   // Only what reports of the last step need, and what sleeping contacts need to act on links.
