@@ -624,3 +624,110 @@ def reeling_in(scene):
     scene.check(
         -scene.place(body)[0][2] <= 1.1 * deepest + 1e-3, f"the load is at {scene.place(body)[0][2]:.4g} m"
     )
+
+
+def jointed(scene, kind, masses, shape, places, axes):
+    """A fixed base with links of one shape on joints without damping: their number, and the body."""
+    count = len(masses)
+    body = scene.p.createMultiBody(
+        linkMasses=masses,
+        linkCollisionShapeIndices=[shape] * count,
+        linkVisualShapeIndices=[-1] * count,
+        linkPositions=places,
+        linkOrientations=[[0, 0, 0, 1]] * count,
+        linkInertialFramePositions=[[0, 0, 0]] * count,
+        linkInertialFrameOrientations=[[0, 0, 0, 1]] * count,
+        linkParentIndices=[0] * count,
+        linkJointTypes=[kind] * count,
+        linkJointAxis=axes,
+    )
+    for k in range(count):
+        scene.p.changeDynamics(body, k, linearDamping=0, angularDamping=0, jointDamping=0)
+    return body
+
+
+@family
+def gripped(scene):
+    """Jaws that motors close on a cord press it with the force of the motors, and stop there."""
+    scene.begin(gravity=False)
+    force, radius, n = scene.log(0.5, 500), scene.log(5e-4, 3e-3), scene.whole(15, 50)
+    speed = 2 * radius / (scene.whole(15, 60) * scene.dt)
+    # What a motor gives a jaw in a step: pybullet lets no force resist more than 100 m/s.
+    mass = rounded(min(100.0, max(1e-3, force * scene.dt / scene.log(0.3 * speed, 50))))
+    kind, edge = scene.raw.JOINT_PRISMATIC, 10 * radius
+    shape = scene.shape("box", (2 * edge, edge, 2 * edge))
+    off, jaws = edge / 2 + 3 * radius, scene.pick((-1, 1), (-1,))
+    places, axes = [[0, side * off, 0] for side in jaws], [[0, -side, 0] for side in jaws]
+    body = jointed(scene, kind, [mass] * len(jaws), shape, places, axes)
+    scene.world.add_obstacle(body, friction=1.0)
+    if len(jaws) == 1:
+        anvil = scene.p.createMultiBody(0, shape, -1, [0, edge / 2 + radius, 0])
+        scene.world.add_obstacle(anvil, friction=1.0)
+    length, pull = 6 * edge, scene.log(1e-3, 100)
+    material = scene.material(pull, friction=scene.flat(0.05, 0.8))
+    slack = length / (1 + stretched(material, pull))
+    cord = scene.world.add_tendon(
+        [[-length / 2, 0, 0], [length / 2, 0, 0]], radius, material, n, rest_length=slack
+    )
+    for end in (0, -1):
+        cord.grip(end)
+    scene.energy = False  # the motors' work
+    for k in range(len(jaws)):
+        if scene.coin():
+            goal = {"controlMode": scene.raw.VELOCITY_CONTROL, "targetVelocity": speed}
+        else:
+            goal = {"controlMode": scene.raw.POSITION_CONTROL, "targetPosition": 3 * radius}
+            goal |= {"maxVelocity": speed}
+        scene.p.setJointMotorControl2(body, k, force=force, **goal)
+    fastest = 0.0
+
+    def watch():
+        nonlocal fastest
+        rates = [scene.raw.getJointState(body, k)[1] for k in range(len(jaws))]
+        fastest = max(fastest, *np.abs(rates))
+
+    scene.run(scene.steps, watch=watch)
+    # A jaw goes into the cord before its motor is known, and comes out by half a radius in a step at most.
+    most = 1.1 * speed + radius / scene.dt
+    scene.check(fastest <= most, f"a jaw moves at {fastest:.4g} m/s (at most {most:.4g})")
+    # Nothing holds a cord that lies loosely between two jaws to the middle.
+    ways = sum(scene.raw.getJointState(body, k)[0] for k in range(len(jaws)))
+    scene.near("way of the jaws [m]", ways, 2 * radius * len(jaws), absolute=0.01 * radius * len(jaws))
+    for k in range(len(jaws)):
+        scene.near("force of a jaw [N]", abs(scene.world.wrench(body, k)[1]), force, rel=0.02)
+
+
+@family
+def stalled(scene):
+    """A lever that a motor turns against a tendon comes to rest where the tension's torque is the motor's."""
+    scene.begin(gravity=False)
+    torque, arm, length, n = (
+        scene.log(0.01, 100),
+        scene.log(0.03, 0.4),
+        scene.flat(0.1, 0.4),
+        scene.whole(2, 40),
+    )
+    speed = scene.log(0.003, 0.05) / scene.dt
+    inertia = torque * scene.dt / scene.log(0.3 * speed, 50)  # as in `gripped`
+    half = 0.3 * arm
+    mass = rounded(inertia / (2 / 3 * half**2))  # a cube
+    shape = scene.shape("box", (2 * half, 2 * half, 2 * half))
+    body = jointed(scene, scene.raw.JOINT_REVOLUTE, [mass], shape, [[0, 0, 0]], [[0, -1, 0]])
+    # It stretches by a tenth of the arm at most.
+    stiffness = scene.log(max(10 * torque / arm, 10 * torque / arm * length / arm), 1e4 * torque / arm)
+    material = bt.Material(stiffness=rounded(stiffness), damping=rounded(stiffness * scene.log(1e-4, 3e-3)))
+    t = straight(scene, [(length, 0, arm), (0, 0, arm)], material, n)
+    t.grip(0)
+    t.attach(-1, body, 0, [0, 0, arm])
+    scene.energy = False  # the motor's work
+    scene.p.setJointMotorControl2(body, 0, scene.raw.VELOCITY_CONTROL, targetVelocity=speed, force=torque)
+    torques = []
+
+    def watch():
+        way = t.positions[-2] - t.positions[-1]
+        lever = abs(np.cross(t.positions[-1], way / np.linalg.norm(way))[1])
+        torques.append(t.tension[-1] * lever)
+
+    scene.run(scene.steps, watch=watch)
+    # A light lever goes to and fro by a step's way at its speed.
+    scene.near("torque of the tension [N m]", np.mean(torques[-10:]), torque, rel=0.01)
