@@ -651,7 +651,7 @@ def gripped(scene):
     """Jaws that motors close on a cord press it with the force of the motors, and stop there."""
     scene.begin(gravity=False)
     force, radius, n = scene.log(0.5, 500), scene.log(5e-4, 3e-3), scene.whole(15, 50)
-    speed = 2 * radius / (scene.whole(15, 60) * scene.dt)
+    speed = 2 * radius / (scene.whole(10, scene.steps // 3) * scene.dt)
     # What a motor gives a jaw in a step: pybullet lets no force resist more than 100 m/s.
     mass = rounded(min(100.0, max(1e-3, force * scene.dt / scene.log(0.3 * speed, 50))))
     kind, edge = scene.raw.JOINT_PRISMATIC, 10 * radius
@@ -707,7 +707,7 @@ def stalled(scene):
         scene.flat(0.1, 0.4),
         scene.whole(2, 40),
     )
-    speed = scene.log(0.003, 0.05) / scene.dt
+    speed = scene.log(0.01, 0.05) / scene.dt
     inertia = torque * scene.dt / scene.log(0.3 * speed, 50)  # as in `gripped`
     half = 0.3 * arm
     mass = rounded(inertia / (2 / 3 * half**2))  # a cube
