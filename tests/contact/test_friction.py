@@ -197,6 +197,7 @@ def test_jaws_that_a_motor_closes_hold_a_cord_up_to_twice_mu_their_force(
         (20.0, 0.1, 1e-3, 2e4, 100.0),
         (20.0, 0.01, 1 / 240, 2e3, 1.0),
         (200.0, 1.0, 1 / 60, 2e4, 500.0),
+        (260.0, 100.0, 1 / 240, 2e3, 1.0),
     ],
 )
 def test_jaws_close_on_a_taut_cord_with_the_force_of_their_motors(

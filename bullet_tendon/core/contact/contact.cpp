@@ -8,11 +8,13 @@ namespace bt {
 namespace {
 
 // A contact with a normal force whose gap differs from zero by more than kGap radii is stiffened within the
-// step, by the factor kStiffening, at most twice [-]. Larger: the small depths that arise where a segment
-// slides over an edge give excessive forces, and what has parted is still pushed. Smaller: gaps take more
-// multiplier updates.
+// step, by the factor kStiffening, until it is more than kMostStiffening times as stiff as at first [-].
+// Larger: the small depths that arise where a segment slides over an edge give excessive forces, and what has
+// parted is still pushed. Smaller: gaps take more multiplier updates.
 constexpr double kGap = 5e-4;
 constexpr double kStiffening = 10.0;
+// Smaller: a body that is heavier by far than the tendon goes on into it, and is thrown back.
+constexpr double kMostStiffening = 1000.0;
 
 // A contact is softened as long as its gap stays within this share of kGap, to at least this share of its
 // first stiffness [-]. Larger and smaller: contacts are softened that have to be stiffened again. Smaller and
@@ -121,7 +123,7 @@ bool Contact::soften() {
 
 void Contact::take_over(double force) {
   normal_force.lambda = force;
-  if (normal_force.stiffness <= kStiffening * normal_force.first_stiffness)
+  if (normal_force.stiffness <= kMostStiffening * normal_force.first_stiffness)
     normal_force.stiffness *= kStiffening;
 }
 
