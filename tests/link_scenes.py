@@ -169,3 +169,27 @@ def free_ball(client, mass, at=(0, 0, 0), radius=0.01):
     body = p.createMultiBody(mass, ball, -1, list(at), physicsClientId=client)
     p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
     return body
+
+
+def links_on_joints(client, kind, masses, axes, shape=-1, places=((0, 0, 0),), centre=(0, 0, 0)):
+    """A fixed base with a link of each mass [kg] on a joint of this kind, without damping.
+
+    places, axes: of the joints, one of each link. centre: of the links' masses, from their joints.
+    """
+    count = len(masses)
+    body = p.createMultiBody(
+        linkMasses=masses,
+        linkCollisionShapeIndices=[shape] * count,
+        linkVisualShapeIndices=[-1] * count,
+        linkPositions=places,
+        linkOrientations=[(0, 0, 0, 1)] * count,
+        linkInertialFramePositions=[centre] * count,
+        linkInertialFrameOrientations=[(0, 0, 0, 1)] * count,
+        linkParentIndices=[0] * count,
+        linkJointTypes=[kind] * count,
+        linkJointAxis=axes,
+        physicsClientId=client,
+    )
+    for joint in range(count):
+        p.changeDynamics(body, joint, **UNDAMPED, jointDamping=0, physicsClientId=client)
+    return body

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import HINGED, UNDAMPED, hinged, misfit
+from link_scenes import HINGED, UNDAMPED, hinged, links_on_joints, misfit
 
 import bullet_tendon as bt
 
@@ -272,26 +272,6 @@ def test_a_motor_that_drives_a_joint_onto_its_limit_leaves_the_others_alone(
     assert place == pytest.approx(0.1, abs=1e-4) and abs(rate) < 1e-6
 
 
-def slider(client, mass):
-    """A link on a vertical rail without damping."""
-    body = p.createMultiBody(
-        0,
-        linkMasses=[mass],
-        linkCollisionShapeIndices=[-1],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[(0, 0, 0)],
-        linkOrientations=[(0, 0, 0, 1)],
-        linkInertialFramePositions=[(0, 0, 0)],
-        linkInertialFrameOrientations=[(0, 0, 0, 1)],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_PRISMATIC],
-        linkJointAxis=[(0, 0, 1)],
-        physicsClientId=client,
-    )
-    p.changeDynamics(body, 0, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client)
-    return body
-
-
 @pytest.mark.parametrize("factor", [1.5, 3.0])
 @pytest.mark.parametrize("mass", [0.05, 0.5])
 @pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 100])
@@ -299,7 +279,7 @@ def test_a_motor_that_yields_to_an_impact_throws_nothing(make_world, client, dt,
     """A weight falls into a cord below a slider that a motor holds by a limited force: it only yields."""
     load = 0.3
     world = make_world(dt, (0, 0, -9.81))
-    body = slider(client, mass)
+    body = links_on_joints(client, p.JOINT_PRISMATIC, [mass], [(0, 0, 1)])
     force = factor * (mass + load) * 9.81
     p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, 0, 0, force, physicsClientId=client)
     cord = bt.Material(stiffness=1e4, damping=1.0, tension_only=True)
@@ -329,20 +309,8 @@ def test_a_lever_whose_motor_stalls_pulls_with_its_torque(
     """A motor that moved a lever freely is stalled by a stiff tendon: T arm = torque; nothing is thrown."""
     world = make_world(dt)
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.01, 0.01, arm], physicsClientId=client)
-    lever = p.createMultiBody(
-        linkMasses=[mass],
-        linkCollisionShapeIndices=[shape],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[(0, 0, 0)],
-        linkOrientations=[(0, 0, 0, 1)],
-        linkInertialFramePositions=[(0, 0, arm / 2)],
-        linkInertialFrameOrientations=[(0, 0, 0, 1)],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_REVOLUTE],
-        linkJointAxis=[(0, -1, 0)],
-        physicsClientId=client,
-    )
-    p.changeDynamics(lever, 0, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client)
+    axis, centre = [(0, -1, 0)], (0, 0, arm / 2)
+    lever = links_on_joints(client, p.JOINT_REVOLUTE, [mass], axis, shape, centre=centre)
     p.setJointMotorControl2(
         lever, 0, p.VELOCITY_CONTROL, targetVelocity=speed, force=torque, physicsClientId=client
     )

@@ -4,6 +4,7 @@ import numpy as np
 import pybullet as p
 import pytest
 from bullet_tendon.scenarios import atwood, capstan, curved_tunnel, incline
+from link_scenes import links_on_joints
 from scene_runs import holds
 
 import bullet_tendon as bt
@@ -134,24 +135,11 @@ def gripper(client, mass, cord_radius):
     """Two jaws on sliders, on both sides of a cord along x, which open by OPEN_BY; its body id."""
     half = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.01, 0.02], physicsClientId=client)
     sides = (-1, 1)
-    jaws = p.createMultiBody(
-        linkMasses=[mass] * 2,
-        linkCollisionShapeIndices=[half] * 2,
-        linkVisualShapeIndices=[-1] * 2,
-        linkPositions=[(0, side * (0.01 + cord_radius + OPEN_BY), 0) for side in sides],
-        linkOrientations=[(0, 0, 0, 1)] * 2,
-        linkInertialFramePositions=[(0, 0, 0)] * 2,
-        linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2,
-        linkParentIndices=[0] * 2,
-        linkJointTypes=[p.JOINT_PRISMATIC] * 2,
-        linkJointAxis=[(0, -side, 0) for side in sides],
-        physicsClientId=client,
-    )
+    places = [(0, side * (0.01 + cord_radius + OPEN_BY), 0) for side in sides]
+    axes = [(0, -side, 0) for side in sides]
+    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass] * 2, axes, half, places)
     for joint in (0, 1):
         p.setCollisionFilterGroupMask(jaws, joint, 0, 0, client)
-        p.changeDynamics(
-            jaws, joint, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
-        )
     return jaws
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import links_on_joints
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -233,23 +234,7 @@ def test_a_bead_on_a_rod_is_where_its_cord_is_balanced(make_world, client, start
     """
     world = make_world(1 / 240, (0, 0, 0))
     shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.001, physicsClientId=client)
-    rod = p.createMultiBody(
-        0,
-        -1,
-        -1,
-        (0, 0, 0),
-        linkMasses=[0.1],
-        linkCollisionShapeIndices=[shape],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[(0, 0, 0)],
-        linkOrientations=[(0, 0, 0, 1)],
-        linkInertialFramePositions=[(0, 0, 0)],
-        linkInertialFrameOrientations=[(0, 0, 0, 1)],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_PRISMATIC],
-        linkJointAxis=[(1, 0, 0)],
-        physicsClientId=client,
-    )
+    rod = links_on_joints(client, p.JOINT_PRISMATIC, [0.1], [(1, 0, 0)], shape)
     stand, h, tension = block(client, 0), 0.005, 10.0
     line = world.add_ligament([(stand, -1, (0, 0, h)), (rod, 0, (0, 0, 0))], bt.Material(stiffness=1.0))
     line.set_tension(tension)
