@@ -13,7 +13,8 @@ namespace {
 // parted is still pushed. Smaller: gaps take more multiplier updates.
 constexpr double kGap = 5e-4;
 constexpr double kStiffening = 10.0;
-// Smaller: a body that is heavier by far than the tendon goes on into it, and is thrown back.
+// The stiffness, relative to the first one, up to which it is [-]. Smaller: a body that is heavier by far
+// than the tendon goes on into it, and is thrown back. Larger: no difference up to 1e5.
 constexpr double kMostStiffening = 1000.0;
 
 // A contact is softened as long as its gap stays within this share of kGap, to at least this share of its
