@@ -627,7 +627,7 @@ def reeling_in(scene):
 
 
 def jointed(scene, kind, masses, shape, places, axes):
-    """A fixed base with links of one shape on joints without damping: their number, and the body."""
+    """A fixed base with links of one shape on joints without damping."""
     count = len(masses)
     body = scene.p.createMultiBody(
         linkMasses=masses,
@@ -714,7 +714,7 @@ def stalled(scene):
     shape = scene.shape("box", (2 * half, 2 * half, 2 * half))
     body = jointed(scene, scene.raw.JOINT_REVOLUTE, [mass], shape, [[0, 0, 0]], [[0, -1, 0]])
     # It stretches by a tenth of the arm at most.
-    stiffness = scene.log(max(10 * torque / arm, 10 * torque / arm * length / arm), 1e4 * torque / arm)
+    stiffness = scene.log(10 * torque / arm * max(1, length / arm), 1e4 * torque / arm)
     material = bt.Material(stiffness=rounded(stiffness), damping=rounded(stiffness * scene.log(1e-4, 3e-3)))
     t = straight(scene, [(length, 0, arm), (0, 0, arm)], material, n)
     t.grip(0)
