@@ -343,11 +343,11 @@ class Bodies:
         """
         change_rates(self.links[slot][0], by, dt, self.client)
 
-    def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float, stopped=()) -> None:
+    def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).
 
         About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
-        changes too. stopped: degrees of freedom that a joint's limit kept from moving in it.
+        changes too. Degrees of freedom that a joint's limit kept from moving in it do not answer.
         """
-        response = self._core.response(slot)
+        response, stopped = self._core.response(slot), self._core.stopped(slot)
         exchange_wrench(self.links[slot][0], *response, old, new, dt, self.client, stopped)

@@ -240,8 +240,7 @@ class Stepper:
         """
         after = self._core.wrenches()
         for slot in self._core.pushable():
-            stopped = self._core.stopped(slot)
-            self._bodies.exchange_wrench(slot, before[slot], after[slot], dt, stopped)
+            self._bodies.exchange_wrench(slot, before[slot], after[slot], dt)
 
 
 def _checked(parameters: dict) -> tuple[float, tuple]:

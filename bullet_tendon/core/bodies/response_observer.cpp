@@ -49,10 +49,9 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
     if (!cut || of.jointed) released_ = held_ && was_released(now_);
-    note_hold();
-    held_rates_ = rates_;
-    for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
+    end_yielding();
     if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
+    note_hold(gravity);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
@@ -123,7 +122,7 @@ void Observer::let_go() {
 void Observer::release() {
   if (was_cut()) return let_go();
   withstood_ = norm_of_hold(last_.forces, last_.acceleration);
-  let_yield(last_.forces, last_.acceleration, withstood_);
+  let_yield(1);
   limit_known_ = true;
 }
 
@@ -137,13 +136,11 @@ double Observer::norm_of_hold(const Numbers& forces, const Numbers& acceleration
   return std::sqrt(dot(one_, one_));
 }
 
-// What holds the body would give it this acceleration under these forces. Lets it yield if its hold
-// withstands no more than `most`.
-void Observer::let_yield(const Numbers& forces, const Numbers& acceleration, double most) {
-  const double needed = norm_of_hold(forces, acceleration);
+// Lets it yield where its hold gives it this share of the acceleration s_.
+void Observer::let_yield(double share) {
   held_push_ = push_;
   push_ = s_;
-  for (double& a : push_) a *= needed > 0 ? most / needed : 0;
+  for (double& a : push_) a *= share;
   effective_root_ = root_;
   yields_ = true;
 }
@@ -159,21 +156,26 @@ bool Observer::limit_hold(const Numbers& tendons, double dt) {
   const double trusted = limit_known_ ? withstood_ : withstood_ + kTrusted * cut_off;
   // No force moves what withstands a rate that pybullet cuts off.
   if (withstood_ >= cut_off || !(needed > trusted)) return false;
-  let_yield(tendons, e_, trusted);
+  let_yield(trusted / needed);
   return true;
 }
 
-// Notes what held the body in the last step. If it yielded as it was let, it is free, else its limit was too
-// low.
-void Observer::note_hold() {
-  if (std::exchange(yields_, false)) {
-    take_effective();
-    if (!released_ && has_yielded()) return set_free();
-    limit_known_ = false;
-  }
-  const double now = norm_of_hold(now_.forces, now_.acceleration);
+// A body that yielded as it was let is free. Else the limit of its hold was too low.
+void Observer::end_yielding() {
+  if (!std::exchange(yields_, false)) return;
+  take_effective();
+  if (!released_ && has_yielded()) return set_free();
+  limit_known_ = false;
+}
+
+// Notes what held the body in the last step, and the rates at which it did.
+void Observer::note_hold(const Numbers& gravity) {
+  const double now = held_ ? norm_of_hold(now_.forces, now_.acceleration) : 0;
   limit_known_ &= held_ && now <= (1 + kEvidence) * withstood_;
-  withstood_ = std::max(held_ ? withstood_ : 0, now);
+  withstood_ = held_ ? std::max(withstood_, now) : 0;
+  if (!released_) return;
+  held_rates_ = rates_;
+  for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
 }
 
 // Whether the last motion is nearer to that of the yielding body than to that of the held one.

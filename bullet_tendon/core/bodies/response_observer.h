@@ -102,8 +102,9 @@ class Observer {
   };
   void start(int n);
   double norm_of_hold(const Numbers& forces, const Numbers& acceleration);
-  void let_yield(const Numbers& forces, const Numbers& acceleration, double most);
-  void note_hold();
+  void let_yield(double share);
+  void end_yielding();
+  void note_hold(const Numbers& gravity);
   bool has_yielded();
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
@@ -123,7 +124,7 @@ class Observer {
   Numbers applied_;  // all known forces in the last step
   Numbers missed_;
   Numbers held_push_;     // push without yielding
-  Numbers held_rates_;    // rates at the start of the last step, less gravity's change in it
+  Numbers held_rates_;    // at the start of a step in which it was released, less gravity's change in it
   Numbers sampled_;       // rates right after the last step, if sampled
   double withstood_ = 0;  // largest |L^-1 (a - R w)| since the body is held
   Sample last_, previous_;

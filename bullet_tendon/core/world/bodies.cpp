@@ -154,13 +154,18 @@ bool World::find_turning() {
   return any;
 }
 
+// Computes the forces on bodies with this solution, averaged over the step up to its end.
+void World::measure_forces() {
+  measure_wrenches();
+  sum_forces(1 / step_.substeps.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
+}
+
 // Lets bodies yield whose hold is not trusted with the forces of this solution. Returns whether there is any.
 bool World::limit_holds() {
   if (step_.whole || std::none_of(scene.bodies.begin(), scene.bodies.end(),
                                   [](const GeneralizedBody& m) { return m.observer.held(); }))
     return false;
-  measure_wrenches();
-  sum_forces(1 / step_.substeps.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
+  measure_forces();
   bool any = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
     GeneralizedBody& body = scene.bodies[m];
@@ -179,8 +184,7 @@ bool World::settle_stops() {
       std::none_of(scene.bodies.begin(), scene.bodies.end(),
                    [](const GeneralizedBody& m) { return m.may_stop(); }))
     return false;
-  measure_wrenches();
-  sum_forces(1 / step_.substeps.share_at_end(), [](const Link& l) { return l.wrench + l.part; });
+  measure_forces();
   bool other = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
     if (!scene.bodies[m].may_stop() || scene.bodies[m].stays ||

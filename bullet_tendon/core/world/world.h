@@ -373,6 +373,7 @@ class World {
   bool find_turning();
   void push_bodies();
   bool settle_stops();
+  void measure_forces();
   bool limit_holds();
   void find_solid_links();
   // world/islands.cpp
