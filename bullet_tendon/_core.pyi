@@ -90,6 +90,10 @@ class Primitive:
     ) -> tuple[float, _Vector, float]: ...  # distance, point, u
     def curvature(self, point: ArrayLike, normal: ArrayLike, along: ArrayLike, /) -> float: ...
 
+class Surface:
+    def __init__(self, triangles: ArrayLike, /) -> None: ...  # corners (t, 3, 3)
+    def crossed(self, a: ArrayLike, b: ArrayLike, /) -> NDArray[np.bool_]: ...
+
 class SignedDistance:
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike, /) -> None: ...
     @property
@@ -225,7 +229,8 @@ class World:
         normal: ArrayLike,
         offset: float,
         friction: float,
-        triangles: ArrayLike,
+        surface: Surface | None,
+        convex: bool,  # a hull, of which the inside has depths
         closed_form: Primitive | None,
         /,
     ) -> int: ...

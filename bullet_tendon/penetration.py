@@ -88,7 +88,7 @@ def _in_solid(shape: Shape, a, b):
 def _in_mesh(shape: Shape, a, b):
     """Of triangles: segments that cross them are sampled; others are inside with both ends or not at all."""
     trim = END * (b - a)
-    crossed = shape.measure(a + trim, b - trim)[0] <= 0.0
+    crossed = shape.measured.crossed(a + trim, b - trim)
     u, depth, normal = np.full(len(a), 0.5), np.full(len(a), np.nan), np.full((len(a), 3), np.nan)
     depth[~crossed] = 0.0
     if not shape.interior.closed:

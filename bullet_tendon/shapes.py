@@ -1,7 +1,8 @@
 """Collision shapes of pybullet bodies, and distances from a tendon's centreline to them.
 
 Owns: the geometry of one shape in its link's frame. Goes with the core's room `geometry`, which has closed
-forms of boxes, spheres, capsules, cylinders and planes; meshes are measured by FCL (mesh_queries.py).
+forms of boxes, spheres, capsules, cylinders and planes, and searches meshes in steps; FCL measures meshes
+where tendons are put, and the depth in convex hulls (mesh_queries.py).
 
 Distances are to the surface as drawn: without Bullet's collision margin (about a millimetre around meshes)
 and without the tendon's radius.
@@ -54,6 +55,11 @@ class Shape:
     def triangles(self) -> np.ndarray:
         """Corners (t, 3, 3) of the triangles that distances are measured from [m]; t = 0: a closed form."""
         return getattr(self.query, "corners", np.empty((0, 3, 3)))
+
+    @cached_property
+    def measured(self) -> "_core.Surface | None":
+        """These triangles, as the core measures them; None: a closed form."""
+        return _core.Surface(self.triangles) if len(self.triangles) else None
 
     def measure(self, a, b) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distance of k segments a -> b (k, 3), in the shape's frame [m]; a == b is a point.

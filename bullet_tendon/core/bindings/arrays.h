@@ -127,7 +127,7 @@ struct ElementTerms {
 void bind_links(py::module_& m, GuardedWorld& world);
 void bind_bodies(py::module_& m, GuardedWorld& world);
 // Distances that have closed forms (bindings/collision.cpp).
-void bind_primitives(py::module_& m);
+void bind_shapes(py::module_& m);
 
 // Module _core.testing: what only tests call.
 // Single terms of a step's potential (bindings/testing.cpp).

@@ -46,9 +46,19 @@ py::tuple measured_along(const Primitive& s, Vec3 a, Vec3 d) {
   return py::make_tuple(found.distance, found.point, found.u);
 }
 
+// Of segments a -> b (k, 3): whether each crosses the surface.
+py::array_t<bool> crossed(const Surface& s, const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
+  py::array_t<bool> found(a.size());
+  for (size_t k = 0; k < a.size(); ++k) found.mutable_at(k) = s.is_between(a[k], b.at(k));
+  return found;
+}
+
 }  // namespace
 
-void bind_primitives(py::module_& m) {
+void bind_shapes(py::module_& m) {
+  py::class_<Surface, std::shared_ptr<Surface>>(m, "Surface")
+      .def(py::init<const std::vector<Triangle>&>())
+      .def("crossed", &crossed);
   py::class_<Primitive>(m, "Primitive")
       .def(py::init(&primitive_of))
       .def_property_readonly("corner", &corner_of)
@@ -59,8 +69,8 @@ void bind_primitives(py::module_& m) {
 namespace {
 
 int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, Vec3 hi, bool half_space,
-              Vec3 normal, double offset, double friction, const std::vector<Triangle>& triangles,
-              const std::optional<Primitive>& primitive) {
+              Vec3 normal, double offset, double friction, const std::shared_ptr<Surface>& surface,
+              bool convex, const std::optional<Primitive>& primitive) {
   Shape s;
   s.link = link;
   s.local = {rotation, position};
@@ -70,7 +80,8 @@ int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, 
   s.plane_normal = normal;
   s.plane_offset = offset;
   s.friction = friction;
-  if (!triangles.empty()) s.surface = std::make_shared<Surface>(triangles);
+  s.surface = surface;
+  s.convex = convex;
   if (primitive) s.primitive = *primitive;
   return w.add_shape(s);
 }

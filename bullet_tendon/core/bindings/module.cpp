@@ -53,7 +53,7 @@ PYBIND11_MODULE(_core, m) {
   bind_articulated(m);
   bind_links(m, world);
   bind_bodies(m, world);
-  bind_primitives(m);
+  bind_shapes(m);
   bind_distance_grid(m);
   py::module_ testing = m.def_submodule("testing", "What only tests call.");
   bind_terms(testing);

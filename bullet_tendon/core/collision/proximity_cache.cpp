@@ -75,6 +75,14 @@ Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, Vec3 fallback) {
   return {found.point, unit_or((1 - found.u) * a + found.u * b - found.point, fallback), found.u, false};
 }
 
+// A feature that crosses the surface of a mesh keeps its last valid plane.
+void cross_surface(Entry& e) {
+  e.inside = true;
+  e.clearance = 0;
+  e.now = e.asked;
+  e.wanted = e.known && !e.asked.hole;
+}
+
 // Features beyond their reach make no contact, even if they were measured.
 bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.reach; }
 
@@ -90,8 +98,9 @@ struct Considering {
   void operator()(Entry& e, const Query& query, double reach) {
     ++counts.considered;
     e.reach = reach;
-    if (e.known && !e.inside && context.reuse_tolerance > 0) {
-      const double moved = std::max(norm(query.a - e.a), norm(query.b - e.b));
+    const bool reusable = e.known && !e.inside && context.reuse_tolerance > 0;
+    const double moved = reusable ? std::max(norm(query.a - e.a), norm(query.b - e.b)) : HUGE_VAL;
+    if (reusable) {
       if (e.distance - moved > reach) {
         ++counts.skipped;
         return;
@@ -101,16 +110,13 @@ struct Considering {
         e.wanted = is_within_reach(e);
         return;
       }
-      if (context.surface && searched(e, query, moved)) {
-        ++counts.searched;
-        e.wanted = is_within_reach(e);
-        return;
-      }
     }
-    if (shape.surface.get() != context.surface) {
-      ++counts.searched;
-      const Nearest found = context.surface->search(query.a, query.b, HUGE_VAL);
-      return answer(query, found.distance, found.point, found.u, pose, context, e);
+    if (context.surface && (!is_hull() || (reusable && stays_outside(e, query, moved)))) {
+      const Nearest found = search(e, query, reusable);
+      if (found.distance > 0 || !is_hull()) {
+        ++counts.searched;
+        return take(e, query, found);
+      }
     }
     ++counts.queried;
     if (!shape.primitive) return queries.push_back(query);
@@ -120,6 +126,11 @@ struct Considering {
 
  private:
   bool remeasured(Entry& e, const Query& q, double moved) const {
+    if (moved == 0) {
+      e.now = e.asked;
+      e.clearance = e.distance;
+      return true;
+    }
     auto missing = [&] { return moved > 0.5 * (e.listed - e.distance); };
     if (missing()) return false;
     if (e.nearby.empty()) e.listed = context.surface->list(e.a, e.b, e.listed, e.nearby);
@@ -130,17 +141,27 @@ struct Considering {
     return true;
   }
 
-  // The present distance to the last nearest point is an upper bound, in spite of rounding. The feature is on
-  // the same side of the surface if its ends have moved by less than its distance, or have not crossed the
-  // surface.
-  bool searched(Entry& e, const Query& q, double moved) const {
+  // Whether the inside of the mesh has depths, which only the oracle knows: it is a hull without bores.
+  bool is_hull() const { return shape.convex && context.surface == shape.surface.get(); }
+
+  // Whether the ends have moved by less than their distance from the surface, or have not crossed it.
+  bool stays_outside(const Entry& e, const Query& q, double moved) const {
     const Surface& surface = *context.surface;
-    if (moved >= e.distance && (surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b))) return false;
-    const double within =
-        (1 + kRoundingShare) * norm((1 - e.asked.u) * q.a + e.asked.u * q.b - e.asked.point);
-    const Nearest found = surface.search(q.a, q.b, within);
+    return moved < e.distance || !(surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b));
+  }
+
+  // The present distance to the last nearest point is an upper bound, in spite of rounding.
+  Nearest search(const Entry& e, const Query& q, bool bounded) const {
+    if (!bounded) return context.surface->search(q.a, q.b, HUGE_VAL);
+    const Vec3 last = (1 - e.asked.u) * q.a + e.asked.u * q.b;
+    return context.surface->search(q.a, q.b, (1 + kRoundingShare) * norm(last - e.asked.point));
+  }
+
+  void take(Entry& e, const Query& q, const Nearest& found) const {
     e.nearby.clear();  // it is not complete up to e.listed
-    if (found.distance == 0) return false;
+    if (found.distance == 0) return cross_surface(e);
+    e.known = true;
+    e.inside = false;
     e.a = q.a;
     e.b = q.b;
     e.distance = found.distance;
@@ -148,7 +169,7 @@ struct Considering {
     e.asked = plane_of(found, q.a, q.b, e.asked.normal);
     e.now = e.asked;
     e.clearance = e.distance;
-    return true;
+    e.wanted = is_within_reach(e);
   }
 
   bool still_true(Entry& e, const Query& q, double moved) const {
@@ -223,13 +244,7 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
   // A negative distance is valid if its point is at that distance: the penetration depth of a primitive. A
   // mesh gives no such point, and the last valid plane is kept.
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
-  if (!believed) {
-    e.inside = true;
-    e.clearance = 0;
-    e.now = e.asked;
-    e.wanted = e.known && !e.asked.hole;
-    return;
-  }
+  if (!believed) return cross_surface(e);
   e.known = true;
   e.inside = distance < 0;
   e.a = q.a;

@@ -80,6 +80,13 @@ void append_fan(const Polygon& p, std::vector<Triangle>& out) {
   for (size_t k = 2; k < p.size(); ++k) out.push_back({p[0], p[k - 1], p[k]});
 }
 
+// Whether a plane of the convex part separates it from a triangle.
+bool is_beside(const Triangle& t, const Convex& part) {
+  return std::any_of(part.begin(), part.end(), [&](const HalfSpace& h) {
+    return dot(h.n, t.a) >= h.c && dot(h.n, t.b) >= h.c && dot(h.n, t.c) >= h.c;
+  });
+}
+
 // Appends a triangle without a convex part: what each of its planes cuts off of what the planes before left.
 void append_without(const Triangle& t, const Convex& part, std::vector<Triangle>& out) {
   const size_t before = out.size();
@@ -104,7 +111,11 @@ std::vector<Triangle> drilled(const std::vector<Triangle>& triangles, const Bore
   std::vector<Triangle> left = triangles, next;
   for (const Convex& part : removed_by(bore)) {
     next.clear();
-    for (const Triangle& t : left) append_without(t, part, next);
+    for (const Triangle& t : left)
+      if (is_beside(t, part))
+        next.push_back(t);
+      else
+        append_without(t, part, next);
     std::swap(left, next);
   }
   return left;

@@ -18,7 +18,9 @@ void World::ensure_link(int link) {
 int World::add_tendon(std::unique_ptr<Tendon> tendon) {
   detection_.broad_phase.clear();
   history_.may_resolve = false;
-  return scene.tendons.add(std::move(tendon));
+  const int slot = scene.tendons.add(std::move(tendon));
+  drill_surfaces();
+  return slot;
 }
 
 void World::remove_tendon(int slot) {
@@ -64,6 +66,7 @@ void World::set_mouths(int slot, const Vec3 (&centre)[2], const Vec3 (&slope)[2]
   tunnel.start_slope = slope[0];
   tunnel.end_slope = slope[1];
   forget_planes();
+  drill_surfaces();
 }
 
 void World::remove_tunnel(int slot) {
@@ -177,6 +180,12 @@ const Surface* World::surface_for(const Tendon& c, int s) {
     left = drilled(left, in_world(*scene.tunnels[t], {turn, -(turn * shape.local.origin)}));
   known.push_back({wide, std::make_unique<const Surface>(std::move(left))});
   return known.back().left.get();
+}
+
+void World::drill_surfaces() {
+  for (auto [tendon, c] : filled(scene.tendons))
+    for (auto [s, shape] : filled(scene.shapes))
+      if (scene.filter.meets_link(tendon, shape.link)) surface_for(c, s);
 }
 
 NearContext World::near_context(const Tendon& c, int s) {

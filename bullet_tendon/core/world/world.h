@@ -437,6 +437,8 @@ class World {
   const std::vector<Bore>& bores_for(const Tendon& c, int link);
   // What these bores leave of a mesh, in the shape's frame; null of other shapes.
   const Surface* surface_for(const Tendon& c, int shape);
+  // Drills the meshes where parts are added: in a step it would take longer than the step.
+  void drill_surfaces();
   // What the search for distances of a tendon to a shape depends on.
   NearContext near_context(const Tendon& c, int shape);
   // world/tendon_stiffness.cpp
