@@ -29,7 +29,6 @@ from .generalized_bodies import (
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
 _SOFT_BODY = 3  # type of a body in getDynamicsInfo
 _WAKE = 0.5  # pybullet puts a body to sleep that was slow for 2 s [s]
-_STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # velocity [m/s] and spin [rad/s]
 _KEY = "bullet_tendon"  # of the user data that marks a body
 _PROCESS = os.urandom(8).hex()
 _numbers = itertools.count()  # its next() is one operation, whatever threads there are
@@ -185,18 +184,6 @@ class Bodies:
             for body_id, link, force, point in self._external:
                 if body_id == body.body:
                     body.add_force(self._core, link, force, point)
-
-    def standing(self) -> dict[int, tuple]:
-        """By id, the pose of each base that pybullet's step does not move, as it was read for the last step.
-
-        pybullet moves bases without mass by their velocity, too.
-        """
-        found = {}
-        for body in self._bodies or ():
-            reading = body.base_reading
-            if reading and reading[0][0] == 0 and reading[2] == _STILL:
-                found[body.body] = reading[1]
-        return found
 
     def rest(self) -> None:
         """Tendons, or bodies, were put in equilibrium: the next step begins with the forces there.

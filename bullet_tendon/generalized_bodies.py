@@ -68,13 +68,10 @@ class RigidBody:
 
     def __init__(self, slot: int, body: int, link: int, falls: bool, client: int):
         self.slot, self.body, self.link, self.falls, self.client = slot, body, link, falls, client
-        self.base_reading: tuple | None = None  # of the last step: dynamics, pose and velocities of the base
 
     def read(self, core) -> bool:
         """Where it is, and how it answers, into the core; whether all of that is finite."""
-        reading = info, where, motion = read_link(self.body, self.link, self.client)
-        if self.link < 0:
-            self.base_reading = reading
+        info, where, motion = read_link(self.body, self.link, self.client)
         found = core.read_link(self.slot, info, where, motion, True, self.falls)
         if found == _NEEDS_CONTACTS:
             self._read_contacts(core, where, keep=False)
@@ -120,14 +117,12 @@ class JointedBody:
         self._trees = [tree_of(infos, floating) for floating in (False, True)]
         self._tree = self._trees[0]  # of these, the one that was read last
         self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
-        self.base_reading: tuple | None = None  # of the last step: dynamics, pose and velocities of the base
 
     def read(self, core) -> bool:
         """Where its links are, and how they answer, into the core; whether all of that is finite."""
         body, client = self.body, self.client
         info = p.getDynamicsInfo(body, -1, client)
         floating = info[0] > 0
-        self.base_reading = None
         if not self._yields[floating]:
             links = zip(self._slots, self._links, strict=True)
             found = [core.read_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
@@ -137,7 +132,6 @@ class JointedBody:
         # for this.
         p.getLinkState(body, 0, 0, 1, client)
         base = p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
-        self.base_reading = (info, *base)
         infos = [info, *[p.getDynamicsInfo(body, link, client) for link in range(tree.links - 1)]]
         joints = joint_states(body, self._joints, client)
         return core.read_body(tree, self._slots, self._links, infos, *base, joints)

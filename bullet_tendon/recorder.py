@@ -4,7 +4,6 @@ Owns: the frames, until they are a Recording. Goes with no room of the core. A f
 arrays: what they mean is worked out when somebody asks for the recording.
 """
 
-import sys
 from collections.abc import Callable
 from os import PathLike
 from typing import NamedTuple
@@ -14,7 +13,7 @@ import pybullet as p
 from scipy.spatial.transform import Rotation
 
 from . import checks
-from .bodies import Marks
+from .bodies import Bodies, Marks
 from .errors import InvalidType, NotCopied
 from .lens import checked_camera
 from .ligament import Ligament, line_of
@@ -24,9 +23,11 @@ from .tendon import Tendon
 from .visual_meshes import visual_meshes
 from .world import TendonWorld
 
-_FRAME_BYTES = 600  # of a frame beside its numbers
-_POSE_BYTES = 350  # of a pose as pybullet returns it
+_FRAME_BYTES = 250  # of a frame beside its moment
+_SCALAR_BYTES = 150  # of a named number of a frame
 _LEAST_MEMORY = 1_000_000
+_NONE: dict[str, float] = {}  # of frames without named numbers
+_PIECE = 1 << 20  # bytes that are allotted at once: in larger ones Linux clears 2 MB in one step
 
 
 class _Blocks(NamedTuple):
@@ -40,40 +41,91 @@ class _Blocks(NamedTuple):
     poses: np.ndarray
 
 
-class _Frame:
-    """One moment, as it was read. layout, bodies: what `moment`, of the core, is about.
+class _Frame(NamedTuple):
+    """One moment, as it was read: bytes `start` to `end` of `memory`. layout: what slots in it mean.
 
-    bodies: by id, the number and the joints of a body that was there. standing: by id, poses of bases that
-    are not in `moment`.
+    bodies: by id, the number and the joints of a body that was there. A recorder has frames as tuples, which
+    take less time to make.
     """
 
-    __slots__ = ("bodies", "bytes", "layout", "moment", "scalars", "standing", "step", "time")
+    time: float
+    step: int
+    memory: np.ndarray
+    start: int
+    end: int
+    layout: "_Layout"
+    bodies: dict[int, tuple[int, list[int]]]
+    scalars: dict[str, float]
 
     @property
     def blocks(self) -> _Blocks:
-        """`moment` as arrays: (k,), (t,), (a, 6), (c, 14), (l, 2) and (p, 7)."""
-        found, start = [], 0
-        for shape in ((-1,), (-1,), (-1, 6), (-1, 14), (-1, 2)):
-            count = self._count(start)
-            found.append(np.frombuffer(self.moment, np.float32, count, start + 4).reshape(shape))
-            start += 4 + 4 * count
-        poses = np.frombuffer(self.moment, float, 7 * self._count(start), start + 4)
-        return _Blocks(*found, poses.reshape(-1, 7))
-
-    def _count(self, start: int) -> int:
-        return int.from_bytes(self.moment[start : start + 4], sys.byteorder)
+        """The moment as arrays: (k,), (t,), (a, 6), (c, 14), (l, 2) and (p, 7)."""
+        counts = np.frombuffer(self.memory, np.int32, 6, self.start)
+        found, start = [], self.start + counts.nbytes
+        for count, width in zip(counts, (1, 1, 6, 14, 2, 7), strict=True):
+            kind = np.dtype(np.float64 if len(found) == 5 else np.float32)
+            block = np.frombuffer(self.memory, kind, count, start)
+            found.append(block if width == 1 else block.reshape(-1, width))
+            start += block.nbytes
+        return _Blocks(*found)
 
     def poses(self):
         """Of each body, its number and the poses (1 + joints, 7) of its base's centre of mass and links."""
-        poses, standing = self.blocks.poses, self.standing
-        base, link = 0, len(self.bodies) - sum(body in standing for body in self.bodies)
-        for body, (number, joints) in self.bodies.items():
-            if body in standing:
-                first = np.concatenate(standing[body])
-            else:
-                first, base = poses[base], base + 1
-            yield number, np.vstack([first, poses[link : link + len(joints)]])
+        poses, link = self.blocks.poses, len(self.bodies)
+        for base, (number, joints) in enumerate(self.bodies.values()):
+            yield number, np.vstack([poses[base], poses[link : link + len(joints)]])
             link += len(joints)
+
+
+_STEP, _START, _SCALARS = map(_Frame._fields.index, ("step", "start", "scalars"))
+
+
+def _size_of(frame: tuple) -> int:
+    """Bytes that a frame takes."""
+    found = _Frame._make(frame)
+    return _FRAME_BYTES + found.end - found.start + _SCALAR_BYTES * len(found.scalars)
+
+
+class _Memory:
+    """Memory in pieces, in which moments lie one behind the other. None of them lies in two pieces.
+
+    most: bytes of a piece, at most.
+    """
+
+    def __init__(self, most: float):
+        self._size = min(_PIECE, int(most))
+        self._pieces = [np.empty(self._size, np.uint8)]
+        self._piece, self._end = self._pieces[-1], 0  # the last one, and the end of what is used of it
+
+    def write(self, moment: Callable, arguments: tuple, start: int | None) -> tuple[np.ndarray, int, int]:
+        """Keep what `moment`, of the core, writes: its piece, and where it begins and ends there.
+
+        start: of the last moment, where this one takes its place. Nothing has changed where `moment` raises.
+        """
+        piece, start = self._piece, self._end if start is None else start
+        end = moment(piece, start, *arguments)
+        if end < 0:
+            piece, start = np.empty(max(self._size, -end), np.uint8), 0
+            end = moment(piece, start, *arguments)
+            self._pieces.append(piece)
+            self._piece = piece
+        self._end = end
+        return piece, start, end
+
+    def keep(self, frames: list[tuple]) -> list[tuple]:
+        """Move what these frames have, in their order, to the beginning, and give up all else."""
+        kept, at, self._end = [], 0, 0
+        for frame in map(_Frame._make, frames):
+            size = frame.end - frame.start
+            while self._end + size > self._pieces[at].size:
+                at, self._end = at + 1, 0
+            piece, start = self._pieces[at], self._end
+            self._end += size
+            piece[start : self._end] = frame.memory[frame.start : frame.end]
+            kept.append(tuple(frame._replace(memory=piece, start=start, end=self._end)))
+        del self._pieces[at + 1 :]
+        self._piece = self._pieces[-1]
+        return kept
 
 
 class _Layout(NamedTuple):
@@ -157,16 +209,16 @@ class Recorder(NotCopied):
         self._functions = {} if scalars is None else _checked_functions(scalars)
         self._memory = checks.number("memory", memory, at_least=_LEAST_MEMORY)
         self._most = None if most_frames is None else checks.integer("most_frames", most_frames, at_least=2)
-        self._frames: list[_Frame] = []
+        self._frames: list[tuple] = []  # of what a _Frame has
         self._bytes = 0
+        self._kept = _Memory(self._memory)
         self._share = 1  # one of so many calls of frame is kept
         self._calls = 0
-        self._seen = _Bodies(self._client)
-        self._standing: dict[int, tuple] = {}
+        self._seen = _Bodies(self._client, world._bodies)
         self._look()
         self._world._listeners.next_begins()  # a step that was applied before is not one of the recording
         if self.every is not None:
-            self._keep({})
+            self._keep(_NONE)
         self._world._listeners.add(self._step_taken)
 
     def __len__(self) -> int:
@@ -247,54 +299,44 @@ class Recorder(NotCopied):
         self.steps += 1
         self.time += self._core.last_step()[0]
         if self.every is not None and self.steps % self.every == 0:
-            self._keep({}, at_once)
+            self._keep(_NONE, at_once)
 
     def _keep(self, values: dict, at_once: bool = False) -> None:
         """Keep a frame. at_once: what stands is where it was when the last step began."""
-        for name, function in self._functions.items():
-            values[name] = checks.number(name, function())
-        again = bool(self._frames) and self._frames[-1].step == self.steps
+        world, frames, step = self._world, self._frames, self.steps
+        if self._functions:
+            named = self._functions.items()
+            values = {**values, **{name: checks.number(name, function()) for name, function in named}}
+        again = frames[-1] if frames and frames[-1][_STEP] == step else None
+        start = None
         if again:
-            values = {**self._frames[-1].scalars, **values}
-        frame = self._read(values, at_once)
-        if again:
-            self._bytes -= self._frames.pop().bytes
-        self._frames.append(frame)
-        self._bytes += frame.bytes
-        if self._bytes > self._memory or (self._most is not None and len(self._frames) > self._most):
-            self._thin()
-
-    def _read(self, values: dict, at_once: bool) -> _Frame:
-        world = self._world
+            start, values = again[_START], {**again[_SCALARS], **values}
         is_known = world._tendons == self._tendons and world._ligaments is self._ligaments
         if not is_known or world._bodies.revision != self._revision:
             self._look()
-        frame = _Frame()
-        frame.time, frame.step, frame.scalars, frame.layout = self.time, self.steps, values, self._layout
-        frame.bodies = self._seen.present(at_once)
-        standing = world._bodies.standing() if at_once else {}
-        frame.bytes = _FRAME_BYTES
-        if standing != self._standing:
-            self._standing = standing
-            frame.bytes += _POSE_BYTES * len(standing)
-        frame.standing = self._standing
-        frame.moment = self._core.moment(*self._seen.poses(standing))
-        frame.bytes += len(frame.moment)
-        return frame
+        bodies = self._seen.present(at_once)
+        piece, start, end = self._kept.write(self._core.moment, self._seen.places(at_once), start)
+        if again:
+            self._bytes -= _size_of(frames.pop())
+        frame = (self.time, step, piece, start, end, self._layout, bodies, values)
+        frames.append(frame)
+        self._bytes += _size_of(frame) if values else _FRAME_BYTES + end - start
+        if self._bytes > self._memory or (self._most is not None and len(frames) > self._most):
+            self._thin()
 
     def _look(self) -> None:
         """See which tendons, ligaments and links there are."""
         world = self._world
         self._tendons, self._ligaments = dict(world._tendons), world._ligaments
         self._revision = world._bodies.revision
-        self._seen.read_by_steps(world._bodies.marks_read())
+        self._seen.look_at_slots()
         tendons = tuple((tendon, slot, tendon.particles) for slot, tendon in sorted(self._tendons.items()))
         self._layout = _Layout(tendons, tuple(world._bodies.links), self._ligaments)
 
     def _thin(self) -> None:
         """Give up every second frame, and keep half as many from now on."""
-        del self._frames[1::2]
-        self._bytes = sum(frame.bytes for frame in self._frames)
+        self._frames = self._kept.keep(self._frames[::2])
+        self._bytes = sum(map(_size_of, self._frames))
         self._share *= 2
         if self.every is not None:
             self.every *= 2
@@ -315,19 +357,25 @@ class _Bodies:
     pybullet gives the id of a removed body to another one, which is seen as a body of its own.
     """
 
-    def __init__(self, client: int):
+    def __init__(self, client: int, read: Bodies):
         self._client = client
+        self._read = read  # those that steps read
         self._present: dict[int, tuple[int, list[int]]] = {}  # number and joints, by id
         self._marks = Marks(client)
         self._mark_of: dict[int, tuple[int, bytes]] = {}  # by id
-        self._read: set[tuple[int, bytes]] = set()  # marks of bodies that steps read
-        self._others: list[tuple[int, bytes]] = []  # those of the others
+        self._others: list[tuple[int, bytes]] = []  # marks of those that steps do not read
+        self._bases: list[tuple] = []  # slot, and arguments of p.getBasePositionAndOrientation
+        self._jointed: list[tuple] = []  # arguments of p.getLinkStates
         self.seen: list[_Sight] = []  # by number
 
-    def read_by_steps(self, marks: set[tuple[int, bytes]]) -> None:
-        """Steps read the bodies that carry these marks, and see that they are there."""
-        self._read = marks
-        self._others = [mark for mark in self._mark_of.values() if mark not in marks]
+    def look_at_slots(self) -> None:
+        """See which bodies steps read, and see to be there."""
+        read, client, find = self._read.marks_read(), self._client, self._read.find_slot
+        self._others = [mark for mark in self._mark_of.values() if mark not in read]
+        slots = {body: find(body, -1) for body in self._present}
+        self._bases = [(-1 if slot is None else slot, (body, client)) for body, slot in slots.items()]
+        jointed = ((body, joints) for body, (_, joints) in self._present.items() if joints)
+        self._jointed = [(body, joints, 0, 1, client) for body, joints in jointed]
 
     def present(self, at_once: bool) -> dict[int, tuple[int, list[int]]]:
         """By id, the number and the joints of each body that is there.
@@ -335,19 +383,15 @@ class _Bodies:
         at_once: nothing has come or gone since the last step began.
         """
         marks = self._others if at_once else self._mark_of.values()
-        if p.getNumBodies(self._client) != len(self._mark_of) or not self._marks.all_hold(marks):
+        there = p.getNumBodies(self._client) == len(self._mark_of)
+        if not there or (marks and not self._marks.all_hold(marks)):
             self._look()
         return self._present
 
-    def poses(self, standing: dict[int, tuple]) -> tuple[list, list]:
-        """Of all bodies in turn: poses of the bases that are not in `standing`, and states of all links."""
-        bases, links, client = [], [], self._client
-        for body, (_, joints) in self._present.items():
-            if body not in standing:
-                bases.append(p.getBasePositionAndOrientation(body, client))
-            if joints:
-                links += p.getLinkStates(body, joints, 0, 1, client)
-        return bases, links
+    def places(self, at_once: bool) -> tuple:
+        """What `moment` takes: of bases, of which it asks for those that move in a step, and of all links."""
+        links = [state for asked in self._jointed for state in p.getLinkStates(*asked)]
+        return at_once, self._bases, p.getBasePositionAndOrientation, links
 
     def _look(self) -> None:
         ids = [p.getBodyUniqueId(i, self._client) for i in range(p.getNumBodies(self._client))]
@@ -356,7 +400,7 @@ class _Bodies:
         }
         self._present = {body: known[body] if body in known else self._meet(body) for body in ids}
         self._mark_of = {body: self._marks.mark(body) for body in ids}
-        self.read_by_steps(self._read)
+        self.look_at_slots()
 
     def _meet(self, body: int) -> tuple[int, list[int]]:
         client = self._client
@@ -372,7 +416,7 @@ class _Bodies:
 
 
 def _recording(recorder: Recorder) -> Recording:
-    frames = recorder._frames
+    frames = [_Frame._make(frame) for frame in recorder._frames]
     tendons = _tendon_tracks(frames)
     order = {tendon: number for number, tendon in enumerate(tendons)}
     world = recorder._world

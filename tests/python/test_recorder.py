@@ -248,9 +248,35 @@ def test_memory_is_bounded_and_the_whole_run_is_covered(make_world):
     assert found.steps[0] == 0 and found.steps[-1] > 300 - recorder.every
     assert set(np.diff(found.steps)) == {recorder.every} == {8}
     large = bt.Recorder(world, every=1, memory=1e6)
-    world.step(900)
+    world.step(1800)
     assert large._bytes <= 1e6
-    assert len(large) < 900
+    assert len(large) < 1800
+
+
+def test_thinned_frames_are_those_that_were_kept(make_world):
+    world, *_ = laid_over_a_box(make_world)
+    whole, thinned = bt.Recorder(world, every=1), bt.Recorder(world, every=1, most_frames=10)
+    world.step(100)
+    whole, thinned = whole.recording, thinned.recording
+    rows = thinned.steps
+    np.testing.assert_array_equal(thinned.tendons[0].positions, whole.tendons[0].positions[rows])
+    for few, all_of_them in zip(thinned.links, whole.links, strict=True):
+        np.testing.assert_array_equal(few.position, all_of_them.position[rows])
+    for frame, step in enumerate(rows):
+        found = [r.contacts[r.contacts["frame"] == k] for r, k in ((thinned, frame), (whole, step))]
+        np.testing.assert_array_equal(found[0]["position"], found[1]["position"])
+
+
+def test_frames_of_the_same_moment_take_no_more_memory(make_world):
+    world, tendon, *_ = laid_over_a_box(make_world)
+    recorder = bt.Recorder(world, memory=1e6)
+    world.step()
+    recorder.frame(k=0)
+    end = recorder._kept._end
+    for k in range(20):
+        recorder.frame(k=k)
+    assert recorder._kept._end == end
+    np.testing.assert_array_equal(recorder.recording.tendons[0].positions[0], tendon.positions.astype("f4"))
 
 
 def test_tendons_and_bodies_that_come_and_go(make_world):

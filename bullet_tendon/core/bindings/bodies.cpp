@@ -34,6 +34,17 @@ void take_friction(Link& l, PyObject* info) {
   l.friction = friction;
 }
 
+// Keeps where pybullet has a link, by its centre of mass and the orientation of its inertial frame, if
+// pybullet's step does not move it: pybullet moves bases without mass by their velocity, too.
+void note_standing(World& w, int slot, PyObject* where) {
+  w.standing.resize(w.scene.links.size());
+  w.standing[slot].reset();
+  if (!w.scene.links[slot].rests()) return;
+  double* out = w.standing[slot].emplace().data();
+  for (int part = 0; part < 2; ++part)
+    for (int i = 0; i < 3 + part; ++i) *out++ = number(item(where, part), i);
+}
+
 // Marks the link as one that tendons do not move.
 void stand_still(World& w, int slot) {
   w.scene.links[slot].body = -1;
@@ -96,8 +107,11 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   take_friction(l, info.ptr());
   l.now_velocity = vector(item(motion.ptr(), 0));
   l.now_spin = vector(item(motion.ptr(), 1));
-  if (!alone || !(number(info.ptr(), 0) > 0)) return stand_still(w, slot), is_finite(w, slot) ? 1 : 0;
-  l.body = slot;
+  const bool moves = alone && number(info.ptr(), 0) > 0;
+  if (!moves) stand_still(w, slot);
+  if (moves) l.body = slot;
+  note_standing(w, slot, where.ptr());
+  if (!moves) return is_finite(w, slot) ? 1 : 0;
   l.jacobian.clear();
   stand_alone(w.scene.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!is_finite(w, slot)) return 0;
@@ -149,6 +163,8 @@ void clear_link(World& w, int slot) {
   w.ensure_link(slot);
   w.scene.links[slot] = Link{};
   w.scene.bodies[slot] = GeneralizedBody{};
+  w.standing.resize(w.scene.links.size());
+  w.standing[slot].reset();
   w.scene.filter.forget_link(slot);
 }
 
@@ -288,6 +304,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
     set_motion(l, body, reading, m.rates);
+    if (link == 0) note_standing(w, slots[i], base.ptr());
   }
   std::vector<Vec3> curvings;
   body.curvings(m.rates.data(), curvings);

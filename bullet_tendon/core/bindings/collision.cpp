@@ -102,15 +102,17 @@ py::array_t<bool> is_drilled(const World& w, int slot, const std::vector<Vec3>& 
 // (contacts, 14)
 std::vector<std::array<double, 14>> contacts(const World& w) {
   std::vector<std::array<double, 14>> out;
-  for (const ContactRecord& c : w.contacts()) out.push_back(row_of(c));
+  for (size_t i = 0; i < w.contact_count(); ++i) out.push_back(row_of(w.contact(i)));
   return out;
 }
 
 // Depth of the deepest contact that has a normal force, in radii of its tendon [-].
 double pressed_depth(const World& w) {
   double most = 0;
-  for (const ContactRecord& c : w.contacts())
+  for (size_t i = 0; i < w.contact_count(); ++i) {
+    const ContactRecord c = w.contact(i);
     if (c.normal_force > 0) most = std::max(most, -c.distance / w.scene.tendons[c.tendon]->radius);
+  }
   return most;
 }
 

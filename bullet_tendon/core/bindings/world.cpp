@@ -7,7 +7,6 @@
 #include <cstring>
 #include <functional>
 #include <memory>
-#include <numeric>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -175,104 +174,112 @@ void set_options(World& w, int integrator, int iteration, int linear_solver, int
                time_budget};
 }
 
-// Writes numbers behind each other into a new bytes object.
-class Packed {
- public:
-  explicit Packed(size_t size)
-      : bytes_(py::reinterpret_steal<py::bytes>(
-            PyBytes_FromStringAndSize(nullptr, static_cast<py::ssize_t>(size)))) {
-    if (!bytes_) throw py::error_already_set();
-    at_ = PyBytes_AS_STRING(bytes_.ptr());
+// Where a state of p.getLinkStates has position and orientation of the URDF frame.
+constexpr int kLinkFrame = 4;
+
+// A position and an orientation, which are the items from `first` on.
+void add_pose(std::vector<double>& out, PyObject* found, int first) {
+  if (!found) throw py::value_error("links");  // pybullet has returned the states of fewer links
+  for (int part = 0; part < 2; ++part)
+    for (int i = 0; i < 3 + part; ++i) out.push_back(number(item(found, first + part), i));
+}
+
+// How many numbers each block of a moment has.
+struct MomentSize {
+  size_t shapes = 0, energies = 0, anchors = 0, contacts = 0, ligaments = 0, poses = 0;
+
+  size_t bytes() const {
+    return 6 * sizeof(int32_t) + sizeof(float) * (shapes + energies + anchors + contacts + ligaments) +
+           sizeof(double) * poses;
   }
-  template <class Number>
-  void add(Number number) {
+};
+
+MomentSize size_of_moment(const World& w, const std::vector<double>& poses) {
+  MomentSize size;
+  for (const auto& tendon : w.scene.tendons) {
+    if (!tendon) continue;
+    size.shapes += 4 * tendon->x.size() - 1;
+    ++size.energies;
+    size.anchors += 6 * tendon->anchors.size();
+  }
+  size.contacts = 14 * w.contact_count();
+  for (const auto& ligament : w.scene.ligaments) size.ligaments += ligament ? 2 : 0;
+  size.poses = poses.size();
+  return size;
+}
+
+// Writes numbers behind each other.
+class Writer {
+ public:
+  explicit Writer(std::uint8_t* at) : at_(at) {}
+  template <class Number, class Value>
+  void add(Value value) {
+    const auto number = static_cast<Number>(value);
     std::memcpy(at_, &number, sizeof number);
     at_ += sizeof number;
   }
-  void add_floats(Vec3 v) {
-    for (double part : {v.x, v.y, v.z}) add(static_cast<float>(part));
+  template <class Number, class List>
+  void add_all(const List& list) {
+    for (double value : list) add<Number>(value);
   }
-  py::bytes done() const { return bytes_; }
+  void add_floats(Vec3 v) { add_all<float>(std::array{v.x, v.y, v.z}); }
 
  private:
-  py::bytes bytes_;
-  char* at_;
+  std::uint8_t* at_;
 };
 
-constexpr int kLinkFrame =
-    4;  // where a state of p.getLinkStates has position and orientation of the URDF frame
-
-// A position and an orientation, which are the items from `first` on.
-void add_pose(Packed& out, PyObject* found, int first) {
-  if (!found) throw py::value_error("links");  // pybullet has returned the states of fewer links
-  for (int part = 0; part < 2; ++part)
-    for (int i = 0; i < 3 + part; ++i) out.add(number(item(found, first + part), i));
-}
-
-// How many numbers of a block of a moment there are.
-struct MomentSize {
-  size_t shapes = 0, tendons = 0, anchors = 0, ligaments = 0;
-
-  explicit MomentSize(const Scene& scene) {
-    for (const auto& tendon : scene.tendons) {
-      if (!tendon) continue;
-      shapes += 4 * tendon->x.size() - 1;
-      ++tendons;
-      anchors += tendon->anchors.size();
-    }
-    for (const auto& ligament : scene.ligaments) ligaments += ligament != nullptr;
-  }
-};
-
-// What a recorder keeps of a moment, in one object, which costs least. It has blocks, each the number of its
-// floats (int32) and these (float32): of all tendons by slot, positions (n, 3) and tension (n-1), one after
-// the other; energies (tendons); anchors (a, 6): tendon, particle, link (-1: a grip), force; contacts (c,
-// 14), by row_of; and ligaments (l, 2): slot, force. The last block is the number of poses, of bases and then
-// of links, and these (p, 7, float64), which p.getBasePositionAndOrientation and p.getLinkStates have
-// returned.
-py::bytes moment(const World& w, const py::list& bases, const py::list& links) {
-  const Scene& scene = w.scene;
-  const std::vector<ContactRecord> contacts = w.contacts();
-  const MomentSize size(scene);
-  const size_t counts[5] = {size.shapes, size.tendons, 6 * size.anchors, 14 * contacts.size(),
-                            2 * size.ligaments};
-  const size_t poses = bases.size() + links.size();
-  const size_t floats = std::accumulate(counts, counts + 5, size_t{0});
-  Packed out(sizeof(float) * floats + 6 * sizeof(int32_t) + 7 * sizeof(double) * poses);
-  auto begin = [&](int block) { out.add(static_cast<int32_t>(counts[block])); };
+void write_tendons(const Scene& scene, Writer& out) {
   static thread_local std::vector<double> tension;  // keeps its memory from call to call
-  begin(0);
   for (const auto& tendon : scene.tendons) {
     if (!tendon) continue;
     for (int i = 0; i < tendon->x.size(); ++i) out.add_floats(tendon->x.at(i));
     tendon->tension(tension);
-    for (double value : tension) out.add(static_cast<float>(value));
+    out.add_all<float>(tension);
   }
-  begin(1);
   for (const auto& tendon : scene.tendons)
-    if (tendon) out.add(static_cast<float>(tendon->energy()));
-  begin(2);
+    if (tendon) out.add<float>(tendon->energy());
   for (size_t slot = 0; slot < scene.tendons.size(); ++slot) {
     if (!scene.tendons[slot]) continue;
     for (const Anchor& anchor : scene.tendons[slot]->anchors) {
-      for (int number : {static_cast<int>(slot), anchor.particle, anchor.link})
-        out.add(static_cast<float>(number));
+      for (int number : {static_cast<int>(slot), anchor.particle, anchor.link}) out.add<float>(number);
       out.add_floats(anchor.step_force);
     }
   }
-  begin(3);
-  for (const ContactRecord& c : contacts)
-    for (double value : row_of(c)) out.add(static_cast<float>(value));
-  begin(4);
-  for (size_t slot = 0; slot < scene.ligaments.size(); ++slot)
-    if (scene.ligaments[slot]) {
-      out.add(static_cast<float>(slot));
-      out.add(static_cast<float>(scene.ligaments[slot]->force));
-    }
-  out.add(static_cast<int32_t>(poses));
-  for (const py::handle base : bases) add_pose(out, base.ptr(), 0);
-  for (const py::handle link : links) add_pose(out, link.ptr(), kLinkFrame);
-  return out.done();
+}
+
+// Writes what a recorder keeps of a moment into `memory` from the byte `start` on. Returns its end; where it
+// is too long for that, less 0, its size. First the counts of the blocks' numbers (6, int32), then the blocks
+// (float32): of all tendons by slot, positions (n, 3) and tension (n-1), one after the other; energies
+// (tendons); anchors (a, 6): tendon, particle, link (-1: a grip), force; contacts (c, 14), by row_of;
+// ligaments (l, 2): slot, force; and the poses (p, 7, float64) of bases and then of links.
+//
+// bases: slot or -1, and arguments of `ask`, p.getBasePositionAndOrientation. at_once: what stands has not
+// been moved since it was read for the last step. links: what p.getLinkStates has returned.
+py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_t start, bool at_once,
+                   const py::list& bases, const py::object& ask, const py::list& links) {
+  static thread_local std::vector<double> poses;
+  poses.clear();
+  for (const py::handle base : bases) {
+    const int slot = static_cast<int>(number(base.ptr(), 0));
+    if (at_once && slot >= 0 && slot < static_cast<int>(w.standing.size()) && w.standing[slot])
+      poses.insert(poses.end(), w.standing[slot]->begin(), w.standing[slot]->end());
+    else
+      add_pose(poses, ask(*py::reinterpret_borrow<py::tuple>(item(base.ptr(), 1))).ptr(), 0);
+  }
+  for (const py::handle link : links) add_pose(poses, link.ptr(), kLinkFrame);
+  const MomentSize size = size_of_moment(w, poses);
+  const auto bytes = static_cast<py::ssize_t>(size.bytes());
+  if (start < 0 || start + bytes > memory.size()) return -bytes;
+  Writer out(memory.mutable_data() + start);
+  for (size_t count : {size.shapes, size.energies, size.anchors, size.contacts, size.ligaments, size.poses})
+    out.add<std::int32_t>(count);
+  write_tendons(w.scene, out);
+  for (size_t i = 0; i < w.contact_count(); ++i) out.add_all<float>(row_of(w.contact(i)));
+  for (size_t slot = 0; slot < w.scene.ligaments.size(); ++slot)
+    if (w.scene.ligaments[slot])
+      out.add_all<float>(std::array{static_cast<double>(slot), w.scene.ligaments[slot]->force});
+  out.add_all<double>(poses);
+  return start + bytes;
 }
 
 }  // namespace

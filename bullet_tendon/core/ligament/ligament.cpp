@@ -147,7 +147,7 @@ void Ligament::find_tension() {
   const double share = relaxation_.share();
   tension_now_ = share * unrelaxed_now_ + recalled_;
   slope_ = share * material_.stiffness * slope / rest;
-  potential_ = share * material_.stiffness * rest * elastic_energy(law, strain) + recalled_ * length_now_;
+  potential_ = share * material_.stiffness * rest * elastic_energy_any(law, strain) + recalled_ * length_now_;
   stiffest_ = slope_;
   if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
   if (material_.damping == 0 || h_ == 0) return;

@@ -126,8 +126,7 @@ double gained(Tendon& c, Vec3 gravity) {
   for (SpringSet* s : {&c.structure, &c.shear}) {
     if (s->count == 0) continue;
     after += stored_energy(*s, c.material.law);
-    for (int k = 0; k < s->count; ++k)
-      before += stored_energy(*s, c.material.law, k, norm(c.x.at(k + s->reach) - c.x.at(k)));
+    before += stored_energy(*s, c.material.law, c.x);
   }
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 v0 = c.v.at(i), v1 = c.v_new.at(i);

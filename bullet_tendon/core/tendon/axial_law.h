@@ -73,10 +73,6 @@ BT_WITHIN inline void by_exponent(double exponent, Call call) {
   }
 }
 
-inline void power_any(double s, double p, double& value, double& slope) {
-  by_exponent(p, [&](auto P) BT_WITHIN { power<P>(s, p, value, slope); });
-}
-
 // Elastic force per unit K, and its derivative by the strain.
 template <int P>
 inline void elastic(const Law& law, double s, double& force, double& slope) {
@@ -116,13 +112,20 @@ inline double strain_of(const Law& law, double t) {
 inline bool is_linear(const Law& law) { return law.exponent == 1 && !law.tension_only; }
 
 // Elastic energy per unit K and rest length: the integral of the force over the strain.
+template <int P>
 inline double elastic_energy(const Law& law, double s) {
-  if (law.tension_only && s < 0) return 0;
   double a = std::fabs(s), p = law.exponent, inside = a < law.toe_strain ? a : law.toe_strain;
   double value, slope;
-  power_any(inside, p, value, slope);
-  double beyond = a - inside;
-  return inside * value / (p + 1) + value * beyond + 0.5 * slope * beyond * beyond;
+  power<P>(inside, p, value, slope);
+  double beyond = a - inside,
+         energy = inside * value / (p + 1) + value * beyond + 0.5 * slope * beyond * beyond;
+  return law.tension_only && s < 0 ? 0.0 : energy;
+}
+
+inline double elastic_energy_any(const Law& law, double s) {
+  double energy;
+  by_exponent(law.exponent, [&](auto P) BT_WITHIN { energy = elastic_energy<P>(law, s); });
+  return energy;
 }
 
 // Damping force per unit C, and its derivative by the strain rate.

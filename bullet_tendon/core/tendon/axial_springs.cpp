@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <type_traits>
 #include <vector>
 
@@ -224,16 +225,20 @@ void take_true_multipliers(SpringSet& s) {
 
 }  // namespace
 
-BT_VECTOR double evaluate(SpringSet& s, const Law& law, const Motion& motion) {
+BT_VECTOR void find_forces(SpringSet& s, const Law& law, const Motion& motion) {
   const double b = motion.h_eff;
   measure_at<true>(s, motion.x, motion.displacement);
   by_exponent(law.exponent, [&](auto P) BT_WITHIN { elastic_forces<P>(s, law); });
   if (has_braking(s, law))
     add_braking(s, law, s.start.data(), b, 1,
                 [&](int k) { return (s.length[k] - s.history[k]) / (b * s.rest[k]); });
+}
+
+double evaluate(SpringSet& s, const Law& law, const Motion& motion) {
+  find_forces(s, law, motion);
   vectors(s);
   if (s.damped && law.whole_velocity)
-    add_whole_damping(s, law, b, 1, false, [&](int i) { return motion.velocity(i); });
+    add_whole_damping(s, law, motion.h_eff, 1, false, [&](int i) { return motion.velocity(i); });
   return largest_of(s.force.data(), s.count);
 }
 
@@ -336,10 +341,10 @@ double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int
   elastic_any(law, strain, f, slope);
   for (size_t i = 0; i < terms; ++i) {
     const double g = tissue.weights[i], part = s.memory[k * terms + i] + g * (K * f - s.unrelaxed[k]);
-    each += g * elastic_energy(law, strain_of<0>(law, std::fabs(part) / (g * K)));
+    each += g * elastic_energy_any(law, strain_of<0>(law, std::fabs(part) / (g * K)));
     share -= g;
   }
-  return K * s.rest[k] * (share * elastic_energy(law, strain) + each);
+  return K * s.rest[k] * (share * elastic_energy_any(law, strain) + each);
 }
 
 BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
@@ -355,16 +360,43 @@ BT_VECTOR double largest_stiffness(SpringSet& s, const Law& law, double b) {
   return largest_of(now, s.count);
 }
 
-double stored_energy(const SpringSet& s, const Law& law, int k, double length) {
-  return s.share * s.stiffness[k] * s.rest[k] *
-             elastic_energy(law, (length - s.rest[k]) * s.inverse_rest[k]) +
-         s.recalled[k] * length;
+namespace {
+
+// Elastic energies of springs, or of those that relax the potentials within the substep, at length_of(k) [J].
+template <int P, class Length>
+BT_WITHIN inline void stored_energies(const SpringSet& s, const Law& law, Length length_of, double* out) {
+  const double *rest = s.rest.data(), *inverse = s.inverse_rest.data(), *stiffness = s.stiffness.data(),
+               *recalled = s.recalled.data(), share = s.share;
+#pragma GCC ivdep
+  for (int k = 0; k < s.count; ++k) {
+    const double length = length_of(k), strain = (length - rest[k]) * inverse[k];
+    out[k] = share * stiffness[k] * rest[k] * elastic_energy<P>(law, strain) + recalled[k] * length;
+  }
 }
 
-double stored_energy(const SpringSet& s, const Law& law) {
-  double sum = 0;
-  for (int k = 0; k < s.count; ++k) sum += stored_energy(s, law, k, s.length[k]);
-  return sum;
+template <class Length>
+BT_WITHIN inline double sum_of_energies(const SpringSet& s, const Law& law, Length length_of) {
+  static thread_local std::vector<double> each;
+  each.resize(s.count);
+  double* out = each.data();
+  by_exponent(law.exponent, [&](auto P) BT_WITHIN { stored_energies<P>(s, law, length_of, out); });
+  return std::accumulate(each.begin(), each.end(), 0.0);
+}
+
+}  // namespace
+
+BT_VECTOR double stored_energy(const SpringSet& s, const Law& law) {
+  const double* length = s.length.data();
+  return sum_of_energies(s, law, [=](int k) BT_WITHIN { return length[k]; });
+}
+
+BT_VECTOR double stored_energy(const SpringSet& s, const Law& law, const Field& at) {
+  const double *x = at[0], *y = at[1], *z = at[2];
+  const int reach = s.reach;
+  return sum_of_energies(s, law, [=](int k) BT_WITHIN {
+    const double dx = x[k + reach] - x[k], dy = y[k + reach] - y[k], dz = z[k + reach] - z[k];
+    return std::sqrt(dx * dx + dy * dy + dz * dz);
+  });
 }
 
 namespace {

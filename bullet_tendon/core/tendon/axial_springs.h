@@ -100,8 +100,11 @@ struct Motion {
 // Compute lengths and directions at x, or at x + displacement.
 void measure(SpringSet& s, const Field& x);
 void measure(SpringSet& s, const Field& x, const Field& displacement);
-// Computes the true forces at the end of the step. The damping uses the rates (len - len_h)/(b l), or the
-// velocities if `whole_velocity`. Returns the largest |F| [N].
+// Computes the true forces along the springs at the end of the step. The damping uses the rates
+// (len - len_h)/(b l).
+void find_forces(SpringSet& s, const Law& law, const Motion& motion);
+// The same with their vectors, in which the damping uses the velocities if `whole_velocity`. Returns the
+// largest |F| [N].
 double evaluate(SpringSet& s, const Law& law, const Motion& motion);
 // Computes slopes, forces of the linearisation and blocks, after `evaluate`. A spring whose multiplier is
 // below floor_force [N] keeps its true force, also as T if that is larger. Its slope is at least the slope at
@@ -138,10 +141,10 @@ void begin_relaxation(SpringSet& s, const Relaxation& relaxation);
 void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Relaxation& relaxation,
                     const Field& x, bool afresh);
 
-// Potential of the elastic part within the substep [J] of all springs at the lengths last measured; of spring
-// k at a given length. Without relaxation it is the elastic energy.
+// Potential of the elastic part within the substep [J] of all springs, at the lengths last measured or at
+// positions. Without relaxation it is the elastic energy.
 double stored_energy(const SpringSet& s, const Law& law);
-double stored_energy(const SpringSet& s, const Law& law, int k, double length);
+double stored_energy(const SpringSet& s, const Law& law, const Field& at);
 
 // Elastic energy [J] of spring k, which relaxes, at a given length: that of a spring of g_0 K, and of springs
 // of g_i K whose tensions are m_i. For a linear law these are the springs of Maxwell's model.

@@ -260,7 +260,7 @@ void Tendon::tension(std::vector<double>& out) const {
     if (dt_before > 0) {
       measure(s, x_before);
       s.start = s.history = s.length;
-      evaluate(s, material.law, {x_before, moved, x_before, 0, dt_before});
+      find_forces(s, material.law, {x_before, moved, x_before, 0, dt_before});
     } else {
       evaluate_at(s, material.law, x, v, 1.0, 1.0);
     }
@@ -271,12 +271,14 @@ void Tendon::tension(std::vector<double>& out) const {
 
 double Tendon::energy() const {
   double sum = 0;
-  for (const SpringSet* s : {&structure, &shear})
-    for (int k = 0; k < s->count; ++k) {
-      const double length = norm(x.at(k + s->reach) - x.at(k));
-      sum += s->memory.empty() ? stored_energy(*s, material.law, k, length)
-                               : kept_energy(*s, material.law, material.tissue, k, length);
+  for (const SpringSet* s : {&structure, &shear}) {
+    if (s->memory.empty()) {
+      sum += stored_energy(*s, material.law, x);
+      continue;
     }
+    for (int k = 0; k < s->count; ++k)
+      sum += kept_energy(*s, material.law, material.tissue, k, norm(x.at(k + s->reach) - x.at(k)));
+  }
   sum += bending_energy(*this, x);
   const Field& velocities = user_velocities();
   for (int i = 0; i < n_; ++i) sum += 0.5 * mass[i] * dot(velocities.at(i), velocities.at(i));

@@ -10,6 +10,7 @@
 // world/step.cpp has the loop. world/checkpoint.cpp restores the state when a step fails.
 #pragma once
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <initializer_list>
@@ -261,6 +262,8 @@ class World {
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // The last step that was not `whole`.
   const StepRecord& last_step() const { return history_.last_step; }
+  // By slot, position and orientation of links that pybullet's step did not move, as they were last read.
+  std::vector<std::optional<std::array<double, 7>>> standing;
   // Called after every substep, and after every solution of an island, for tests.
   std::function<void()> after_substep;
   std::function<void(Island&, const StepContext&)> after_solution;
@@ -275,7 +278,9 @@ class World {
 
   const Report& report() const { return step_.report; }
   Vec3 gravity() const { return step_.context.gravity; }  // of the last step
-  std::vector<ContactRecord> contacts() const;
+  // Contacts of the last step, those of islands that sleep behind the others.
+  size_t contact_count() const { return contacts_.all.size() + contacts_.asleep.size(); }
+  ContactRecord contact(size_t i) const;
   // Wakes the whole island of a tendon.
   void wake_tendon(int tendon);
   void wake_all();
