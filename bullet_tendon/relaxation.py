@@ -79,7 +79,7 @@ class Relaxation:
         """
         start = {t: t.positions for t in self._tendons}
         first = min(_ENDLESS, self._last_dt)
-        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, keeps=False)
+        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, damped=False)
         return bool(settled)
 
     def _descend(
@@ -90,13 +90,14 @@ class Relaxation:
         max_steps: int,
         first: float,
         at_hand: float = 0.0,
-        keeps: bool = True,
+        damped: bool = True,
     ) -> tuple:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
-        first: length of the first step [s]. at_hand: see follow. keeps: steps that were not solved are kept.
-        They descend as well, and slack tendons need them to come down. Beside bodies that move, what they let
-        through a bone would act on it.
+        A step that is not solved is taken back, and shortened.
+
+        first: length of the first step [s]. at_hand: see follow. damped: whether the residual counts the
+        forces of damping, too.
         """
         stepper, dt = self._stepper, first
         weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
@@ -105,23 +106,25 @@ class Relaxation:
         for count in range(max_steps):
             self._last_dt = dt
             self.taken += 1
-            before_it = None if keeps else stepper.checkpoint()
+            before_it = stepper.checkpoint()
             report = stepper.hold(dt, gravity)
             if report is None:
                 return None, iterations, residual
             iterations += report.iterations
-            if not report.converged and before_it is not None:
+            if not report.converged:
                 stepper.take_back(before_it)
                 settled = False
                 dt /= _GROWTH
                 continue
             now = {t: t.positions for t in start}
+            if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
+                return None, iterations, residual
             moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
             forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
             # What keeps it from equilibrium in this step alone: inertia and damping. Beside bodies that move,
             # the next step is a longer one in any case.
             passing = [heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]
-            if keeps:
+            if damped:
                 passing += [_damping(t, last, now[t], dt) / forces[t] for t, last in before.items()]
             residual = max([report.residual, *passing])
             own = max(forces.values(), default=0.0)
@@ -129,18 +132,17 @@ class Relaxation:
             before = now
             for t in start:
                 t._core.stop(t._slot)
-            if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
-                return None, iterations, residual
             is_small = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
-            settled = report.converged and is_small
+            # Contacts are those of where the step began.
+            ratio = max((moved[t] / t.radius for t in start), default=0.0)
+            too_far = ratio > _FARTHEST
+            settled = is_small and not too_far
             is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
             if is_at_rest and count > 0:
                 break
-            ratio = max((moved[t] / t.radius for t in start), default=0.0)
-            too_far = ratio > _FARTHEST and not self._alone
-            if not report.converged or too_far:
+            if too_far and not self._alone:
                 dt /= _GROWTH
-            elif ratio < _NEAREST:
+            elif ratio < _NEAREST or self._alone:
                 dt = min(dt * _GROWTH, _ENDLESS)
             if is_at_rest:  # after one step: `follow` begins with a longer one, in which less is damped
                 self._last_dt = dt

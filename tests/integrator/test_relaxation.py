@@ -72,6 +72,24 @@ def test_over_a_ball(make_world, client):
     assert p.getBaseVelocity(ball, client)[0] == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("bead, mass", [(36, 0.01227), (20, 0.003), (30, 0.05), (38, 0.3)])
+@pytest.mark.parametrize("exponent", [1.0, 1.568, 2.0])
+def test_a_fold_on_the_way_leaves_no_contact(make_world, bead, mass, exponent):
+    """A cord with a bead can fold while it is brought to rest; where it rests, springs carry the weights."""
+    world = make_world(1 / 240, (0, 0, -G))
+    material = bt.Material(stiffness=11793.82, exponent=exponent, density=1523.0)
+    t = world.add_tendon([(0, 0, 0), (0.16895, 0, -0.02493), (0.3379, 0, 0)], 0.0005, material, 42)
+    t.grip(0), t.grip(-1)
+    t.set_point_mass(bead, mass)
+    world.relax()
+    assert world.report.converged
+    along = np.diff(t.positions, axis=0)
+    pulls = t.tension[:, None] * along / np.linalg.norm(along, axis=1)[:, None]
+    balance = np.diff(pulls, axis=0) - G * t.masses[1:-1, None] * [0, 0, 1]
+    assert np.abs(balance).max() <= 1e-5 * t.tension.max()
+    assert not len(world.contacts)
+
+
 def test_refuses_what_makes_no_sense(make_world):
     world = make_world(1 / 240, (0, 0, -G))
     with pytest.raises(bt.InvalidValue, match="tolerance"):
