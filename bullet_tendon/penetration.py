@@ -49,6 +49,19 @@ class Obstacle(NamedTuple):
         found = penetrations(self.shape, (a - self.origin) @ self.axes, (b - self.origin) @ self.axes)
         return found._replace(normal=found.normal @ self.axes.T)
 
+    def gaps(self, a, b, most: float) -> np.ndarray:
+        """(k,) distances of segments a -> b (k, 3), world frame [m], at least 0: bounds from below beyond `most`."""
+        a, b = (a - self.origin) @ self.axes, (b - self.origin) @ self.axes
+        if self.shape.half_space is not None:
+            normal = self.shape.half_space[:3]
+            return np.maximum(np.minimum(a @ normal, b @ normal) - self.shape.half_space[3], 0.0)
+        low, high = self.shape.bounds
+        beside = np.maximum(np.maximum(low - np.maximum(a, b), np.minimum(a, b) - high), 0.0)
+        found = np.linalg.norm(beside, axis=1)
+        near = np.flatnonzero(found < most)
+        found[near] = np.maximum(self.shape.measure(a[near], b[near])[0], 0.0)
+        return found
+
 
 def penetrations(shape: Shape, a, b) -> Penetrations:
     """By segments a -> b (k, 3) in the shape's frame [m]; a == b is a point.
@@ -129,6 +142,11 @@ class Surroundings:
     def __init__(self, obstacles: list[Obstacle], bores: Bores):
         self._obstacles = obstacles
         self._bores = bores
+
+    def gaps(self, line, most: float) -> np.ndarray:
+        """(n-1,) distances of a line's segments from obstacles and bores [m]: see Obstacle.gaps."""
+        found = [obstacle.gaps(line[:-1], line[1:], most) for obstacle in self._obstacles]
+        return np.min([np.full(len(line) - 1, np.inf), self._bores.gaps(line), *found], axis=0)
 
     def penetrated(self, a, b) -> list[tuple[Obstacle, Penetrations]]:
         """By segments a -> b (k, 3), world frame, without an end in a bore, and of which obstacles."""

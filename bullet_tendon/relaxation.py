@@ -5,31 +5,39 @@ Owns: nothing; it takes steps of a Stepper, and takes them back by States. Goes 
 Equilibrium is where an implicit step of endless length would end: without inertia, the step's
 residual is the static one. A tendon that can touch nothing is taken there at once. Where there is
 something to touch, positions must not jump over it: then steps of growing length are taken, each
-from rest. They are shortened where particles move by more than a share of the radius, or where a step
-does not converge, and lengthened where particles move little (pseudo-transient continuation, Kelley and
-Keyes 1998). Where bodies come to rest as well, the steps grow from place to place: in short ones damping
+from rest. They are shortened where particles move by more than a share of the radius, and of the room that
+they have before they could meet anything, or where a step does not converge. They are lengthened where
+particles move little (pseudo-transient continuation, Kelley and Keyes 1998). Where bodies come to rest as well, the steps grow from place to place: in short ones damping
 holds the tendons back, which Newton's matrix of the bodies' equilibrium does not know.
 """
 
+from collections.abc import Callable
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from . import _core
 from .anchors import Attachment, Grip
 from .bodies import Bodies
+from .penetration import Surroundings
 from .states import States
 from .stepper import Stepper
 from .tendon import Tendon
 
 _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FIRST = 1 / 240  # s
-_FARTHEST, _NEAREST = 0.5, 0.1  # of the radius, moved in a step: shorter above, longer below
+# Of the radius, or of the room, moved in a step: taken back above, shorter above, longer below.
+_LEAP, _FARTHEST, _NEAREST = 2.0, 0.5, 0.1
 _GROWTH = 4.0
 _DEPTH = 2.5e-4  # of the radius, of contacts at rest: half of what a step may leave
 _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 
 
 class Relaxation:
-    """Brings tendons to rest among bodies. alone: there is nothing to touch, not even another tendon."""
+    """Brings tendons to rest among bodies.
+
+    alone: there is nothing to touch, not even another tendon. surroundings: tells what there is, where it is now.
+    """
 
     def __init__(
         self,
@@ -39,9 +47,10 @@ class Relaxation:
         bodies: Bodies,
         tendons: tuple[Tendon, ...],
         alone: bool,
+        surroundings: Callable[[], Surroundings],
     ):
         self._core, self._stepper, self._states, self._bodies = core, stepper, states, bodies
-        self._tendons, self._alone = tendons, alone
+        self._tendons, self._alone, self._surroundings = tendons, alone, surroundings
         self._last_dt = _FIRST  # of the last step of `follow` [s]
         self.taken = 0  # steps so far
 
@@ -79,7 +88,7 @@ class Relaxation:
         """
         start = {t: t.positions for t in self._tendons}
         first = min(_ENDLESS, self._last_dt)
-        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, damped=False)
+        settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, follows=True)
         return bool(settled)
 
     def _descend(
@@ -90,14 +99,14 @@ class Relaxation:
         max_steps: int,
         first: float,
         at_hand: float = 0.0,
-        damped: bool = True,
+        follows: bool = False,
     ) -> tuple:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
         A step that is not solved is taken back, and shortened.
 
-        first: length of the first step [s]. at_hand: see follow. damped: whether the residual counts the
-        forces of damping, too.
+        first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then
+        tendons move with them, however short a step is, and the residual does not count forces of damping.
         """
         stepper, dt = self._stepper, first
         weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
@@ -124,23 +133,31 @@ class Relaxation:
             # What keeps it from equilibrium in this step alone: inertia and damping. Beside bodies that move,
             # the next step is a longer one in any case.
             passing = [heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]
-            if damped:
+            if not follows:
                 passing += [_damping(t, last, now[t], dt) / forces[t] for t, last in before.items()]
             residual = max([report.residual, *passing])
             own = max(forces.values(), default=0.0)
             residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
+            # Contacts are those of where the step began.
+            ratio = max((moved[t] / t.radius for t in start), default=0.0)
+            is_near = ratio <= _FARTHEST
+            if ratio > _NEAREST and not self._alone and not follows:
+                ratio = self._share_of_room(before, now)
+            too_far = ratio > _FARTHEST and not self._alone
+            if ratio > _LEAP and dt > _FIRST and not self._alone and not follows:
+                stepper.take_back(before_it)
+                settled = False
+                dt /= _GROWTH
+                continue
             before = now
             for t in start:
                 t._core.stop(t._slot)
             is_small = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
-            # Contacts are those of where the step began.
-            ratio = max((moved[t] / t.radius for t in start), default=0.0)
-            too_far = ratio > _FARTHEST
-            settled = is_small and not too_far
+            settled = is_small and is_near
             is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
             if is_at_rest and count > 0:
                 break
-            if too_far and not self._alone:
+            if too_far:
                 dt /= _GROWTH
             elif ratio < _NEAREST or self._alone:
                 dt = min(dt * _GROWTH, _ENDLESS)
@@ -148,6 +165,20 @@ class Relaxation:
                 self._last_dt = dt
                 break
         return settled, iterations, residual
+
+    def _share_of_room(self, before: dict, now: dict) -> float:
+        """Largest motion of a particle, over what it may move by: a radius, or as far as it meets nothing."""
+        around, most = self._surroundings(), 0.0
+        for t, x in before.items():
+            motion = np.linalg.norm(now[t] - x, axis=1)
+            gaps = around.gaps(x, 10 * motion.max())
+            for other, y in before.items():
+                if other is not t:
+                    gaps = np.minimum(gaps, _gaps_between(x, y) - other.radius)
+            free = 0.5 * (gaps - t.radius)  # others move, too
+            room = np.minimum(np.append(free, np.inf), np.append(np.inf, free))
+            most = max(most, float((motion / np.maximum(room, t.radius)).max()))
+        return most
 
     def _lay_out(self, tendon: Tendon, gravity) -> None:
         """Put a tendon that touches nothing where its segments have their rest lengths, hanging.
@@ -179,6 +210,13 @@ class Relaxation:
             origin, axes = self._bodies.frame(anchor.bodyUniqueId, anchor.linkIndex)
             return origin + axes @ anchor.position
         return anchor.target if isinstance(anchor, Grip) and anchor.stiffness is None else None
+
+
+def _gaps_between(x, y) -> np.ndarray:
+    """(n-1,) bounds from below of the distances of the segments of x (n, 3) from those of y (m, 3) [m]."""
+    halves, longest = (0.5 * np.linalg.norm(np.diff(at, axis=0), axis=1) for at in (x, y))
+    nearest = cKDTree(y).query(x)[0]
+    return np.minimum(nearest[:-1], nearest[1:]) - halves - longest.max()
 
 
 def _damping(tendon: Tendon, x, x_new, dt: float) -> float:

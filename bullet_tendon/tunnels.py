@@ -97,6 +97,17 @@ class Bores:
                 found |= tunnel._drills((points - origin) @ axes)
         return found
 
+    def gaps(self, line) -> np.ndarray:
+        """(n-1,) bounds from below of the distances of a line's (n, 3) segments from all bores [m]."""
+        half = 0.5 * np.linalg.norm(np.diff(line, axis=0), axis=1)
+        found = np.full(len(half), np.inf)
+        for tunnel, origin, axes in self._bores:
+            way, points = tunnel.end - tunnel.start, (line - origin) @ axes - tunnel.start
+            nearest = np.clip(points @ way / (way @ way), 0.0, 1.0)[:, None] * way
+            aside = np.linalg.norm(points - nearest, axis=1)
+            found = np.minimum(found, np.minimum(aside[:-1], aside[1:]) - half - tunnel.radius)
+        return np.maximum(found, 0.0)
+
     def first_with(self, line) -> Tunnel | None:
         """The first tunnel in which a part of the centreline (n, 3), world frame, lies between its mouths."""
         for tunnel, origin, axes in self._bores:

@@ -1009,7 +1009,8 @@ class TendonWorld(NotCopied):
 
     def _relaxation(self) -> Relaxation:
         alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels
-        return Relaxation(self._core, self._stepper, self._states, self._bodies, self.tendons, alone)
+        around = self._readouts.surroundings
+        return Relaxation(self._core, self._stepper, self._states, self._bodies, self.tendons, alone, around)
 
     def _checked_force(self, body, link, force, point, flags) -> tuple:
         """Body, link, force (3,), point (3,), and whether these are in the link's inertial frame."""

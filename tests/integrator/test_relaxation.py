@@ -90,6 +90,38 @@ def test_a_fold_on_the_way_leaves_no_contact(make_world, bead, mass, exponent):
     assert not len(world.contacts)
 
 
+def test_the_way_to_rest_is_short_where_nothing_is_near(make_world, client):
+    """Beside a ball that it does not meet, a cord hangs as it does alone, and needs few solutions for that."""
+    world = make_world(1 / 240, (0, 0, -G))
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, basePosition=[0.12, 0.2, -0.1], physicsClientId=client))
+    material = bt.Material(stiffness=10.0, density=1100.0, tension_only=True)
+    t = world.add_tendon([[0, 0, 0], [LENGTH, 0, 0]], 0.0001, material, 61)
+    t.grip(0), t.grip(-1)
+    t.set_point_mass(30, 0.1)
+    world.relax()
+    assert world.report.converged
+    assert world.report.iterations < 300
+    assert t.positions[30, 2] < -500 * t.radius
+    lengths = np.linalg.norm(np.diff(t.positions, axis=0), axis=1)
+    sine = -t.positions[30, 2] / lengths[:30].sum()
+    assert 2 * t.tension[29] * sine == pytest.approx(0.1 * G, rel=1e-3)
+
+
+def test_no_leap_over_what_lies_on_the_way(make_world, client):
+    """A cord that falls from high above a plate comes to lie on it."""
+    world = make_world(1 / 240, (0, 0, -G))
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.05, 0.002], physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, basePosition=[0, 0, -0.06], physicsClientId=client))
+    material = bt.Material(stiffness=1e3, density=1100.0)
+    t = world.add_tendon([[-0.1, 0, 0], [0.1, 0, 0]], 0.001, material, 41, rest_length=0.3)
+    t.grip(0), t.grip(-1)
+    world.relax()
+    assert world.report.converged
+    middle = t.positions[np.abs(t.positions[:, 0]) < 0.035, 2]
+    np.testing.assert_allclose(middle, -0.058 + t.radius, atol=1e-5)
+
+
 def test_refuses_what_makes_no_sense(make_world):
     world = make_world(1 / 240, (0, 0, -G))
     with pytest.raises(bt.InvalidValue, match="tolerance"):
