@@ -7,8 +7,9 @@ residual is the static one. A tendon that can touch nothing is taken there at on
 something to touch, positions must not jump over it: then steps of growing length are taken, each
 from rest. They are shortened where particles move by more than a share of the radius, and of the room that
 they have before they could meet anything, or where a step does not converge. They are lengthened where
-particles move little (pseudo-transient continuation, Kelley and Keyes 1998). Where bodies come to rest as well, the steps grow from place to place: in short ones damping
-holds the tendons back, which Newton's matrix of the bodies' equilibrium does not know.
+particles move little (pseudo-transient continuation, Kelley and Keyes 1998). Where bodies come to rest as
+well, the steps grow from place to place: in short ones damping holds the tendons back, which Newton's matrix
+of the bodies' equilibrium does not know.
 """
 
 from collections.abc import Callable
@@ -36,7 +37,8 @@ _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
 class Relaxation:
     """Brings tendons to rest among bodies.
 
-    alone: there is nothing to touch, not even another tendon. surroundings: tells what there is, where it is now.
+    alone: there is nothing to touch, not even another tendon. surroundings: tells what there is, where it is
+    now.
     """
 
     def __init__(

@@ -91,7 +91,7 @@ def test_a_fold_on_the_way_leaves_no_contact(make_world, bead, mass, exponent):
 
 
 def test_the_way_to_rest_is_short_where_nothing_is_near(make_world, client):
-    """Beside a ball that it does not meet, a cord hangs as it does alone, and needs few solutions for that."""
+    """Beside a ball that it does not meet, a cord hangs as it does alone, and needs few solutions."""
     world = make_world(1 / 240, (0, 0, -G))
     shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=client)
     world.add_obstacle(p.createMultiBody(0, shape, basePosition=[0.12, 0.2, -0.1], physicsClientId=client))
