@@ -50,7 +50,10 @@ class Obstacle(NamedTuple):
         return found._replace(normal=found.normal @ self.axes.T)
 
     def gaps(self, a, b, most: float) -> np.ndarray:
-        """(k,) distances of segments a -> b (k, 3), world frame [m], at least 0: bounds from below beyond `most`."""
+        """(k,) distances of segments a -> b (k, 3), world frame [m]: beyond `most`, bounds from below.
+
+        What is inside has the distance 0.
+        """
         a, b = (a - self.origin) @ self.axes, (b - self.origin) @ self.axes
         if self.shape.half_space is not None:
             normal = self.shape.half_space[:3]
