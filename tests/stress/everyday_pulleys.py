@@ -375,7 +375,8 @@ def pulley_onto_its_stop(scene):
     if max(pulls) + (disc + block) * G < 0.95 * force:
         scene.near("way of the block [m]", way, end - begun, absolute=0.01 * end)
     loose = abs(way) * (0.01 + 2 * chord_error(tendon, a)) + 0.1 * radius
-    if tendon._target.tension.min() > 0:
+    # After the stop the load can fly on: a strand that bears next to nothing is not straight.
+    if tendon._target.tension.min() > 0.1 * load * G:
         risen, stretched = tendon.positions[0, 2] - z, tendon.length - length
         scene.near("way of the load [m]", risen, 2 * way - stretched, absolute=2 * loose + abs(stretched))
     if sticks.held and mu > 0:
