@@ -494,9 +494,11 @@ def arm(scene):
     hold = t.attach(-1, robot, count - 1)
     pull = force * (far - end) / np.linalg.norm(far - end)
     t.set_force(0, pull)
-    scene.run(scene.steps)
+    scene.run(scene.steps - 20)
+    before = joints(scene, robot)[:, 0]
+    scene.run(20)
     motors = joints(scene, robot)
-    if np.abs(motors[:, 1]).max() * scene.dt > 1e-5:  # it is not at rest
+    if np.abs(motors[:, 0] - before).max() > 20e-5:  # it is not at rest
         return
     # At the same time steps pybullet's motors answer a force given by hand: only that is theirs to tell.
     origin, axes = scene.place(robot, count - 1)
