@@ -170,11 +170,14 @@ class Equilibrium:
     """Finds the equilibrium of the bodies, or (body, joints), that are free.
 
     free: as given; forces: (body, link, force, point, follows), of which those that follow their link are in
-    its inertial frame, others in the world. Raises InvalidType, InvalidValue or UnknownId.
+    its inertial frame, others in the world; within: as TendonWorld.relax takes it. Raises InvalidType,
+    InvalidValue or UnknownId.
     """
 
-    def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces):
+    def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces, within=None):
         self.tendons: HeldTendons | None = None  # those that act on the bodies
+        self._within = within
+        self.has_left = False  # whether the last search ended where it would have left `within`
         self._bodies, self._core, self._client = bodies, core, bodies.client
         self._gravity = np.array(gravity)
         self._free = [self._checked(entry) for entry in free]
@@ -331,8 +334,11 @@ class Equilibrium:
         return found[0][:, :, entry.columns]
 
     def find(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
-        """Whether it was found, the steps, the residual over the largest force. Else no body has moved."""
-        start = self._place()
+        """Whether it was found, the steps, the residual over the largest force.
+
+        Else no body has moved, unless the search has left `within`: then they are at its last place there.
+        """
+        start, self.has_left = self._place(), False
         self._tolerance = tolerance
         if self.tendons is not None:
             self.tendons.begin(self.slots, max_steps)
@@ -344,7 +350,7 @@ class Equilibrium:
         finally:
             if self.tendons is not None:
                 self.tendons.end()
-        if not found:
+        if not found and not self.has_left:
             self._put_back(start)
         self._core.element_terms(self.slots, True)
         return found, steps, residual
@@ -403,6 +409,12 @@ class Equilibrium:
             if self.tendons is not None and share < 1:
                 self.tendons.take_back(before)
             self._put(place, share * step)
+            if self._within is not None and not self._within():
+                self._put_back(place)
+                if self.tendons is not None:
+                    self.tendons.take_back(before)
+                self.has_left = True
+                return None
             after = self._terms()
             if after is None:
                 if share < _SHORTEST:

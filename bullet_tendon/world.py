@@ -7,7 +7,7 @@ core's room `world`.
 
 import math
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 
 import numpy as np
@@ -719,7 +719,12 @@ class TendonWorld(NotCopied):
         self._bodies.apply_external_force(*given)
 
     def relax(
-        self, tolerance: float = 1e-6, max_steps: int = 1000, bodies: Sequence = (), forces: Sequence = ()
+        self,
+        tolerance: float = 1e-6,
+        max_steps: int = 1000,
+        bodies: Sequence = (),
+        forces: Sequence = (),
+        within: Callable[[], bool] | None = None,
     ) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
 
@@ -743,6 +748,9 @@ class TendonWorld(NotCopied):
                 it is fixed, its base), or (bodyUniqueId, joints) for some of its hinges and sliders.
             forces: on these, for this call alone, each (bodyUniqueId, linkIndex, forceObj, posObj, flags) as
                 apply_external_force takes it. Those with p.LINK_FRAME follow the link.
+            within: tells whether pybullet's bodies may be where they are, such as in a joint that a load can
+                dislocate. The search ends where a step leads to a place where they may not. They stay at the
+                last place before it, and the report says that it did not converge.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: for arguments out of range, or bodies that cannot be free.
@@ -771,8 +779,10 @@ class TendonWorld(NotCopied):
             raise InvalidType("forces", forces, "a sequence")
         if forces and not bodies:
             raise InvalidValue("forces", forces, "none where no bodies are free")
+        if within is not None and not callable(within):
+            raise InvalidType("within", within, "a function without arguments, or None")
         if bodies:
-            has_tendons_left = self._balance(bodies, forces, tolerance, max_steps)
+            has_tendons_left = self._balance(bodies, forces, tolerance, max_steps, within)
             for cartilage in self.cartilages:
                 cartilage._tell_flat()
             if not has_tendons_left:
@@ -968,7 +978,7 @@ class TendonWorld(NotCopied):
         self._bodies.require_client()
         self._states.load_snapshot(source)
 
-    def _balance(self, bodies: Sequence, forces: Sequence, tolerance: float, max_steps: int) -> bool:
+    def _balance(self, bodies: Sequence, forces: Sequence, tolerance: float, max_steps: int, within) -> bool:
         """Put bodies where they are in equilibrium, with the tendons that act on them.
 
         Whether there are tendons to relax after that.
@@ -980,7 +990,7 @@ class TendonWorld(NotCopied):
             if not isinstance(force, (tuple, list)) or len(force) != 5:
                 raise InvalidType("forces", force, "(bodyUniqueId, linkIndex, forceObj, posObj, flags)")
             loads.append(self._checked_force(*force))
-        found = Equilibrium(self._bodies, self._core, bodies, gravity, loads)
+        found = Equilibrium(self._bodies, self._core, bodies, gravity, loads, within)
         for force in forces:
             if force[0] not in found.free:
                 raise InvalidValue("forces", force, f"one on a body that is free, of {sorted(found.free)}")
@@ -997,7 +1007,7 @@ class TendonWorld(NotCopied):
             if coupled:
                 self._states.take_back(kept)
             raise
-        if converged:
+        if converged or found.has_left:
             self._bodies.rest()
         elif coupled:
             self._states.take_back(kept)

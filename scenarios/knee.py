@@ -470,7 +470,8 @@ class KneeRig:
         return False, taken
 
     def _relax(self, tolerance: float) -> None:
-        """Put the tibia where the load is balanced. It stays where that is not found.
+        """Put the tibia where the load is balanced. It stays where that is not found. Where the way there
+        leads out of joint, it goes up to the last place in joint.
 
         Bodies that tendons are attached to are free as well.
         """
@@ -482,7 +483,8 @@ class KneeRig:
         loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads]
         largest = TYPICAL
         for _ in range(2):
-            self.world.relax(tolerance / largest, MOST_RELAXATIONS, bodies=free, forces=loads)
+            limits = {"max_steps": MOST_RELAXATIONS, "within": self._is_in_joint}
+            self.world.relax(tolerance / largest, bodies=free, forces=loads, **limits)
             if not self.world.report.converged:
                 return
             # The tolerance is of the largest force, which is known only now.
@@ -490,6 +492,9 @@ class KneeRig:
             if self.world.report.residual * max(at_hand) <= tolerance:
                 return
             largest = max(at_hand)
+
+    def _is_in_joint(self) -> bool:
+        return not self.dislocated
 
     def _push(self) -> None:
         """Put the load on the tibia for the next step."""

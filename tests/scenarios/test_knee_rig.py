@@ -11,6 +11,7 @@ from bullet_tendon.scenarios.reconstruction import FEMORAL, SLOPE, TIBIAL, recon
 from knee_oracle import Knee, Pose, Strands, read_obj
 
 import bullet_tendon as bt
+from bullet_tendon.equilibrium import Equilibrium
 
 KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
 URDF = Path(bt.data_path("knee.urdf")).parent
@@ -315,6 +316,26 @@ def test_a_load_that_leads_out_of_joint_is_given_up_there():
         rig.load()
         assert rig.settle()
         assert rig.joints == pytest.approx(rested, abs=1e-4)
+
+
+def test_no_equilibrium_is_looked_for_out_of_joint(monkeypatch):
+    """Without the ACL, and pushed medially and in valgus. Steps from the edge of the joint lead out of it."""
+    with KneeRig() as rig:
+        rig.cut("ACL")
+        rig.flex(np.radians(25))
+        assert rig.settle()
+        looked, terms = [], Equilibrium._terms
+
+        def look(equilibrium):
+            looked.append(rig.dislocated)
+            return terms(equilibrium)
+
+        monkeypatch.setattr(Equilibrium, "_terms", look)
+        rig.load(lateral=-36.1, superior=40.8, valgus=4.8)
+        solved = count_steps(rig)
+        assert not rig.settle() and rig.dislocated
+        assert looked and not any(looked)
+        assert all(solved) and len(solved) < 10
 
 
 def test_groups_are_cut_by_the_beginning_of_their_names():

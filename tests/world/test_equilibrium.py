@@ -677,3 +677,41 @@ def test_joints_stay_within_their_limits(make_world, client, tmp_path, seed):
     world.step(20)
     after = np.array([state[0] for state in p.getJointStates(arm, joints, client)])
     np.testing.assert_allclose(after, found, atol=1e-4)
+
+
+def test_a_search_ends_at_the_last_place_that_is_allowed(make_world, client):
+    """A block that hangs is pulled aside, and not so far where it may not go there."""
+    world = make_world(1 / 240, (0, 0, -G))
+    body = hung(world, client)
+    world.relax(bodies=[body], tolerance=1e-9)
+    start = place(body, client)
+    pull = [(body, -1, (60.0, 0.0, 0.0), start[:3], p.WORLD_FRAME)]
+
+    def is_near() -> bool:
+        return abs(place(body, client)[0] - start[0]) < 0.01
+
+    world.relax(bodies=[body], tolerance=1e-9, forces=pull, within=is_near)
+    moved = place(body, client)
+    assert not world.report.converged and is_near() and moved[0] > start[0]
+    world.relax(bodies=[body], tolerance=1e-9, forces=pull, within=lambda: True)
+    found = place(body, client)
+    assert world.report.converged and not is_near()
+    world.relax(bodies=[body], tolerance=1e-9, within=lambda: False)
+    assert not world.report.converged
+    np.testing.assert_array_equal(place(body, client), found)
+    with pytest.raises(bt.InvalidType, match="within"):
+        world.relax(bodies=[body], within=3)
+
+
+def test_tendons_stay_with_a_body_that_a_search_has_led_to_the_last_place(make_world, client):
+    world = make_world(1 / 240, (0, 0, 0))
+    body = block(client, 1.0, (0.1, 0, 0))
+    cord = world.add_tendon([(0, 0, 0), (0.1, 0, 0)], 0.002, bt.Material(stiffness=100.0), particles=6)
+    cord.grip(0)
+    cord.attach(-1, body, position=(0, 0, 0))
+    pull = [(body, -1, (200.0, 0.0, 0.0), (0.1, 0, 0), p.WORLD_FRAME)]
+    world.relax(bodies=[body], forces=pull, within=lambda: place(body, client)[0] < 0.18)
+    x = place(body, client)[0]
+    assert not world.report.converged and 0.1 < x < 0.18
+    np.testing.assert_allclose(cord.positions[-1], place(body, client)[:3], atol=1e-9)
+    np.testing.assert_allclose(cord.tension, 100.0 * (x / 0.1 - 1), rtol=1e-4)
