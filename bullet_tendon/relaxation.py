@@ -53,13 +53,14 @@ class Relaxation:
     ):
         self._core, self._stepper, self._states, self._bodies = core, stepper, states, bodies
         self._tendons, self._alone, self._surroundings = tendons, alone, surroundings
+        self._around: Surroundings | None = None  # while `run` runs
         self._last_dt = _FIRST  # of the last step of `follow` [s]
         self.taken = 0  # steps so far
 
     def run(self, tolerance: float, max_steps: int) -> None:
         """See TendonWorld.relax."""
         _, gravity = self._stepper.step_and_gravity()
-        self._bodies.require_alive()
+        self._around = self._surroundings()
         kept = self._states.capture()
         start = {t: t.positions for t in self._tendons}
         try:
@@ -105,10 +106,11 @@ class Relaxation:
     ) -> tuple:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
-        A step that is not solved is taken back, and shortened.
+        A step that leaps is taken back, and shortened. One that was not solved descends as well: it is kept, but
+        beside bodies that move, on which what it lets through a bone would act.
 
-        first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then
-        tendons move with them, however short a step is, and the residual does not count forces of damping.
+        first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then tendons move
+        with them, however short a step is, and the residual does not count forces of damping.
         """
         stepper, dt = self._stepper, first
         weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
@@ -122,15 +124,20 @@ class Relaxation:
             if report is None:
                 return None, iterations, residual
             iterations += report.iterations
-            if not report.converged:
+            now = {t: t.positions for t in start}
+            moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
+            # Contacts are those of where the step began.
+            ratio = max((moved[t] / t.radius for t in start), default=0.0)
+            is_near = ratio <= _FARTHEST
+            if ratio > _NEAREST and not follows:
+                ratio = self._share_of_room(before, now)
+            if self._goes_astray(report.converged, ratio, dt, follows):
                 stepper.take_back(before_it)
                 settled = False
                 dt /= _GROWTH
                 continue
-            now = {t: t.positions for t in start}
             if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
                 return None, iterations, residual
-            moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
             forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
             # What keeps it from equilibrium in this step alone: inertia and damping. Beside bodies that move,
             # the next step is a longer one in any case.
@@ -140,26 +147,16 @@ class Relaxation:
             residual = max([report.residual, *passing])
             own = max(forces.values(), default=0.0)
             residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
-            # Contacts are those of where the step began.
-            ratio = max((moved[t] / t.radius for t in start), default=0.0)
-            is_near = ratio <= _FARTHEST
-            if ratio > _NEAREST and not self._alone and not follows:
-                ratio = self._share_of_room(before, now)
-            too_far = ratio > _FARTHEST and not self._alone
-            if ratio > _LEAP and dt > _FIRST and not self._alone and not follows:
-                stepper.take_back(before_it)
-                settled = False
-                dt /= _GROWTH
-                continue
             before = now
             for t in start:
                 t._core.stop(t._slot)
-            is_small = residual <= tolerance or max(moved.values()) == 0.0  # at its rounding
-            settled = is_small and is_near
+            is_rounded = max(moved.values()) == 0.0 and dt >= _FIRST
+            settled = report.converged and is_near and (residual <= tolerance or is_rounded)
             is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
             if is_at_rest and count > 0:
                 break
-            if too_far:
+            too_far = ratio > _FARTHEST and not self._alone
+            if not report.converged or too_far:
                 dt /= _GROWTH
             elif ratio < _NEAREST or self._alone:
                 dt = min(dt * _GROWTH, _ENDLESS)
@@ -168,12 +165,22 @@ class Relaxation:
                 break
         return settled, iterations, residual
 
+    def _goes_astray(self, converged: bool, ratio: float, dt: float, follows: bool) -> bool:
+        """Whether a step has to be taken back, that moved a tendon by this share of its room."""
+        leaps = ratio > _LEAP and not follows
+        return leaps and dt > _FIRST and not self._alone if converged else leaps or follows
+
     def _share_of_room(self, before: dict, now: dict) -> float:
-        """Largest motion of a particle, over what it may move by: a radius, or as far as it meets nothing."""
-        around, most = self._surroundings(), 0.0
+        """Largest motion of a particle, over what it may move by: a radius, or as far as it meets nothing.
+
+        The room of a tendon that is alone is its length.
+        """
+        if self._alone:
+            return max(np.abs(now[t] - x).max() / t.rest_length for t, x in before.items())
+        most = 0.0
         for t, x in before.items():
             motion = np.linalg.norm(now[t] - x, axis=1)
-            gaps = around.gaps(x, 10 * motion.max())
+            gaps = self._around.gaps(x, 10 * motion.max())
             for other, y in before.items():
                 if other is not t:
                     gaps = np.minimum(gaps, _gaps_between(x, y) - other.radius)
