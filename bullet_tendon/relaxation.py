@@ -106,11 +106,11 @@ class Relaxation:
     ) -> tuple:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
-        A step that leaps is taken back, and shortened. One that was not solved descends as well: it is kept, but
-        beside bodies that move, on which what it lets through a bone would act.
+        A step that leaps is taken back, and shortened. One that was not solved descends as well: it is kept,
+        but beside bodies that move, on which what it lets through a bone would act.
 
-        first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then tendons move
-        with them, however short a step is, and the residual does not count forces of damping.
+        first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then tendons
+        move with them, however short a step is, and the residual does not count forces of damping.
         """
         stepper, dt = self._stepper, first
         weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
