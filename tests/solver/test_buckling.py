@@ -1,6 +1,7 @@
 """Struts buckle at Euler's load, also if they are straight to the last bit."""
 
 import numpy as np
+import pybullet as p
 import pytest
 
 import bullet_tendon as bt
@@ -36,3 +37,26 @@ def test_a_pinned_column_buckles_at_eulers_load(make_world, load, bending, step)
         shortening = (load - 1) * euler / stiffness * length
         deflection = np.linalg.norm(t.positions[:, :2], axis=1).max()
         assert deflection == pytest.approx(2 / np.pi * np.sqrt(shortening * length), rel=0.05)
+
+
+@pytest.mark.parametrize("particles", [24, 60])
+@pytest.mark.parametrize("damping", [0.0, 60.0])
+def test_a_slack_cord_between_bodies_that_approach_buckles_at_once(make_world, client, damping, particles):
+    """It buckles in every segment: its lengths stay. The descent to that takes few linear solutions."""
+    dt, speed = 1 / 400, 1.0
+    world = make_world(dt, (0.0, 0.0, -9.81))
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.005, physicsClientId=client)
+    line = np.linspace([0, 0, 0], [0.1, 0, 0], particles)
+    material = bt.Material(stiffness=6e4, exponent=1.2, damping=damping, density=1100.0)
+    t = world.add_tendon(line, 5e-4, material, particles)
+    for particle, place, mass, way in ((0, [0, 0, 0], 10.0, 1), (-1, [0.1, 0, 0], 20.0, -1)):
+        body = p.createMultiBody(mass, ball, basePosition=place, physicsClientId=client)
+        p.resetBaseVelocity(body, [way * speed, 0, 0], [0, 0, 0], physicsClientId=client)
+        t.attach(particle, body)
+    t.set_positions(line, np.linspace([speed, 0, 0], [-speed, 0, 0], particles))
+    world.step()
+    assert world.report.converged and world.report.counts["substeps"] == 1
+    assert world.report.counts["linear_solves"] <= 100
+    assert np.linalg.norm(np.diff(t.positions, axis=0), axis=1) == pytest.approx(
+        t.rest_length / (particles - 1), rel=1e-3
+    )

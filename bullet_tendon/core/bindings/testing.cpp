@@ -54,7 +54,7 @@ py::tuple spring_term(const World& w, int slot, bool shear, const Field& x, cons
   evaluate(s, c.material.law, motion);
   scatter_forces(s, gradient);
   const double energy = stored_energy(s, c.material.law);
-  linearise(s, c.material.law, Linearisation::position, 0, motion, false);
+  linearise(s, c.material.law, Linearisation::position, 0, motion, 0);
   Band matrix;
   matrix.resize(c.n(), c.matrix.half);
   scatter_blocks(s, matrix);

@@ -113,9 +113,10 @@ void assemble(Island& island, Linearisation how, bool definite, bool definite_co
   clear_loads(island);
   for (Tendon* c : island.tendons) {
     const double inverse = 1 / (c->h_eff * c->h_eff), floor_force = kFloorShare * c->residual_norm;
+    const int most_springs = !definite ? 0 : c->shear.count > 0 ? 4 : 2;
     for (SpringSet* s : {&c->structure, &c->shear}) {
       if (s->count == 0) continue;
-      linearise(*s, c->material.law, how, floor_force, c->motion(), definite);
+      linearise(*s, c->material.law, how, floor_force, c->motion(), most_springs);
       scatter_linearisation(*s, c->material.law, c->residual);
     }
     start_matrix(c->structure, c->mass, inverse, c->matrix);

@@ -163,11 +163,14 @@ BT_VECTOR void vectors(SpringSet& s) {
   }
 }
 
-// inertia: 1/b^2 [1/s^2]; 0 leaves out the transverse part of compressed springs; infinity never limits it.
+// inertia: 1/(2 k b^2) [1/s^2], see below; 0 leaves out the transverse part of compressed springs; infinity
+// never limits it.
 //
-// A compressed spring may subtract 1/8 of the inertia m/b^2 of its lighter particle. A particle has up to
-// four springs, and (u_i - u_j)^2 <= 2 (u_i^2 + u_j^2). Equality would need u_j = -u_i for neighbours and for
-// their neighbours, which only u = 0 has. Therefore the matrix is definite for any compression.
+// A compressed spring of a particle with up to k springs may subtract 1/(2 k) of the inertia m/b^2 of the
+// lighter one of its particles: (u_i - u_j)^2 <= 2 (u_i^2 + u_j^2). The particles at the ends have fewer
+// springs, so that equality would need u = 0 there, and u_j = -u_i elsewhere. Therefore the matrix is
+// definite for any compression. Without shear springs k is 2, and a tendon that has buckled in every segment
+// carries just this: with less, the descent to it would converge slowly.
 BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const int m = s.count;
   const double *nx = s.direction[0], *ny = s.direction[1], *nz = s.direction[2];
@@ -175,11 +178,11 @@ BT_VECTOR void blocks(SpringSet& s, double inertia) {
   const double *elastic_slope = s.elastic_slope.data(), *damping_slope = s.damping_slope.data();
   double *xx = s.block[0], *xy = s.block[1], *xz = s.block[2];
   double *yy = s.block[3], *yz = s.block[4], *zz = s.block[5], *slope = s.slope.data();
-  const double *lighter = s.lighter.data(), allowed = -inertia / 8;
+  const double* lighter = s.lighter.data();
 #pragma GCC ivdep
   for (int k = 0; k < m; ++k) {
     double least = kRoundingShare * rest[k];
-    double g = carried[k] / (len[k] > least ? len[k] : least), lowest = allowed * lighter[k];
+    double g = carried[k] / (len[k] > least ? len[k] : least), lowest = -inertia * lighter[k];
     g = g > lowest ? g : lowest;
     double f = elastic_slope[k] + damping_slope[k];
     double a = f - g, ax = a * nx[k], ay = a * ny[k], az = a * nz[k];
@@ -243,7 +246,7 @@ double evaluate(SpringSet& s, const Law& law, const Motion& motion) {
 }
 
 BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force,
-                         const Motion& motion, bool definite) {
+                         const Motion& motion, int most_springs) {
   const double b = motion.h_eff;
   if (how == Linearisation::position) take_true_multipliers(s);
   if (!is_linear(law)) {
@@ -251,7 +254,7 @@ BT_VECTOR void linearise(SpringSet& s, const Law& law, Linearisation how, double
     by_exponent(law.exponent,
                 [&](auto P) BT_WITHIN { elastic_linearisation<P>(s, law, mixed, floor_force); });
   }
-  blocks(s, definite ? 1 / (b * b) : std::numeric_limits<double>::infinity());
+  blocks(s, most_springs ? 1 / (2 * most_springs * b * b) : std::numeric_limits<double>::infinity());
   if (s.damped && law.whole_velocity)
     add_whole_damping(s, law, b, 1, true, [&](int i) { return motion.velocity(i); });
 }

@@ -110,10 +110,10 @@ double evaluate(SpringSet& s, const Law& law, const Motion& motion);
 // below floor_force [N] keeps its true force, also as T if that is larger. Its slope is at least the slope at
 // floor_force, which couples a slack tendon at once and changes nothing where forces are larger; where the
 // true force is above floor_force, it is that of the chord between both, by which it unloads at once.
-// definite: the negative T/len of compressed springs are limited to a share of the inertia; else they are not
-// limited.
+// most_springs: of a particle, 2 or 4; the negative T/len of compressed springs are limited to the share of
+// the inertia that keeps the matrix definite. 0: they are not limited.
 void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, const Motion& motion,
-               bool definite);
+               int most_springs);
 // Evaluates and linearises at a state (x, v) that need not satisfy v = (x - xh)/b, for explicit Euler and
 // for the paper's single linearisation. Damping forces are scaled by damping_share, their slopes are not.
 void evaluate_at(SpringSet& s, const Law& law, const Field& x, const Field& v, double dt,
