@@ -1,8 +1,9 @@
 """bullet_tendon: tendons for pybullet.
 
 An implicit, nonlinear mass-spring tendon (Li, Xiong, Tan and Guo 2009) as a plug-in beside
-pybullet: bones and tunnels are pybullet bodies, and the tendons' reactions act on the bodies as
-wrenches. SI units, quaternions (x, y, z, w), world frame unless a name says otherwise.
+pybullet: bones and tunnels are pybullet bodies, distances come from FCL, and the tendons' reactions
+act on the bodies as wrenches. SI units, quaternions (x, y, z, w), world frame unless a name says
+otherwise.
 """
 
 from pkgutil import extend_path

@@ -230,7 +230,6 @@ class World:
         offset: float,
         friction: float,
         surface: Surface | None,
-        convex: bool,  # a hull, of which the inside has depths
         closed_form: Primitive | None,
         /,
     ) -> int: ...

@@ -1,7 +1,7 @@
 """Distances from a segment to triangles and to convex hulls: the only file that talks to FCL.
 
 Owns: FCL's objects, those of one mesh by one MeshQuery, so that nothing of FCL is shared by worlds. Goes with
-the core's room `geometry`, which measures meshes in steps, and asks only about convex hulls.
+the core's room `geometry`, which keeps the triangles that were near and asks only where they do not decide.
 
 How FCL is asked, found by measuring python-fcl 0.7 against exact distances: a segment is a mesh of one
 triangle without area. FCL then uses its closed triangle-triangle form, right to rounding and two to three

@@ -121,7 +121,7 @@ class Obstacles:
             normal, offset = (plane[:3], plane[3]) if flat else (np.zeros(3), 0.0)
             lo, hi = np.nan_to_num(shape.bounds, posinf=1e300, neginf=-1e300)
             placed = (slot, shape.position, shape.rotation, lo, hi)
-            measured = shape.measured, shape.surface is None, shape.closed_form
+            measured = shape.measured, shape.closed_form
             number = self._core.add_shape(*placed, flat, normal, float(offset), own, *measured)
             self.shapes[number] = shape
             numbers.append(number)

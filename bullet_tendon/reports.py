@@ -76,7 +76,7 @@ class StepReport:
         seconds: wall time by room [s].
         counts: pairs of tendon features (particles, segments) and shapes that were considered by their boxes,
             culled, skipped (too far since their last query), reused (last plane or triangles), searched (the
-            nearest triangle anew, in the core) and queried (of FCL about hulls, or of a closed form).
+            nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core).
             tunnels_considered: pairs of tendons and tunnels; tunnels_culled: those whose boxes are too far
             apart. tendon_searches: pairs of tendons (each with itself too) whose list of segments that are
             near each other was collected anew; tendon_searches_skipped: those whose list served again,

@@ -1,8 +1,7 @@
 """Collision shapes of pybullet bodies, and distances from a tendon's centreline to them.
 
 Owns: the geometry of one shape in its link's frame. Goes with the core's room `geometry`, which has closed
-forms of boxes, spheres, capsules, cylinders and planes, and searches meshes in steps; FCL measures meshes
-where tendons are put, and the depth in convex hulls (mesh_queries.py).
+forms of boxes, spheres, capsules, cylinders and planes; meshes are measured by FCL (mesh_queries.py).
 
 Distances are to the surface as drawn: without Bullet's collision margin (about a millimetre around meshes)
 and without the tendon's radius.

@@ -70,7 +70,7 @@ def drive(scene, progress) -> None:
             h.hand.target = h.hand.target + 0.5 * h.tendon.rest_length * missing * h.pull
             scene.step()
             counts = scene.world.report.counts
-            asked += counts["pairs_searched"]
+            asked += counts["pairs_queried"]
             considered += counts["pairs_considered"] + counts["pairs_skipped"] + counts["pairs_reused"]
         previous = load
         _measure(scene, load)

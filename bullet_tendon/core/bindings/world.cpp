@@ -19,8 +19,8 @@ namespace bt {
 
 namespace {
 
-// Distances to convex hulls that Python measures, by FCL: measure(shape, a, b) -> (distance, points, u), of
-// queries by shape number and ends (q, 3) [m] in the shape's frame.
+// Distances that Python measures, by FCL: measure(shape, a, b) -> (distance, points, u), of queries by shape
+// number and ends (q, 3) [m] in the shape's frame.
 class PythonOracle : public DistanceOracle {
  public:
   explicit PythonOracle(py::handle measure) : measure_(measure) {}

@@ -111,9 +111,9 @@ struct Considering {
         return;
       }
     }
-    if (context.surface && (!is_hull() || (reusable && stays_outside(e, query, moved)))) {
+    if (context.surface && (is_drilled() || (reusable && stays_outside(e, query, moved)))) {
       const Nearest found = search(e, query, reusable);
-      if (found.distance > 0 || !is_hull()) {
+      if (found.distance > 0 || is_drilled()) {
         ++counts.searched;
         return take(e, query, found);
       }
@@ -141,8 +141,8 @@ struct Considering {
     return true;
   }
 
-  // Whether the inside of the mesh has depths, which only the oracle knows: it is a hull without bores.
-  bool is_hull() const { return shape.convex && context.surface == shape.surface.get(); }
+  // Whether the mesh is what its bores leave of it, which the oracle does not know.
+  bool is_drilled() const { return context.surface != shape.surface.get(); }
 
   // Whether the ends have moved by less than their distance from the surface, or have not crossed it.
   bool stays_outside(const Entry& e, const Query& q, double moved) const {

@@ -9,9 +9,10 @@
 //            (geometry/triangle_bvh.h); these triangles are measured again. Primitive on a link at rest:
 //            while the error of the plane is below the reuse tolerance. A link that rolls along a segment
 //            leaves the nearest point of the last query behind,
-//   searched mesh: for the nearest triangle; the distance to the last nearest point is an upper bound. A hull
-//            only where the feature is known to be outside of it: inside there are depths,
-//   queried  otherwise. Primitives are measured in closed form here (geometry/primitive_distance.h).
+//   searched mesh: for the nearest triangle; the distance to the last nearest point is an upper bound. A mesh
+//            with bores is what they leave of it, which FCL does not know: it is always searched,
+//   queried  otherwise: where nothing is known, or the feature crosses the surface or has passed through it.
+//            Primitives are measured in closed form here (geometry/primitive_distance.h).
 // All conditions use the present position of the feature. Therefore entries are not restored with a step.
 //
 // After a displacement from distance d, the distance to a convex primitive is at least the height d' over the

@@ -18,7 +18,6 @@ struct Shape {
   double plane_offset = 0;                 // [m]
   double friction = 0;                     // coefficient; negative: that of the link (Link::friction_of) [-]
   std::shared_ptr<const Surface> surface;  // mesh; else null
-  bool convex = false;                     // of a mesh: a hull, whose inside has depths
   Primitive primitive;                     // closed form; else of kind none
   Box box() const { return {lo, hi}; }
 };
