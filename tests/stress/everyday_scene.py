@@ -708,7 +708,8 @@ class Scene:
     def in_clearance(self):
         """Particles within a bore keep their radius from its wall, where there is bone around it.
 
-        Beside a mouth a tendon is the quadratic B-spline of its particles.
+        Beside a mouth this holds of the particle, or of the quadratic B-spline there, on which segments are
+        pressed.
         """
         for bore in self.bores:
             length = np.linalg.norm(bore.end - bore.start)
@@ -716,10 +717,10 @@ class Scene:
                 line = np.array(t.positions)
                 along, aside = self.in_bore(line, bore)
                 inside = (along > 0) & (along < length) & (aside < 2 * bore.radius)
-                at_mouth = 1 + np.flatnonzero(inside[1:-1] & ~(inside[:-2] & inside[2:]))
-                line[at_mouth] += (line[at_mouth - 1] - 2 * line[at_mouth] + line[at_mouth + 1]) / 8
-                along, aside = self.in_bore(line, bore)
                 inside[inside] = self._has_wall(line[inside], bore)
+                mouths = 1 + np.flatnonzero(inside[1:-1] & ~(inside[:-2] & inside[2:]))
+                curve = (line[mouths - 1] + 6 * line[mouths] + line[mouths + 1]) / 8
+                aside[mouths] = np.minimum(aside[mouths], self.in_bore(curve, bore)[1])
                 over = (aside[inside] + t.radius - bore.radius).max(initial=0.0)
                 moved = min(np.abs(t.velocities).max() * self.dt, t.radius / 2)
                 self.check(over <= 0.05 * t.radius + moved, f"{over:.3g} m into the wall of a bore")
