@@ -56,8 +56,7 @@ class Obstacle(NamedTuple):
         """
         a, b = (a - self.origin) @ self.axes, (b - self.origin) @ self.axes
         if self.shape.half_space is not None:
-            normal = self.shape.half_space[:3]
-            return np.maximum(np.minimum(a @ normal, b @ normal) - self.shape.half_space[3], 0.0)
+            return np.maximum(-_below(self.shape.half_space, a, b)[1], 0.0)
         low, high = self.shape.bounds
         beside = np.maximum(np.maximum(low - np.maximum(a, b), np.minimum(a, b) - high), 0.0)
         found = np.linalg.norm(beside, axis=1)

@@ -167,8 +167,10 @@ class Relaxation:
 
     def _goes_astray(self, converged: bool, ratio: float, dt: float, follows: bool) -> bool:
         """Whether a step has to be taken back, that moved a tendon by this share of its room."""
-        leaps = ratio > _LEAP and not follows
-        return leaps and dt > _FIRST and not self._alone if converged else leaps or follows
+        if follows:
+            return not converged
+        is_free = converged and (self._alone or dt <= _FIRST)
+        return ratio > _LEAP and not is_free
 
     def _share_of_room(self, before: dict, now: dict) -> float:
         """Largest motion of a particle, over what it may move by: a radius, or as far as it meets nothing.
