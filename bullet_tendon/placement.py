@@ -15,6 +15,7 @@ from .obstacles import Obstacles
 from .penetration import Obstacle, Penetrations, Surroundings
 from .tunnels import Bores, Tunnel, passes
 
+MOST_ERROR = 1.0  # of a tension, that a warning tells [-]
 UNSEEN = 0.1  # of its radius, by which a centreline may begin inside an obstacle without a warning
 
 
@@ -95,21 +96,35 @@ class Placement:
                     self._told.add(key)
                     warn(InsideWarning(_message(tendon, obstacle, depth)))
 
-    def tell_coarse(self, slot: int, particle: int, link: int, angle: float) -> None:
-        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a body."""
+    def tell_coarse(self, slot: int, particle: int, link: int, angle: float, friction: float) -> None:
+        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a body.
+
+        friction: coefficient of its contact there [-].
+        """
         body, index = self._bodies.links[link]
         name, turn = self._tendons[slot].name, f"{math.degrees(angle):.0f} degrees at particle {particle}"
-        error, of, fine, cure = 1 / max(math.cos(angle), 0.5) - 1, "", "", ""
+        error, of, fine, cure = _error_at_edge(angle, friction), "", "", ""
         if any(shape.surface is not None for shape in self._obstacles.of_link(body, index)):
             error, of = max(error, 0.2), "the mesh of "
             fine, cure = " (by 6 % up to 15 degrees)", ", or use a finer mesh"
+        more = " or more" if error >= MOST_ERROR else ""
         warn(
             ResolutionWarning(
                 f"tendon {name!r} is too coarse for {of}body {body}, link {index}: "
-                f"it turns by {turn}, where its tension can be off by up to {error:.0%}{fine}. "
+                f"it turns by {turn}, where its tension can be off by up to {error:.0%}{more}{fine}. "
                 f"Add particles{cure}"
             )
         )
+
+
+def _error_at_edge(angle: float, friction: float) -> float:
+    """How far the ratio of tensions beside a particle can exceed the capstan's, e^(mu angle) [-].
+
+    A contact presses on the chord before the particle alone, by N. Of the tensions T of the chord and T'
+    behind it, T' cos(angle) = T + mu N and T' sin(angle) = N.
+    """
+    left = (math.cos(angle) - friction * math.sin(angle)) * math.exp(friction * angle)
+    return MOST_ERROR if left <= 1 / (1 + MOST_ERROR) else 1 / left - 1
 
 
 def _message(tendon, obstacle: Obstacle, depth: float) -> str:

@@ -79,18 +79,34 @@ def test_what_is_fine_or_slack_is_not_told(make_world, client, sides, particles,
     assert len(world.contacts) > 0
 
 
-def through_a_bore(world, client, particles, force):
-    """A smooth tendon through a bore of a box, pulled at 40 degrees beyond its mouth; the hand behind it."""
+def through_a_bore(world, client, particles, force, friction=0.0):
+    """A tendon through a bore of a box, pulled at 40 degrees beyond its mouth; the hand behind it."""
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.0175, 0.05, 0.05), physicsClientId=client)
     block = p.createMultiBody(0, shape, physicsClientId=client)
-    world.add_obstacle(block)
-    world.add_tunnel(block, -1, (-0.0175, 0, 0), (0.0175, 0, 0), radius=0.0045)
+    world.add_obstacle(block, friction=1.0)
+    world.add_tunnel(block, -1, (-0.0175, 0, 0), (0.0175, 0, 0), radius=0.0045, friction=1.0)
     way = np.array([math.cos(0.7), 0, math.sin(0.7)])
     line = [(-0.0275, 0, 0), (0.0175, 0, 0), np.array([0.0175, 0, 0]) + 0.03 * way]
-    material = bt.Material(stiffness=1e4, damping=60.0, friction=0.0)
+    material = bt.Material(stiffness=1e4, damping=60.0, friction=friction)
     t = world.add_tendon(line, 0.004, material, particles, name="graft")
     t.set_force(-1, force * way)
     return t.grip(0)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4, 0.8])
+def test_the_error_that_is_told_bounds_that_of_the_tension(make_world, client, friction):
+    """A hand draws the tendon through the bore against the pull, which friction multiplies."""
+    world = make_world(1 / 240, (0, 0, 0))
+    hand = through_a_bore(world, client, 8, 80.0, friction)
+    texts = told(world, 120)
+    start = np.array(hand.target)
+    for k in range(240):
+        hand.target = start - (0.008 * k / 240, 0, 0)
+        texts += told(world, 1)
+    (text,) = texts
+    error = float(text.split("off by up to ")[1].split("%")[0]) / 100
+    beyond = np.linalg.norm(hand.force) / (80.0 * math.exp(0.7 * friction)) - 1
+    assert 0.5 * error < beyond < error
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,8 @@ void World::find_coarse_turns() {
     Tendon& c = *step_.slots[contact.a.tendon];
     for (int i : {contact.a.first, contact.a.first + 1}) {
       const double angle = coarse_turn(c, i, most, gravity);
-      if (angle > c.coarse.angle) c.coarse = {i, contact.link, angle, c.coarse.steps, c.coarse.reported};
+      if (angle <= c.coarse.angle) continue;
+      c.coarse = {i, contact.link, angle, contact.friction.coefficient, c.coarse.steps, c.coarse.reported};
     }
   }
   for (auto [slot, c] : filled(step_.slots)) {
