@@ -204,7 +204,7 @@ def at_its_place(scene, t, hold, more):
     100 rad/s, where the forces on it are not known.
     """
     motion = np.abs(scene.raw.getBaseVelocity(hold.bodyUniqueId))
-    if max(motion.max(), np.abs(scene._speeds[hold.bodyUniqueId]).max()) > 99:
+    if max(motion.max(), scene.fastest_before[hold.bodyUniqueId]) > 99:
         return
     origin, axes = scene.place(hold.bodyUniqueId, hold.linkIndex)
     spin = np.linalg.norm(scene.raw.getBaseVelocity(hold.bodyUniqueId)[1])

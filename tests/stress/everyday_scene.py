@@ -359,6 +359,7 @@ class Scene:
             self._measure(look)
             exec(code, self.space)
             self._speeds = {b: self.speed(b) for b in self.free}
+            self.fastest_before = {b: np.abs(self.raw.getBaseVelocity(b)).max() for b in self.free}
             self.begun = True
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
@@ -758,10 +759,11 @@ class Scene:
         phi is the turning of the polyline; a hundredth for ends that are not straight. pull (3,) [N]: load on
         the first particle, from which the tendon turns too once that segment lies on the post. edges: a
         particle on a sharp edge, where it turns by an angle, is held by normals between those of both its
-        segments: its tensions differ by up to that angle's cosine, without friction. chords: round posts in a
-        row; where a tendon comes onto one, T cos a = T' cos(b / 2), with a <= b / 2 and the angle b at a
-        particle. wedges: where a segment lies between two surfaces, as a belt in a V-groove, their normal
-        forces are larger than what turns it; the turning counts by their sum over that of the vectors.
+        segments. Where it is pressed beside the particle alone, T' cos b = T + mu N and T' sin b = N. chords:
+        round posts in a row; where a tendon comes onto one, T cos a = T' cos(b / 2), with a <= b / 2 and the
+        angle b at a particle. wedges: where a segment lies between two surfaces, as a belt in a V-groove,
+        their normal forces are larger than what turns it; the turning counts by their sum over that of the
+        vectors.
         """
         t = tendon._target
         if not len(self.world.contacts):  # it has slipped off, and flies
@@ -773,9 +775,10 @@ class Scene:
             x = np.concatenate([[x[0] + np.divide(pull, first)], x])
         turned = turning(x)
         held = self.wedged(t) if wedges else 1.0
-        grown = np.exp(1.01 * friction * held * turned.sum())
+        coefficient = 1.01 * friction * held
+        grown = np.exp(coefficient * turned.sum())
         if edges:
-            grown /= np.cos(np.minimum(turned, 1.4)).prod()
+            grown = 1.0 / np.maximum(np.cos(turned) - coefficient * np.sin(turned), 0.17).prod()
         grown /= np.cos(turned.max() / 2) ** chords
         message = (
             f"tensions {first:.4g} and {last:.4g} N, beyond a factor of {grown:.4g} (slack {slack:.3g} N)"
