@@ -139,7 +139,6 @@ Sym3 Link::mobility(Vec3 p) const {
 void Link::note_motion() {
   const bool elsewhere = !same(pose, start_pose);
   moved |= !rests() || elsewhere;
-  put_before = put;
   put = {};
   const bool was_at_rest = was_read && norm(velocity) == 0 && norm(spin) == 0;
   if (elsewhere && was_at_rest && rests())

@@ -73,9 +73,8 @@ struct Link {
   // Its pose or its friction has changed, or it has a velocity, since the last step began.
   bool moved = false;
   bool was_read = false;  // start_pose is that of a step
-  // Of a link without mass or velocity that was put elsewhere since the last step, and since the one before
-  // until then; and the substep's share.
-  Twist put, put_before, shifted;
+  // Of a link without mass or velocity that was put elsewhere since the last step, and the substep's share.
+  Twist put, shifted;
   dense::Numbers jacobian;  // J (6 n); empty: the identity, of a free rigid body
   dense::Numbers root;      // J E (6 n)
   WrenchHistory history;

@@ -290,7 +290,7 @@ void World::sense(double dt, Vec3 gravity, bool held) {
   step_.context.gravity = gravity;
   for (Link& l : scene.links) {
     l.note_motion();
-    if (held) l.put = l.put_before = {};
+    if (held) l.put = {};
     l.start_pose = l.pose;
     l.start_centre = l.centre;
     if (held) l.body = -1;

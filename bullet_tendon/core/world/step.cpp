@@ -125,50 +125,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.stop_changes = 0;
 }
 
-// Where a particle in the bore of a link is foreseen: it goes with the link, and slides on as in the last
-// step of dt.
-Vec3 foreseen_in_bore(const Link& link, Vec3 x, Vec3 v, double dt) {
-  if (!link.rests())
-    return x + link.foreseen_at(x) + dt * (v - link.now_velocity - cross(link.now_spin, x - link.centre));
-  const Vec3 arm = x - (link.centre - link.put.linear);
-  const Vec3 arm_before = transposed(rotation_by(link.put_before.angular)) * arm;
-  const Vec3 slid = dt * v - (arm - arm_before + link.put_before.linear);
-  return link.centre + rotation_by(link.put.angular) * (arm + slid);
-}
-
-bool moves(const Link& link) {
-  if (!link.rests()) return true;
-  const Vec3 parts[] = {link.put.linear, link.put.angular, link.put_before.linear, link.put_before.angular};
-  return std::any_of(parts, parts + 4, [](Vec3 part) { return norm(part) > 0; });
-}
-
-// The starting guess of a tendon in bores. Particles in them go with the link, and the difference from the
-// motion of the last step changes evenly along the tendon between them. That motion alone would stretch
-// segments where a link turns or is pulled, and lose the contacts at the mouths.
-void go_with_bores(const Scene& scene, Tendon& c, double dt) {
-  static thread_local std::vector<Vec3> off;  // keeps its memory from step to step
-  off.assign(c.n(), {});
-  int last = -1;
-  bool any = false;
-  for (int i = 0; i < c.n(); ++i) {
-    if (c.tunnel_of[i] < 0) continue;
-    const Link& link = scene.links[scene.tunnels[c.tunnel_of[i]]->link];
-    if (moves(link)) {
-      off[i] = foreseen_in_bore(link, c.x.at(i), c.v.at(i), dt) - c.x_new.at(i);
-      any = true;
-    }
-    for (int k = last + 1; k < i; ++k) {
-      const double share = last < 0 ? 1 : double(k - last) / (i - last);
-      off[k] = share * off[i];
-      if (last >= 0) off[k] += (1 - share) * off[last];
-    }
-    last = i;
-  }
-  if (!any) return;
-  std::fill(off.begin() + last, off.end(), off[last]);
-  for (int i = 0; i < c.n(); ++i) c.place(i, c.x_new.at(i) + off[i]);
-}
-
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
 void World::predict() {
   step_.context.dt = step_.substeps.h();
@@ -186,7 +142,6 @@ void World::predict() {
     aim_attachments(c);
     aim_grips(c, step_.substeps.share_left(), step_.whole ? 0 : step_.context.dt);
     begin_step(c, step_.context);
-    if (step_.substeps.is_whole() && carries(options)) go_with_bores(scene, c, step_.context.dt);
     c.place_anchors();
     c.predict();
     expect_carried(c);
