@@ -9,6 +9,7 @@ from bullet_tendon import _core
 # Angles below and above pi/4, beyond which pybullet rotates a body by less than spin times step, and one at
 # which the coefficients are series.
 ANGLES = [0.01, 0.6, 1.1, 2.5]
+CORNER = np.pi / 4
 
 
 def rotated(begun, by, arms, forces):
@@ -28,7 +29,7 @@ def derivative(of, h=1e-5):
     return np.array([(of(h * e) - of(-h * e)) / (2 * h) for e in np.eye(3)])
 
 
-@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("angle", [*ANGLES, CORNER])
 @pytest.mark.parametrize("seed", range(3))
 def test_stiffness_is_the_derivative_of_the_torque(angle, seed):
     """Its symmetric part, for constant forces at points that the rotation moves."""
@@ -72,3 +73,13 @@ def test_rotation_is_that_of_pybullet(client, angle):
     turned = np.reshape(p.getMatrixFromQuaternion(p.getBasePositionAndOrientation(body, client)[1]), (3, 3))
     rotation = rotated(np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0]
     np.testing.assert_allclose(rotation, turned, atol=1e-12)
+
+
+@pytest.mark.parametrize("off", [-1e-3, -5e-4, 0, 5e-4, 1e-3])
+def test_rotation_goes_smoothly_round_the_corner_of_pybullets(off):
+    """Its rate jumps by a tenth at pi/4. Within a milliradian of it, the rotation is right to 1e-4."""
+    theta = (CORNER + off) * np.array([0.6, -0.48, 0.64])
+    c = np.tan(np.pi / 8) / CORNER
+    angle = min(CORNER + off, 2 * np.arctan(c * (CORNER + off)))
+    rotation = np.array(rotated(np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0])
+    assert np.arccos((np.trace(rotation) - 1) / 2) == pytest.approx(angle, abs=1e-4)

@@ -11,6 +11,10 @@ namespace {
 
 // Up to this angle pybullet rotates a body by spin times step, beyond it by less [rad].
 constexpr double kWholeTurn = 0.78539816339744831;
+// Half of the range of angles in which this sets in [rad]. At a corner, where solutions may lie, Newton's
+// method finds no equilibrium. Larger: bodies turn otherwise than pybullet turns them. Smaller: more
+// iterations.
+constexpr double kSetsIn = 1e-3;
 // Square of an angle below which A and B are evaluated by their series [rad^2].
 constexpr double kSmallTurn = 1e-3;
 
@@ -35,11 +39,15 @@ struct Slowing {
 };
 
 Slowing slowing_of(double t) {
-  if (t <= kWholeTurn) return {1, 0, 0};
-  const double c = std::tan(0.5 * kWholeTurn) / kWholeTurn, d = 1 + c * c * t * t;
-  const double share = 2 * std::atan(c * t) / t, slope = (2 * c / d - share) / t;
-  const double curve = (-4 * c * c * c * t / (d * d) - 2 * slope) / t;
-  return {share, slope / t, (curve - slope / t) / (t * t)};
+  const double into = t - kWholeTurn + kSetsIn;
+  if (into <= 0) return {1, 0, 0};
+  const bool sets_in = into < 2 * kSetsIn;
+  const double by = sets_in ? 0.5 * into / kSetsIn : 1, more = sets_in ? 0.5 / kSetsIn : 0;
+  const double at = sets_in ? kWholeTurn + 0.5 * by * into : t;
+  const double c = std::tan(0.5 * kWholeTurn) / kWholeTurn, d = 1 + c * c * at * at;
+  const double share = 2 * std::atan(c * at) / at, slope = (2 * c / d - share) / at;
+  const double curve = by * by * (-4 * c * c * c * at / (d * d) - 2 * slope) / at + more * slope;
+  return {share, by * slope / t, (curve - by * slope / t) / (t * t)};
 }
 
 // The symmetric part of the outer product.
