@@ -103,7 +103,8 @@ def angle(scene, hinge):
 
 def chord_error(t, size):
     """A chord of a polygon around a circle is nearer to its middle than its corners, by h^2 / (8 a^2)."""
-    return (t.rest_length / (t.particles - 1) / size) ** 2 / 8
+    longest = np.linalg.norm(np.diff(t.positions, axis=0), axis=1).max()
+    return (longest / size) ** 2 / 8
 
 
 def hung(scene, tendon, mass, particle=0, size=0.01):
@@ -214,23 +215,46 @@ def in_series(scene, mu):
 
 @family
 def pulleys_in_series(scene):
-    """Every wheel that the tendon sticks to turns by its way over R + r; neighbours the other way around."""
+    """Every wheel that the tendon sticks to turns by its way over R + r; neighbours the other way around.
+
+    The tendon's way at a wheel is that of an end, and what the part between them has stretched.
+    """
     mu = scene.flat(0.6, 1.0)
     hinges, sizes, tendon, up, load = in_series(scene, mu)
     hand = tendon.grip(-1)
     scene.run(scene.steps // 2)
     begun, ends = [angle(scene, h) for h in hinges], tendon.positions[[0, -1]]
+    tops = [middle_on(scene, h, tendon, abs(a)) for h, a in zip(hinges, sizes, strict=True)]
+    lengths = [np.array(lengths_beside(tendon, top)) for top in tops]
     way = scene.flat(0.3, 0.8) * min(map(abs, sizes))
     sticks = Sticks(tendon, mu)
     scene.lead(hand, (0, 0, up * way), scene.steps - scene.steps // 2, watch=sticks)
     if not sticks.held:
         return
     moved = tendon.positions[[0, -1], 2] - ends[:, 2]
-    spread = abs(moved[0] - up * moved[1])
-    for hinge, before, a in zip(hinges, begun, sizes, strict=True):
+    for hinge, before, a, top, parts in zip(hinges, begun, sizes, tops, lengths, strict=True):
         turned = (angle(scene, hinge) - before) * a
-        allowed = spread + way * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
-        scene.near("way of a wheel's rim [m]", turned, (moved[0] + up * moved[1]) / 2, absolute=allowed)
+        stretched = lengths_beside(tendon, top) - parts
+        by_ends = moved[0] + stretched[0], up * moved[1] - stretched[1]
+        way = abs(moved).max() + abs(stretched).max()
+        allowed = np.ptp(by_ends) + way * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
+        scene.near("way of a wheel's rim [m]", turned, np.mean(by_ends), absolute=allowed)
+
+
+def middle_on(scene, hinge, tendon, a):
+    """The particle in the middle of those on a wheel of the radius a [m], to the tendon's axis.
+
+    If the tendon does not lie on it: the nearest one.
+    """
+    away = tendon.positions - scene.place(*hinge)[0]
+    apart = np.hypot(away[:, 0], away[:, 2])
+    return int(np.median(np.flatnonzero(apart <= max(1.1 * a, apart.min()))))
+
+
+def lengths_beside(tendon, particle):
+    """Lengths before and behind a particle [m]."""
+    lengths = np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1)
+    return lengths[:particle].sum(), lengths[particle:].sum()
 
 
 @family
