@@ -47,10 +47,22 @@ inline Rot3 turn_of(PyObject* tuple) {
 
 // A contact as Python has it: tendon, segment, other tendon, link, kind, position (3), normal (3), distance,
 // normal and friction force.
-inline std::array<double, 14> row_of(const ContactRecord& c) {
-  return {double(c.tendon), double(c.segment), double(c.other_tendon), double(c.link),  double(c.kind),
-          c.position.x,     c.position.y,      c.position.z,           c.normal.x,      c.normal.y,
-          c.normal.z,       c.distance,        c.normal_force,         c.friction_force};
+inline std::array<double, 14> row_of(const World& w, const Contact& c) {
+  const Vec3 x = c.a.of(w.scene.tendons[c.a.tendon]->x), n = c.geometry.normal;
+  return {double(c.a.tendon),
+          double(c.a.first),
+          double(c.b.tendon),
+          double(c.link),
+          double(c.key.kind),
+          x.x,
+          x.y,
+          x.z,
+          n.x,
+          n.y,
+          n.z,
+          c.distance(),
+          c.normal_force.value,
+          norm(c.friction.force)};
 }
 
 // Articulated bodies (bindings/bodies.cpp).

@@ -101,7 +101,7 @@ py::array_t<bool> is_drilled(const World& w, int slot, const std::vector<Vec3>& 
 // (contacts, 14)
 std::vector<std::array<double, 14>> contacts(const World& w) {
   std::vector<std::array<double, 14>> out;
-  for (size_t i = 0; i < w.contact_count(); ++i) out.push_back(row_of(w.contact(i)));
+  for (size_t i = 0; i < w.contact_count(); ++i) out.push_back(row_of(w, w.contact(i)));
   return out;
 }
 
@@ -109,8 +109,8 @@ std::vector<std::array<double, 14>> contacts(const World& w) {
 double pressed_depth(const World& w) {
   double most = 0;
   for (size_t i = 0; i < w.contact_count(); ++i) {
-    const ContactRecord c = w.contact(i);
-    if (c.normal_force > 0) most = std::max(most, -c.distance / w.scene.tendons[c.tendon]->radius);
+    const Contact& c = w.contact(i);
+    if (c.normal_force.value > 0) most = std::max(most, -c.distance() / w.scene.tendons[c.a.tendon]->radius);
   }
   return most;
 }

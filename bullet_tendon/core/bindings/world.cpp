@@ -274,7 +274,7 @@ py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_
   for (size_t count : {size.shapes, size.energies, size.anchors, size.contacts, size.ligaments, size.poses})
     out.add<std::int32_t>(count);
   write_tendons(w.scene, out);
-  for (size_t i = 0; i < w.contact_count(); ++i) out.add_all<float>(row_of(w.contact(i)));
+  for (size_t i = 0; i < w.contact_count(); ++i) out.add_all<float>(row_of(w, w.contact(i)));
   for (size_t slot = 0; slot < w.scene.ligaments.size(); ++slot)
     if (w.scene.ligaments[slot])
       out.add_all<float>(std::array{static_cast<double>(slot), w.scene.ligaments[slot]->force});

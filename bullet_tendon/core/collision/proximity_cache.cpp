@@ -86,6 +86,18 @@ void cross_surface(Entry& e) {
 // Features beyond their reach make no contact, even if they were measured.
 bool is_within_reach(const Entry& e) { return !e.now.hole && e.clearance <= e.reach; }
 
+// Takes the plane at this distance [m] that was found for the feature of a query.
+void take_plane(Entry& e, const Query& q, const Plane& found, double distance) {
+  e.known = true;
+  e.inside = distance < 0;
+  e.a = q.a;
+  e.b = q.b;
+  e.distance = distance;
+  e.clearance = std::max(0.0, distance);
+  e.asked = e.now = found;
+  e.wanted = is_within_reach(e);
+}
+
 // Decides for one feature between skipping, reusing, searching and querying.
 struct Considering {
   const Shape& shape;
@@ -160,16 +172,8 @@ struct Considering {
   void take(Entry& e, const Query& q, const Nearest& found) const {
     e.nearby.clear();  // it is not complete up to e.listed
     if (found.distance == 0) return cross_surface(e);
-    e.known = true;
-    e.inside = false;
-    e.a = q.a;
-    e.b = q.b;
-    e.distance = found.distance;
     e.listed = (1 + 2 * kListed) * found.distance;
-    e.asked = plane_of(found, q.a, q.b, e.asked.normal);
-    e.now = e.asked;
-    e.clearance = e.distance;
-    e.wanted = is_within_reach(e);
+    take_plane(e, q, plane_of(found, q.a, q.b, e.asked.normal), found.distance);
   }
 
   bool still_true(Entry& e, const Query& q, double moved) const {
@@ -245,23 +249,16 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
   // mesh gives no such point, and the last valid plane is kept.
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
   if (!believed) return cross_surface(e);
-  e.known = true;
-  e.inside = distance < 0;
-  e.a = q.a;
-  e.b = q.b;
   const double sign = distance < 0 ? -1 : 1;
-  e.asked = {point, unit_or(sign * (nearest - point), e.asked.normal), u,
-             !context.surface && in_any_bore(to_world(pose, point), *context.bores)};
+  Plane plane{point, unit_or(sign * (nearest - point), e.asked.normal), u,
+              !context.surface && in_any_bore(to_world(pose, point), *context.bores)};
   if (context.surface && distance > 0) {
     e.listed = context.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
     const Nearest found = context.surface->nearest(e.nearby, q.a, q.b);
     distance = found.distance;
-    e.asked = plane_of(found, q.a, q.b, e.asked.normal);
+    plane = plane_of(found, q.a, q.b, plane.normal);
   }
-  e.distance = distance;
-  e.clearance = std::max(0.0, distance);
-  e.now = e.asked;
-  e.wanted = is_within_reach(e);
+  take_plane(e, q, plane, distance);
 }
 
 void list_within_reach(Entry& e, Vec3 a, Vec3 b, const Surface& surface) {

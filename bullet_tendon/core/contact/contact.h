@@ -156,6 +156,8 @@ struct Contact {
   // Sets the sliding term that the motion of this point along the segment adds to the block
   // (contact/following.cpp). Call it after evaluate.
   void add_sliding_term(Vec3 start, Vec3 end, bool definite);
+  // Distance of the surfaces; negative: depth [m].
+  double distance() const { return geometry.gap + geometry.depth_allowance + geometry.margin; }
   // Whether no gap or depth remains that is too large.
   bool is_closed() const;
   // Makes k so large that a load [N] presses no deeper than may remain, even without a multiplier, and k_t

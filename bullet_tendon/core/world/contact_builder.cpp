@@ -434,16 +434,16 @@ void World::recall(Contact& contact, double inertia) {
   // It stays in the plane in which it was found. The point where this contact was detected may be far along
   // its segment from the one that touches: in the plane there, it would lose a part in every step.
   contact.friction.anchor = turn * found->tangent_anchor;
-  if (carries) contact.bear(found->load, kStickingRatio);
-  // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
-  if (carries && found->h_eff != step_.slots[contact.a.tendon]->h_eff) {
-    const double per_inertia = kStickingRatio + kLooseTangentRatio;
+  if (carries) {
+    contact.bear(found->load, kStickingRatio);
+    // The tangential stiffness depends on the step weight. Scaling the anchor keeps the friction force.
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
+    const double per_inertia = kStickingRatio + kLooseTangentRatio;
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
+    contact.normal_force.lambda = step_.whole ? found->lambda : found->lambda_confirmed;
   }
   contact.friction.anchor += moved_since_held(contact);
   contact.normal_force.lambda_previous = found->lambda;
-  contact.normal_force.lambda = !carries ? 0 : step_.whole ? found->lambda : found->lambda_confirmed;
   contact.normal_force.lambda_predicted = contact.normal_force.lambda_previous;
   contact.force.last_mean = found->mean_force;
   contact.force.last_given = found->given_force;

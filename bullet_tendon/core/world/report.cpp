@@ -96,21 +96,4 @@ void Report::take(const Report& part) {
   islands = part.islands;
 }
 
-ContactRecord World::contact(size_t i) const {
-  const size_t awake = contacts_.all.size();
-  const Contact& contact = i < awake ? contacts_.all[i] : contacts_.asleep[i - awake];
-  ContactRecord r;
-  r.tendon = contact.a.tendon;
-  r.segment = contact.a.first;
-  r.other_tendon = contact.b.tendon;
-  r.link = contact.link;
-  r.kind = contact.key.kind;
-  r.position = contact.a.of(scene.tendons[contact.a.tendon]->x);
-  r.normal = contact.geometry.normal;
-  r.distance = contact.geometry.gap + contact.geometry.depth_allowance + contact.geometry.margin;
-  r.normal_force = contact.normal_force.value;
-  r.friction_force = norm(contact.friction.force);
-  return r;
-}
-
 }  // namespace bt

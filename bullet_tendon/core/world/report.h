@@ -1,24 +1,10 @@
-// Report of a step, and records of its contacts.
+// Report of a step.
 #pragma once
 #include "collision/narrow_phase.h"
 #include "collision/proximity_cache.h"
-#include "contact/contact.h"
 #include "integrator/substepper.h"
 
 namespace bt {
-
-// A contact of the last step, for the user.
-struct ContactRecord {
-  int tendon = 0;         // slot
-  int segment = 0;        // of this tendon
-  int other_tendon = -1;  // slot; -1: contact with a link
-  int link = -1;          // slot; -1: contact with a tendon
-  ContactKind kind = ContactKind::bone;
-  Vec3 position;        // on the centreline [m]
-  Vec3 normal;          // unit vector, from the body (or the other tendon) to this tendon
-  double distance = 0;  // between the surfaces [m]
-  double normal_force = 0, friction_force = 0;  // [N]
-};
 
 struct Report {
   int iterations = 0;

@@ -280,7 +280,10 @@ class World {
   Vec3 gravity() const { return step_.context.gravity; }  // of the last step
   // Contacts of the last step, those of islands that sleep behind the others.
   size_t contact_count() const { return contacts_.all.size() + contacts_.asleep.size(); }
-  ContactRecord contact(size_t i) const;
+  const Contact& contact(size_t i) const {
+    const size_t awake = contacts_.all.size();
+    return i < awake ? contacts_.all[i] : contacts_.asleep[i - awake];
+  }
   // Wakes the whole island of a tendon.
   void wake_tendon(int tendon);
   void wake_all();
