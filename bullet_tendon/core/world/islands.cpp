@@ -201,21 +201,15 @@ void World::foresee_links() {
 }
 
 // Moves what is foreseen of links under their last forces to their solved motion, as predict_at_solution does
-// of particles. true: a mouth has moved otherwise by more than a share of the radius of the thinnest tendon,
-// or a link has come near to a tendon by more than was foreseen.
+// of particles. true: a link has come near to a tendon by more than was foreseen.
 bool World::foresee_at_solution() {
   if (step_.detections >= kMostDetections) return false;
-  double slack = HUGE_VAL;
-  for (auto [slot, c] : filled(step_.slots)) slack = std::min(slack, kSlack * c.radius);
   const double h = step_.context.dt;
-  auto solved_motion = [h](const Link& l) {
-    return Twist{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
-  };
   bool any = false;
   for (auto [s, shape] : filled(scene.shapes)) {
     Link& l = scene.links[shape.link];
     if (!l.yields()) continue;
-    const Twist solved = solved_motion(l);
+    const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
     for (auto [slot, c] : filled(step_.slots)) {
       if (!scene.filter.meets_link(slot, shape.link) ||
           !outruns_search(c, shape, l, solved, options.contact_threshold))
@@ -223,17 +217,6 @@ bool World::foresee_at_solution() {
       l.foresee(l.given, h, turns_far(l));
       any = true;
       break;
-    }
-  }
-  for (auto [slot, tunnel] : filled(scene.tunnels)) {
-    Link& l = scene.links[tunnel.link];
-    if (!l.yields() || !scene.bodies[l.body].turning.elements) continue;
-    const Twist solved = solved_motion(l);
-    for (const Vec3 local : {tunnel.start, tunnel.end}) {
-      const Vec3 arm = to_world(l.pose, local) - l.centre;
-      if (norm(solved.at(arm) - l.foreseen.all.at(arm)) <= slack) continue;
-      l.foresee(l.given, h, turns_far(l));
-      any = true;
     }
   }
   return any;

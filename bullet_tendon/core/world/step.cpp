@@ -2,8 +2,7 @@
 // or where an island does not converge.
 //
 // Contacts are detected at the start of a substep, in the region where particles are predicted to move. If a
-// solution leaves this region, the predicted positions are moved to it and contacts are detected again. So
-// are links with tunnels: a load that ligaments hold would else move a mouth away from where it stays.
+// solution leaves this region, the predicted positions are moved to it and contacts are detected again.
 // Contacts that exist in both detections keep their multipliers, and the solution is the starting guess. The
 // new region includes the active contacts of the solution, so that two detections cannot alternate.
 //
