@@ -43,6 +43,7 @@ WINDOW, SAME_PLACE = 12, np.array([5e-6, 5e-6, 1e-4, 5e-6, 1e-4])
 # across and 50 mm from front to back [m]; the way up past the condyles, which are about as high; and the
 # adduction that opens the knee as far [rad].
 DISLOCATED_LATERAL, DISLOCATED_ANTERIOR, DISLOCATED_SUPERIOR, DISLOCATED_ADDUCTION = 0.015, 0.025, 0.015, 0.5
+GONE = 2.0  # of these, beyond which no equilibrium is looked for
 LINE_RADIUS = 8e-4  # of a strand in pictures [m]
 
 
@@ -221,7 +222,7 @@ class KneeRig:
             self._step_world()
 
     def settle(self, tolerance: float = TOLERANCE, max_steps: int = MOST_STEPS) -> bool:
-        """Let the knee come to rest under the load; whether it did, in joint, within `max_steps` steps.
+        """Let the knee come to rest under the load; whether it did within `max_steps` steps.
 
         tolerance: of the unbalanced force [N], and of the unbalanced moment over 0.1 m. The equilibrium is
         found by TendonWorld.relax, and seen by a step in which nothing moves. Where that fails, steps are
@@ -229,9 +230,10 @@ class KneeRig:
         Friction of tendons makes the end depend on the way. Large loads that come at once can also lead past
         an equilibrium that they would reach slowly.
 
-        A load that the ligaments do not hold leads the tibia out of joint. Then settle ends and the tibia
-        stays there, `dislocated`, until it is put back by place. It also ends after 5 steps that were not
-        solved. Raises InvalidType, InvalidValue or StepFailed.
+        A load that the ligaments do not hold leads the tibia out of joint: it comes to rest `dislocated`, or
+        goes beyond twice the displacements that this means. Then settle ends, and the tibia stays there until
+        it is put back by place. It also ends after 5 steps that were not solved. Raises InvalidType,
+        InvalidValue or StepFailed.
         """
         tolerance = checks.number("tolerance", tolerance, above=0)
         return self._settle(tolerance, checks.integer("max_steps", max_steps, at_least=1))[0]
@@ -276,16 +278,9 @@ class KneeRig:
     def dislocated(self) -> bool:
         """Whether a condyle has left its plateau: the tibia is by 15 mm beside or above the place where the
         bones' frames coincide, by 25 mm before or behind it, or adducted or abducted by 0.5 rad. An
-        equilibrium there tells nothing of the knee's laxity. Where settle or come_to_rest returned True, the
-        knee is in joint.
+        equilibrium there tells nothing of the knee's laxity. settle and come_to_rest can find one.
         """
-        at = self.coordinates
-        return bool(
-            abs(at.lateral) > DISLOCATED_LATERAL
-            or abs(at.anterior) > DISLOCATED_ANTERIOR
-            or at.superior > DISLOCATED_SUPERIOR
-            or abs(at.adduction) > DISLOCATED_ADDUCTION
-        )
+        return self._displaced() > 1
 
     @property
     def forces(self) -> GroupForces:
@@ -436,7 +431,7 @@ class KneeRig:
         return self._damp(is_balanced, max_steps, LONGEST, SHORTEST)
 
     def _damp(self, is_at_rest, max_steps: int, longest: float, shortest: float) -> tuple[bool, int]:
-        """Steps with kinetic damping until is_at_rest(step); whether it was, in joint, and the steps taken.
+        """Steps with kinetic damping until is_at_rest(step); whether it was, and the steps taken.
 
         Motion is stopped whenever the kinetic energy has passed a maximum. Steps [s] are halved where one had
         to be divided, because its forces are means of several places. At the end nothing moves.
@@ -444,7 +439,7 @@ class KneeRig:
         step, last, unsolved = longest, 0.0, 0
         try:
             for taken in range(1, max_steps + 1):
-                if self.dislocated:
+                if not self._can_come_back():
                     break
                 p.setTimeStep(step, self.client)
                 places, rates = self._joints(), self._joints(velocity=True)
@@ -471,7 +466,7 @@ class KneeRig:
 
     def _relax(self, tolerance: float) -> None:
         """Put the tibia where the load is balanced. It stays where that is not found. Where the way there
-        leads out of joint, it goes up to the last place in joint.
+        leads far out of joint (GONE), it goes up to the last place before that.
 
         Bodies that tendons are attached to are free as well.
         """
@@ -483,7 +478,7 @@ class KneeRig:
         loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads]
         largest = TYPICAL
         for _ in range(2):
-            limits = {"max_steps": MOST_RELAXATIONS, "within": self._is_in_joint}
+            limits = {"max_steps": MOST_RELAXATIONS, "within": self._can_come_back}
             self.world.relax(tolerance / largest, bodies=free, forces=loads, **limits)
             if not self.world.report.converged:
                 return
@@ -493,8 +488,18 @@ class KneeRig:
                 return
             largest = max(at_hand)
 
-    def _is_in_joint(self) -> bool:
-        return not self.dislocated
+    def _displaced(self) -> float:
+        """The largest displacement, over that from which the tibia is dislocated [-]."""
+        at = self.coordinates
+        return max(
+            abs(at.lateral) / DISLOCATED_LATERAL,
+            abs(at.anterior) / DISLOCATED_ANTERIOR,
+            at.superior / DISLOCATED_SUPERIOR,
+            abs(at.adduction) / DISLOCATED_ADDUCTION,
+        )
+
+    def _can_come_back(self) -> bool:
+        return self._displaced() <= GONE
 
     def _push(self) -> None:
         """Put the load on the tibia for the next step."""
