@@ -280,7 +280,7 @@ class KneeRig:
         bones' frames coincide, by 25 mm before or behind it, or adducted or abducted by 0.5 rad. An
         equilibrium there tells nothing of the knee's laxity. settle and come_to_rest can find one.
         """
-        return self._displaced() > 1
+        return bool(self._displaced() > 1)
 
     @property
     def forces(self) -> GroupForces:
