@@ -205,7 +205,7 @@ def at_its_place(scene, t, hold, more):
     pybullet stops at 100 m/s or 100 rad/s, where the forces on it are not known.
     """
     motion = np.abs(scene.raw.getBaseVelocity(hold.bodyUniqueId))
-    if max(motion.max(), scene.fastest_before[hold.bodyUniqueId]) > 99:
+    if max(motion.max(), np.abs(scene.rates_before[hold.bodyUniqueId]).max()) > 99:
         return
     origin, axes = scene.place(hold.bodyUniqueId, hold.linkIndex)
     spin = np.linalg.norm(scene.raw.getBaseVelocity(hold.bodyUniqueId)[1])
@@ -266,7 +266,7 @@ def balanced(scene, tendons, body, mass, allowed=0.01):
     weight = np.array([0, 0, -mass * G])
     given = sum(h.force for t in tendons for h in t.holds if hasattr(h, "linkIndex"))
     largest = max(np.linalg.norm(h.force) for t in tendons for h in t.holds)
-    change = mass * np.linalg.norm(scene.speed(body) - scene._speeds[body]) / scene.dt
+    change = mass * np.linalg.norm(scene.speed(body) - scene.rates_before[body][:3]) / scene.dt
     scene.near("forces on the body [N]", given, -weight, absolute=allowed * largest + change)
 
 

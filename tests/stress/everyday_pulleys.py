@@ -144,8 +144,13 @@ class Sticks:
 
 def half_lengths(tendon) -> np.ndarray:
     """(2,) lengths up to the middle particle, and from there [m]."""
+    return lengths_beside(tendon, (tendon.particles - 1) // 2)
+
+
+def lengths_beside(tendon, particle) -> np.ndarray:
+    """(2,) lengths before and behind a particle [m]."""
     lengths = np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1)
-    return np.add.reduceat(lengths, [0, len(lengths) // 2])
+    return np.array([lengths[:particle].sum(), lengths[particle:].sum()])
 
 
 def follows(scene, hinge, tendon, a):
@@ -225,7 +230,7 @@ def pulleys_in_series(scene):
     scene.run(scene.steps // 2)
     begun, ends = [angle(scene, h) for h in hinges], tendon.positions[[0, -1]]
     tops = [middle_on(scene, h, tendon, abs(a)) for h, a in zip(hinges, sizes, strict=True)]
-    lengths = [np.array(lengths_beside(tendon, top)) for top in tops]
+    lengths = [lengths_beside(tendon, top) for top in tops]
     way = scene.flat(0.3, 0.8) * min(map(abs, sizes))
     sticks = Sticks(tendon, mu)
     scene.lead(hand, (0, 0, up * way), scene.steps - scene.steps // 2, watch=sticks)
@@ -249,12 +254,6 @@ def middle_on(scene, hinge, tendon, a):
     away = tendon.positions - scene.place(*hinge)[0]
     apart = np.hypot(away[:, 0], away[:, 2])
     return int(np.median(np.flatnonzero(apart <= max(1.1 * a, apart.min()))))
-
-
-def lengths_beside(tendon, particle):
-    """Lengths before and behind a particle [m]."""
-    lengths = np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1)
-    return lengths[:particle].sum(), lengths[particle:].sum()
 
 
 @family

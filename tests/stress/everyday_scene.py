@@ -358,8 +358,7 @@ class Scene:
             look = step <= EVERY or step % EVERY == 0
             self._measure(look)
             exec(code, self.space)
-            self._speeds = {b: self.speed(b) for b in self.free}
-            self.fastest_before = {b: np.abs(self.raw.getBaseVelocity(b)).max() for b in self.free}
+            self.rates_before = {b: np.concatenate(self.raw.getBaseVelocity(b)) for b in self.free}
             self.begun = True
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
@@ -525,11 +524,11 @@ class Scene:
         """Of a body on tendons alone; pybullet stops it at 100 m/s."""
         if self.raw.getContactPoints(bodyA=body) or self.raw.getNumJoints(body):
             return
-        speed = self.speed(body)
-        if max(np.abs(speed).max(), np.abs(self._speeds[body]).max()) > 99:
+        speed, before = self.speed(body), self.rates_before[body][:3]
+        if max(np.abs(speed).max(), np.abs(before).max()) > 99:
             return
         m = self.mass(body)
-        gained = m * (speed - self._speeds[body]) / self.dt
+        gained = m * (speed - before) / self.dt
         given = self.world.wrench(body)[:3] + m * self.gravity + self.applied(body)
         rounding = 1e-12 * m / self.dt * np.linalg.norm(speed)
         allowed = 1e-5 * max(largest, m * G) + rounding
