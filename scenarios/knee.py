@@ -99,8 +99,8 @@ class KneeRig:
 
     world: the TendonWorld; client: pybullet's; femur, tibia: (bodyUniqueId, linkIndex); strands: the files'
     rows by name; ligaments: handles by strand's name; cartilage: the handle; unsettled: how often the knee
-    did not come to rest, in settle, come_to_rest or flex. The client is closed by close(), or at the end of a
-    with block.
+    did not come to rest in joint, in settle, come_to_rest or flex. The client is closed by close(), or at
+    the end of a with block.
     """
 
     def __init__(
@@ -447,6 +447,7 @@ class KneeRig:
                 now, report = self._joints(velocity=True), self.world.report
                 whole = report.converged and not report.reasons
                 if is_at_rest(_Step(whole, self._joints() - places, (now - rates) / step)):
+                    self.unsettled += self.dislocated
                     return True, taken
                 unsolved += not report.converged
                 if unsolved >= MOST_UNSOLVED:

@@ -144,7 +144,7 @@ def virtual_reconstruction(case: dict, rng) -> dict:
 
     case: angles [degrees], and any of PLAN; what is missing is drawn from rng. Returns them, with drawer [mm]
     and internal rotation under 5 N m [degrees] by angle, the most force of the graft [N], and whether the
-    knee came to rest every time.
+    knee came to rest in joint every time.
     """
     drawn = {name: rng.uniform(*span) for name, span in PLAN.items()}
     plan = {name: float(case.get(name, value)) for name, value in drawn.items()}

@@ -68,20 +68,23 @@ class KneeTask(Task):
         self.graft.set_tension(0.0)
 
     def go_to(self, flexion: float) -> bool:
-        """Flex the knee without a load; whether it came to rest at the end."""
+        """Flex the knee without a load; whether it came to rest in joint at the end."""
         self.rig.load()
         self.rig.flex(flexion, INCREMENT, max_steps=MOST_STEPS)
-        return self.rig.settle(max_steps=MOST_STEPS)
+        return self._settle()
 
     def drawer(self) -> tuple[float, bool]:
-        """Way of the tibia under 90 N from where it rests [m], and whether it came to rest."""
+        """Way of the tibia under 90 N from where it rests [m], and whether it came to rest in joint."""
         rested = self.rig.coordinates.anterior
         self.rig.load(anterior=DRAWER)
-        rests = self.rig.settle(max_steps=MOST_STEPS)
+        rests = self._settle()
         found = self.rig.coordinates.anterior - rested
         self.rig.load()
-        rests &= self.rig.settle(max_steps=MOST_STEPS)
+        rests &= self._settle()
         return float(found), rests
+
+    def _settle(self) -> bool:
+        return self.rig.settle(max_steps=MOST_STEPS) and not self.rig.dislocated
 
     def lines(self):
         tubes, colours = self.rig.lines()
