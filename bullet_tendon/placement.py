@@ -124,7 +124,7 @@ def _error_at_edge(angle: float, friction: float) -> float:
     behind it, T' cos(angle) = T + mu N and T' sin(angle) = N.
     """
     left = (math.cos(angle) - friction * math.sin(angle)) * math.exp(friction * angle)
-    return MOST_ERROR if left <= 1 / (1 + MOST_ERROR) else 1 / left - 1
+    return 1 / max(left, 1 / (1 + MOST_ERROR)) - 1
 
 
 def _message(tendon, obstacle: Obstacle, depth: float) -> str:

@@ -41,6 +41,8 @@ struct Slowing {
 Slowing slowing_of(double t) {
   const double into = t - kWholeTurn + kSetsIn;
   if (into <= 0) return {1, 0, 0};
+  // Where it sets in, the rotation is slowed as at the angle `at`. Its derivative `by` to t grows evenly from
+  // 0 to 1, and `more` is that of `by`.
   const bool sets_in = into < 2 * kSetsIn;
   const double by = sets_in ? 0.5 * into / kSetsIn : 1, more = sets_in ? 0.5 / kSetsIn : 0;
   const double at = sets_in ? kWholeTurn + 0.5 * by * into : t;
