@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bullet_tendon import _core
@@ -168,3 +168,22 @@ def test_fill(touching):
     edges = lattice(20) if touching is None else chains(random, 8, 50, 1, touching)
     ((_, below),) = _core.testing.sparse_solutions([system(random, n, edges)])
     assert below == fill_by_least_degree(n, edges)
+
+
+@RANDOM
+@given(seed=SEEDS, shift=st.floats(0, 100), touching=st.integers(0, 20))
+def test_a_direction_of_negative_curvature_is_found_where_there_is_one(seed, shift, touching):
+    """x = A_-^-1 b by the negative pivots alone: x A x = x b < 0. It is zero where there are none."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(3, 20))
+    edges, diagonal, beside, right = system(random, 2 * n, chains(random, 2, n, 2, touching))
+    diagonal[random.integers(0, 2 * n)] -= shift * np.eye(3)
+    whole = dense(edges, diagonal, beside)
+    least, largest = np.linalg.eigvalsh(whole)[[0, -1]]
+    assume(abs(least) > 1e-9 * largest)
+    x = np.array(_core.testing.sparse_negative(edges, diagonal, beside, right)).ravel()
+    if least > 0:
+        assert not x.any()
+    else:
+        assert x @ whole @ x < 0
+        assert x @ whole @ x == pytest.approx(x @ right.ravel(), rel=1e-4)

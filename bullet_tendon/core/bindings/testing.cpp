@@ -510,12 +510,36 @@ py::tuple band_solutions(const Array& diagonal, const Array& below, const Array&
   return py::make_tuple(solved, one);
 }
 
+// The direction of negative curvature by right (n, 3): (n, 3), of the band and of a system as in
+// sparse_solutions.
+Field band_negative(const Array& diagonal, const Array& below, const Array& right) {
+  const Band a = band_of(diagonal, below);
+  BandFactor factor;
+  factor.resize(a.n, a.half);
+  factor.factorise(a);
+  Field x(a.n);
+  for (int i = 0; i < a.n; ++i) x.set(i, {right.at(i, 0), right.at(i, 1), right.at(i, 2)});
+  factor.solve_negative(x, x);
+  return x;
+}
+
+std::vector<Vec3> sparse_negative(const Edges& edges, const Blocks& diagonal, const Blocks& beside,
+                                  std::vector<Vec3> right) {
+  SparseFactor factor;
+  fill_factor(factor, edges, diagonal, beside);
+  factor.factorise(true);
+  factor.solve_negative(right);
+  return right;
+}
+
 }  // namespace
 
 void bind_sparse(py::module_& testing) {
   testing.def("sparse_solutions", &sparse_solutions, py::arg("systems"), py::arg("through") = false)
       .def("sparse_columns", &sparse_columns)
-      .def("band_solutions", &band_solutions);
+      .def("sparse_negative", &sparse_negative)
+      .def("band_solutions", &band_solutions)
+      .def("band_negative", &band_negative);
 }
 
 }  // namespace bt

@@ -121,12 +121,4 @@ Sym3 FiniteRotation::stiffness() const {
          g.slope * (2.0 * both(theta, on_psi) + identity(all)) + (g.curve * all) * outer(theta);
 }
 
-Sym3 positive_part(const Sym3& s) {
-  dense::Numbers a{s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz}, u;
-  dense::eigen(3, a, u);
-  Sym3 sum;
-  for (int k = 0; k < 3; ++k) sum += std::max(0.0, a[4 * k]) * outer({u[k], u[3 + k], u[6 + k]});
-  return sum;
-}
-
 }  // namespace bt

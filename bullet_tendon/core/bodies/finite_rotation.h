@@ -37,7 +37,5 @@ struct FiniteRotation {
 
 // The rotation by which pybullet moves a body, for the vector theta [rad].
 Rot3 rotation_of_step(Vec3 theta);
-// The matrix with its negative eigenvalues set to zero.
-Sym3 positive_part(const Sym3& s);
 
 }  // namespace bt

@@ -129,12 +129,20 @@ inline bool ldl(const Lanes* a, Lanes* f) {
   return a[0][0] > 0 && a[0][1] > 0 && d2[0] > 0 && d2[1] > 0 && d3[0] > 0 && d3[1] > 0;
 }
 
+template <bool Negative>
+inline Lanes kept(Lanes inverse_pivots) {
+  const Lanes none{};
+  if constexpr (Negative) return inverse_pivots < none ? inverse_pivots : none;
+  return inverse_pivots;
+}
+
+template <bool Negative>
 inline void ldl_solve(const Lanes* f, Lanes& x, Lanes& y, Lanes& z) {
   y -= f[0] * x;
   z -= f[1] * x + f[2] * y;
-  x *= f[3];
-  y *= f[4];
-  z *= f[5];
+  x *= kept<Negative>(f[3]);
+  y *= kept<Negative>(f[4]);
+  z *= kept<Negative>(f[5]);
   y -= f[2] * z;
   x -= f[0] * y + f[1] * z;
 }
@@ -282,10 +290,14 @@ bool BandFactor::factorise_middle(const Band& a) {
 }
 
 void BandFactor::solve(const Field& b, Field& x) const {
-  half_ == 1 ? solve_ends<1>(b, x) : solve_ends<2>(b, x);
+  half_ == 1 ? solve_ends<1, false>(b, x) : solve_ends<2, false>(b, x);
 }
 
-template <int H>
+void BandFactor::solve_negative(const Field& b, Field& x) const {
+  half_ == 1 ? solve_ends<1, true>(b, x) : solve_ends<2, true>(b, x);
+}
+
+template <int H, bool Negative>
 void BandFactor::solve_ends(const Field& b, Field& x) const {
   Lanes first[3] = {}, second[3] = {};
   for (int s = 0; s < steps_; ++s) {
@@ -300,7 +312,7 @@ void BandFactor::solve_ends(const Field& b, Field& x) const {
         second[c] = p.z[1][c] * y[0] + p.z[1][3 + c] * y[1] + p.z[1][6 + c] * y[2];
       }
     }
-    ldl_solve(p.ldl, z[0], z[1], z[2]);
+    ldl_solve<Negative>(p.ldl, z[0], z[1], z[2]);
     for (int c = 0; c < 3; ++c) {
       x[c][top] = z[c][0];
       x[c][bottom] = z[c][1];
@@ -318,7 +330,7 @@ void BandFactor::solve_ends(const Field& b, Field& x) const {
       y[3 * (w - 2) + c] -= second[c][1];
     }
   }
-  solve_middle<1>(y);
+  solve_middle<1, Negative>(y);
   for (int i = 0; i < w; ++i)
     for (int c = 0; c < 3; ++c) x[c][steps_ + i] = y[3 * i + c];
   for (int s = steps_ - 1; s >= 0; --s) {
@@ -412,7 +424,7 @@ BT_WITHIN inline void BandFactor::columns_ends(int first, int last, Columns& x) 
     subtract(x.at(steps_ + 1), after[0]);
     subtract(x.at(steps_ + w - 2), after[1]);
   }
-  solve_middle<kLanes>(x.number(steps_));
+  solve_middle<kLanes, false>(x.number(steps_));
   columns_outwards<H, 0>(first, top);
   columns_outwards<H, 1>(n_ - 1 - last, bottom);
 }

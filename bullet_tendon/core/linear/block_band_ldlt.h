@@ -46,6 +46,9 @@ class BandFactor {
   bool factorise(const Band& a);
   // x = A^-1 b; x and b may be the same.
   void solve(const Field& b, Field& x) const;
+  // x = L^-T min(D^-1, 0) L^-1 b, so that x^T A x is the sum of y^2/D over the negative pivots D, with y =
+  // L^-1 b: it is negative, or x is 0 because no pivot is.
+  void solve_negative(const Field& b, Field& x) const;
   // The same for eight right-hand sides, which are zero outside blocks first to last. Only these blocks of x
   // are computed.
   void solve(const Columns& b, int first, int last, Columns& x) const;
@@ -53,7 +56,7 @@ class BandFactor {
  private:
   template <int H>
   bool factorise_ends(const Band& a);
-  template <int H>
+  template <int H, bool Negative>
   void solve_ends(const Field& b, Field& x) const;
   // The passes for eight columns.
   template <int H>
@@ -63,8 +66,9 @@ class BandFactor {
   template <int H, int Lane, class At>
   void columns_outwards(int to, At at) const;
   bool factorise_middle(const Band& a);
-  // Solves for the middle, for Width right-hand sides: y has 3 middle_ rows of Width numbers.
-  template <int Width>
+  // Solves for the middle, for Width right-hand sides: y has 3 middle_ rows of Width numbers. Negative: with
+  // the negative pivots alone.
+  template <int Width, bool Negative>
   void solve_middle(double* y) const;
 
   struct Pivot {
@@ -77,7 +81,7 @@ class BandFactor {
   double dense_[81];  // factors of the middle: unit lower triangle and inverse diagonal, rows of 9
 };
 
-template <int Width>
+template <int Width, bool Negative>
 BT_WITHIN inline void BandFactor::solve_middle(double* y) const {
   const int m = 3 * middle_;
   auto take = [&](int i, int j, double share) BT_WITHIN {
@@ -87,8 +91,10 @@ BT_WITHIN inline void BandFactor::solve_middle(double* y) const {
   };
   for (int i = 0; i < m; ++i)
     for (int j = 0; j < i; ++j) take(i, j, dense_[9 * i + j]);
-  for (int i = 0; i < m; ++i)
-    for (int k = 0; k < Width; ++k) y[Width * i + k] *= dense_[9 * i + i];
+  for (int i = 0; i < m; ++i) {
+    const double inverse = dense_[9 * i + i], kept = Negative && !(inverse < 0) ? 0 : inverse;
+    for (int k = 0; k < Width; ++k) y[Width * i + k] *= kept;
+  }
   for (int i = m - 1; i >= 0; --i)
     for (int j = i + 1; j < m; ++j) take(i, j, dense_[9 * j + i]);
 }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "math/simd.h"
+#include "math/small_matrix.h"
 
 namespace bt {
 
@@ -28,9 +29,13 @@ inline PaddedBlock transposed(const PaddedBlock& b) {
   return t;
 }
 
+inline Sym3 symmetric(const PaddedBlock& b) {
+  return {b.row[0][0], b.row[0][1], b.row[0][2], b.row[1][1], b.row[1][2], b.row[2][2]};
+}
+
 // Returns whether b is positive definite.
 inline bool invert(PaddedBlock& b) {
-  Sym3 a{b.row[0][0], b.row[0][1], b.row[0][2], b.row[1][1], b.row[1][2], b.row[2][2]};
+  Sym3 a = symmetric(b);
   const bool definite = invert_definite(a);
   if (!definite) a = inverse(a);
   b = {{Lanes4{a.xx, a.xy, a.xz, 0}, Lanes4{a.xy, a.yy, a.yz, 0}, Lanes4{a.xz, a.yz, a.zz, 0}}};
@@ -69,6 +74,10 @@ BT_WITHIN inline void subtract(Eight* from, const Eight* v) {
 }
 
 inline Vec3 row_of(const PaddedBlock& b, int i) { return {b.row[i][0], b.row[i][1], b.row[i][2]}; }
+
+inline Vec3 product(const PaddedBlock& b, Vec3 x) {
+  return {dot(row_of(b, 0), x), dot(row_of(b, 1), x), dot(row_of(b, 2), x)};
+}
 
 }  // namespace
 
@@ -211,18 +220,15 @@ BT_VECTOR bool SparseFactor::factorise(bool through) {
   return definite;
 }
 
-void SparseFactor::solve(std::vector<Vec3>& b) {
+template <class Pivot>
+void SparseFactor::substitute(std::vector<Vec3>& b, Pivot pivot) {
   std::vector<Vec3>& y = right_;
   y.resize(n_);
   for (int k = 0; k < n_; ++k) y[k] = b[node_[k]];
   for (int k = 0; k < n_; ++k)
-    for (int a = first_[k]; a < first_[k + 1]; ++a) {
-      const PaddedBlock& l = below_[a];
-      y[rows_[a]] -= Vec3{dot(row_of(l, 0), y[k]), dot(row_of(l, 1), y[k]), dot(row_of(l, 2), y[k])};
-    }
+    for (int a = first_[k]; a < first_[k + 1]; ++a) y[rows_[a]] -= product(below_[a], y[k]);
   for (int k = n_ - 1; k >= 0; --k) {
-    const PaddedBlock& d = diagonal_[k];
-    Vec3 x{dot(row_of(d, 0), y[k]), dot(row_of(d, 1), y[k]), dot(row_of(d, 2), y[k])};
+    Vec3 x = pivot(diagonal_[k], y[k]);
     for (int a = first_[k]; a < first_[k + 1]; ++a) {
       const PaddedBlock& l = below_[a];
       const Vec3 other = y[rows_[a]];
@@ -230,6 +236,15 @@ void SparseFactor::solve(std::vector<Vec3>& b) {
     }
     y[k] = b[node_[k]] = x;
   }
+}
+
+void SparseFactor::solve(std::vector<Vec3>& b) {
+  substitute(b, [](const PaddedBlock& inverse, Vec3 y) { return product(inverse, y); });
+}
+
+void SparseFactor::solve_negative(std::vector<Vec3>& b) {
+  substitute(
+      b, [](const PaddedBlock& inverse, Vec3 y) { return -(positive_part(-1.0 * symmetric(inverse)) * y); });
 }
 
 BT_VECTOR void SparseFactor::solve(Columns& b) {

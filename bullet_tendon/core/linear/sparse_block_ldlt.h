@@ -45,7 +45,10 @@ class SparseFactor {
   bool factorise(bool through = false);
   // b becomes A^-1 b.
   void solve(std::vector<Vec3>& b);
-  // The same for eight right-hand sides at once, with the same bits in each lane.
+  // b becomes L^-T min(D^-1, 0) L^-1 b, with the negative eigenvalues of the blocks D^-1: a direction of
+  // negative curvature, or 0.
+  void solve_negative(std::vector<Vec3>& b);
+  // The same as solve for eight right-hand sides at once, with the same bits in each lane.
   void solve(Columns& b);
 
  private:
@@ -54,6 +57,9 @@ class SparseFactor {
   void eliminate_symbolically();
   void plan_updates();
   int slot(int row, int column) const;
+  // b becomes L^-T pivot(D^-1, L^-1 b).
+  template <class Pivot>
+  void substitute(std::vector<Vec3>& b, Pivot pivot);
 
   int n_ = 0;
   Edges edges_;

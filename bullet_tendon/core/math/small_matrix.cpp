@@ -194,4 +194,12 @@ double dot(const Numbers& a, const Numbers& b) {
 
 }  // namespace dense
 
+Sym3 positive_part(const Sym3& s) {
+  dense::Numbers a{s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz}, u;
+  dense::eigen(3, a, u);
+  Sym3 sum;
+  for (int k = 0; k < 3; ++k) sum += std::max(0.0, a[4 * k]) * outer({u[k], u[3 + k], u[6 + k]});
+  return sum;
+}
+
 }  // namespace bt

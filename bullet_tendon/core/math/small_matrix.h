@@ -3,6 +3,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "math/sym3.h"
+
 namespace bt {
 
 namespace dense {
@@ -54,5 +56,8 @@ void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a);
 void solve(const Numbers& l, Numbers& x);
 
 }  // namespace dense
+
+// The matrix with its negative eigenvalues set to zero.
+Sym3 positive_part(const Sym3& s);
 
 }  // namespace bt

@@ -2,8 +2,9 @@
 //
 // A strut without bending stiffness is unstable in a zigzag of its particles. Bending stiffness makes the
 // zigzag stable. The strut then buckles in a long wave, which grows from a small disturbance by a small share
-// in each step of a descent. Therefore the mode is computed: the eigenvector of the matrix with the
-// eigenvalue nearest to zero, by inverse iteration.
+// in each step of a descent. Therefore the mode is computed: a direction of negative curvature, by the
+// negative pivots of the tendons' matrix (More and Sorensen 1979). It is how the particles that were
+// eliminated before such a pivot follow its own. Bodies stay.
 //
 // A strut whose buckling takes longer than a step is no saddle of the step's potential: inertia makes it
 // stable. It buckles over many steps if it is not straight to the last bit.
@@ -22,10 +23,6 @@ namespace {
 // Growth, see below, above which a solution may be a saddle [-]. Larger: more struts stand that have no
 // bending stiffness. Smaller: slack tendons are looked at too, which buckle slowly.
 constexpr double kStrut = 10.0;
-
-// Number of solutions of the inverse iteration [-]. Fewer: short waves, in which a strut with bending
-// stiffness is stable, remain in its mode. More: a saddle costs more solutions.
-constexpr int kInverseIterations = 3;
 
 // Growth above which struts are not left straight [-]: by a tenth in a step. Larger: weak struts stand in
 // short steps. Smaller: rounding bends tendons on which nothing acts.
@@ -96,14 +93,12 @@ bool find_buckling_mode(Island& island, const Options& options) {
     segment = std::min(segment, c->shortest_rest());
     for (int i = 1; i + 1 < c->n(); ++i) c->residual.set(i, crosswise(*c, i, kGoldenAngle * i / c->n()));
   }
-  for (int k = 0; k < kInverseIterations; ++k) {
-    if (k > 0) combine(island, 1 / largest_step(island), &Tendon::dx, 0, &Tendon::residual);
-    clear_loads(island);
-    if (!answer_forces(island, options, &Tendon::residual, &Tendon::dx)) return false;
-  }
+  project_anchors(island, &Tendon::residual);
+  if (!find_negative_curvature(island, options, &Tendon::residual, &Tendon::dx)) return false;
   const double share = segment / largest_step(island);
   combine(island, share, &Tendon::dx, 0, &Tendon::dx);
-  move_bodies(island, share, &Tendon::dx);
+  island.bodies.corner_side.assign(island.bodies.freedom, 0.0);
+  move_bodies(island, 0, &Tendon::dx);
   island.curved = false;
   return std::isfinite(share) && std::isfinite(largest_step(island));
 }

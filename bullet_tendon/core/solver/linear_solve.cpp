@@ -110,12 +110,16 @@ bool factorise_coupled(Island& island, bool through) {
   return island.matrix.factor.factorise(through);
 }
 
-void solve_coupled(Island& island, Which b, Which x) {
+// negative: with the negative pivots alone.
+void solve_coupled(Island& island, Which b, Which x, bool negative = false) {
   island.matrix.right_hand.resize(island.matrix.factor.blocks());
   int block = 0;
   for (const Tendon* c : island.tendons)
     for (int i = 0; i < c->n(); ++i) island.matrix.right_hand[block++] = (c->*b).at(i);
-  island.matrix.factor.solve(island.matrix.right_hand);
+  if (negative)
+    island.matrix.factor.solve_negative(island.matrix.right_hand);
+  else
+    island.matrix.factor.solve(island.matrix.right_hand);
   block = 0;
   for (Tendon* c : island.tendons)
     for (int i = 0; i < c->n(); ++i) (c->*x).set(i, island.matrix.right_hand[block++]);
@@ -319,6 +323,16 @@ bool solve_bodies(Island& island, const Options& o, Which b, Which x) {
 }
 
 }  // namespace
+
+bool find_negative_curvature(Island& island, const Options& o, Which b, Which x) {
+  if (o.linear_solver == LinearSolver::pcg) return false;
+  if (island.coupled)
+    solve_coupled(island, b, x, true);
+  else
+    for (Tendon* c : island.tendons) c->factor.solve_negative(c->*b, c->*x);
+  return std::any_of(island.tendons.begin(), island.tendons.end(),
+                     [x](const Tendon* c) { return (c->*x).largest() > 0; });
+}
 
 bool solve_again(Island& island, const Options& o, Which b, Which x) {
   return island.bodies.indices.empty() ? apply_inverse(island, o, b, x) : solve_bodies(island, o, b, x);

@@ -45,6 +45,10 @@ bool eliminate_tendons(Island& island, const StepContext& context);
 bool solve_again(Island& island, const Options& o, Which b, Which x);
 // The same for forces on particles and on links (Link::load). Anchors take those on the particles they hold.
 bool answer_forces(Island& island, const Options& o, Which forces, Which x);
+// x: a direction in which the matrix of the tendons, factored with `indefinite_too`, has negative curvature
+// while bodies do not move. b: forces that choose among these directions. false: there is none, or, with
+// conjugate gradients, none was looked for.
+bool find_negative_curvature(Island& island, const Options& o, Which b, Which x);
 // y = alpha x + beta y, for every tendon.
 void combine(Island& island, double alpha, Which x, double beta, Which y);
 // cg_image = A cg_direction.
@@ -75,9 +79,9 @@ double slope_along_arc(const Island& island, double alpha);
 // Whether tendons are compressed so much that the evaluated iterate may be a saddle.
 bool has_struts(const Island& island);
 
-// Computes, as tendon.dx and dy of the bodies, a step along the mode in which struts buckle, by the factors
-// of the last solution. Afterwards the residual is undefined. false: there is none, or it is not finite. The
-// largest displacement is a segment.
+// Computes, as tendon.dx, a step along the mode in which struts buckle, by the factors of the last solution.
+// Bodies stay. Afterwards the residual is undefined. false: there is none, or it is not finite. The largest
+// displacement is a segment.
 bool find_buckling_mode(Island& island, const Options& options);
 
 // Bends struts that are straight to the last bit by so little that only instability makes it visible.
