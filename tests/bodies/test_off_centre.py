@@ -114,7 +114,7 @@ def test_steps_that_exhaust_their_budget_gain_no_energy(client):
     """The iterate that ends them has a small incremental potential, and bodies move as it does."""
     unsolved = 0
     for seed in range(10):
-        scene = Scene(client, seed, max_linear_solves=200)
+        scene = Scene(client, seed, max_linear_solves=100)
         for _ in range(min(60, int(0.4 / scene.dt))):
             gained = scene.step()
             unsolved += not scene.world.report.converged

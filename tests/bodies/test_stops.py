@@ -39,7 +39,7 @@ def test_a_limit_that_was_changed_is_not_believed(make_world, client, tmp_path, 
     for _ in range(40):
         world.step()
         misfits.append(misfit(t, held, client))
-    assert p.getJointState(arm, 0, client)[0] > 0.6
+    assert p.getJointState(arm, 0, client)[0] > 0.5  # the limit was 0.3
     assert sum(m > 1e-4 for m in misfits) <= 2 * late
 
 

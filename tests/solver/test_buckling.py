@@ -60,3 +60,40 @@ def test_a_slack_cord_between_bodies_that_approach_buckles_at_once(make_world, c
     assert np.linalg.norm(np.diff(t.positions, axis=0), axis=1) == pytest.approx(
         t.rest_length / (particles - 1), rel=1e-3
     )
+
+
+@pytest.mark.parametrize("particles, mass, off", [(4, 0.01, 0.008), (10, 5.0, 0.008), (20, 0.2, 0.002)])
+def test_a_slack_cord_beside_the_centres_of_bodies_that_approach_buckles_at_once(
+    make_world, client, off, mass, particles
+):
+    """They turn as it buckles. Its ends are forces on the bodies, in the descent to that too."""
+    speed, side = 0.3, 0.02
+    world = make_world(1 / 240)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=3 * [side / 2], physicsClientId=client)
+    line = np.linspace([0, 0, 0], [0.1, 0, 0], particles)
+    t = world.add_tendon(line, 5e-4, bt.Material(stiffness=1e4, damping=60.0, density=1100.0), particles)
+    for particle, way, m in ((0, 1, mass), (-1, -1, 2 * mass)):
+        place = line[particle] + [-way * side / 2, 0, off]
+        body = p.createMultiBody(m, box, basePosition=place.tolist(), physicsClientId=client)
+        p.resetBaseVelocity(body, [way * speed, 0, 0], [0, 0, 0], physicsClientId=client)
+        t.attach(particle, body)
+    for _ in range(20):
+        world.step()
+        assert world.report.converged
+        assert world.report.counts["linear_solves"] <= 60
+
+
+def test_a_rod_beside_the_centres_of_light_bodies_that_meet_is_solved_at_once(make_world, client):
+    """Two particles, both carried: all unknowns are the bodies', which it turns by their fastest rate."""
+    world = make_world(1 / 240)
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.004, physicsClientId=client)
+    t = world.add_tendon([[0, 0, 0.003], [0.05, 0, 0.003]], 5e-4, bt.Material(stiffness=1e4), 2)
+    for particle, place, speed in ((0, [0, 0, 0], 2.0), (-1, [0.05, 0, 0], -2.0)):
+        body = p.createMultiBody(0.001, ball, basePosition=place, physicsClientId=client)
+        p.resetBaseVelocity(body, [speed, 0, 0], [0, 0, 0], physicsClientId=client)
+        t.attach(particle, body)
+    for _ in range(4):
+        world.step()
+        assert world.report.converged
+        assert world.report.counts["linear_solves"] <= 20
+        assert np.linalg.norm(np.diff(t.positions, axis=0)) == pytest.approx(0.05, rel=1e-3)

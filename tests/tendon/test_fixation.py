@@ -157,15 +157,16 @@ def test_the_load_is_never_exceeded(client):
     assert screw.slip > 1e-3
 
 
-def swung(client, hold) -> tuple[bt.TendonWorld, list[int]]:
+def swung(client, hold, velocity) -> list[int]:
     """A bone of 20 g that a graft holds, hold(tendon, bone), and that a weight of 30 g swings; iterations."""
+    p.resetSimulation(physicsClientId=client)
     world = bt.TendonWorld(client)
     bone, other = block(client, 0.02, (0, 0, 0)), block(client, 0.03, (0.02, 0, -0.06))
     p.changeDynamics(bone, -1, localInertiaDiagonal=[4e-6] * 3, physicsClientId=client)
     tendon = world.add_tendon([(0, 0, -0.05), (0, 0, 0.017)], 0.003, GRAFT, 25)
     tendon.attach(0, other, -1)
     hold(tendon, bone)
-    p.resetBaseVelocity(other, (3, 0, -3), physicsClientId=client)
+    p.resetBaseVelocity(other, velocity, physicsClientId=client)
     iterations = []
     for _ in range(60):
         world.step()
@@ -173,14 +174,15 @@ def swung(client, hold) -> tuple[bt.TendonWorld, list[int]]:
         momentum = tendon.masses @ tendon.velocities
         for body, mass in ((bone, 0.02), (other, 0.03)):
             momentum += mass * np.array(p.getBaseVelocity(body, client)[0])
-        assert momentum == pytest.approx([0.09, 0, -0.09], abs=1e-9)
+        assert momentum == pytest.approx(0.03 * np.array(velocity), abs=1e-9)
         iterations.append(world.report.iterations)
-    return world, iterations
+    return iterations
 
 
 def test_a_light_bone_on_hardware_is_solved_with_it(client):
     """In as many iterations as on an attachment: the tangent is exact, also where it slips."""
-    _, tied = swung(client, lambda tendon, bone: tendon.attach(-1, bone, -1))
+    ways = [(3, 0, -3), (2, 0, -3), (3, 1, -3), (0, 0, -3)]
+    tied = [swung(client, lambda tendon, bone: tendon.attach(-1, bone, -1), way) for way in ways]
     for load in (1e3, 0.1):
         buttons = []
 
@@ -188,9 +190,10 @@ def test_a_light_bone_on_hardware_is_solved_with_it(client):
             place = bone, -1, (0.003, 0, 0.03)
             buttons.append(tendon.fix(-1, *place, "button", stiffness=1e5, slip_load=load))
 
-        _, held = swung(client, hold)
+        held = [swung(client, hold, way) for way in ways]
         assert np.mean(held) < 1.3 * np.mean(tied)
-        assert (buttons[0].slip > 1e-4) == (load < 1)
+        for button in buttons:
+            assert (button.slip > 1e-4) == (load < 1)
 
 
 def test_bones_rest_where_hardware_holds_them(client):

@@ -250,6 +250,7 @@ def test_motion_of_a_joint_that_is_left_out_is_not_lost(make_world, client, tmp_
     assert over == 8
     assert energy() < 0.1 * before  # it has been slowed down
     world.remove_tendon(tangle)
+    world.options = bt.SolverOptions()  # the thread alone takes about as many linear solutions
     world.step(2)
     assert not world.report.over_budget
     assert energy() == pytest.approx(before, rel=0.03)

@@ -191,6 +191,7 @@ void load_body(Island& island, const Contact& contact, Vec3 force) {
 void load_carried(Island& island, Which forces) {
   each_anchor(island, &Anchor::moves, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     add_load(link, (c.*forces).at(h.particle), arm, arm);
+    (c.*forces).set(h.particle, {});  // it is a force on the link now
   });
 }
 

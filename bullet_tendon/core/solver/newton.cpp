@@ -322,11 +322,6 @@ Next decide(Solution& s, const Assembly& a, int start) {
   return Next::step;
 }
 
-// Computes Newton's step with an indefinite matrix. It ends at a saddle, and is taken where it descends: a
-// tendon that has buckled in a plane has no residual across it, and without the negative curvature across it
-// the descent converges slowly. false: it does not descend.
-bool find_saddle_step(Solution& s) { return find_exact_step(s, true) && slope_along_arc(s.island, 0) < 0; }
-
 // The curvature of elements helps near the solution alone, and costs more than it saves where one iteration
 // without it is enough.
 void curve_elements(Solution& s, const Assembly& a, double enough) {
@@ -350,7 +345,6 @@ bool find_step(Solution& s, const Assembly& a) {
       if (!s.far) solve_limits(island, s.context, enough);
       return true;
     }
-    if (s.descends && find_saddle_step(s)) return true;
     // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
     residual_of(island, true, s.descends);
   }
