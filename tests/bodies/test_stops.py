@@ -294,6 +294,36 @@ def test_a_motor_that_yields_to_an_impact_throws_nothing(make_world, client, dt,
     assert tendon.tension.min() == pytest.approx(load * 9.81, rel=0.1)
 
 
+@pytest.mark.parametrize("share", [5.0, 35.0, 46.0, 49.0])
+@pytest.mark.parametrize(("force", "speed", "dt"), [(47.0, 0.012, 1 / 150), (5.0, 0.05, 1 / 240)])
+def test_light_jaws_that_motors_close_on_a_cord_are_not_thrown_back(
+    make_world, client, force, speed, dt, share
+):
+    """They press it with the motors' force. share: what this would give a jaw in a step [m/s]."""
+    radius = 1.3e-3
+    edge, mass = 10 * radius, force * dt / share
+    world = make_world(dt)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[edge, edge / 2, edge], physicsClientId=client)
+    places = [(0, side * (edge / 2 + 3 * radius), 0) for side in (-1, 1)]
+    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass, mass], [(0, 1, 0), (0, -1, 0)], box, places)
+    world.add_obstacle(jaws, friction=1.0)
+    cord = bt.Material(stiffness=3e4, damping=20.0)
+    line = [(-3 * edge, 0, 0), (3 * edge, 0, 0)]
+    tendon = world.add_tendon(line, radius, cord, 21, rest_length=5.97 * edge)
+    for end in (0, -1):
+        tendon.grip(end)
+    for joint in (0, 1):
+        p.setJointMotorControl2(
+            jaws, joint, p.VELOCITY_CONTROL, targetVelocity=speed, force=force, physicsClientId=client
+        )
+    for _ in range(240):
+        world.step()
+        rates = [p.getJointState(jaws, joint, client)[1] for joint in (0, 1)]
+        assert np.abs(rates).max() < 1.1 * speed
+    for joint in (0, 1):
+        assert abs(world.wrench(jaws, joint)[1]) == pytest.approx(force, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("torque", "mass", "arm", "dt", "stiffness", "speed", "particles"),
     [

@@ -227,10 +227,11 @@ bool Observer::is_surprised(const Numbers& accelerations) {
   return dot(one_, one_) > kEvidence * kEvidence * known;
 }
 
-// Whether the body moved along the forces by more than predicted (kEvidence).
+// Whether the body moved along the forces by more than predicted. Of one that was let yield at a force that
+// it was only trusted with, little more is evidence: this force was too large, and throws a light body.
 bool Observer::was_released(const Sample& now) {
-  const double beyond = dot(now.forces, missed_);
-  return beyond > kEvidence * dot(now.root_forces, now.root_forces);
+  const double beyond = dot(now.forces, missed_), least = yields_ && !limit_known_ ? kLeastNews : kEvidence;
+  return beyond > least * dot(now.root_forces, now.root_forces);
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
