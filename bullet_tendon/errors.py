@@ -159,8 +159,10 @@ class InsideWarning(RuntimeWarning):
 class ResolutionWarning(RuntimeWarning):
     """A taut tendon that turns so far at one particle on a body that its tension is not exact.
 
-    More than 15 degrees on a mesh, 20 degrees at an edge or the mouth of a tunnel, 45 degrees on a round
-    shape. It is given once for each tendon. More particles, or a finer mesh, are the cure.
+    More than 15 degrees on a mesh, 20 degrees at an edge, the mouth of a tunnel or where one segment alone
+    touches a round shape, 45 degrees where several do. It is given once for each tendon. It tells how far
+    the tension can be off while the tendon slides on there, when one particle has the whole turn. More
+    particles, or a finer mesh, are the cure.
 
     Example:
         >>> import warnings

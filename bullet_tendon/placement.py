@@ -96,14 +96,17 @@ class Placement:
                     self._told.add(key)
                     warn(InsideWarning(_message(tendon, obstacle, depth)))
 
-    def tell_coarse(self, slot: int, particle: int, link: int, angle: float, friction: float) -> None:
+    def tell_coarse(
+        self, slot: int, particle: int, link: int, angle: float, sliding: float, bent: float, friction: float
+    ) -> None:
         """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a body.
 
-        friction: coefficient of its contact there [-].
+        sliding: the largest angle there while it slides [rad]. bent: the part of that before the contact, by
+        which a segment bends at a mouth [rad]. friction: coefficient of its contact there [-].
         """
         body, index = self._bodies.links[link]
         name, turn = self._tendons[slot].name, f"{math.degrees(angle):.0f} degrees at particle {particle}"
-        error, of, fine, cure = _error_at_edge(angle, friction), "", "", ""
+        error, of, fine, cure = _error_at_edge(bent, sliding - bent, friction), "", "", ""
         if any(shape.surface is not None for shape in self._obstacles.of_link(body, index)):
             error, of = max(error, 0.2), "the mesh of "
             fine, cure = " (by 6 % up to 15 degrees)", ", or use a finer mesh"
@@ -111,19 +114,21 @@ class Placement:
         warn(
             ResolutionWarning(
                 f"tendon {name!r} is too coarse for {of}body {body}, link {index}: "
-                f"it turns by {turn}, where its tension can be off by up to {error:.0%}{more}{fine}. "
+                f"it turns by {turn}, up to {math.degrees(sliding):.0f} as it slides, and its tension "
+                f"can be off by up to {math.ceil(100 * error)}%{more}{fine}. "
                 f"Add particles{cure}"
             )
         )
 
 
-def _error_at_edge(angle: float, friction: float) -> float:
-    """How far the ratio of tensions beside a particle can exceed the capstan's, e^(mu angle) [-].
+def _error_at_edge(before: float, behind: float, friction: float) -> float:
+    """How far the ratio of tensions beside a contact can exceed the capstan's, e^(mu (before + behind)) [-].
 
-    A contact presses on the chord before the particle alone, by N. Of the tensions T of the chord and T'
-    behind it, T' cos(angle) = T + mu N and T' sin(angle) = N.
+    The tendon turns by these angles [rad] before and behind the place where N presses it. Of the tensions
+    T before and T' behind it, T' cos(behind) = T cos(before) + mu N and N = T' sin(behind) + T sin(before).
     """
-    left = (math.cos(angle) - friction * math.sin(angle)) * math.exp(friction * angle)
+    rise = math.cos(before) + friction * math.sin(before)
+    left = (math.cos(behind) - friction * math.sin(behind)) * math.exp(friction * (before + behind)) / rise
     return 1 / max(left, 1 / (1 + MOST_ERROR)) - 1
 
 

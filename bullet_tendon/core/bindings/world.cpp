@@ -297,7 +297,7 @@ void bind_world_world(GuardedWorld& world) {
            [](World& w, int tendon) {
              CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;
              of.reported = true;
-             return py::make_tuple(of.particle, of.link, of.angle, of.friction);
+             return py::make_tuple(of.particle, of.link, of.angle, of.sliding, of.bent, of.friction);
            })
       .def("last_step",
            [](const World& w) { return py::make_tuple(w.last_step().dt, w.last_step().gravity); })

@@ -87,6 +87,8 @@ struct TendonWorkspace : PredictedRegion {
 struct CoarseTurn {
   int particle = -1, link = -1;  // slot of the link
   double angle = 0;              // [rad]
+  double sliding = 0;            // largest one there while the tendon slides [rad]
+  double bent = 0;               // what its segment bends of that before the contact, at a mouth [rad]
   double friction = 0;           // coefficient of the contact [-]
   int steps = 0;                 // for which it has lasted
   bool reported = false;         // once for each tendon
