@@ -150,7 +150,7 @@ class Relaxation:
             before = now
             for t in start:
                 t._core.stop(t._slot)
-            is_rounded = max(moved.values()) == 0.0 and dt >= _FIRST
+            is_rounded = max(moved.values(), default=0.0) == 0.0 and dt >= _FIRST
             settled = report.converged and is_near and (residual <= tolerance or is_rounded)
             is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
             if is_at_rest and count > 0:

@@ -136,3 +136,16 @@ def test_says_so_where_there_is_no_equilibrium(make_world):
     rope(world, 10)
     world.relax(1e-6, max_steps=5)
     assert not world.report.converged
+
+
+def test_a_world_without_tendons_is_at_rest(make_world):
+    """Also where the last one was removed."""
+    world = make_world(gravity=(0.0, 0.0, -9.81))
+    world.relax()
+    assert world.report.converged
+    t = world.add_tendon([(0, 0, 0), (0, 0, -0.1)], 0.001, bt.Material(stiffness=1e3), 5)
+    t.grip(0)
+    world.step()
+    world.remove_tendon(t)
+    world.relax()
+    assert world.report.converged
