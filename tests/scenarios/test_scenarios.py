@@ -232,7 +232,7 @@ SHORTENED = [
     (knee_laxity, {}),
     (passive_flexion, {"INCREMENT": 15}),
     (tunnel_placement, {"DEEP": (0.2, 0.4), "LOW": (0.06, 0.5)}),
-    (acl_reconstruction, {"ANGLES": (30,), "DRAWERS": (90.0,), "CYCLES": 1}),
+    (acl_reconstruction, {"ANGLES": (30, 90), "CYCLES": 1}),
 ]
 
 
