@@ -619,8 +619,9 @@ def reeling_in(scene):
     scene.run(scene.steps, f"{t._name}.shorten({part!r}, end=0)")
     rest = length - part * scene.steps
     scene.near("rest length [m]", t.rest_length, rest, rel=1e-9)
-    if t.tension.min() > 0:
-        # Straight between its ends, but for what the tendon's own inertia bends.
+    if t.tension.min() > 0.01 * mass * G:
+        # Straight between its ends, but for what its own inertia bends. A load that flies leaves it slack,
+        # under the few millinewtons that this inertia takes.
         apart = np.linalg.norm(t.positions[0] - t.positions[-1])
         scene.near("length [m]", t.length, apart, rel=1e-3)
     deepest = t.rest_length * (1 + 3 * stretched(material, 3 * mass * G)) + abs(part)
