@@ -183,6 +183,7 @@ def test_a_light_bone_on_hardware_is_solved_with_it(client):
     """In as many iterations as on an attachment: the tangent is exact, also where it slips."""
     ways = [(3, 0, -3), (2, 0, -3), (3, 1, -3), (0, 0, -3)]
     tied = [swung(client, lambda tendon, bone: tendon.attach(-1, bone, -1), way) for way in ways]
+    assert np.mean(tied) < 9  # 13 where a multiplier far below the residual of the guess is not trusted
     for load in (1e3, 0.1):
         buttons = []
 

@@ -12,9 +12,9 @@ namespace bt {
 
 namespace {
 
-// Smallest multiplier of a spring in the matrix, relative to the largest residual force [-]. 0: a slack
-// tendon of a stiffening law has no stiffness, and a load propagates by one segment per iteration. Larger:
-// slack tendons are too stiff in the matrix, and more iterations are needed.
+// Force at which springs without a multiplier are linearised, relative to the largest residual force [-]. 0:
+// a slack tendon of a stiffening law has no stiffness, and a load propagates by one segment per iteration.
+// Larger: slack tendons are too stiff in the matrix, and more iterations are needed.
 constexpr double kFloorShare = 1e-2;
 
 // Smallest weight of a free particle for a contact on a segment whose other end is anchored rigidly [-].

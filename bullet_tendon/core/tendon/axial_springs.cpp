@@ -104,19 +104,18 @@ BT_WITHIN inline void elastic_linearisation(SpringSet& s, const Law& law, bool m
   for (int k = 0; k < s.count; ++k) {
     const double inv = inverse[k], strain = (len[k] - rest[k]) * inv, multiplier = elastic_part[k];
     const double K = share * stiffness[k];  // 0: ruptured
-    const double tight = mixed && multiplier > floor_force ? multiplier : floor_force;
+    const double tight = mixed && multiplier > 0 ? multiplier : floor_force;
     const double at = strain_of<P>(law, K > 0 ? tight / K : 0);
     double value, df;
     elastic<P>(law, at, value, df);
     const double slope = K * df * inv, now = elastic_slope[k];
     const bool limited = (force[k] == 0) & (truth[k] > 0);
     const double raised = strain >= least && slope > now && !limited ? slope : now;
-    // What is predicted to pull by no more than the floor goes there by the chord. By the tangent of a toe,
-    // each iteration would halve its strain.
-    const bool slackens =
-        mixed & (multiplier <= floor_force) & (strain > at) & (truth[k] > K * value) & !limited;
+    // What is predicted not to pull goes to the floor by the chord. By the tangent of a toe, each iteration
+    // would halve its strain.
+    const bool slackens = mixed & (multiplier <= 0) & (strain > at) & (truth[k] > K * value) & !limited;
     const double chord = slackens ? (truth[k] - K * value) / (strain - at) * inv : raised;
-    const bool there = mixed & (multiplier > floor_force) & (carried[k] > least);
+    const bool there = mixed & (multiplier > 0) & (carried[k] > least);
     const double line = K * (value + df * (strain - at));
     linear_elastic[k] = there ? line : truth[k];
     linear[k] = there ? line + braking[k] : force[k];

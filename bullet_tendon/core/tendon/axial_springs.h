@@ -106,10 +106,11 @@ void find_forces(SpringSet& s, const Law& law, const Motion& motion);
 // The same with their vectors, in which the damping uses the velocities if `whole_velocity`. Returns the
 // largest |F| [N].
 double evaluate(SpringSet& s, const Law& law, const Motion& motion);
-// Computes slopes, forces of the linearisation and blocks, after `evaluate`. A spring whose multiplier is
-// below floor_force [N] keeps its true force, also as T if that is larger. Its slope is at least the slope at
-// floor_force, which couples a slack tendon at once and changes nothing where forces are larger; where the
-// true force is above floor_force, it is that of the chord between both, by which it unloads at once.
+// Computes slopes, forces of the linearisation and blocks, after `evaluate`. A spring whose multiplier does
+// not pull keeps its true force, also as T if that is larger. Its slope is at least the slope at floor_force
+// [N], which couples a slack tendon at once; where the true force is above floor_force, it is that of the
+// chord between both, by which it unloads at once. A multiplier that pulls is trusted, however small: the
+// residual of a guess that stretches stiff or damped springs is far above all forces.
 // most_springs: of a particle, 2 or 4; the negative T/len of compressed springs are limited to the share of
 // the inertia that keeps the matrix definite. 0: they are not limited.
 void linearise(SpringSet& s, const Law& law, Linearisation how, double floor_force, const Motion& motion,
