@@ -1,9 +1,6 @@
 #include "bodies/finite_rotation.h"
 
-#include <algorithm>
 #include <cmath>
-
-#include "math/small_matrix.h"
 
 namespace bt {
 
