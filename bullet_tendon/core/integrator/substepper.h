@@ -75,6 +75,13 @@ class Substepper {
     count(why);
     size_ /= parts;
   }
+  // Begins the step again.
+  void begin_again(Reason why) {
+    count(why);
+    done_ = 0;
+    size_ = kUnits;
+    taken_ = 0;
+  }
   // Ends the substep. The next one is twice as long where that aligns with the units of the step.
   void accept() {
     done_ += size_;

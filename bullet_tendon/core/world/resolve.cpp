@@ -78,6 +78,33 @@ bool World::take_back() {
   return true;
 }
 
+// Puts links and bodies where they were read for the step that began at history_.start, and predicts them
+// with the observers' present data.
+void World::put_bodies_back() {
+  const std::vector<Link>& links = history_.start->sensed_links;
+  std::vector<GeneralizedBody>& bodies = history_.start->sensed_bodies;
+  for (size_t i = 0; i < std::min(scene.links.size(), links.size()); ++i) scene.links[i] = links[i];
+  for (size_t i = 0; i < std::min(scene.bodies.size(), bodies.size()); ++i) {
+    std::swap(scene.bodies[i].observer, bodies[i].observer);
+    scene.bodies[i] = bodies[i];
+    predict(static_cast<int>(i));
+  }
+}
+
+// Begins the step again, with what is known of the bodies now.
+void World::begin_again(Reason why) {
+  std::vector<Link> links = scene.links;
+  std::vector<GeneralizedBody> bodies = scene.bodies;
+  apply(*history_.start);
+  history_.may_resolve = true;
+  scene.links.swap(links);
+  scene.bodies.swap(bodies);
+  step_.context.dt = step_.substeps.step();
+  put_bodies_back();
+  step_.substeps.begin_again(why);
+  wake_tendons();
+}
+
 std::vector<int> World::released_bodies() const {
   return slots_where(scene.bodies, [](const GeneralizedBody& m) { return m.observer.released(); });
 }
@@ -138,15 +165,8 @@ bool World::rewind(const std::vector<int>& pulled) {
     scene.links.swap(links_now);
     scene.bodies.swap(bodies_now);
     for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.contacts);
-    const std::vector<Link>& sensed = history_.start->sensed_links;
-    std::vector<GeneralizedBody>& sensed_bodies = history_.start->sensed_bodies;
-    for (size_t i = 0; i < std::min(scene.links.size(), sensed.size()); ++i) scene.links[i] = sensed[i];
     for (int i : pulled) scene.bodies[i].observer.trust_last();
-    for (size_t i = 0; i < std::min(scene.bodies.size(), sensed_bodies.size()); ++i) {
-      std::swap(scene.bodies[i].observer, sensed_bodies[i].observer);
-      scene.bodies[i] = sensed_bodies[i];
-      predict(static_cast<int>(i));  // with the observers' present data
-    }
+    put_bodies_back();
     contacts_.all.clear();
   }
   for (int i : released)

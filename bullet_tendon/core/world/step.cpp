@@ -92,7 +92,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.left_out.clear();
   find_solid_links();
   step_.substeps.start(dt, !whole && carries(options));
-  step_.slots.clear();
   for (Link& l : scene.links) l.wrench = {};
   history_.may_resolve = !whole && any_moved();
   for (GeneralizedBody& m : scene.bodies) {
@@ -109,8 +108,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
     history_.start->sensed_links = scene.links;
     history_.start->sensed_bodies = scene.bodies;
   }
-  wake_disturbed(dt);
-  join_step();
+  wake_tendons();
   step_.unsolved.assign(scene.tendons.size(), 0);
   step_.unsolved_bodies.assign(scene.bodies.size(), 0);
   if (scene.has_elements()) count_touches();
@@ -122,6 +120,13 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   step_.report = fresh;
   step_.stop_changes = 0;
+}
+
+// Lets all tendons that do not go on sleeping take part in the step.
+void World::wake_tendons() {
+  step_.slots.clear();
+  wake_disturbed(step_.substeps.step());
+  join_step();
 }
 
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
@@ -223,7 +228,11 @@ void World::solve_again(Reason why) {
     return;
   }
   if (step_.substeps.ends_early() && why == Reason::motion) leave_out_limited();
-  if (step_.substeps.ends_early())
+  // What holds a body acts evenly in the whole step: if that has changed, the body was elsewhere in the
+  // substeps that are finished.
+  if (why == Reason::released && step_.substeps.taken() > 0)
+    begin_again(why);
+  else if (step_.substeps.ends_early())
     step_.substeps.repeat(why);
   else if (why == Reason::motion)
     step_.substeps.cut(why, step_.motion_limit);

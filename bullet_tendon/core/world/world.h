@@ -306,6 +306,8 @@ class World {
   bool any_moved() const;
   double pulled_away(const Tendon& c, const Anchor& anchor) const;
   bool take_back();
+  void put_bodies_back();
+  void begin_again(Reason why);
   // Predicts the motion of a body, and of its links, in this step.
   void predict(int body);
   void lead_links(int body);
@@ -422,6 +424,7 @@ class World {
   void find_reach();
   bool wake_met();
   void join_step();
+  void wake_tendons();
   bool count_rest(double dt);
   void find_restful();
   void fall_asleep();
