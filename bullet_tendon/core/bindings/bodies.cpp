@@ -226,6 +226,20 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
+// The forces of the motors of joints with one degree of freedom: those of others are in frames of pybullet's
+// own.
+void read_motors(const Articulated& body, const py::tuple& joints, std::vector<double>& motors) {
+  motors.assign(body.floats() ? 6 : 0, 0.0);
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    PyObject* force = item(item(joints.ptr(), static_cast<int>(j)), 3);
+    const int count = static_cast<int>(PyTuple_Size(item(item(joints.ptr(), static_cast<int>(j)), 1)));
+    if (count == 1)
+      take(force, 1, motors);
+    else
+      motors.insert(motors.end(), count, 0.0);
+  }
+}
+
 // Sets what the forces of the motion at the velocity now differ by from those at the mean velocity of the
 // last step. before: that of the step before it (dofs). Damping of joints stays explicit.
 void find_motion_shift(GeneralizedBody& m, const Articulated& body, const dense::Numbers& before) {
@@ -245,6 +259,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
+  read_motors(body, reading.joints, m.motors);
   place(body, reading, places);
   body.mass_matrix(mass.data());
   body.weight(weight.data());
@@ -477,8 +492,7 @@ void bind_world_bodies(GuardedWorld& world) {
              });
            })
       .def("let_go", &World::let_go)
-      .def("stopped",
-           [](const World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
+      .def("stopped", [](World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
       .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })

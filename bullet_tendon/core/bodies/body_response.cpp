@@ -52,7 +52,7 @@ void GeneralizedBody::sense() {
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
   const double noise = is_stopped() ? kSolverNoise : 0;
-  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise});
+  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise, motors});
   take_owed();
   contacts_known = false;
 }

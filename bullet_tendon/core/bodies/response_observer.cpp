@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 namespace bt {
@@ -21,6 +22,8 @@ constexpr double kEvidence = 0.1;
 // it yielded [-]. Larger: pybullet cuts off the rate of what yields, which then tells nothing about its
 // force. Smaller: bodies that are held are predicted to yield where their load grows.
 constexpr double kTrusted = 0.5;
+// Response of a joint, as a share of that with all other joints held, below which its own motor holds it [-].
+constexpr double kLeastOfJoint = 0.5;
 
 }  // namespace
 
@@ -37,6 +40,7 @@ void Observer::start(int n) {
 void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity,
                        const Circumstances& of) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
+  if (std::exchange(jointed_, of.jointed) != of.jointed) set_free();
   released_ = false;
   missed_.clear();
   if (has_acted()) {
@@ -44,6 +48,8 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     measure(reached, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
+    now_.motors = of.motors;
+    now_.motors.resize(n_);
     const bool cut = (of.jointed || of.alone) && note_cut(reached);
     if (!of.jointed) leave_out_cut();
     now_.root_acceleration = now_.acceleration;
@@ -107,8 +113,9 @@ void Observer::rest(const Numbers& tendons) {
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
-  held_ = released_ = yields_ = limit_known_ = false;
-  withstood_ = 0;
+  held_ = released_ = yields_ = false;
+  withstood_.assign(n_, 0.0);
+  limit_known_ = yielding_ = withstood_;
   take_effective();
   push_.assign(n_, 0.0);
 }
@@ -119,29 +126,96 @@ void Observer::let_go() {
   samples_ = 0;
 }
 
+// Of joints, those yielded whose motion differs from the prediction.
 void Observer::release() {
   if (was_cut()) return let_go();
-  withstood_ = norm_of_hold(last_.forces, last_.acceleration);
-  let_yield(1);
-  limit_known_ = true;
+  find_hold(last_.forces, last_.acceleration);
+  shares_.assign(holds_count(), 1.0);
+  for (int i = 0; i < holds_count(); ++i) {
+    const double least = yielding_[i] != 0 ? kLeastNews : kEvidence, load = std::fabs(last_.forces[i]);
+    yielding_[i] = !jointed_ || inertia_of(i) * std::fabs(missed_[i]) > least * std::max(load, sizes_[i]);
+    limit_known_[i] = yielding_[i] != 0 || (limit_known_[i] != 0 && sizes_[i] <= withstood_[i]);
+    withstood_[i] = yielding_[i] != 0 ? sizes_[i] : std::max(withstood_[i], sizes_[i]);
+  }
+  let_yield(last_.forces, last_.acceleration);
 }
 
-// Sets s_ to the acceleration a - R w by what holds the body. Returns |L^-1 s|.
-double Observer::norm_of_hold(const Numbers& forces, const Numbers& acceleration) {
+// Sets s_ to the acceleration a - R w by what holds the body, hold_ to its generalized forces, and sizes_ to
+// the size of each hold.
+void Observer::find_hold(const Numbers& forces, const Numbers& acceleration) {
   respond(root_, forces, one_, other_);
   s_.resize(n_);
-  one_.resize(n_);
-  for (int i = 0; i < n_; ++i) one_[i] = s_[i] = acceleration[i] - other_[i];
-  forward(root_, one_);
-  return std::sqrt(dot(one_, one_));
+  for (int i = 0; i < n_; ++i) s_[i] = acceleration[i] - other_[i];
+  hold_.assign(s_.begin(), s_.end());
+  solve(root_, hold_);
+  sizes_.assign(holds_count(), 0.0);
+  if (!jointed_) {
+    one_.assign(s_.begin(), s_.end());
+    forward(root_, one_);
+    sizes_[0] = std::sqrt(dot(one_, one_));
+    return;
+  }
+  for (int i = 0; i < n_; ++i) sizes_[i] = std::fabs(hold_[i]);
 }
 
-// Lets it yield where its hold gives it this share of the acceleration s_.
-void Observer::let_yield(double share) {
+double Observer::inertia_of(int coordinate) {
+  other_.assign(n_, 0.0);
+  other_[coordinate] = 1;
+  forward(root_, other_);
+  return dot(other_, other_);
+}
+
+bool Observer::holds(int coordinate) {
+  const double* row = effective_root_.data() + coordinate * n_;
+  return !(std::inner_product(row, row + n_, row, 0.0) > kLeastOfJoint / inertia_of(coordinate));
+}
+
+std::vector<int> Observer::held_joints() {
+  std::vector<int> found;
+  for (int i = 0; i < n_ && jointed_ && held_; ++i)
+    if (yielding_[i] == 0 && holds(i)) found.push_back(i);
+  return found;
+}
+
+// Rows of A (n n) lose what is along L^T e_i of these joints: of L, the motion is left that keeps their
+// rates.
+void Observer::keep_rates(const std::vector<int>& joints, Numbers& a) {
+  vectors_.assign(n_ * n_, 0.0);
+  for (const int joint : joints) {
+    double* row = vectors_.data() + joint * n_;
+    std::copy_n(root_.data() + joint * n_, n_, row);
+    const double whole = std::inner_product(row, row + n_, row, 0.0);
+    for (const int other : joints) {
+      if (other == joint) break;
+      take_away(row, vectors_.data() + other * n_);
+    }
+    const double left = std::inner_product(row, row + n_, row, 0.0);
+    const double scale = left > kLeastNews * kLeastNews * whole ? 1 / std::sqrt(left) : 0;
+    for (int k = 0; k < n_; ++k) row[k] *= scale;
+    for (int i = 0; i < n_; ++i) take_away(a.data() + i * n_, row);
+  }
+}
+
+// x less its part along a unit vector.
+void Observer::take_away(double* x, const double* unit) const {
+  const double along = std::inner_product(x, x + n_, unit, 0.0);
+  for (int k = 0; k < n_; ++k) x[k] -= along * unit[k];
+}
+
+// Lets holds yield where they give these shares of hold_. Without the tendons it has the acceleration
+// a + E E^T ((share - 1) hold - w).
+void Observer::let_yield(const Numbers& forces, const Numbers& acceleration) {
   held_push_ = push_;
-  push_ = s_;
-  for (double& a : push_) a *= share;
+  const std::vector<int> held = held_joints();
   effective_root_ = root_;
+  keep_rates(held, effective_root_);
+  s_.resize(n_);
+  for (int i = 0; i < n_; ++i) {
+    const int hold = jointed_ ? i : 0;
+    s_[i] = (yielding_[hold] != 0 ? (shares_[hold] - 1) * hold_[i] : 0) - forces[i];
+  }
+  respond(effective_root_, s_, one_, push_);
+  for (int i = 0; i < n_; ++i) push_[i] += acceleration[i];
   yields_ = true;
 }
 
@@ -149,30 +223,57 @@ bool Observer::limit_hold(const Numbers& tendons, double dt) {
   if (!held_ || yields_ || static_cast<int>(tendons.size()) != n_) return false;
   respond(effective_root_, tendons, one_, e_);
   for (int i = 0; i < n_; ++i) e_[i] += push_[i];
-  const double needed = norm_of_hold(tendons, e_);
+  find_hold(tendons, e_);
   double fastest = 0;
   for (double a : s_) fastest = std::max(fastest, dt * std::fabs(a));
-  const double cut_off = kMostRate / fastest * needed;
-  const double trusted = limit_known_ ? withstood_ : withstood_ + kTrusted * cut_off;
-  // No force moves what withstands a rate that pybullet cuts off.
-  if (withstood_ >= cut_off || !(needed > trusted)) return false;
-  let_yield(trusted / needed);
-  return true;
+  shares_.assign(holds_count(), 1.0);
+  bool any = false;
+  for (int i = 0; i < holds_count(); ++i) {
+    if (jointed_ && !holds(i)) continue;
+    const double cut_off = kMostRate * (jointed_ ? inertia_of(i) / dt : sizes_[0] / fastest);
+    const double trusted = limit_known_[i] != 0 ? withstood_[i] : withstood_[i] + kTrusted * cut_off;
+    // No force moves what withstands a rate that pybullet cuts off.
+    yielding_[i] = withstood_[i] < cut_off && sizes_[i] > trusted;
+    if (yielding_[i] != 0) shares_[i] = trusted / sizes_[i];
+    any |= yielding_[i] != 0;
+  }
+  if (any) let_yield(tendons, e_);
+  return any;
 }
 
-// A body that yielded as it was let is free. Else the limit of its hold was too low.
+// What yielded as it was let is free. Else the limit of its hold was too low.
 void Observer::end_yielding() {
   if (!std::exchange(yields_, false)) return;
+  turned_ = effective_root_;
   take_effective();
-  if (!released_ && has_yielded()) return set_free();
-  limit_known_ = false;
+  if (released_) return;
+  if (has_yielded()) {
+    forward_rows(root_, n_, turned_);
+    share_ = share_root_ = turned_;
+    held_ = is_held();
+    take_effective();
+  }
+  for (int i = 0; i < holds_count(); ++i)
+    if (yielding_[i] != 0) limit_known_[i] = 0;
+  std::fill(yielding_.begin(), yielding_.end(), 0.0);
+}
+
+// Whether the response is less than the free one.
+bool Observer::is_held() const {
+  double least = 1;
+  for (int i = 0; i < n_; ++i) least = std::min(least, share_[i * n_ + i]);
+  return least < 1 - kLeastNews;
 }
 
 // Notes what held the body in the last step, and the rates at which it did.
 void Observer::note_hold(const Numbers& gravity) {
-  const double now = held_ ? norm_of_hold(now_.forces, now_.acceleration) : 0;
-  limit_known_ &= held_ && now <= (1 + kEvidence) * withstood_;
-  withstood_ = held_ ? std::max(withstood_, now) : 0;
+  if (held_) find_hold(now_.forces, now_.acceleration);
+  for (int i = 0; i < holds_count(); ++i) {
+    const bool holding = held_ && (!jointed_ || holds(i));
+    const double now = holding ? sizes_[i] : 0;
+    limit_known_[i] = limit_known_[i] != 0 && holding && now <= (1 + kEvidence) * withstood_[i];
+    withstood_[i] = holding ? std::max(withstood_[i], now) : 0;
+  }
   if (!released_) return;
   held_rates_ = rates_;
   for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
@@ -230,15 +331,50 @@ bool Observer::is_surprised(const Numbers& accelerations) {
 // Whether the body moved along the forces by more than predicted. Of one that was let yield at a force that
 // it was only trusted with, little more is evidence: this force was too large, and throws a light body.
 bool Observer::was_released(const Sample& now) {
-  const double beyond = dot(now.forces, missed_), least = yields_ && !limit_known_ ? kLeastNews : kEvidence;
+  bool only_trusted = false;
+  for (int i = 0; i < holds_count(); ++i)
+    only_trusted |= yields_ && yielding_[i] != 0 && limit_known_[i] == 0;
+  const double beyond = dot(now.forces, missed_), least = only_trusted ? kLeastNews : kEvidence;
   return beyond > least * dot(now.root_forces, now.root_forces);
 }
 
+// Finds joints that their motors hold: what else acts on a joint has changed, and its motor by as much the
+// other way. Returns whether there are any new ones. Motions under one load tell the response along this load
+// alone.
+bool Observer::find_held_joints(const Sample& now, double news, double noise) {
+  find_hold(last_.forces, last_.acceleration);
+  const Numbers before(hold_.begin(), hold_.end());
+  find_hold(now.forces, now.acceleration);
+  bool any = false;
+  std::vector<int> joints;
+  for (int i = 0; i < n_; ++i) {
+    const double inertia = inertia_of(i), by = hold_[i] - before[i];
+    const double against = by - inertia * (now.acceleration[i] - last_.acceleration[i]), share = by / against;
+    const double others = by - (now.motors[i] - last_.motors[i]);
+    const bool loaded = against * against > kEvidence * kEvidence * news * inertia;
+    const bool held = held_ && holds(i);
+    const bool found = !held && loaded && share > kLeastOfJoint && share < 1 / kLeastOfJoint &&
+                       dt_ * std::fabs(by) > noise * inertia && std::fabs(others) < kEvidence * std::fabs(by);
+    any |= found;
+    if (held || found) joints.push_back(i);
+  }
+  if (!any) return false;
+  keep_rates(joints, share_);
+  transpose(n_, share_);
+  keep_rates(joints, share_);
+  limit_share();
+  held_ = is_held();
+  take_effective();
+  return true;
+}
+
 void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
-  s_.resize(n_);
-  for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
-  const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
+  change_.resize(n_);
+  for (int i = 0; i < n_; ++i) change_[i] = now.root_forces[i] - last_.root_forces[i];
+  const double whole = dot(now.root_forces, now.root_forces), news = dot(change_, change_);
   if (news <= kLeastNews * kLeastNews * whole) return;
+  if (of.jointed && news > kEvidence * kEvidence * whole && find_held_joints(now, news, of.noise)) return;
+  s_.assign(change_.begin(), change_.end());
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
   multiply(root_, e_, one_);
@@ -263,9 +399,7 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
   limit_share();
-  double least = 1;
-  for (int i = 0; i < n_; ++i) least = std::min(least, share_[i * n_ + i]);
-  held_ = least < 1 - kLeastNews;
+  held_ = is_held();
   take_effective();
 }
 
@@ -287,6 +421,7 @@ void Observer::trust_last() { unexplained(last_, push_); }
 void Observer::resume() {
   if (!yields_) return find_push();
   yields_ = false;
+  std::fill(yielding_.begin(), yielding_.end(), 0.0);
   take_effective();
   for (int i = 0; i < n_; ++i) push_[i] = (held_rates_[i] - rates_[i]) / dt_;
 }

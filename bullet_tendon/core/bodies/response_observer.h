@@ -7,17 +7,23 @@
 //   response   R_eff = L G L^T with R = L L^T (Cholesky). A held body has d(a) != R_eff d(w).
 //              With s = d(L^T w), y = d(L^-1 a), e = y - G s: G += e e^T/(e.s), the symmetric rank-one update
 //              (Conn, Gould and Toint 1991). The eigenvalues of G are limited to [0, 1], because no response
-//              exceeds the free one. One update finds one rigid constraint.
+//              exceeds the free one. One update finds one rigid constraint. What motors hold is found joint
+//              by joint, by the forces that pybullet tells of them.
 //   push       r = a - R_eff w, the smaller one of two steps by coordinate, so that an impact is not
 //              repeated. For a rate that pybullet cut off, r is the least possible one.
-//   hold       h = a - R w, by what holds the body. |L^-1 h| is at most what it is trusted with: what it was
-//              seen to yield at, else a share more than it has withstood. Beyond, the body answers freely,
-//              pushed by the h that it is trusted with, as by a motor of limited force.
+//   hold       h = a - R w, by what holds the body. Of a rigid body |L^-1 h|, of each joint of others the
+//              generalized force |R^-1 h|_i, is at most what it is trusted with: what it was seen to yield
+//              at, else a share more than it has withstood. Beyond, the body, or the joint with all others
+//              that are held, answers freely, pushed by what it is trusted with, as by a motor of limited
+//              force.
 //
 // Accelerations are compared in the norm of the kinetic energy, |L^-1 a|. A held body that moved more along
 // the forces than R_eff predicted has been released. The forces of that step were those on a held body.
 // Therefore the step is solved again (world/resolve.cpp).
 #pragma once
+#include <algorithm>
+#include <vector>
+
 #include "math/small_matrix.h"
 
 namespace bt {
@@ -36,10 +42,12 @@ class Observer {
   using Numbers = dense::Numbers;
   // What is known of the last step. alone: the motion of a rigid body was predicted completely, except for a
   // push. jointed: it is an articulated body. stops_known: its stops are predicted, and nothing is learned.
-  // noise: error of the rates, from which nothing is learned.
+  // noise: error of the rates, from which nothing is learned. motors: their generalized forces (n); empty:
+  // none.
   struct Circumstances {
     bool alone, jointed, stops_known;
     double noise;
+    const Numbers& motors;
   };
   // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n).
   void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, const Circumstances& of);
@@ -71,6 +79,12 @@ class Observer {
   // until the step is observed. Returns whether it did.
   bool limit_hold(const Numbers& tendons, double dt);
 
+  // Whether its own motor holds a joint: whatever holds the others, the response of a joint that nothing
+  // holds is at least 1/M_ii = 1/|L^-1 e_i|^2.
+  bool holds(int coordinate);
+  // Coordinates that are held, also while others yield.
+  std::vector<int> held_joints();
+
   // Whether a step was taken since the rates were read last.
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
@@ -99,13 +113,20 @@ class Observer {
     // L^T w and L^-1 a, with the L of their step: the body has moved since, and L with it.
     Numbers root_forces, root_acceleration;
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
+    Numbers motors;
   };
   void start(int n);
-  double norm_of_hold(const Numbers& forces, const Numbers& acceleration);
-  void let_yield(double share);
+  int holds_count() const { return jointed_ ? n_ : std::min(n_, 1); }
+  void find_hold(const Numbers& forces, const Numbers& acceleration);
+  double inertia_of(int coordinate);
+  void let_yield(const Numbers& forces, const Numbers& acceleration);
+  void keep_rates(const std::vector<int>& joints, Numbers& a);
+  void take_away(double* x, const double* unit) const;
+  bool find_held_joints(const Sample& now, double news, double noise);
   void end_yielding();
   void note_hold(const Numbers& gravity);
   bool has_yielded();
+  bool is_held() const;
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   void leave_out_cut();
@@ -123,17 +144,18 @@ class Observer {
   Numbers rates_, forces_, push_;
   Numbers applied_;  // all known forces in the last step
   Numbers missed_;
-  Numbers held_push_;     // push without yielding
-  Numbers held_rates_;    // at the start of a step in which it was released, less gravity's change in it
-  Numbers sampled_;       // rates right after the last step, if sampled
-  double withstood_ = 0;  // largest |L^-1 (a - R w)| since the body is held
+  Numbers held_push_;   // push without yielding
+  Numbers held_rates_;  // at the start of a step in which it was released, less gravity's change in it
+  Numbers sampled_;     // rates right after the last step, if sampled
+  // (n) By hold, of which a rigid body has one, the first, and others have one for each joint: the largest
+  // one since it is held; whether it is that at which it yields (1) or not (0); whether it yields (1).
+  Numbers withstood_, limit_known_, yielding_;
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
-  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false,
-       limit_known_ = false;
+  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false, jointed_ = false;
   Sample now_;  // work space, like the rest
-  dense::Scratch s_, e_, one_, other_, turned_, vectors_;
+  dense::Scratch s_, e_, one_, other_, turned_, vectors_, hold_, sizes_, shares_, change_;
 };
 
 }  // namespace bt
