@@ -371,6 +371,7 @@ def test_a_jaw_whose_motor_yields_within_a_cut_step_was_where_it_is_let_yield(
         (1.02, 0.223, 0.07, 1 / 60, 2.8e4, 2.2, 2),
         (1.42, 0.072, 0.12, 1 / 240, 2.9e5, 1.2, 15),
         (5.9, 1.1, 0.11, 1 / 60, 2.7e4, 0.18, 2),
+        (0.0143, 0.000274, 0.0634, 0.00206, 1260.0, 17.4, 2),
     ],
 )
 def test_a_lever_whose_motor_stalls_pulls_with_its_torque(

@@ -5,6 +5,8 @@
 #include <numeric>
 #include <utility>
 
+#include "math/rounding.h"
+
 namespace bt {
 
 namespace {
@@ -55,13 +57,17 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
     if (!cut || of.jointed) released_ = held_ && was_released(now_);
+    if (jointed_) note_aims(reached);
     end_yielding();
     if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
     note_hold(gravity);
+    if (jointed_ && held_ && samples_ > 0 && !released_) free_joints(reached);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     if (!of.stops_known) find_push();
+    if (jointed_) aims_ = next_aims_;
+    if (jointed_ && held_) push_to_aims(reached, gravity);
   }
   dense::root(n_, free, root_);
   of.stops_known ? set_free() : take_effective();
@@ -172,14 +178,13 @@ bool Observer::holds(int coordinate) {
 
 std::vector<int> Observer::held_joints() {
   std::vector<int> found;
-  for (int i = 0; i < n_ && jointed_ && held_; ++i)
-    if (yielding_[i] == 0 && holds(i)) found.push_back(i);
+  for (int i = 0; i < n_ && jointed_ && held_ && samples_ > 0; ++i)
+    if (yielding_[i] == 0 && last_.motors[i] != 0 && holds(i)) found.push_back(i);
   return found;
 }
 
-// Rows of A (n n) lose what is along L^T e_i of these joints: of L, the motion is left that keeps their
-// rates.
-void Observer::keep_rates(const std::vector<int>& joints, Numbers& a) {
+// Sets the rows of vectors_ of these joints to an orthonormal basis of the span of L^T e_i.
+void Observer::find_basis(const std::vector<int>& joints) {
   vectors_.assign(n_ * n_, 0.0);
   for (const int joint : joints) {
     double* row = vectors_.data() + joint * n_;
@@ -192,8 +197,31 @@ void Observer::keep_rates(const std::vector<int>& joints, Numbers& a) {
     const double left = std::inner_product(row, row + n_, row, 0.0);
     const double scale = left > kLeastNews * kLeastNews * whole ? 1 / std::sqrt(left) : 0;
     for (int k = 0; k < n_; ++k) row[k] *= scale;
-    for (int i = 0; i < n_; ++i) take_away(a.data() + i * n_, row);
   }
+}
+
+// Rows of A (n n) lose what is along L^T e_i of these joints: of L, the motion is left that keeps their
+// rates.
+void Observer::keep_rates(const std::vector<int>& joints, Numbers& a) {
+  find_basis(joints);
+  for (const int joint : joints)
+    for (int i = 0; i < n_; ++i) take_away(a.data() + i * n_, vectors_.data() + joint * n_);
+}
+
+// Changes the push so that these joints reach these rates from others: by L y with y in that span.
+void Observer::push_held(const std::vector<int>& joints, const Numbers& wanted, const Numbers& from) {
+  find_basis(joints);
+  one_.assign(n_, 0.0);
+  for (const int joint : joints) {
+    const double *row = root_.data() + joint * n_, *unit = vectors_.data() + joint * n_;
+    const double reach = std::inner_product(row, row + n_, unit, 0.0);
+    const double missing = (wanted[joint] - from[joint]) / dt_ - push_[joint];
+    const double more =
+        reach > 0 ? (missing - std::inner_product(row, row + n_, one_.begin(), 0.0)) / reach : 0;
+    for (int k = 0; k < n_; ++k) one_[k] += more * unit[k];
+  }
+  multiply(root_, one_, other_);
+  for (int i = 0; i < n_; ++i) push_[i] += other_[i];
 }
 
 // x less its part along a unit vector.
@@ -229,7 +257,6 @@ bool Observer::limit_hold(const Numbers& tendons, double dt) {
   shares_.assign(holds_count(), 1.0);
   bool any = false;
   for (int i = 0; i < holds_count(); ++i) {
-    if (jointed_ && !holds(i)) continue;
     const double cut_off = kMostRate * (jointed_ ? inertia_of(i) / dt : sizes_[0] / fastest);
     const double trusted = limit_known_[i] != 0 ? withstood_[i] : withstood_[i] + kTrusted * cut_off;
     // No force moves what withstands a rate that pybullet cuts off.
@@ -239,6 +266,61 @@ bool Observer::limit_hold(const Numbers& tendons, double dt) {
   }
   if (any) let_yield(tendons, e_);
   return any;
+}
+
+// Notes the rates at which motors hold: those that they have reached, but where they may have been at their
+// limit. There they give as much as ever of late, and their joint moved otherwise than it was predicted as
+// held.
+void Observer::note_aims(const Numbers& reached) {
+  most_.resize(n_);
+  aims_.resize(n_);
+  next_aims_ = aims_;
+  find_hold(now_.forces, now_.acceleration);
+  for (int i = 0; i < n_; ++i) {
+    const double motor = std::fabs(now_.motors[i]), load = std::max(std::fabs(now_.forces[i]), sizes_[i]);
+    const bool as_held = holds(i) && inertia_of(i) * std::fabs(missed_[i]) <= kEvidence * load;
+    if (samples_ == 0 || as_held || motor <= (1 - kLeastNews) * most_[i]) next_aims_[i] = reached[i];
+    most_[i] = std::max(motor, (1 - kEvidence) * most_[i]);
+  }
+}
+
+// Frees joints whose motors are at their limit: they give the same force as in the step before, and the joint
+// does not reach its rate.
+void Observer::free_joints(const Numbers& reached) {
+  std::vector<int> held;
+  bool any = false;
+  for (const int i : held_joints()) {
+    const double motor = now_.motors[i], off = inertia_of(i) * std::fabs(reached[i] - aims_[i]);
+    const bool same = motor != 0 && std::fabs(motor - last_.motors[i]) <= kRoundingShare * std::fabs(motor);
+    if (same && off > kLeastNews * dt_ * std::fabs(motor))
+      any = true;
+    else
+      held.push_back(i);
+  }
+  if (!any) return;
+  set_identity(n_, share_);
+  hold_joints(held);
+}
+
+// Takes the motion from the response that changes the rates of these joints.
+void Observer::hold_joints(const std::vector<int>& joints) {
+  keep_rates(joints, share_);
+  transpose(n_, share_);
+  keep_rates(joints, share_);
+  limit_share();
+  held_ = is_held();
+  take_effective();
+}
+
+// Motors that were at their limit go on to restore the rates at which they hold.
+void Observer::push_to_aims(const Numbers& reached, const Numbers& gravity) {
+  std::vector<int> joints;
+  for (const int i : held_joints())
+    if (aims_[i] != reached[i]) joints.push_back(i);
+  if (joints.empty()) return;
+  Numbers wanted(aims_);
+  for (int i = 0; i < n_; ++i) wanted[i] -= dt_ * gravity[i];
+  push_held(joints, wanted, reached);
 }
 
 // What yielded as it was let is free. Else the limit of its hold was too low.
@@ -276,6 +358,8 @@ void Observer::note_hold(const Numbers& gravity) {
   }
   if (!released_) return;
   held_rates_ = rates_;
+  for (int i = 0; i < n_ && jointed_; ++i)
+    if (now_.motors[i] != 0) held_rates_[i] = next_aims_[i];
   for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
 }
 
@@ -339,33 +423,30 @@ bool Observer::was_released(const Sample& now) {
 }
 
 // Finds joints that their motors hold: what else acts on a joint has changed, and its motor by as much the
-// other way. Returns whether there are any new ones. Motions under one load tell the response along this load
-// alone.
-bool Observer::find_held_joints(const Sample& now, double news, double noise) {
+// other way, or so that it reached the rate at which it holds all the same. Returns whether there are any new
+// ones. Motions under one load tell the response along this load alone.
+bool Observer::find_held_joints(const Sample& now, const Numbers& gravity, double news, double noise) {
   find_hold(last_.forces, last_.acceleration);
   const Numbers before(hold_.begin(), hold_.end());
   find_hold(now.forces, now.acceleration);
   bool any = false;
   std::vector<int> joints;
   for (int i = 0; i < n_; ++i) {
-    const double inertia = inertia_of(i), by = hold_[i] - before[i];
-    const double against = by - inertia * (now.acceleration[i] - last_.acceleration[i]), share = by / against;
-    const double others = by - (now.motors[i] - last_.motors[i]);
-    const bool loaded = against * against > kEvidence * kEvidence * news * inertia;
     const bool held = held_ && holds(i);
-    const bool found = !held && loaded && share > kLeastOfJoint && share < 1 / kLeastOfJoint &&
-                       dt_ * std::fabs(by) > noise * inertia && std::fabs(others) < kEvidence * std::fabs(by);
+    const double inertia = inertia_of(i), by = hold_[i] - before[i], motor = now.motors[i] - last_.motors[i];
+    const double against = by - inertia * (now.acceleration[i] - last_.acceleration[i]), share = by / against;
+    const double off = rates_[i] + dt_ * (now.acceleration[i] + gravity[i]) - aims_[i];
+    const bool reached = inertia * std::fabs(off) < kLeastOfJoint * dt_ * std::fabs(against);
+    const bool balanced = share > kLeastOfJoint && share < 1 / kLeastOfJoint;
+    const bool loaded = against * against > kEvidence * kEvidence * news * inertia;
+    const bool by_motor =
+        std::fabs(by - motor) < kEvidence * std::fabs(by) && dt_ * std::fabs(by) > noise * inertia;
+    const bool found = !held && loaded && by_motor && (reached || balanced);
     any |= found;
     if (held || found) joints.push_back(i);
   }
-  if (!any) return false;
-  keep_rates(joints, share_);
-  transpose(n_, share_);
-  keep_rates(joints, share_);
-  limit_share();
-  held_ = is_held();
-  take_effective();
-  return true;
+  if (any) hold_joints(joints);
+  return any;
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
@@ -373,7 +454,8 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
   for (int i = 0; i < n_; ++i) change_[i] = now.root_forces[i] - last_.root_forces[i];
   const double whole = dot(now.root_forces, now.root_forces), news = dot(change_, change_);
   if (news <= kLeastNews * kLeastNews * whole) return;
-  if (of.jointed && news > kEvidence * kEvidence * whole && find_held_joints(now, news, of.noise)) return;
+  if (of.jointed && news > kEvidence * kEvidence * whole && find_held_joints(now, gravity, news, of.noise))
+    return;
   s_.assign(change_.begin(), change_.end());
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
@@ -423,6 +505,8 @@ void Observer::resume() {
   yields_ = false;
   std::fill(yielding_.begin(), yielding_.end(), 0.0);
   take_effective();
+  find_push();
+  if (jointed_) return push_held(held_joints(), held_rates_, rates_);
   for (int i = 0; i < n_; ++i) push_[i] = (held_rates_[i] - rates_[i]) / dt_;
 }
 

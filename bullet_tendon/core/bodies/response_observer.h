@@ -82,7 +82,7 @@ class Observer {
   // Whether its own motor holds a joint: whatever holds the others, the response of a joint that nothing
   // holds is at least 1/M_ii = 1/|L^-1 e_i|^2.
   bool holds(int coordinate);
-  // Coordinates that are held, also while others yield.
+  // Joints that their motors hold, also while others yield.
   std::vector<int> held_joints();
 
   // Whether a step was taken since the rates were read last.
@@ -120,9 +120,15 @@ class Observer {
   void find_hold(const Numbers& forces, const Numbers& acceleration);
   double inertia_of(int coordinate);
   void let_yield(const Numbers& forces, const Numbers& acceleration);
+  void find_basis(const std::vector<int>& joints);
   void keep_rates(const std::vector<int>& joints, Numbers& a);
+  void push_held(const std::vector<int>& joints, const Numbers& wanted, const Numbers& from);
+  void note_aims(const Numbers& reached);
+  void free_joints(const Numbers& reached);
+  void hold_joints(const std::vector<int>& joints);
+  void push_to_aims(const Numbers& reached, const Numbers& gravity);
   void take_away(double* x, const double* unit) const;
-  bool find_held_joints(const Sample& now, double news, double noise);
+  bool find_held_joints(const Sample& now, const Numbers& gravity, double news, double noise);
   void end_yielding();
   void note_hold(const Numbers& gravity);
   bool has_yielded();
@@ -150,12 +156,15 @@ class Observer {
   // (n) By hold, of which a rigid body has one, the first, and others have one for each joint: the largest
   // one since it is held; whether it is that at which it yields (1) or not (0); whether it yields (1).
   Numbers withstood_, limit_known_, yielding_;
+  // Of joints: the rates at which motors hold them, and the largest motor forces of late.
+  Numbers aims_, most_;
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
   bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false, jointed_ = false;
   Sample now_;  // work space, like the rest
   dense::Scratch s_, e_, one_, other_, turned_, vectors_, hold_, sizes_, shares_, change_;
+  Numbers next_aims_;
 };
 
 }  // namespace bt
