@@ -28,6 +28,16 @@
 
 namespace bt {
 
+// Smallest relative change of the forces from which the observer learns, smallest error of the prediction
+// relative to the acceleration by gravity, motion and stops, and by the forces at joint limits, and smallest
+// reduction of the response [-]: rounding and noise.
+constexpr double kLeastNews = 1e-3;
+// Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
+// the change of the forces (of a held body that is released, to the forces), and, for an increased response
+// and for joints, the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps
+// of held bodies are solved twice.
+constexpr double kEvidence = 0.1;
+
 // Rate at which pybullet cuts off [m/s], [rad/s], and share of it from which a rate counts as cut off [-],
 // because pybullet damps after it cuts off.
 constexpr double kMostRate = 100.0;
@@ -115,6 +125,16 @@ class Observer {
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
     Numbers motors;
   };
+  // By hold (n), of which a rigid body has one, the first, and others have one for each joint.
+  struct Holds {
+    Numbers withstood;    // size of the largest one since it is held
+    Numbers limit_known;  // 1: at this it yields
+    Numbers yielding;     // 1: it yields in this step
+    Numbers aims;         // of joints: rates at which their motors hold
+    Numbers greatest;     // of joints: largest force of their motors of late
+    Numbers push;         // push without yielding
+    Numbers rates;        // which it restores after a step in which it was released, less gravity's change
+  };
   void start(int n);
   int holds_count() const { return jointed_ ? n_ : std::min(n_, 1); }
   void find_hold(const Numbers& forces, const Numbers& acceleration);
@@ -150,14 +170,8 @@ class Observer {
   Numbers rates_, forces_, push_;
   Numbers applied_;  // all known forces in the last step
   Numbers missed_;
-  Numbers held_push_;   // push without yielding
-  Numbers held_rates_;  // at the start of a step in which it was released, less gravity's change in it
-  Numbers sampled_;     // rates right after the last step, if sampled
-  // (n) By hold, of which a rigid body has one, the first, and others have one for each joint: the largest
-  // one since it is held; whether it is that at which it yields (1) or not (0); whether it yields (1).
-  Numbers withstood_, limit_known_, yielding_;
-  // Of joints: the rates at which motors hold them, and the largest motor forces of late.
-  Numbers aims_, most_;
+  Numbers sampled_;  // rates right after the last step, if sampled
+  Holds holds_;
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2

@@ -43,9 +43,10 @@ struct StateFields {
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead, dropped)
   BT_FIELDS(BodyStops, all, directions, pushes, unstopped, doubted, rested, slipped)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut, motors)
+  BT_FIELDS(Observer::Holds, withstood, limit_known, yielding, aims, greatest, push)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
-            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, jointed_,
-            limit_known_, withstood_, yielding_, aims_, most_, held_push_, sampled_)
+            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, jointed_, holds_,
+            sampled_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, motors,
             external, contacts, contacts_known, observer, history, root, change, touches, turning.far,
