@@ -2,6 +2,7 @@
 
 import numpy as np
 import pybullet as p
+import pybullet_data
 import pytest
 from link_scenes import HINGED, UNDAMPED, hinged, links_on_joints, misfit
 
@@ -452,3 +453,48 @@ def test_a_finger_that_swings_into_its_stop_is_not_thrown_back(client, make_worl
         assert angles.min() > -0.11
         assert angles.max() < 1.21
         assert np.abs(rates).max() < 60
+
+
+def test_an_arm_that_a_load_pulls_onto_its_stop_gains_no_energy(make_world, client):
+    """A shoulder's motor yields under 20 kg on a cord, and the arm falls onto the joint's limit.
+
+    There the limit resists with more than motors can, and the elbow's motor yields as well.
+    """
+    load, yields, dt = 20.0, 120.0, 1e-3
+    world = make_world(dt, (0, 0, -9.81))
+    p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
+    arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True, physicsClientId=client)
+    pose = [0, 1.2, 0, -0.5, 0, 0.3, 0]
+    for joint, place in enumerate(pose):
+        p.resetJointState(arm, joint, place, physicsClientId=client)
+        force = yields if joint == 1 else 300.0
+        p.setJointMotorControl2(
+            arm, joint, p.POSITION_CONTROL, targetPosition=place, force=force, physicsClientId=client
+        )
+    wrist = np.array(p.getLinkState(arm, 6, 0, 1, client)[4])
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.03, physicsClientId=client)
+    below = wrist - (0, 0, 0.3)
+    weight = p.createMultiBody(load, ball, basePosition=below.tolist(), physicsClientId=client)
+    tendon = world.add_tendon([wrist, below], 1e-3, bt.Material(stiffness=1e5, damping=100.0), 10)
+    tendon.attach(0, arm, 6)
+    tendon.attach(-1, weight)
+
+    def energy():
+        """Of arm and weight, and of the shoulder's motor, which turns it by a constant torque [J]."""
+        where, _ = p.getBasePositionAndOrientation(weight, client)
+        velocity = np.array(p.getBaseVelocity(weight, client)[0])
+        total = load * (velocity @ velocity / 2 + 9.81 * where[2])
+        for link in range(7):
+            mass, _, inertia = p.getDynamicsInfo(arm, link, client)[:3]
+            state = p.getLinkState(arm, link, 1, 1, client)
+            turn = np.reshape(p.getMatrixFromQuaternion(state[1]), (3, 3))
+            velocity, spin = np.array(state[6]), turn.T @ state[7]
+            total += mass * (velocity @ velocity / 2 + 9.81 * state[0][2]) + spin @ (inertia * spin) / 2
+        return total + yields * (p.getJointState(arm, 1, client)[0] - pose[1])
+
+    most = energy()
+    for _ in range(850):
+        world.step()
+        assert world.report.converged
+        assert energy() < most + 1e-2
+    assert p.getJointState(arm, 1, client)[0] == pytest.approx(2.094, abs=0.02)

@@ -31,7 +31,7 @@ void Observer::find_hold(const Numbers& forces, const Numbers& acceleration) {
   hold_.assign(s_.begin(), s_.end());
   solve(root_, hold_);
   sizes_.assign(holds_count(), 0.0);
-  if (!jointed_) {
+  if (!by_joint_) {
     one_.assign(s_.begin(), s_.end());
     forward(root_, one_);
     sizes_[0] = std::sqrt(dot(one_, one_));
@@ -54,7 +54,7 @@ bool Observer::holds(int coordinate) {
 
 std::vector<int> Observer::held_joints() {
   std::vector<int> found;
-  for (int i = 0; i < n_ && jointed_ && held_ && samples_ > 0; ++i)
+  for (int i = 0; i < n_ && by_joint_ && held_ && samples_ > 0; ++i)
     if (holds_.yielding[i] == 0 && last_.motors[i] != 0 && holds(i)) found.push_back(i);
   return found;
 }
@@ -115,7 +115,7 @@ void Observer::let_yield(const Numbers& forces, const Numbers& acceleration) {
   keep_rates(held, effective_root_);
   s_.resize(n_);
   for (int i = 0; i < n_; ++i) {
-    const int hold = jointed_ ? i : 0;
+    const int hold = by_joint_ ? i : 0;
     s_[i] = (holds_.yielding[hold] != 0 ? (shares_[hold] - 1) * hold_[i] : 0) - forces[i];
   }
   respond(effective_root_, s_, one_, push_);
@@ -133,7 +133,7 @@ bool Observer::limit_hold(const Numbers& tendons, double dt) {
   shares_.assign(holds_count(), 1.0);
   bool any = false;
   for (int i = 0; i < holds_count(); ++i) {
-    const double cut_off = kMostRate * (jointed_ ? inertia_of(i) / dt : sizes_[0] / fastest);
+    const double cut_off = kMostRate * (by_joint_ ? inertia_of(i) / dt : sizes_[0] / fastest);
     const double trusted =
         holds_.limit_known[i] != 0 ? holds_.withstood[i] : holds_.withstood[i] + kTrusted * cut_off;
     // No force moves what withstands a rate that pybullet cuts off.
@@ -153,7 +153,7 @@ void Observer::release() {
   for (int i = 0; i < holds_count(); ++i) {
     const double least = holds_.yielding[i] != 0 ? kLeastNews : kEvidence, load = std::fabs(last_.forces[i]);
     holds_.yielding[i] =
-        !jointed_ || inertia_of(i) * std::fabs(missed_[i]) > least * std::max(load, sizes_[i]);
+        !by_joint_ || inertia_of(i) * std::fabs(missed_[i]) > least * std::max(load, sizes_[i]);
     holds_.limit_known[i] =
         holds_.yielding[i] != 0 || (holds_.limit_known[i] != 0 && sizes_[i] <= holds_.withstood[i]);
     holds_.withstood[i] = holds_.yielding[i] != 0 ? sizes_[i] : std::max(holds_.withstood[i], sizes_[i]);
@@ -165,7 +165,7 @@ void Observer::release() {
 void Observer::note_hold(const Numbers& gravity) {
   if (held_) find_hold(now_.forces, now_.acceleration);
   for (int i = 0; i < holds_count(); ++i) {
-    const bool holding = held_ && (!jointed_ || holds(i));
+    const bool holding = held_ && (!by_joint_ || holds(i));
     const double now = holding ? sizes_[i] : 0;
     holds_.limit_known[i] =
         holds_.limit_known[i] != 0 && holding && now <= (1 + kEvidence) * holds_.withstood[i];
@@ -173,7 +173,7 @@ void Observer::note_hold(const Numbers& gravity) {
   }
   if (!released_) return;
   holds_.rates = rates_;
-  for (int i = 0; i < n_ && jointed_; ++i)
+  for (int i = 0; i < n_ && by_joint_; ++i)
     if (now_.motors[i] != 0) holds_.rates[i] = next_aims_[i];
   for (int i = 0; i < n_; ++i) holds_.rates[i] -= dt_ * gravity[i];
 }
@@ -215,8 +215,25 @@ void Observer::resume() {
   std::fill(holds_.yielding.begin(), holds_.yielding.end(), 0.0);
   take_effective();
   find_push();
-  if (jointed_) return push_held(held_joints(), holds_.rates, rates_);
+  if (by_joint_) return push_held(held_joints(), holds_.rates, rates_);
   for (int i = 0; i < n_; ++i) push_[i] = (holds_.rates[i] - rates_[i]) / dt_;
+}
+
+// Each joint has a hold of its own where motors are all that holds the body. What contacts and constraints
+// give joints depends on each other.
+void Observer::choose_holds(bool jointed) {
+  bool by_joint = jointed;
+  if (jointed) {
+    find_hold(now_.forces, now_.acceleration);
+    for (int i = 0; i < n_; ++i) s_[i] = hold_[i] - now_.motors[i];
+    multiply_transposed(root_, s_, one_);
+    multiply_transposed(root_, hold_, other_);
+    const double most = std::max(dot(other_, other_), dot(now_.root_forces, now_.root_forces));
+    by_joint = dot(one_, one_) <= kEvidence * kEvidence * most;
+  }
+  if (std::exchange(by_joint_, by_joint) == by_joint) return;
+  holds_.withstood.assign(n_, 0.0);
+  holds_.limit_known = holds_.yielding = holds_.withstood;
 }
 
 // Notes the rates at which motors hold: those that they have reached, but where they may have been at their
@@ -228,7 +245,8 @@ void Observer::note_aims(const Numbers& reached) {
   next_aims_ = holds_.aims;
   find_hold(now_.forces, now_.acceleration);
   for (int i = 0; i < n_; ++i) {
-    const double motor = std::fabs(now_.motors[i]), load = std::max(std::fabs(now_.forces[i]), sizes_[i]);
+    const double motor = std::fabs(now_.motors[i]);
+    const double load = std::max(std::fabs(now_.forces[i]), std::fabs(hold_[i]));
     const bool as_held = holds(i) && inertia_of(i) * std::fabs(missed_[i]) <= kEvidence * load;
     if (samples_ == 0 || as_held || motor <= (1 - kLeastNews) * holds_.greatest[i])
       next_aims_[i] = reached[i];

@@ -19,7 +19,6 @@ void Observer::start(int n) {
 void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity,
                        const Circumstances& of) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
-  if (std::exchange(jointed_, of.jointed) != of.jointed) set_free();
   released_ = false;
   missed_.clear();
   if (has_acted()) {
@@ -34,17 +33,18 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
     if (!cut || of.jointed) released_ = held_ && was_released(now_);
-    if (jointed_) note_aims(reached);
+    if (of.jointed) note_aims(reached);
     end_yielding();
+    choose_holds(of.jointed);
     if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
     note_hold(gravity);
-    if (jointed_ && held_ && samples_ > 0 && !released_) free_joints(reached);
+    if (by_joint_ && held_ && samples_ > 0 && !released_) free_joints(reached);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     if (!of.stops_known) find_push();
-    if (jointed_) holds_.aims = next_aims_;
-    if (jointed_ && held_) push_to_aims(reached, gravity);
+    if (of.jointed) holds_.aims = next_aims_;
+    if (by_joint_ && held_) push_to_aims(reached, gravity);
   }
   dense::root(n_, free, root_);
   of.stops_known ? set_free() : take_effective();

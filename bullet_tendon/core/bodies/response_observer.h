@@ -11,11 +11,11 @@
 //              by joint, by the forces that pybullet tells of them.
 //   push       r = a - R_eff w, the smaller one of two steps by coordinate, so that an impact is not
 //              repeated. For a rate that pybullet cut off, r is the least possible one.
-//   hold       h = a - R w, by what holds the body. Of a rigid body |L^-1 h|, of each joint of others the
-//              generalized force |R^-1 h|_i, is at most what it is trusted with: what it was seen to yield
-//              at, else a share more than it has withstood. Beyond, the body, or the joint with all others
-//              that are held, answers freely, pushed by what it is trusted with, as by a motor of limited
-//              force.
+//   hold       h = a - R w, by what holds the body. Its size |L^-1 h|, or where motors are all that holds the
+//              body of each joint the generalized force |R^-1 h|_i, is at most what it is trusted with: what
+//              it was seen to yield at, else a share more than it has withstood. Beyond, the body, or the
+//              joint with all others that are held, answers freely, pushed by what it is trusted with, as by
+//              a motor of limited force.
 //
 // Accelerations are compared in the norm of the kinetic energy, |L^-1 a|. A held body that moved more along
 // the forces than R_eff predicted has been released. The forces of that step were those on a held body.
@@ -125,7 +125,7 @@ class Observer {
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
     Numbers motors;
   };
-  // By hold (n), of which a rigid body has one, the first, and others have one for each joint.
+  // By hold (n), of which a body has one, the first, or, where motors are all that holds it, each joint one.
   struct Holds {
     Numbers withstood;    // size of the largest one since it is held
     Numbers limit_known;  // 1: at this it yields
@@ -136,7 +136,7 @@ class Observer {
     Numbers rates;        // which it restores after a step in which it was released, less gravity's change
   };
   void start(int n);
-  int holds_count() const { return jointed_ ? n_ : std::min(n_, 1); }
+  int holds_count() const { return by_joint_ ? n_ : std::min(n_, 1); }
   void find_hold(const Numbers& forces, const Numbers& acceleration);
   double inertia_of(int coordinate);
   void let_yield(const Numbers& forces, const Numbers& acceleration);
@@ -144,6 +144,7 @@ class Observer {
   void keep_rates(const std::vector<int>& joints, Numbers& a);
   void push_held(const std::vector<int>& joints, const Numbers& wanted, const Numbers& from);
   void note_aims(const Numbers& reached);
+  void choose_holds(bool jointed);
   void free_joints(const Numbers& reached);
   void hold_joints(const std::vector<int>& joints);
   void push_to_aims(const Numbers& reached, const Numbers& gravity);
@@ -175,7 +176,7 @@ class Observer {
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
-  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false, jointed_ = false;
+  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false, by_joint_ = false;
   Sample now_;  // work space, like the rest
   dense::Scratch s_, e_, one_, other_, turned_, vectors_, hold_, sizes_, shares_, change_;
   Numbers next_aims_;

@@ -45,7 +45,7 @@ struct StateFields {
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut, motors)
   BT_FIELDS(Observer::Holds, withstood, limit_known, yielding, aims, greatest, push)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
-            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, jointed_, holds_,
+            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, by_joint_, holds_,
             sampled_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, motors,
