@@ -344,6 +344,26 @@ def test_light_jaws_that_motors_close_on_a_cord_are_not_thrown_back(
         assert abs(world.wrench(jaws, joint)[1]) == pytest.approx(force, rel=1e-3)
 
 
+@pytest.mark.parametrize("share", [0.5, 5.0, 20.0, 45.0])
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+def test_jaws_whose_motors_are_given_less_force_press_on_with_it(make_world, client, dt, share):
+    """share: what 5 N would give a jaw in a step [m/s]. The difference would throw them back."""
+    radius, force, less = 1.3e-3, 5.0, 2.0
+    world = make_world(dt)
+    cord = bt.Material(stiffness=3e4, damping=20.0)
+    jaws = jaws_about_a_cord(world, client, force * dt / share, radius, cord, 21, 0.995)
+    speed = radius / (10 * dt)
+    for most, steps in ((force, 60), (less, 30)):
+        for joint in (0, 1):
+            p.setJointMotorControl2(jaws, joint, p.VELOCITY_CONTROL, 0, speed, most, physicsClientId=client)
+        for _ in range(steps):
+            world.step()
+            rates = [p.getJointState(jaws, joint, client)[1] for joint in (0, 1)]
+            assert np.abs(rates).max() < 1.1 * speed
+        for joint in (0, 1):
+            assert abs(world.wrench(jaws, joint)[1]) == pytest.approx(most, rel=1e-3)
+
+
 @pytest.mark.parametrize("mass", [0.2, 0.5, 0.6, 0.718, 0.8])
 @pytest.mark.parametrize("particles", [41, 43, 45])
 def test_a_jaw_whose_motor_yields_within_a_cut_step_was_where_it_is_let_yield(

@@ -467,9 +467,10 @@ py::list pushes(const World& w) {
   return out;
 }
 
+// Whether any body may have been released in the last step.
 bool any_held(const World& w) {
   return std::any_of(w.scene.bodies.begin(), w.scene.bodies.end(),
-                     [](const GeneralizedBody& m) { return m.observer.held(); });
+                     [](const GeneralizedBody& m) { return m.observer.may_be_released(); });
 }
 
 }  // namespace
@@ -488,7 +489,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("held_bodies",
            [](const World& w) {
              return slots_where(w.scene.bodies, [](const GeneralizedBody& m) {
-               return m.observer.held() && !m.observer.released();
+               return m.observer.may_be_released() && !m.observer.released();
              });
            })
       .def("let_go", &World::let_go)

@@ -18,6 +18,11 @@ constexpr double kTrusted = 0.5;
 // Response of a joint, as a share of that with all other joints held, below which its own motor holds it [-].
 constexpr double kLeastOfJoint = 0.5;
 
+// Whether a motor gave the same force in two steps.
+bool is_same(double motor, double before) {
+  return std::fabs(motor - before) <= kRoundingShare * std::fabs(motor);
+}
+
 }  // namespace
 
 using namespace dense;
@@ -219,6 +224,13 @@ void Observer::resume() {
   for (int i = 0; i < n_; ++i) push_[i] = (holds_.rates[i] - rates_[i]) / dt_;
 }
 
+bool Observer::may_be_released() const {
+  if (held_ || !by_joint_ || samples_ < 2) return held_;
+  for (int i = 0; i < n_; ++i)
+    if (last_.motors[i] != 0 && is_same(last_.motors[i], previous_.motors[i])) return true;
+  return false;
+}
+
 // Each joint has a hold of its own where motors are all that holds the body. What contacts and constraints
 // give joints depends on each other.
 void Observer::choose_holds(bool jointed) {
@@ -261,8 +273,7 @@ void Observer::free_joints(const Numbers& reached) {
   bool any = false;
   for (const int i : held_joints()) {
     const double motor = now_.motors[i], off = inertia_of(i) * std::fabs(reached[i] - holds_.aims[i]);
-    const bool same = motor != 0 && std::fabs(motor - last_.motors[i]) <= kRoundingShare * std::fabs(motor);
-    if (same && off > kLeastNews * dt_ * std::fabs(motor))
+    if (motor != 0 && is_same(motor, last_.motors[i]) && off > kLeastNews * dt_ * std::fabs(motor))
       any = true;
     else
       held.push_back(i);

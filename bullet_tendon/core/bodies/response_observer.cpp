@@ -32,7 +32,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     if (!of.jointed) leave_out_cut();
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
-    if (!cut || of.jointed) released_ = held_ && was_released(now_);
+    if (!cut || of.jointed) released_ = may_be_released() && was_released(now_);
     if (of.jointed) note_aims(reached);
     end_yielding();
     choose_holds(of.jointed);
@@ -66,7 +66,7 @@ void Observer::refresh(const Numbers& rates) {
 }
 
 bool Observer::sample(const Numbers& rates, const Numbers& gravity) {
-  if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
+  if (!may_be_released() || !has_acted() || rates.size() != rates_.size()) return false;
   sampled_ = rates;
   measure(rates, gravity);
   compare(now_);

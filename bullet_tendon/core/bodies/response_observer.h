@@ -95,6 +95,10 @@ class Observer {
   // Joints that their motors hold, also while others yield.
   std::vector<int> held_joints();
 
+  // Whether what holds the body can give less than in the last step: it is held, or motors are at their
+  // limit, where they gave the same force in two steps.
+  bool may_be_released() const;
+
   // Whether a step was taken since the rates were read last.
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
