@@ -259,7 +259,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
-  read_motors(body, reading.joints, m.motors);
+  if (!m.motors_known) read_motors(body, reading.joints, m.motors);
   place(body, reading, places);
   body.mass_matrix(mass.data());
   body.weight(weight.data());
@@ -335,6 +335,14 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
   return w.scene.bodies[slot].sample(rates);
 }
 
+// Takes the forces of its motors into the state that is going to be saved.
+void keep_motors(World& w, int slot, const Articulated& body, const py::tuple& joints) {
+  GeneralizedBody& m = w.scene.bodies[slot];
+  if (m.motors_known || m.n() != body.dofs()) return;
+  read_motors(body, joints, m.motors);
+  m.motors_known = true;
+}
+
 // A force of the user at a world point of any link of a body, in this step. tree: as it was read.
 void add_body_force(World& w, int slot, const Articulated& tree, int link, Vec3 force, Vec3 point) {
   GeneralizedBody& m = w.scene.bodies[slot];
@@ -369,7 +377,10 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  world.def("read_body", &read_body).def("sample_body", &sample_body).def("add_body_force", &add_body_force);
+  world.def("read_body", &read_body)
+      .def("sample_body", &sample_body)
+      .def("keep_motors", &keep_motors)
+      .def("add_body_force", &add_body_force);
   m.def("dynamics", &dynamics);
 }
 

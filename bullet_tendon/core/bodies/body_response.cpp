@@ -54,7 +54,7 @@ void GeneralizedBody::sense() {
   const double noise = is_stopped() ? kSolverNoise : 0;
   observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise, motors});
   take_owed();
-  contacts_known = false;
+  contacts_known = motors_known = false;
 }
 
 // A body that has other rates than it was left with was stopped, or set by the user.

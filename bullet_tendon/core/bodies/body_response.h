@@ -113,8 +113,9 @@ struct GeneralizedBody {
   Numbers joint_forces;
   // Coordinate and change of every joint that is moved to just behind its limit before this step.
   std::vector<std::pair<int, double>> limit_shifts;
-  Numbers motors;    // generalized forces of the motors of its joints in the last step (n); empty: none
-  Numbers external;  // generalized forces that the user has told for this step (n); empty: none
+  Numbers motors;  // generalized forces of the motors of its joints in the last step (n); empty: none
+  bool motors_known = false;  // they are those that the next step needs (pybullet does not restore its own)
+  Numbers external;           // generalized forces that the user has told for this step (n); empty: none
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)

@@ -49,8 +49,8 @@ struct StateFields {
             sampled_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, motors,
-            external, contacts, contacts_known, observer, history, root, change, touches, turning.far,
-            stopped_by_, stops_, substep.pushed, left_out.owed, left_out.kept)
+            motors_known, external, contacts, contacts_known, observer, history, root, change, touches,
+            turning.far, stopped_by_, stops_, substep.pushed, left_out.owed, left_out.kept)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, friction,
             body, yielded, moved, was_read, put.linear, put.angular, jacobian, root, history.mean.force,
             history.mean.torque, history.applied.force, history.applied.torque, history.excess, wrench.force,
