@@ -165,9 +165,7 @@ class JointedBody:
         return bool(self._joints) or _can_be_held(self.body, self.client)
 
     def keep_contacts(self, core) -> None:
-        """What its motors give, into the state that is going to be saved: pybullet does not restore that."""
-        if self._yields[self._tree is self._trees[True]]:
-            core.keep_motors(self.slot, self._tree, joint_states(self.body, self._joints, self.client))
+        """None are read."""
 
 
 def can_be_hit(body: int, client: int) -> bool:

@@ -226,20 +226,6 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
-// The forces of the motors of joints with one degree of freedom: those of others are in frames of pybullet's
-// own.
-void read_motors(const Articulated& body, const py::tuple& joints, std::vector<double>& motors) {
-  motors.assign(body.floats() ? 6 : 0, 0.0);
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    PyObject* force = item(item(joints.ptr(), static_cast<int>(j)), 3);
-    const int count = static_cast<int>(PyTuple_Size(item(item(joints.ptr(), static_cast<int>(j)), 1)));
-    if (count == 1)
-      take(force, 1, motors);
-    else
-      motors.insert(motors.end(), count, 0.0);
-  }
-}
-
 // Sets what the forces of the motion at the velocity now differ by from those at the mean velocity of the
 // last step. before: that of the step before it (dofs). Damping of joints stays explicit.
 void find_motion_shift(GeneralizedBody& m, const Articulated& body, const dense::Numbers& before) {
@@ -259,7 +245,6 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
-  if (!m.motors_known) read_motors(body, reading.joints, m.motors);
   place(body, reading, places);
   body.mass_matrix(mass.data());
   body.weight(weight.data());
@@ -335,14 +320,6 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
   return w.scene.bodies[slot].sample(rates);
 }
 
-// Takes the forces of its motors into the state that is going to be saved.
-void keep_motors(World& w, int slot, const Articulated& body, const py::tuple& joints) {
-  GeneralizedBody& m = w.scene.bodies[slot];
-  if (m.motors_known || m.n() != body.dofs()) return;
-  read_motors(body, joints, m.motors);
-  m.motors_known = true;
-}
-
 // A force of the user at a world point of any link of a body, in this step. tree: as it was read.
 void add_body_force(World& w, int slot, const Articulated& tree, int link, Vec3 force, Vec3 point) {
   GeneralizedBody& m = w.scene.bodies[slot];
@@ -377,10 +354,7 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  world.def("read_body", &read_body)
-      .def("sample_body", &sample_body)
-      .def("keep_motors", &keep_motors)
-      .def("add_body_force", &add_body_force);
+  world.def("read_body", &read_body).def("sample_body", &sample_body).def("add_body_force", &add_body_force);
   m.def("dynamics", &dynamics);
 }
 
@@ -478,10 +452,9 @@ py::list pushes(const World& w) {
   return out;
 }
 
-// Whether any body may have been released in the last step.
 bool any_held(const World& w) {
   return std::any_of(w.scene.bodies.begin(), w.scene.bodies.end(),
-                     [](const GeneralizedBody& m) { return m.observer.may_be_released(); });
+                     [](const GeneralizedBody& m) { return m.observer.held(); });
 }
 
 }  // namespace
@@ -500,11 +473,12 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("held_bodies",
            [](const World& w) {
              return slots_where(w.scene.bodies, [](const GeneralizedBody& m) {
-               return m.observer.may_be_released() && !m.observer.released();
+               return m.observer.held() && !m.observer.released();
              });
            })
       .def("let_go", &World::let_go)
-      .def("stopped", [](World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
+      .def("stopped",
+           [](const World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
       .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })

@@ -52,9 +52,9 @@ void GeneralizedBody::sense() {
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
   const double noise = is_stopped() ? kSolverNoise : 0;
-  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise, motors});
+  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise});
   take_owed();
-  contacts_known = motors_known = false;
+  contacts_known = false;
 }
 
 // A body that has other rates than it was left with was stopped, or set by the user.

@@ -113,9 +113,7 @@ struct GeneralizedBody {
   Numbers joint_forces;
   // Coordinate and change of every joint that is moved to just behind its limit before this step.
   std::vector<std::pair<int, double>> limit_shifts;
-  Numbers motors;  // generalized forces of the motors of its joints in the last step (n); empty: none
-  bool motors_known = false;  // they are those that the next step needs (pybullet does not restore its own)
-  Numbers external;           // generalized forces that the user has told for this step (n); empty: none
+  Numbers external;  // generalized forces that the user has told for this step (n); empty: none
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
@@ -133,9 +131,9 @@ struct GeneralizedBody {
   bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;
 
-  // Coordinates that do not answer in this step: their limits act, or they are held while others yield.
-  std::vector<int> stopped() {
-    std::vector<int> coordinates = observer.held_joints();
+  // Coordinates whose limits act in this step.
+  std::vector<int> stopped() const {
+    std::vector<int> coordinates;
     for (const Stop& s : stops_.all)
       if (s.acts && s.coordinate >= 0) coordinates.push_back(s.coordinate);
     return coordinates;

@@ -6,6 +6,24 @@
 
 namespace bt {
 
+namespace {
+
+// Smallest relative change of the forces from which the observer learns, smallest error of the prediction
+// relative to the acceleration by gravity, motion and stops, and by the forces at joint limits, and smallest
+// reduction of the response [-]: rounding and noise.
+constexpr double kLeastNews = 1e-3;
+// Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
+// the change of the forces (of a held body that is released, to the forces), and, for an increased response
+// and for joints, the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps
+// of held bodies are solved twice.
+constexpr double kEvidence = 0.1;
+// A hold is trusted with what it has withstood, and with what would give a rate of this share of kMostRate if
+// it yielded [-]. Larger: pybullet cuts off the rate of what yields, which then tells nothing about its
+// force. Smaller: bodies that are held are predicted to yield where their load grows.
+constexpr double kTrusted = 0.5;
+
+}  // namespace
+
 using namespace dense;
 
 void Observer::start(int n) {
@@ -26,25 +44,18 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     measure(reached, gravity);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    now_.motors = of.motors;
-    now_.motors.resize(n_);
     const bool cut = (of.jointed || of.alone) && note_cut(reached);
     if (!of.jointed) leave_out_cut();
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
-    if (!cut || of.jointed) released_ = may_be_released() && was_released(now_);
-    if (of.jointed) note_aims(reached);
+    if (!cut || of.jointed) released_ = held_ && was_released(now_);
     end_yielding();
-    choose_holds(of.jointed);
     if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
     note_hold(gravity);
-    if (by_joint_ && held_ && samples_ > 0 && !released_) free_joints(reached);
     std::swap(previous_, last_);
     std::swap(last_, now_);
     samples_ = std::min(2, samples_ + 1);
     if (!of.stops_known) find_push();
-    if (of.jointed) holds_.aims = next_aims_;
-    if (by_joint_ && held_) push_to_aims(reached, gravity);
   }
   dense::root(n_, free, root_);
   of.stops_known ? set_free() : take_effective();
@@ -66,7 +77,7 @@ void Observer::refresh(const Numbers& rates) {
 }
 
 bool Observer::sample(const Numbers& rates, const Numbers& gravity) {
-  if (!may_be_released() || !has_acted() || rates.size() != rates_.size()) return false;
+  if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
   sampled_ = rates;
   measure(rates, gravity);
   compare(now_);
@@ -96,9 +107,8 @@ void Observer::rest(const Numbers& tendons) {
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
-  held_ = released_ = yields_ = false;
-  holds_.withstood.assign(n_, 0.0);
-  holds_.limit_known = holds_.yielding = holds_.withstood;
+  held_ = released_ = yields_ = limit_known_ = false;
+  withstood_ = 0;
   take_effective();
   push_.assign(n_, 0.0);
 }
@@ -107,6 +117,78 @@ void Observer::let_go() {
   set_free();
   forces_.assign(n_, 0.0);
   samples_ = 0;
+}
+
+void Observer::release() {
+  if (was_cut()) return let_go();
+  withstood_ = norm_of_hold(last_.forces, last_.acceleration);
+  let_yield(1);
+  limit_known_ = true;
+}
+
+// Sets s_ to the acceleration a - R w by what holds the body. Returns |L^-1 s|.
+double Observer::norm_of_hold(const Numbers& forces, const Numbers& acceleration) {
+  respond(root_, forces, one_, other_);
+  s_.resize(n_);
+  one_.resize(n_);
+  for (int i = 0; i < n_; ++i) one_[i] = s_[i] = acceleration[i] - other_[i];
+  forward(root_, one_);
+  return std::sqrt(dot(one_, one_));
+}
+
+// Lets it yield where its hold gives it this share of the acceleration s_.
+void Observer::let_yield(double share) {
+  held_push_ = push_;
+  push_ = s_;
+  for (double& a : push_) a *= share;
+  effective_root_ = root_;
+  yields_ = true;
+}
+
+bool Observer::limit_hold(const Numbers& tendons, double dt) {
+  if (!held_ || yields_ || static_cast<int>(tendons.size()) != n_) return false;
+  respond(effective_root_, tendons, one_, e_);
+  for (int i = 0; i < n_; ++i) e_[i] += push_[i];
+  const double needed = norm_of_hold(tendons, e_);
+  double fastest = 0;
+  for (double a : s_) fastest = std::max(fastest, dt * std::fabs(a));
+  const double cut_off = kMostRate / fastest * needed;
+  const double trusted = limit_known_ ? withstood_ : withstood_ + kTrusted * cut_off;
+  // No force moves what withstands a rate that pybullet cuts off.
+  if (withstood_ >= cut_off || !(needed > trusted)) return false;
+  let_yield(trusted / needed);
+  return true;
+}
+
+// A body that yielded as it was let is free. Else the limit of its hold was too low.
+void Observer::end_yielding() {
+  if (!std::exchange(yields_, false)) return;
+  take_effective();
+  if (!released_ && has_yielded()) return set_free();
+  limit_known_ = false;
+}
+
+// Notes what held the body in the last step, and the rates at which it did.
+void Observer::note_hold(const Numbers& gravity) {
+  const double now = held_ ? norm_of_hold(now_.forces, now_.acceleration) : 0;
+  limit_known_ &= held_ && now <= (1 + kEvidence) * withstood_;
+  withstood_ = held_ ? std::max(withstood_, now) : 0;
+  if (!released_) return;
+  held_rates_ = rates_;
+  for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
+}
+
+// Whether the last motion is nearer to that of the yielding body than to that of the held one.
+bool Observer::has_yielded() {
+  respond(effective_root_, now_.forces, one_, other_);
+  one_.resize(n_);
+  for (int i = 0; i < n_; ++i) {
+    one_[i] = missed_[i];
+    other_[i] += held_push_[i] - now_.acceleration[i] + missed_[i];
+  }
+  forward(root_, one_);
+  forward(root_, other_);
+  return dot(one_, other_) < 0.5 * dot(other_, other_);
 }
 
 // a - R_eff w.
@@ -148,21 +230,15 @@ bool Observer::is_surprised(const Numbers& accelerations) {
 // Whether the body moved along the forces by more than predicted. Of one that was let yield at a force that
 // it was only trusted with, little more is evidence: this force was too large, and throws a light body.
 bool Observer::was_released(const Sample& now) {
-  bool only_trusted = false;
-  for (int i = 0; i < holds_count(); ++i)
-    only_trusted |= yields_ && holds_.yielding[i] != 0 && holds_.limit_known[i] == 0;
-  const double beyond = dot(now.forces, missed_), least = only_trusted ? kLeastNews : kEvidence;
+  const double beyond = dot(now.forces, missed_), least = yields_ && !limit_known_ ? kLeastNews : kEvidence;
   return beyond > least * dot(now.root_forces, now.root_forces);
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
-  change_.resize(n_);
-  for (int i = 0; i < n_; ++i) change_[i] = now.root_forces[i] - last_.root_forces[i];
-  const double whole = dot(now.root_forces, now.root_forces), news = dot(change_, change_);
+  s_.resize(n_);
+  for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
+  const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
   if (news <= kLeastNews * kLeastNews * whole) return;
-  if (of.jointed && news > kEvidence * kEvidence * whole && find_held_joints(now, gravity, news, of.noise))
-    return;
-  s_.assign(change_.begin(), change_.end());
   multiply(share_, s_, e_);
   for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
   multiply(root_, e_, one_);
@@ -187,15 +263,10 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
   limit_share();
-  held_ = is_held();
-  take_effective();
-}
-
-// Whether the response is less than the free one.
-bool Observer::is_held() const {
   double least = 1;
   for (int i = 0; i < n_; ++i) least = std::min(least, share_[i * n_ + i]);
-  return least < 1 - kLeastNews;
+  held_ = least < 1 - kLeastNews;
+  take_effective();
 }
 
 // Limits the eigenvalues of G to [0, 1], and computes S.
@@ -211,6 +282,14 @@ void Observer::limit_share() {
 }
 
 void Observer::trust_last() { unexplained(last_, push_); }
+
+// What held it goes on to restore the rates at which it held.
+void Observer::resume() {
+  if (!yields_) return find_push();
+  yields_ = false;
+  take_effective();
+  for (int i = 0; i < n_; ++i) push_[i] = (held_rates_[i] - rates_[i]) / dt_;
+}
 
 void Observer::find_push() {
   if (samples_ < 2) return push_.assign(n_, 0.0);

@@ -7,36 +7,20 @@
 //   response   R_eff = L G L^T with R = L L^T (Cholesky). A held body has d(a) != R_eff d(w).
 //              With s = d(L^T w), y = d(L^-1 a), e = y - G s: G += e e^T/(e.s), the symmetric rank-one update
 //              (Conn, Gould and Toint 1991). The eigenvalues of G are limited to [0, 1], because no response
-//              exceeds the free one. One update finds one rigid constraint. What motors hold is found joint
-//              by joint, by the forces that pybullet tells of them.
+//              exceeds the free one. One update finds one rigid constraint.
 //   push       r = a - R_eff w, the smaller one of two steps by coordinate, so that an impact is not
 //              repeated. For a rate that pybullet cut off, r is the least possible one.
-//   hold       h = a - R w, by what holds the body. Its size |L^-1 h|, or where motors are all that holds the
-//              body of each joint the generalized force |R^-1 h|_i, is at most what it is trusted with: what
-//              it was seen to yield at, else a share more than it has withstood. Beyond, the body, or the
-//              joint with all others that are held, answers freely, pushed by what it is trusted with, as by
-//              a motor of limited force.
+//   hold       h = a - R w, by what holds the body. |L^-1 h| is at most what it is trusted with: what it was
+//              seen to yield at, else a share more than it has withstood. Beyond, the body answers freely,
+//              pushed by the h that it is trusted with, as by a motor of limited force.
 //
 // Accelerations are compared in the norm of the kinetic energy, |L^-1 a|. A held body that moved more along
 // the forces than R_eff predicted has been released. The forces of that step were those on a held body.
 // Therefore the step is solved again (world/resolve.cpp).
 #pragma once
-#include <algorithm>
-#include <vector>
-
 #include "math/small_matrix.h"
 
 namespace bt {
-
-// Smallest relative change of the forces from which the observer learns, smallest error of the prediction
-// relative to the acceleration by gravity, motion and stops, and by the forces at joint limits, and smallest
-// reduction of the response [-]: rounding and noise.
-constexpr double kLeastNews = 1e-3;
-// Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces (of a held body that is released, to the forces), and, for an increased response
-// and for joints, the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps
-// of held bodies are solved twice.
-constexpr double kEvidence = 0.1;
 
 // Rate at which pybullet cuts off [m/s], [rad/s], and share of it from which a rate counts as cut off [-],
 // because pybullet damps after it cuts off.
@@ -52,12 +36,10 @@ class Observer {
   using Numbers = dense::Numbers;
   // What is known of the last step. alone: the motion of a rigid body was predicted completely, except for a
   // push. jointed: it is an articulated body. stops_known: its stops are predicted, and nothing is learned.
-  // noise: error of the rates, from which nothing is learned. motors: their generalized forces (n); empty:
-  // none.
+  // noise: error of the rates, from which nothing is learned.
   struct Circumstances {
     bool alone, jointed, stops_known;
     double noise;
-    const Numbers& motors;
   };
   // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n).
   void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, const Circumstances& of);
@@ -89,16 +71,6 @@ class Observer {
   // until the step is observed. Returns whether it did.
   bool limit_hold(const Numbers& tendons, double dt);
 
-  // Whether its own motor holds a joint: whatever holds the others, the response of a joint that nothing
-  // holds is at least 1/M_ii = 1/|L^-1 e_i|^2.
-  bool holds(int coordinate);
-  // Joints that their motors hold, also while others yield.
-  std::vector<int> held_joints();
-
-  // Whether what holds the body can give less than in the last step: it is held, or motors are at their
-  // limit, where they gave the same force in two steps.
-  bool may_be_released() const;
-
   // Whether a step was taken since the rates were read last.
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
   bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
@@ -127,37 +99,13 @@ class Observer {
     // L^T w and L^-1 a, with the L of their step: the body has moved since, and L with it.
     Numbers root_forces, root_acceleration;
     Numbers cut;  // by rate: its sign if pybullet cut it off, else 0
-    Numbers motors;
-  };
-  // By hold (n), of which a body has one, the first, or, where motors are all that holds it, each joint one.
-  struct Holds {
-    Numbers withstood;    // size of the largest one since it is held
-    Numbers limit_known;  // 1: at this it yields
-    Numbers yielding;     // 1: it yields in this step
-    Numbers aims;         // of joints: rates at which their motors hold
-    Numbers greatest;     // of joints: largest force of their motors of late
-    Numbers push;         // push without yielding
-    Numbers rates;        // which it restores after a step in which it was released, less gravity's change
   };
   void start(int n);
-  int holds_count() const { return by_joint_ ? n_ : std::min(n_, 1); }
-  void find_hold(const Numbers& forces, const Numbers& acceleration);
-  double inertia_of(int coordinate);
-  void let_yield(const Numbers& forces, const Numbers& acceleration);
-  void find_basis(const std::vector<int>& joints);
-  void keep_rates(const std::vector<int>& joints, Numbers& a);
-  void push_held(const std::vector<int>& joints, const Numbers& wanted, const Numbers& from);
-  void note_aims(const Numbers& reached);
-  void choose_holds(bool jointed);
-  void free_joints(const Numbers& reached);
-  void hold_joints(const std::vector<int>& joints);
-  void push_to_aims(const Numbers& reached, const Numbers& gravity);
-  void take_away(double* x, const double* unit) const;
-  bool find_held_joints(const Sample& now, const Numbers& gravity, double news, double noise);
+  double norm_of_hold(const Numbers& forces, const Numbers& acceleration);
+  void let_yield(double share);
   void end_yielding();
   void note_hold(const Numbers& gravity);
   bool has_yielded();
-  bool is_held() const;
   void measure(const Numbers& rates, const Numbers& gravity);
   void unexplained(const Sample& by, Numbers& rest);
   void leave_out_cut();
@@ -175,15 +123,17 @@ class Observer {
   Numbers rates_, forces_, push_;
   Numbers applied_;  // all known forces in the last step
   Numbers missed_;
-  Numbers sampled_;  // rates right after the last step, if sampled
-  Holds holds_;
+  Numbers held_push_;     // push without yielding
+  Numbers held_rates_;    // at the start of a step in which it was released, less gravity's change in it
+  Numbers sampled_;       // rates right after the last step, if sampled
+  double withstood_ = 0;  // largest |L^-1 (a - R w)| since the body is held
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
-  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false, by_joint_ = false;
+  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false,
+       limit_known_ = false;
   Sample now_;  // work space, like the rest
-  dense::Scratch s_, e_, one_, other_, turned_, vectors_, hold_, sizes_, shares_, change_;
-  Numbers next_aims_;
+  dense::Scratch s_, e_, one_, other_, turned_, vectors_;
 };
 
 }  // namespace bt

@@ -53,6 +53,8 @@ constexpr double kLeastStopped = 0.5;
 
 // Response along a contact, as a share of the free one, that the observer can tell from none [-].
 constexpr double kLeastYield = 1e-3;
+// Response of a joint, as a share of that with all other joints held, below which its own motor holds it [-].
+constexpr double kLeastOfJoint = 0.5;
 
 // Rate at which joints and spins are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off,
 // which would have no reactions.
@@ -117,15 +119,20 @@ bool GeneralizedBody::may_rest(Vec3 gravity) const {
 }
 
 // Adds a stop along work_.direction, unless a motor or a constraint holds the body there: an impulse that is
-// divided by nearly no response would throw the body as soon as that yields.
+// divided by nearly no response would throw the body as soon as that yields. Whatever holds its other joints,
+// the response of a joint is at least 1/M_ii = 1/|L^-1 e_i|^2.
 void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
   dense::multiply_transposed(root, work_.direction, work_.half);
-  if (coordinate >= 0 && observer.holds(coordinate)) return;
-  if (coordinate < 0) {
+  double least = 0;
+  if (coordinate >= 0) {
+    work_.known.assign(work_.direction.begin(), work_.direction.end());
+    dense::forward(observer.free_root(), work_.known);
+    least = kLeastOfJoint / dense::dot(work_.known, work_.known);
+  } else {
     dense::multiply(free, work_.direction, work_.known);
-    const double least = kLeastYield * dense::dot(work_.direction, work_.known);
-    if (!(dense::dot(work_.half, work_.half) > least)) return;
+    least = kLeastYield * dense::dot(work_.direction, work_.known);
   }
+  if (!(dense::dot(work_.half, work_.half) > least)) return;
   const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
   stops_.all.push_back({wanted, wanted - foreseen, 0, coordinate, false, true, ahead});
   stops_.directions.insert(stops_.directions.end(), work_.direction.begin(), work_.direction.end());

@@ -26,11 +26,6 @@ void set_identity(int n, Numbers& a) {
   for (int i = 0; i < n; ++i) a[i * n + i] = 1;
 }
 
-void transpose(int n, Numbers& a) {
-  for (int i = 0; i < n; ++i)
-    for (int k = 0; k < i; ++k) std::swap(a[i * n + k], a[k * n + i]);
-}
-
 void multiply(const Numbers& a, const Numbers& x, Numbers& y) {
   of_size(static_cast<int>(x.size()), [&](auto n) {
     const int rows = n ? static_cast<int>(a.size()) / n : 0;

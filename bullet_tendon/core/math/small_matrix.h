@@ -29,7 +29,6 @@ inline void of_size(int n, Do do_it) {
 }
 
 void set_identity(int n, Numbers& a);
-void transpose(int n, Numbers& a);
 // y = A x, and y = A^T x.
 void multiply(const Numbers& a, const Numbers& x, Numbers& y);
 void multiply_transposed(const Numbers& a, const Numbers& x, Numbers& y);

@@ -42,15 +42,14 @@ struct StateFields {
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead, dropped)
   BT_FIELDS(BodyStops, all, directions, pushes, unstopped, doubted, rested, slipped)
-  BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut, motors)
-  BT_FIELDS(Observer::Holds, withstood, limit_known, yielding, aims, greatest, push)
+  BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
-            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, by_joint_, holds_,
-            sampled_)
+            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, limit_known_,
+            withstood_, held_push_, sampled_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
-  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, motors,
-            motors_known, external, contacts, contacts_known, observer, history, root, change, touches,
-            turning.far, stopped_by_, stops_, substep.pushed, left_out.owed, left_out.kept)
+  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, external,
+            contacts, contacts_known, observer, history, root, change, touches, turning.far, stopped_by_,
+            stops_, substep.pushed, left_out.owed, left_out.kept)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, friction,
             body, yielded, moved, was_read, put.linear, put.angular, jacobian, root, history.mean.force,
             history.mean.torque, history.applied.force, history.applied.torque, history.excess, wrench.force,
