@@ -93,11 +93,9 @@ void World::put_bodies_back() {
 
 // Begins the step again, with what is known of the bodies now.
 void World::begin_again(Reason why) {
-  std::vector<Link> links = scene.links;
   std::vector<GeneralizedBody> bodies = scene.bodies;
   apply(*history_.start);
   history_.may_resolve = true;
-  scene.links.swap(links);
   scene.bodies.swap(bodies);
   step_.context.dt = step_.substeps.step();
   put_bodies_back();

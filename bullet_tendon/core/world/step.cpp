@@ -111,7 +111,6 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   wake_tendons();
   step_.unsolved.assign(scene.tendons.size(), 0);
   step_.unsolved_bodies.assign(scene.bodies.size(), 0);
-  if (scene.has_elements()) count_touches();
   Report fresh;
   if (step_.resolved) {
     step_.substeps.repeat(Reason::released);
@@ -122,11 +121,12 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.stop_changes = 0;
 }
 
-// Lets all tendons that do not go on sleeping take part in the step.
+// Lets all tendons that do not go on sleeping take part in the step, and all elements.
 void World::wake_tendons() {
   step_.slots.clear();
   wake_disturbed(step_.substeps.step());
   join_step();
+  if (scene.has_elements()) count_touches();
 }
 
 // Computes history, inertial targets, starting guess and predicted region of every tendon.
