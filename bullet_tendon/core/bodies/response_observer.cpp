@@ -283,11 +283,11 @@ void Observer::limit_share() {
 
 void Observer::trust_last() { unexplained(last_, push_); }
 
-// What held it goes on to restore the rates at which it held.
+// What released it goes on to restore the rates at which it held.
 void Observer::resume() {
-  if (!yields_) return find_push();
-  yields_ = false;
+  const bool restores = std::exchange(yields_, false) && released_;
   take_effective();
+  if (!restores) return find_push();
   for (int i = 0; i < n_; ++i) push_[i] = (held_rates_[i] - rates_[i]) / dt_;
 }
 
