@@ -24,6 +24,7 @@ from .generalized_bodies import (
     generalized_bodies,
     link_pose,
     read_link,
+    set_rates,
 )
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
@@ -329,6 +330,10 @@ class Bodies:
         by (6,): velocity of its centre of mass and spin, world frame [m/s], [rad/s].
         """
         change_rates(self.links[slot][0], by, dt, self.client)
+
+    def set_rates(self, slot: int, wanted: np.ndarray, dt: float) -> None:
+        """Change a body's motion as if it had ended the last step, of dt [s], with these rates (dofs,)."""
+        set_rates(self.links[slot][0], wanted, dt, self.client)
 
     def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

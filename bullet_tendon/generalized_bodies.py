@@ -165,7 +165,9 @@ class JointedBody:
         return bool(self._joints) or _can_be_held(self.body, self.client)
 
     def keep_contacts(self, core) -> None:
-        """None are read."""
+        """What its motors give, into the state that is going to be saved: pybullet does not restore that."""
+        if self._yields[self._tree is self._trees[True]]:
+            core.keep_motors(self.slot, self._tree, joint_states(self.body, self._joints, self.client))
 
 
 def can_be_hit(body: int, client: int) -> bool:
@@ -303,6 +305,16 @@ def exchange_wrench(body, jacobian, response, old, new, dt, client, stopped=()) 
     most = np.where(np.abs(now) > _core.CUT_OFF_RATE, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     change = np.clip(now + change, -_core.MOST_RATE, _core.MOST_RATE) - now  # and so it does with the new one
+    _push(body, now, change, dt, client)
+
+
+def set_rates(body, wanted, dt, client) -> None:
+    """Change a body's motion as if it had had the rates `wanted` (dofs,) at the end of the last step."""
+    now = rates(body, client)
+    _push(body, now, np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now, dt, client)
+
+
+def _push(body, now, change, dt, client) -> None:
     if not is_fixed(body, client):
         _push_base(body, now[:6] + change[:6], change[:6], dt, client)
         change = change[6:]

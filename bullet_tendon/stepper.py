@@ -219,10 +219,13 @@ class Stepper:
         _ = self.report  # of the step as it was taken, before the core's is of this solution
         taken, given = core.save(), core.wrenches()
         dt, gravity = core.last_step()
+        thrown = core.thrown_bodies()
         if not core.rewind(pulled):
             return False
         if self._solve(dt, gravity):
             self._exchange_wrenches(given, dt)
+            for slot in thrown:
+                self._bodies.set_rates(slot, core.rates_at_end(slot), dt)
         else:
             core.restore(taken)
             for body in released:

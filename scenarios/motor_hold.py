@@ -2,7 +2,7 @@
 
 A 20 g lever on a hinge is held level by a position motor. A stiff tendon from its tip down is drawn
 out by 200 N worth of stretch within one step. To the tendon the lever must not look like the 20 g
-that it weighs: the link is observed, and found held (core/bodies/response_observer.h).
+that it weighs: its motor holds it (core/bodies/joint_motors.h).
 """
 
 import numpy as np

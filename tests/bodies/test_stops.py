@@ -2,6 +2,7 @@
 
 import numpy as np
 import pybullet as p
+import pybullet_data
 import pytest
 from link_scenes import HINGED, UNDAMPED, hinged, links_on_joints, misfit
 
@@ -294,34 +295,84 @@ def test_a_motor_that_yields_to_an_impact_throws_nothing(make_world, client, dt,
     assert tendon.tension.min() == pytest.approx(load * 9.81, rel=0.1)
 
 
-@pytest.mark.parametrize("share", [5.0, 35.0, 46.0, 49.0])
-@pytest.mark.parametrize(("force", "speed", "dt"), [(47.0, 0.012, 1 / 150), (5.0, 0.05, 1 / 240)])
-def test_light_jaws_that_motors_close_on_a_cord_are_not_thrown_back(
-    make_world, client, force, speed, dt, share
-):
-    """They press it with the motors' force. share: what this would give a jaw in a step [m/s]."""
-    radius = 1.3e-3
-    edge, mass = 10 * radius, force * dt / share
-    world = make_world(dt)
+def jaws_about_a_cord(world, client, mass, radius, cord, particles, slack, count=2):
+    """Two jaws, or one and an anvil, that slide towards a cord: box bodies, and slack as rest over length."""
+    edge = 10 * radius
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[edge, edge / 2, edge], physicsClientId=client)
-    places = [(0, side * (edge / 2 + 3 * radius), 0) for side in (-1, 1)]
-    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass, mass], [(0, 1, 0), (0, -1, 0)], box, places)
+    places = [(0, side * (edge / 2 + 3 * radius), 0) for side in (-1, 1)[:count]]
+    axes = [(0, 1, 0), (0, -1, 0)][:count]
+    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass] * count, axes, box, places)
     world.add_obstacle(jaws, friction=1.0)
-    cord = bt.Material(stiffness=3e4, damping=20.0)
+    if count == 1:
+        anvil = p.createMultiBody(0, box, -1, (0, edge / 2 + radius, 0), physicsClientId=client)
+        world.add_obstacle(anvil, friction=1.0)
     line = [(-3 * edge, 0, 0), (3 * edge, 0, 0)]
-    tendon = world.add_tendon(line, radius, cord, 21, rest_length=5.97 * edge)
+    tendon = world.add_tendon(line, radius, cord, particles, rest_length=slack * 6 * edge)
     for end in (0, -1):
         tendon.grip(end)
+    return jaws
+
+
+@pytest.mark.parametrize("modes", ["rates", "places", "both"])
+@pytest.mark.parametrize("share", [5.0, 35.0, 46.0, 49.0])
+@pytest.mark.parametrize(
+    ("force", "speed", "dt"), [(47.0, 0.012, 1 / 150), (5.0, 0.05, 1 / 240), (1.02, 0.016, 0.009)]
+)
+def test_light_jaws_that_motors_close_on_a_cord_are_not_thrown_back(
+    make_world, client, force, speed, dt, share, modes
+):
+    """They press it with the motors' force. share: what this would give a jaw in a step [m/s].
+
+    modes: motors that hold rates, or drive to places, or one of each, so that the jaws answer differently.
+    """
+    radius = 1.3e-3
+    world = make_world(dt)
+    cord = bt.Material(stiffness=3e4, damping=20.0)
+    jaws = jaws_about_a_cord(world, client, force * dt / share, radius, cord, 21, 0.995)
     for joint in (0, 1):
-        p.setJointMotorControl2(
-            jaws, joint, p.VELOCITY_CONTROL, targetVelocity=speed, force=force, physicsClientId=client
-        )
+        if modes == "rates" or (modes == "both" and joint == 0):
+            goal = {"controlMode": p.VELOCITY_CONTROL, "targetVelocity": speed}
+        else:
+            goal = {"controlMode": p.POSITION_CONTROL, "targetPosition": 3 * radius, "maxVelocity": speed}
+        p.setJointMotorControl2(jaws, joint, force=force, **goal, physicsClientId=client)
+    most = 1.1 * speed if modes == "rates" else 1.1 * speed + radius / dt  # out by half a radius each, once
     for _ in range(240):
         world.step()
         rates = [p.getJointState(jaws, joint, client)[1] for joint in (0, 1)]
-        assert np.abs(rates).max() < 1.1 * speed
+        assert np.abs(rates).max() < most
     for joint in (0, 1):
         assert abs(world.wrench(jaws, joint)[1]) == pytest.approx(force, rel=1e-3)
+
+
+def drive(client, jaws, places, force, speed, goal):
+    """Let both motors close jaws at a speed, the second one by driving to a place, where `places` is set."""
+    for joint in (0, 1):
+        mode = {"controlMode": p.VELOCITY_CONTROL, "targetVelocity": speed}
+        if places and joint == 1:
+            to = goal if speed > 0 else 0
+            mode = {"controlMode": p.POSITION_CONTROL, "targetPosition": to, "maxVelocity": abs(speed)}
+        p.setJointMotorControl2(jaws, joint, force=force, **mode, physicsClientId=client)
+
+
+@pytest.mark.parametrize("share", [0.5, 5.0, 20.0, 45.0])
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("places", [False, True])
+def test_jaws_press_with_what_their_motors_are_given(make_world, client, dt, share, places):
+    """Less, more, opened, closed, and nearly nothing. share: what 5 N would give a jaw in a step [m/s]."""
+    radius = 1.3e-3
+    world = make_world(dt)
+    cord = bt.Material(stiffness=3e4, damping=20.0, friction=0.5)
+    jaws = jaws_about_a_cord(world, client, 5.0 * dt / share, radius, cord, 21, 0.995)
+    speed = radius / (10 * dt)
+    turns = [(5.0, 1, 60), (2.0, 1, 30), (8.0, 1, 30), (8.0, -1, 60), (3.0, 1, 100), (0.5, 2, 30)]
+    for force, factor, steps in turns:
+        drive(client, jaws, places, force, factor * speed, 3 * radius)
+        for _ in range(steps):
+            world.step()
+            rates = [p.getJointState(jaws, joint, client)[1] for joint in (0, 1)]
+            assert np.abs(rates).max() < 2 * speed  # not thrown: 0.5 N alone would give 0.2 to 20 of it
+        pressed = [abs(world.wrench(jaws, joint)[1]) for joint in (0, 1)]
+        assert pressed == pytest.approx([force if factor > 0 else 0] * 2, rel=1e-3, abs=1e-9)
 
 
 @pytest.mark.parametrize("mass", [0.2, 0.5, 0.6, 0.718, 0.8])
@@ -334,19 +385,9 @@ def test_a_jaw_whose_motor_yields_within_a_cut_step_was_where_it_is_let_yield(
     Else the jaw was elsewhere in the substeps that are finished, and leaps through the cord.
     """
     force, speed, radius = 275.0, 0.01284, 7.93e-4
-    edge = 10 * radius
     world = make_world(0.00823)
-    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[edge, edge / 2, edge], physicsClientId=client)
-    place = [(0, -(edge / 2 + 3 * radius), 0)]
-    jaw = links_on_joints(client, p.JOINT_PRISMATIC, [mass], [(0, 1, 0)], box, place)
-    world.add_obstacle(jaw, friction=1.0)
-    anvil = p.createMultiBody(0, box, basePosition=(0, edge / 2 + radius, 0), physicsClientId=client)
-    world.add_obstacle(anvil, friction=1.0)
     cord = bt.Material(stiffness=13.74, damping=6.4e-4, density=1790.0, friction=0.45)
-    line = [(-3 * edge, 0, 0), (3 * edge, 0, 0)]
-    tendon = world.add_tendon(line, radius, cord, particles, rest_length=0.9388 * 6 * edge)
-    for end in (0, -1):
-        tendon.grip(end)
+    jaw = jaws_about_a_cord(world, client, mass, radius, cord, particles, 0.9388, count=1)
     p.setJointMotorControl2(jaw, 0, p.VELOCITY_CONTROL, 0, speed, force, physicsClientId=client)
     for _ in range(240):
         world.step()
@@ -362,6 +403,7 @@ def test_a_jaw_whose_motor_yields_within_a_cut_step_was_where_it_is_let_yield(
         (1.02, 0.223, 0.07, 1 / 60, 2.8e4, 2.2, 2),
         (1.42, 0.072, 0.12, 1 / 240, 2.9e5, 1.2, 15),
         (5.9, 1.1, 0.11, 1 / 60, 2.7e4, 0.18, 2),
+        (0.0143, 0.000274, 0.0634, 0.00206, 1260.0, 17.4, 2),
     ],
 )
 def test_a_lever_whose_motor_stalls_pulls_with_its_torque(
@@ -442,3 +484,48 @@ def test_a_finger_that_swings_into_its_stop_is_not_thrown_back(client, make_worl
         assert angles.min() > -0.11
         assert angles.max() < 1.21
         assert np.abs(rates).max() < 60
+
+
+def test_an_arm_that_a_load_pulls_onto_its_stop_gains_no_energy(make_world, client):
+    """A shoulder's motor yields under 20 kg on a cord, and the arm falls onto the joint's limit.
+
+    There the limit resists with more than motors can, and the elbow's motor yields as well.
+    """
+    load, yields, dt = 20.0, 120.0, 1e-3
+    world = make_world(dt, (0, 0, -9.81))
+    p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
+    arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True, physicsClientId=client)
+    pose = [0, 1.2, 0, -0.5, 0, 0.3, 0]
+    for joint, place in enumerate(pose):
+        p.resetJointState(arm, joint, place, physicsClientId=client)
+        force = yields if joint == 1 else 300.0
+        p.setJointMotorControl2(
+            arm, joint, p.POSITION_CONTROL, targetPosition=place, force=force, physicsClientId=client
+        )
+    wrist = np.array(p.getLinkState(arm, 6, 0, 1, client)[4])
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.03, physicsClientId=client)
+    below = wrist - (0, 0, 0.3)
+    weight = p.createMultiBody(load, ball, basePosition=below.tolist(), physicsClientId=client)
+    tendon = world.add_tendon([wrist, below], 1e-3, bt.Material(stiffness=1e5, damping=100.0), 10)
+    tendon.attach(0, arm, 6)
+    tendon.attach(-1, weight)
+
+    def energy():
+        """Of arm and weight, and of the shoulder's motor, which turns it by a constant torque [J]."""
+        where, _ = p.getBasePositionAndOrientation(weight, client)
+        velocity = np.array(p.getBaseVelocity(weight, client)[0])
+        total = load * (velocity @ velocity / 2 + 9.81 * where[2])
+        for link in range(7):
+            mass, _, inertia = p.getDynamicsInfo(arm, link, client)[:3]
+            state = p.getLinkState(arm, link, 1, 1, client)
+            turn = np.reshape(p.getMatrixFromQuaternion(state[1]), (3, 3))
+            velocity, spin = np.array(state[6]), turn.T @ state[7]
+            total += mass * (velocity @ velocity / 2 + 9.81 * state[0][2]) + spin @ (inertia * spin) / 2
+        return total + yields * (p.getJointState(arm, 1, client)[0] - pose[1])
+
+    most = energy()
+    for _ in range(850):
+        world.step()
+        assert world.report.converged
+        assert energy() < most + 1e-2
+    assert p.getJointState(arm, 1, client)[0] == pytest.approx(2.094, abs=0.02)

@@ -125,7 +125,7 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
 // Takes its velocity and spin right after a step. Returns whether it was released.
 bool sample_link(World& w, int slot, const py::tuple& motion) {
   const Vec3 v = vector(item(motion.ptr(), 0)), s = vector(item(motion.ptr(), 1));
-  return w.scene.bodies[slot].sample({v.x, v.y, v.z, s.x, s.y, s.z});
+  return w.scene.bodies[slot].sample({v.x, v.y, v.z, s.x, s.y, s.z}, {});
 }
 
 using Links = std::vector<std::pair<int, int>>;
@@ -226,6 +226,20 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
     throw py::value_error("joints");
 }
 
+// The forces of the motors of joints with one degree of freedom: those of others are in frames of pybullet's
+// own.
+void read_motors(const Articulated& body, const py::tuple& joints, std::vector<double>& motors) {
+  motors.assign(body.floats() ? 6 : 0, 0.0);
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    PyObject* force = item(item(joints.ptr(), static_cast<int>(j)), 3);
+    const int count = static_cast<int>(PyTuple_Size(item(item(joints.ptr(), static_cast<int>(j)), 1)));
+    if (count == 1)
+      take(force, 1, motors);
+    else
+      motors.insert(motors.end(), count, 0.0);
+  }
+}
+
 // Sets what the forces of the motion at the velocity now differ by from those at the mean velocity of the
 // last step. before: that of the step before it (dofs). Damping of joints stays explicit.
 void find_motion_shift(GeneralizedBody& m, const Articulated& body, const dense::Numbers& before) {
@@ -245,6 +259,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
+  if (!m.motors.told_known) read_motors(body, reading.joints, m.motors.told);
   place(body, reading, places);
   body.mass_matrix(mass.data());
   body.weight(weight.data());
@@ -315,9 +330,18 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
 // Takes its rates right after a step. Returns whether it was released.
 bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
                  const py::tuple& joints) {
-  std::vector<double> rates, places;
+  std::vector<double> rates, places, motors;
   read_joints(body, motion, joints, rates, places);
-  return w.scene.bodies[slot].sample(rates);
+  read_motors(body, joints, motors);
+  return w.scene.bodies[slot].sample(rates, motors);
+}
+
+// Takes the forces of its motors into the state that is going to be saved.
+void keep_motors(World& w, int slot, const Articulated& body, const py::tuple& joints) {
+  GeneralizedBody& m = w.scene.bodies[slot];
+  if (m.motors.told_known || m.n() != body.dofs()) return;
+  read_motors(body, joints, m.motors.told);
+  m.motors.told_known = true;
 }
 
 // A force of the user at a world point of any link of a body, in this step. tree: as it was read.
@@ -351,10 +375,47 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
   return py::make_tuple(jacobians, mass, moving);
 }
 
+// Impulses (m) of rows that lack the rates left (m) without them, with within (m m) and bounds (m), solved or
+// swept as by pybullet. A row without a lower bound of 0 is a motor of a joint of its own.
+using RowNumbers = std::vector<double>;
+template <class Find>
+RowNumbers find_impulses(const Array& within, const RowNumbers& left, const RowNumbers& least,
+                         const RowNumbers& most, Find find) {
+  const std::size_t m = left.size();
+  if (within.size() != static_cast<py::ssize_t>(m * m) || least.size() != m || most.size() != m)
+    throw py::value_error("rows");
+  const RowNumbers matrix(within.data(), within.data() + within.size());
+  RowNumbers whole(m), pushes(m);
+  std::vector<Stop> rows(m);
+  for (std::size_t a = 0; a < m; ++a) {
+    rows[a].least = least[a];
+    rows[a].most = std::min(most[a], kUnlimited);
+    rows[a].motor = least[a] < 0;
+    rows[a].coordinate = static_cast<int>(a);
+    whole[a] = std::fabs(left[a]);
+  }
+  find(BoundedRows(rows, matrix, left, whole, 1), pushes);
+  return pushes;
+}
+
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  world.def("read_body", &read_body).def("sample_body", &sample_body).def("add_body_force", &add_body_force);
+  m.def("bounded_impulses",
+        [](const Array& within, const RowNumbers& left, const RowNumbers& least, const RowNumbers& most) {
+          return find_impulses(within, left, least, most,
+                               [](const BoundedRows& rows, RowNumbers& pushes) { rows.solve(pushes); });
+        });
+  m.def("swept_impulses",
+        [](const Array& within, const RowNumbers& left, const RowNumbers& least, const RowNumbers& most) {
+          return find_impulses(within, left, least, most, [](const BoundedRows& rows, RowNumbers& pushes) {
+            rows.sweep_as_pybullet(pushes, pushes);
+          });
+        });
+  world.def("read_body", &read_body)
+      .def("sample_body", &sample_body)
+      .def("keep_motors", &keep_motors)
+      .def("add_body_force", &add_body_force);
   m.def("dynamics", &dynamics);
 }
 
@@ -452,9 +513,10 @@ py::list pushes(const World& w) {
   return out;
 }
 
+// Whether any body may have been released in the last step.
 bool any_held(const World& w) {
   return std::any_of(w.scene.bodies.begin(), w.scene.bodies.end(),
-                     [](const GeneralizedBody& m) { return m.observer.held(); });
+                     [](const GeneralizedBody& m) { return m.may_be_released(); });
 }
 
 }  // namespace
@@ -473,7 +535,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("held_bodies",
            [](const World& w) {
              return slots_where(w.scene.bodies, [](const GeneralizedBody& m) {
-               return m.observer.held() && !m.observer.released();
+               return m.may_be_released() && !m.released();
              });
            })
       .def("let_go", &World::let_go)
@@ -483,6 +545,13 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
       .def("response", &response_of)
+      .def("thrown_bodies",
+           [](const World& w) {
+             return slots_where(w.scene.bodies,
+                                [](const GeneralizedBody& m) { return m.released_by_motor(); });
+           })
+      .def("rates_at_end",
+           [](World& w, int body) { return w.scene.bodies[body].rates_at_end(w.last_step().dt); })
       .def("pushable",
            [](const World& w) {
              return slots_where(w.scene.links, [&](const Link& l) {

@@ -33,8 +33,8 @@ void BodyHistory::finish(double step, bool whole) {
 
 bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
   if (!history.asked) {
-    history.able = history.possible && !is_stopped() && !contacts_stop() && !observer.held() &&
-                   !observer.is_surprised(unforced());
+    history.able = history.possible && !is_stopped() && !motors.any() && !contacts_stop() &&
+                   !observer.held() && !observer.is_surprised(unforced());
     history.smooth &= history.able && !is_jerked();
     history.asked = true;
   }

@@ -46,15 +46,36 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
   return work_.known;
 }
 
+// From now on, what its motors do is learned as that of other holds.
+void GeneralizedBody::forget_motors() {
+  motors.all.clear();
+  const Numbers expected(observer.forces());
+  observer.let_go();
+  observer.expect(expected);
+}
+
 void GeneralizedBody::sense() {
-  if (observer.has_acted()) doubt_stops();
+  motors.begin_step();
+  if (motors.soft && !motors.all.empty()) forget_motors();
+  Numbers told;
+  if (observer.has_acted()) {
+    doubt_stops();
+    const Numbers reached(observer.reached(rates));
+    told = forces_of_motors(motors.told, reached);
+    motors.told_before = motors.told;
+    explain_stops(told);
+    if (told.size() == rates.size()) motors.thrown = motors.observe(reached, told, observer.dt());
+  }
   const bool jointed = !limits.empty();
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
-  const double noise = is_stopped() ? kSolverNoise : 0;
-  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise});
+  // Where limits and motors act together, or a motor has yielded, pybullet's sweeps may end far from the
+  // rates that are expected.
+  const bool rough = motors.thrown || (motors.any() && limits_act());
+  const double noise = rough ? kUnlimited : is_stopped() ? kSolverNoise : 0;
+  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise, told, motors.thrown});
   take_owed();
-  contacts_known = false;
+  contacts_known = motors.told_known = false;
 }
 
 // A body that has other rates than it was left with was stopped, or set by the user.
@@ -93,7 +114,29 @@ void GeneralizedBody::leave_out(double share, double dt) {
   for (int i = 0; i < n(); ++i) left_out.force[i] -= substep.pushed[i] / dt;
 }
 
-bool GeneralizedBody::sample(const Numbers& after) { return observer.sample(after, unforced()); }
+// The forces of the motors in a step in which it reached these rates.
+GeneralizedBody::Numbers GeneralizedBody::forces_of_motors(const Numbers& told, const Numbers& reached) {
+  if (motors.soft) return {};
+  const Numbers foreseen = motors.foreseen(reached);
+  return observer.forces_of_motors(reached, unforced(), {motors.told_before, told, foreseen, motors.off});
+}
+
+bool GeneralizedBody::sample(const Numbers& after, const Numbers& told) {
+  const Numbers by_motors = forces_of_motors(told, after);
+  explain_stops(by_motors);
+  return observer.sample(after, unforced(), by_motors) || motors.released(after, by_motors);
+}
+
+const GeneralizedBody::Numbers& GeneralizedBody::rates_at_end(double dt) {
+  work_.direction = forces;
+  return rates_with(root, change, dt);
+}
+
+bool GeneralizedBody::limit_hold(double dt) {
+  work_.direction = forces;
+  for (size_t i = 0; i < motors.all.size(); ++i) work_.direction[i] += motors.all[i].needed;
+  return observer.limit_hold(work_.direction, dt);
+}
 
 void GeneralizedBody::add_external(const Numbers& force) {
   external.resize(n());
@@ -110,8 +153,11 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
     dense::respond(root, external, work_.half, work_.known);
     for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   }
+  motors.foresee(dt);
   find_stops(dt);
-  settle_stops(observer.forces(), dt);
+  if (stops_.all.empty() || !knows_forces()) return;
+  if (!motors.again) choose_stops(observer.forces(), dt);
+  stop(dt);
 }
 
 bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
@@ -135,7 +181,7 @@ void GeneralizedBody::act(double dt, bool whole) {
     for (size_t i = 0; i < left_out.force.size(); ++i) to[i] += share * left_out.force[i];
   };
   add_left_out(1, forces);
-  if (is_stopped()) share_stops(dt);
+  if (is_stopped() || motors.any()) share_stops(dt);
   add_left_out(-1, forces);
   add_left_out(1, joint_forces);
   if (history.continues && !motion_shift.empty())

@@ -13,29 +13,17 @@
 // Joint limits and contacts with bodies without mass are predicted. Where the rate along a direction d would
 // violate one, pybullet sets a rate that corrects a share of the depth (bodies/unilateral_stops.cpp).
 #pragma once
+#include <algorithm>
 #include <utility>
 #include <vector>
 
 #include "bodies/body_history.h"
+#include "bodies/bounded_rows.h"
+#include "bodies/joint_motors.h"
 #include "bodies/response_observer.h"
 #include "math/vec3.h"
 
 namespace bt {
-
-// A unilateral constraint of a body: a limit that is reached, or a contact (bodies/unilateral_stops.cpp). In
-// this step it may bound the rate along a direction d from below.
-struct Stop {
-  double wanted = 0;     // lower bound of the rate [m/s], [rad/s]
-  double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
-  double held_back = 0;  // `wanted` less the rate predicted with the tendons and all other stops
-  int coordinate = -1;   // of a limit; -1: a contact
-  bool acts = false;
-  bool admitted = true;  // whether it may begin to act
-  // Way to a limit that is not reached yet, so that pybullet does not act on it; negative: behind it [m],
-  // [rad].
-  double ahead = 0;
-  bool dropped = false;  // it acted in this step, and does not any more
-};
 
 // The stops of a body in this step.
 struct BodyStops {
@@ -83,7 +71,7 @@ struct BodyUnknowns {
 // Workspace. Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
 struct BodyWorkspace {
   dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along,
-      left, whole, acceleration;
+      left, whole, acceleration, bounded;
 };
 
 // Whether a free body rotates finitely in this step: tendons can touch it, or it turns so far that the arms
@@ -114,6 +102,7 @@ struct GeneralizedBody {
   // Coordinate and change of every joint that is moved to just behind its limit before this step.
   std::vector<std::pair<int, double>> limit_shifts;
   Numbers external;  // generalized forces that the user has told for this step (n); empty: none
+  JointMotors motors;
   // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
   Numbers contacts;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
@@ -131,11 +120,13 @@ struct GeneralizedBody {
   bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;
 
-  // Coordinates whose limits act in this step.
+  // Coordinates that limits stop, or motors hold, in this step.
   std::vector<int> stopped() const {
     std::vector<int> coordinates;
     for (const Stop& s : stops_.all)
       if (s.acts && s.coordinate >= 0) coordinates.push_back(s.coordinate);
+    std::sort(coordinates.begin(), coordinates.end());
+    coordinates.erase(std::unique(coordinates.begin(), coordinates.end()), coordinates.end());
     return coordinates;
   }
   bool may_stop() const { return !stops_.all.empty(); }
@@ -164,8 +155,20 @@ struct GeneralizedBody {
   std::pair<double, double> energies_of_change(double dt);
   // Acceleration by gravity and by the forces of the user in this step (n).
   const Numbers& known_acceleration();
-  // Takes its rates right after the step. Returns whether it was released (Observer::sample).
-  bool sample(const Numbers& after);
+  // Takes its rates and the forces of its motors right after the step. Returns whether it was released.
+  bool sample(const Numbers& after, const Numbers& motors);
+  // Whether what holds it may have released it in the last step.
+  bool may_be_released() const { return observer.held() || motors.any(); }
+  // Whether it did.
+  bool released() const { return observer.released() || motors.thrown; }
+  bool released_by_motor() const { return motors.thrown && !observer.released(); }
+  // The rates at the end of a step of dt [s] as it was solved (n).
+  const Numbers& rates_at_end(double dt);
+  // If what holds it is not trusted with the forces of the tendons in a step of dt [s], lets it yield.
+  bool limit_hold(double dt);
+  // Lets the motors yield to the end of the step that were within their limits before. Returns whether there
+  // are any.
+  bool let_motors_yield();
   // Records the forces of the tendons and of the stops in a step of dt [s].
   // whole: the step was not divided.
   void act(double dt, bool whole);
@@ -204,19 +207,33 @@ struct GeneralizedBody {
   // Adds that motion to the prediction.
   void give_owed(double dt);
   const Numbers& unforced();
+  void forget_motors();
   void doubt_stops();
   void find_stops(double dt);
+  bool limits_act() const;
+  bool is_held(int coordinate);
+  void add_motors(double dt);
+  void add_row(const Stop& stop);
   void add_stop(double wanted, int coordinate, double ahead = 0);
+  double rate_at(size_t limit, double dt) const;
+  double bounded_by_limits(int coordinate, double aim, double dt) const;
+  Numbers forces_of_motors(const Numbers& told, const Numbers& reached);
+  void explain_stops(const Numbers& by_motors);
   bool admit_stops(const Numbers& forces, double dt);
   void find_pushes(const Numbers& forces, double dt);
-  void pivot_stops();
-  bool pybullet_falls_short(double dt);
-  double sweep_stops(Numbers& pushes, bool backwards) const;
+  BoundedRows rows(double dt) const;
+  bool pybullet_falls_short(const Numbers& swept, double dt);
+  void give(size_t row, double dt);
+  void note_motors(const Numbers& swept, double dt);
   const Numbers& rates_with(const Numbers& by_root, const Numbers& by_change, double dt);
   void share_stops(double dt);
   void gather_acting();
+  bool choose_motors(const Numbers& forces, double dt);
   bool choose_stops(const Numbers& forces, double dt);
-  void stop();
+  void stop(double dt);
+  void push_by_motors(double dt);
+  void find_stopped_by(double dt);
+  bool knows_forces() const { return static_cast<int>(observer.forces().size()) == n(); }
   void take_away();
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   Numbers stopped_by_;     // acceleration by pybullet's stops in the last step

@@ -8,19 +8,14 @@ namespace bt {
 
 namespace {
 
-// Smallest relative change of the forces from which the observer learns, smallest error of the prediction
-// relative to the acceleration by gravity, motion and stops, and by the forces at joint limits, and smallest
-// reduction of the response [-]: rounding and noise.
-constexpr double kLeastNews = 1e-3;
-// Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces (of a held body that is released, to the forces), and, for an increased response
-// and for joints, the relative change of the forces. Larger: released light bodies are thrown. Smaller: steps
-// of held bodies are solved twice.
-constexpr double kEvidence = 0.1;
 // A hold is trusted with what it has withstood, and with what would give a rate of this share of kMostRate if
 // it yielded [-]. Larger: pybullet cuts off the rate of what yields, which then tells nothing about its
 // force. Smaller: bodies that are held are predicted to yield where their load grows.
 constexpr double kTrusted = 0.5;
+// Largest error of the acceleration without a motor, as a share of what the motor gives, with which it was
+// off
+// [-].
+constexpr double kStale = 0.5;
 
 }  // namespace
 
@@ -40,11 +35,11 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
   released_ = false;
   missed_.clear();
   if (has_acted()) {
-    const Numbers& reached = sampled_.empty() ? rates : sampled_;
-    measure(reached, gravity);
+    const Numbers& reached = this->reached(rates);
+    measure(reached, gravity, of.motors);
     compare(now_);
     now_.cut.assign(n_, 0.0);
-    const bool cut = (of.jointed || of.alone) && note_cut(reached);
+    const bool cut = (of.jointed || of.alone) && note_cut(reached, of.thrown);
     if (!of.jointed) leave_out_cut();
     now_.root_acceleration = now_.acceleration;
     forward(root_, now_.root_acceleration);
@@ -76,17 +71,47 @@ void Observer::refresh(const Numbers& rates) {
   sampled_.clear();
 }
 
-bool Observer::sample(const Numbers& rates, const Numbers& gravity) {
-  if (!held_ || !has_acted() || rates.size() != rates_.size()) return false;
+bool Observer::sample(const Numbers& rates, const Numbers& gravity, const Numbers& motors) {
+  if (!has_acted() || rates.size() != rates_.size()) return false;
   sampled_ = rates;
-  measure(rates, gravity);
+  if (!held_) return false;
+  measure(rates, gravity, motors);
   compare(now_);
   return was_released(now_);
 }
 
-void Observer::measure(const Numbers& rates, const Numbers& gravity) {
+// A motor that tells the same force as before was off if its joint moved as it does without it. It is off
+// until another force is told. pybullet cuts off rates before its motors act: of one that held its joint all
+// the same, it tells only what undid the rest.
+Observer::Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity, const Told& told) {
+  Numbers forces(told.now);
+  told.off.resize(forces.size());
+  if (!has_acted() || forces.size() != rates_.size() || forces.size() != told.before.size()) return forces;
+  for (int i = 0; i < n_; ++i)
+    if (told.off[i] != 0) forces[i] = 0;
+  measure(rates, gravity, forces);
+  compare(now_);
+  respond(effective_root_, forces, one_, e_);
+  s_.resize(n_);
+  for (int i = 0; i < n_; ++i) s_[i] = rates[i] - dt_ * (missed_[i] + e_[i]);  // without motors
+  dense::solve(root_, missed_);                                                // generalized forces
+  for (int i = 0; i < n_; ++i) {
+    const double force = told.now[i];
+    const bool cut_off = std::fabs(rates[i]) >= kCutOff * kMostRate;
+    const bool moved_without = cut_off || std::fabs(missed_[i] + force) < kStale * std::fabs(force);
+    told.off[i] = force == told.before[i] && (told.off[i] != 0 || moved_without);
+    const bool held = std::fabs(rates[i] - told.foreseen[i]) < kEvidence * kMostRate;
+    forces[i] = told.off[i] != 0 ? 0 : force;
+    if (forces[i] != 0 && held && std::fabs(s_[i]) >= kMostRate) forces[i] += missed_[i];
+  }
+  missed_.clear();
+  return forces;
+}
+
+void Observer::measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors) {
   now_.forces = applied_;
-  multiply_transposed(root_, applied_, now_.root_forces);
+  for (size_t i = 0; i < motors.size(); ++i) now_.forces[i] += motors[i];
+  multiply_transposed(root_, now_.forces, now_.root_forces);
   now_.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
@@ -210,10 +235,14 @@ void Observer::leave_out_cut() {
     if (missed_[i] * now_.cut[i] < 0) now_.acceleration[i] -= missed_[i];
 }
 
-// Marks the rates that pybullet cut off. Returns whether there is any: then nothing is learned.
-bool Observer::note_cut(const Numbers& rates) {
-  for (int i = 0; i < n_; ++i)
-    if (std::fabs(rates[i]) >= kCutOff * kMostRate) now_.cut[i] = rates[i] > 0 ? 1 : -1;
+// Marks the rates that pybullet cut off. Returns whether there is any: then nothing is learned. After it has
+// cut off the rate of a joint that was thrown, its motor slows it.
+bool Observer::note_cut(const Numbers& rates, bool thrown) {
+  for (int i = 0; i < n_; ++i) {
+    const double predicted = thrown ? rates[i] - dt_ * missed_[i] : 0;
+    if (std::max(std::fabs(rates[i]), std::fabs(predicted)) >= kCutOff * kMostRate)
+      now_.cut[i] = rates[i] > 0 ? 1 : -1;
+  }
   return dot(now_.cut, now_.cut) > 0;
 }
 

@@ -22,30 +22,49 @@
 
 namespace bt {
 
+// Smallest relative change of the forces from which the observer learns, smallest error of the prediction
+// relative to the acceleration by gravity, motion and stops, and by the forces at joint limits, and smallest
+// reduction of the response [-]: rounding and noise. Of the force of a motor that is at its limit, least that
+// it lacks, as a share of what was foreseen.
+constexpr double kLeastNews = 1e-3;
+// Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
+// the change of the forces (of a held body that is released, to the forces), and, for an increased response
+// and for joints, the relative change of the forces. Of a motor, the same as above where it gave more before.
+// Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
+constexpr double kEvidence = 0.1;
+
 // Rate at which pybullet cuts off [m/s], [rad/s], and share of it from which a rate counts as cut off [-],
 // because pybullet damps after it cuts off.
 constexpr double kMostRate = 100.0;
 constexpr double kCutOff = 0.999;
-// Change of a rate at which pybullet's solver ends its sweeps over stops (the square root of its default
-// residual threshold), and the error of rates that is expected of it [m/s], [rad/s].
-constexpr double kSolverResidual = 3e-4;
-constexpr double kSolverNoise = 1e-3;
-
 class Observer {
  public:
   using Numbers = dense::Numbers;
   // What is known of the last step. alone: the motion of a rigid body was predicted completely, except for a
   // push. jointed: it is an articulated body. stops_known: its stops are predicted, and nothing is learned.
-  // noise: error of the rates, from which nothing is learned.
+  // noise: error of the rates, from which nothing is learned. motors: generalized forces of the motors of its
+  // joints (n); empty: none. thrown: one of them has released its joint.
   struct Circumstances {
     bool alone, jointed, stops_known;
     double noise;
+    const Numbers& motors;
+    bool thrown;
   };
   // Learns from the current rates (n), the free response (n n) and gravity's acceleration (n).
   void observe(const Numbers& rates, const Numbers& free, const Numbers& gravity, const Circumstances& of);
   // Takes the rates right after the step. Returns whether the body was released. Rates that are observed
   // later may have been set from outside.
-  bool sample(const Numbers& rates, const Numbers& gravity);
+  bool sample(const Numbers& rates, const Numbers& gravity, const Numbers& motors);
+  // The forces of motors in the last step, by what pybullet tells of them. All (n).
+  struct Told {
+    const Numbers &before, &now;  // forces told in the step before and in this one
+    const Numbers& foreseen;      // rates
+    Numbers&
+        off;  // 1: the motor was off: pybullet goes on to tell the last force of one that is switched off
+  };
+  Numbers forces_of_motors(const Numbers& rates, const Numbers& gravity, const Told& told);
+  // Takes forces of the tendons that are expected in the next step (n).
+  void expect(const Numbers& forces) { forces_ = forces; }
   // Takes rates that were set from outside.
   void refresh(const Numbers& rates);
   // Records the generalized forces that act during the next dt [s]: of the tendons, and all others that are
@@ -73,6 +92,9 @@ class Observer {
 
   // Whether a step was taken since the rates were read last.
   bool has_acted() const { return known_ && acted_ && dt_ > 0; }
+  double dt() const { return dt_; }  // length of the last step [s]
+  // The rates right after the last step, if they were sampled, else these.
+  const Numbers& reached(const Numbers& rates) const { return sampled_.empty() ? rates : sampled_; }
   bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
   bool held() const { return held_; }           // R_eff is less than the free response
   // R_eff is the free response, or is taken for it because the hold yields.
@@ -106,10 +128,10 @@ class Observer {
   void end_yielding();
   void note_hold(const Numbers& gravity);
   bool has_yielded();
-  void measure(const Numbers& rates, const Numbers& gravity);
+  void measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors);
   void unexplained(const Sample& by, Numbers& rest);
   void leave_out_cut();
-  bool note_cut(const Numbers& rates);
+  bool note_cut(const Numbers& rates, bool thrown);
   void compare(const Sample& now);
   bool was_released(const Sample& now);
   void learn(const Sample& now, const Numbers& gravity, const Circumstances& of);

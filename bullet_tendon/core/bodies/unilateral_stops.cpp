@@ -1,14 +1,19 @@
-// Joint limits and contacts that stop a body in this step.
+// Joint limits and contacts that stop a body in this step, and motors that set rates of its joints.
 //
 // Without stops, the forces w of the tendons would change the rates to u = rates + change + dt R w, R = E
 // E^T. A stop along d adds the smallest impulse that keeps d u at or above its bound `wanted`:
 //
 //   D u' - wanted >= 0,   lambda >= 0,   complementary,     u' = u + R D^T lambda.
 //
+// A motor holds its joint at a rate, D u' = wanted, by a lambda within +-dt times its limit. At a bound of
+// lambda the joint is short of that rate (bodies/joint_motors.h).
+//
 // Principal pivoting finds the active stops S: before the solution with the forces of the last step, after it
 // with its own forces (World::settle_stops). The solution treats S as rigid:
 //
-//   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E.
+//   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E,
+//
+// and motors at their limit as known forces.
 //
 // pybullet acts on a joint limit only once the joint has passed it: what tendons throw would go on beyond it
 // for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
@@ -40,13 +45,10 @@ constexpr double kTakenBack = 0.2;
 constexpr double kContactSlop = 1e-5;
 constexpr double kContactTakenBack = 0.08;
 
-// Maximum number of pivots, per stop, and violation, as a share of the rates involved, that is rounding [-].
-constexpr size_t kPivotsPerStop = 4;
-constexpr double kStopSettled = 1e-11;
-
-// Sweeps of pybullet's own solver (its default), forwards and backwards in turn. It also ends them when no
-// rate changes by more than kSolverResidual.
-constexpr int kPybulletSweeps = 50;
+// pybullet does not solve the motors of a body if its sweeps leave more than this share of the rates that
+// they correct [-], and more than this rate [m/s], [rad/s].
+constexpr double kNotSolved = 0.1;
+constexpr double kNotSolvedRate = 10 * kSolverNoise;
 
 // A stop exists if it corrected at least this share of the missing rate [-].
 constexpr double kLeastStopped = 0.5;
@@ -68,12 +70,6 @@ constexpr double kReached = 1e-6;
 // Way to the limit below which a joint touches it [rad], [m]. Larger: joints are moved visibly. Smaller: the
 // noise of pybullet's contacts lifts a joint that rests on its limit, and joint_forces stop it again.
 constexpr double kTouching = 1e-5;
-
-// A row of a matrix times a vector: the rate along a stop, of the directions and rates; its change by
-// impulses of all stops, of the response `within`.
-double along(const dense::Numbers& rows, size_t row, const dense::Numbers& of) {
-  return std::inner_product(of.begin(), of.end(), rows.begin() + row * of.size(), 0.0);
-}
 
 // Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit,
 // or where the joint is moved behind it: outwards, or 0 if the depth is large.
@@ -99,7 +95,7 @@ void GeneralizedBody::doubt_stops() {
   stops_.rested = false;
   for (size_t k = 0; k < stops_.all.size(); ++k) {
     const Stop& s = stops_.all[k];
-    if (!s.acts) continue;
+    if (!s.acts || s.motor) continue;
     const bool went_on = along(stops_.directions, k, rates) - s.wanted < -kLeastStopped * s.held_back;
     if (s.coordinate < 0) stops_.rested = !went_on || stops_.rested;
     if (!went_on || s.wanted == -kFastest) continue;
@@ -112,16 +108,20 @@ bool GeneralizedBody::is_stopped() const {
   return std::any_of(stops_.all.begin(), stops_.all.end(), [](const Stop& s) { return s.acts; });
 }
 
+bool GeneralizedBody::limits_act() const {
+  return std::any_of(stops_.all.begin(), stops_.all.end(), [](const Stop& s) { return s.acts && !s.motor; });
+}
+
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
   const double pushed = observer.push().empty() ? 0 : std::sqrt(dense::dot(observer.push(), observer.push()));
   return is_stopped() || stops_.slipped || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
 }
 
-// Adds a stop along work_.direction, unless a motor or a constraint holds the body there: an impulse that is
-// divided by nearly no response would throw the body as soon as that yields. Whatever holds its other joints,
-// the response of a joint is at least 1/M_ii = 1/|L^-1 e_i|^2.
-void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
+// Whether contacts or constraints hold the body along work_.direction: an impulse that is divided by nearly
+// no response would throw it as soon as they yield. Sets work_.half to E^T d. Whatever holds its other
+// joints, the response of a joint is at least 1/M_ii = 1/|L^-1 e_i|^2.
+bool GeneralizedBody::is_held(int coordinate) {
   dense::multiply_transposed(root, work_.direction, work_.half);
   double least = 0;
   if (coordinate >= 0) {
@@ -132,27 +132,89 @@ void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
     dense::multiply(free, work_.direction, work_.known);
     least = kLeastYield * dense::dot(work_.direction, work_.known);
   }
-  if (!(dense::dot(work_.half, work_.half) > least)) return;
-  const double foreseen = dense::dot(work_.direction, rates) + dense::dot(work_.direction, change);
-  stops_.all.push_back({wanted, wanted - foreseen, 0, coordinate, false, true, ahead});
+  return !(dense::dot(work_.half, work_.half) > least);
+}
+
+// Adds a row along work_.direction, with E^T d in work_.half.
+void GeneralizedBody::add_row(const Stop& stop) {
+  stops_.all.push_back(stop);
+  Stop& s = stops_.all.back();
+  s.missing = s.wanted - dense::dot(work_.direction, rates) - dense::dot(work_.direction, change);
   stops_.directions.insert(stops_.directions.end(), work_.direction.begin(), work_.direction.end());
   work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
+}
+
+void GeneralizedBody::add_stop(double wanted, int coordinate, double ahead) {
+  if (is_held(coordinate)) return;
+  Stop s;
+  s.wanted = wanted;
+  s.coordinate = coordinate;
+  s.ahead = ahead;
+  add_row(s);
+}
+
+double GeneralizedBody::rate_at(size_t limit, double dt) const {
+  const bool doubted = stops_.doubted[static_cast<size_t>(limits[limit])] != 0;
+  return doubted ? -kFastest : std::max(-kFastest, rate_at_limit(limits[limit + 2], dt));
+}
+
+// No motor takes its joint beyond a limit.
+double GeneralizedBody::bounded_by_limits(int coordinate, double aim, double dt) const {
+  for (size_t s = 0; s < limits.size(); s += 3)
+    if (limits[s] == coordinate)
+      aim = limits[s + 1] > 0 ? std::max(aim, rate_at(s, dt)) : std::min(aim, -rate_at(s, dt));
+  return aim;
+}
+
+// Adds the motors. Where contacts or constraints hold a joint, its motor is taken to push as in the last
+// step.
+void GeneralizedBody::add_motors(double dt) {
+  std::vector<int> steady;
+  for (size_t i = 0; i < motors.all.size(); ++i) {
+    JointMotor& m = motors.all[i];
+    m.solved = false;
+    m.needed = m.force;
+    if (!m.known) continue;
+    const int coordinate = static_cast<int>(i);
+    work_.direction.assign(n(), 0.0);
+    work_.direction[i] = 1;
+    if (is_held(coordinate)) {
+      steady.push_back(coordinate);
+      continue;
+    }
+    m.foreseen = bounded_by_limits(coordinate, m.foreseen, dt);
+    Stop s;
+    s.wanted = m.foreseen;
+    s.coordinate = coordinate;
+    s.motor = true;
+    s.least = m.lets > 0 ? m.limit : -m.limit;
+    s.most = m.lets < 0 ? -m.limit : m.limit;
+    s.side = m.lets != 0 ? m.lets : m.side;
+    s.acts = s.side == 0;
+    m.solved = true;
+    add_row(s);
+  }
+  if (steady.empty()) return;
+  work_.direction.assign(n(), 0.0);
+  for (int i : steady) work_.direction[i] = motors.all[i].force;
+  dense::respond(root, work_.direction, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) stops_.unstopped[i] += dt * work_.known[i];
+  for (size_t a = 0; a < stops_.all.size(); ++a)
+    stops_.all[a].missing -= dt * along(stops_.directions, a, work_.known);
 }
 
 void GeneralizedBody::find_stops(double dt) {
   stops_.all.clear();
   stops_.directions.clear();
   work_.through.clear();
-  work_.within.clear();
-  stops_.unstopped = change;
   stops_.doubted.resize(n());
+  stops_.unstopped = change;
   for (size_t s = 0; s < limits.size(); s += 3) {
     const int i = static_cast<int>(limits[s]);
-    const double depth = limits[s + 2];
-    const double wanted = stops_.doubted[i] != 0 ? -kFastest : std::max(-kFastest, rate_at_limit(depth, dt));
+    const double wanted = rate_at(s, dt);
     work_.direction.assign(n(), 0.0);
     work_.direction[i] = limits[s + 1];
-    add_stop(wanted, i, wanted > -kFastest ? -depth : kFastest);
+    add_stop(wanted, i, wanted > -kFastest ? -limits[s + 2] : kFastest);
   }
   for (size_t c = 0; c < contacts.size() && contacts_stop(); c += 7) {
     work_.direction.assign(&contacts[c], &contacts[c] + 6);
@@ -166,12 +228,13 @@ void GeneralizedBody::find_stops(double dt) {
       work_.direction[i] = side;
       add_stop(-kFastest, i, kFastest);
     }
+  add_motors(dt);
+  dense::product_transposed(n(), work_.through, work_.through, work_.within);
 }
 
 // Computes lambda, starting from the stops of the last lambda.
 void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
   const size_t m = stops_.all.size();
-  if (work_.within.empty()) dense::product_transposed(n(), work_.through, work_.through, work_.within);
   dense::multiply_transposed(observer.root(), forces, work_.half);
   dense::multiply(work_.through, work_.half, work_.given);
   work_.left.resize(m);
@@ -181,53 +244,12 @@ void GeneralizedBody::find_pushes(const Numbers& forces, double dt) {
     work_.whole[a] = std::fabs(stops_.all[a].missing) + std::fabs(dt * work_.given[a]);
   }
   if (stops_.pushes.size() != m) stops_.pushes.assign(m, 0.0);
-  pivot_stops();
+  rows(dt).solve(stops_.pushes);
 }
 
-// Principal pivoting (Murty 1974): one stop, the first that pulls or is violated, changes sides at a time.
-// Where the response to the stops is singular this can go in circles; then lambda stays the last one.
-void GeneralizedBody::pivot_stops() {
-  const size_t m = stops_.all.size();
-  std::vector<char> acts(m);
-  for (size_t a = 0; a < m; ++a) acts[a] = stops_.pushes[a] > 0;
-  for (size_t pivot = 0; pivot < kPivotsPerStop * m; ++pivot) {
-    std::vector<size_t> acting;
-    for (size_t a = 0; a < m; ++a)
-      if (acts[a]) acting.push_back(a);
-    Numbers within, pushes;
-    for (size_t a : acting) {
-      pushes.push_back(work_.left[a]);
-      for (size_t b : acting) within.push_back(work_.within[a * m + b]);
-    }
-    dense::root(static_cast<int>(acting.size()), within, work_.within_root);
-    dense::solve(work_.within_root, pushes);
-    Numbers all(m);
-    for (size_t k = 0; k < acting.size(); ++k) all[acting[k]] = pushes[k];
-    size_t wrong = m;
-    for (size_t a = 0; a < m && wrong == m; ++a) {
-      const bool violated = work_.left[a] - along(work_.within, a, all) > kStopSettled * work_.whole[a];
-      if (acts[a] ? all[a] < 0 : stops_.all[a].admitted && violated) wrong = a;
-    }
-    if (wrong == m) {
-      stops_.pushes = all;
-      return;
-    }
-    acts[wrong] ^= 1;
-  }
-}
-
-// One sweep of projected Gauss-Seidel over the stops. Returns the largest change of a rate [m/s], [rad/s].
-double GeneralizedBody::sweep_stops(Numbers& pushes, bool backwards) const {
-  const size_t m = stops_.all.size();
-  double most = 0;
-  for (size_t k = 0; k < m; ++k) {
-    const size_t a = backwards ? m - 1 - k : k;
-    const double left = work_.left[a] - along(work_.within, a, pushes);
-    const double before = pushes[a], own = work_.within[a * m + a];
-    pushes[a] = stops_.all[a].admitted ? std::max(0.0, before + left / own) : 0.0;
-    most = std::max(most, own * std::fabs(pushes[a] - before));
-  }
-  return most;
+// The rows under the forces for which the pushes were computed.
+BoundedRows GeneralizedBody::rows(double dt) const {
+  return {stops_.all, work_.within, work_.left, work_.whole, dt};
 }
 
 // The rates with this response and change of the rates, under the forces in work_.direction.
@@ -241,14 +263,14 @@ const GeneralizedBody::Numbers& GeneralizedBody::rates_with(const Numbers& by_ro
 // A stop of speed begins to act only where the rates of this solution exceed it. Forces on a joint that was
 // stopped would move it, free, by far more than they last: one that was dropped is not tried again, because
 // no set of stops may agree with forces that change with the rotation. What is faster already has a higher
-// cut-off (changeDynamics). Returns whether any stop may act.
+// cut-off (changeDynamics). Returns whether any row may act.
 bool GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   work_.direction = forces;
   const Numbers& reached = rates_with(root, change, dt);
   bool any = false;
   for (size_t a = 0; a < stops_.all.size(); ++a) {
     Stop& s = stops_.all[a];
-    s.admitted = s.wanted > -kFastest || s.acts ||
+    s.admitted = s.motor || s.wanted > -kFastest || s.acts ||
                  (!s.dropped && along(stops_.directions, a, reached) < -kFastest &&
                   along(stops_.directions, a, rates) >= -kMostRate);
     any |= s.admitted;
@@ -256,18 +278,35 @@ bool GeneralizedBody::admit_stops(const Numbers& forces, double dt) {
   return any;
 }
 
+// Determines which motors are at their limit, with the stops that act or fewer. The forces of a solution in
+// which a motor held its joint would throw this joint beyond other stops where it yields. Returns whether any
+// motor has changed.
+bool GeneralizedBody::choose_motors(const Numbers& forces, double dt) {
+  for (Stop& s : stops_.all) s.admitted = s.motor || s.acts;
+  find_pushes(forces, dt);
+  for (size_t a = 0; a < stops_.all.size(); ++a)
+    if (stops_.all[a].motor && rows(dt).side_of(a, stops_.pushes[a]) != stops_.all[a].side) return true;
+  return false;
+}
+
 // Determines the active stops by lambda of the complementarity problem above. Returns whether they changed.
 bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
   const size_t m = stops_.all.size();
   bool other = false;
-  if (!admit_stops(forces, dt)) return false;
-  find_pushes(forces, dt);
+  if (!(motors.any() && choose_motors(forces, dt))) {
+    if (!admit_stops(forces, dt)) return false;
+    find_pushes(forces, dt);
+  }
   for (size_t a = 0; a < m; ++a) {
     Stop& s = stops_.all[a];
     s.held_back = stops_.pushes[a] * work_.within[a * m + a];
-    // It acts if it changes the rate by more than rounding.
-    const bool acts = s.held_back > kRoundingShare * work_.whole[a];
+    const int side = rows(dt).side_of(a, stops_.pushes[a]);
+    // A stop acts if it changes the rate by more than rounding.
+    const bool acts = s.motor ? side == 0 : s.held_back > kRoundingShare * work_.whole[a];
     s.dropped |= s.acts && !acts;
+    s.yielded |= s.motor && s.acts && !acts;
+    other |= s.motor && side != s.side;
+    s.side = side;
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;
@@ -276,55 +315,137 @@ bool GeneralizedBody::choose_stops(const Numbers& forces, double dt) {
 bool GeneralizedBody::settle_stops(const Numbers& forces, double dt) {
   if (stops_.all.empty() || static_cast<int>(forces.size()) != n()) return false;
   if (!choose_stops(forces, dt)) return false;
-  stop();
+  stop(dt);
   return true;
 }
 
 // Whether pybullet's own stops would not stop the joints, under the tendons and the limits ahead: it would
-// cut off a rate before they act, or end its sweeps over them too early.
-bool GeneralizedBody::pybullet_falls_short(double dt) {
+// cut off a rate before they act, or end its sweeps, with these impulses, too early.
+bool GeneralizedBody::pybullet_falls_short(const Numbers& swept, double dt) {
   work_.direction = forces;
   for (int i = 0; i < n(); ++i) work_.direction[i] += joint_forces[i];
   for (double rate : rates_with(observer.root(), stops_.unstopped, dt))
     if (std::fabs(rate) >= kMostRate) return true;
-  const size_t m = stops_.all.size();
-  Numbers pushes(m);
-  double change = kMostRate;
-  for (int sweep = 0; sweep < kPybulletSweeps && change > kSolverResidual; ++sweep)
-    change = sweep_stops(pushes, sweep % 2 == 0);
-  for (size_t a = 0; a < m; ++a) pushes[a] -= stops_.pushes[a];
-  for (size_t a = 0; a < m; ++a)
-    if (std::fabs(along(work_.within, a, pushes)) > kSolverNoise) return true;
-  return false;
+  return rows(dt).differs(stops_.pushes, swept) > kSolverNoise;
+}
+
+// Gives pybullet the impulse of a row as a known force.
+void GeneralizedBody::give(size_t row, double dt) {
+  stops_.all[row].given = true;
+  for (int i = 0; i < n(); ++i) joint_forces[i] += stops_.pushes[row] / dt * stops_.directions[row * n() + i];
+}
+
+// The acceleration by pybullet's own stops.
+void GeneralizedBody::find_stopped_by(double dt) {
+  work_.direction.assign(n(), 0.0);
+  for (size_t a = 0; a < stops_.all.size(); ++a)
+    for (int i = 0; i < n() && !stops_.all[a].motor && !stops_.all[a].given; ++i)
+      work_.direction[i] += stops_.pushes[a] / dt * stops_.directions[a * n() + i];
+  dense::respond(observer.root(), work_.direction, work_.half, stopped_by_);
+}
+
+// Notes what pybullet's motors are going to do, and whether its sweeps solve them.
+void GeneralizedBody::note_motors(const Numbers& swept, double dt) {
+  double whole = 0;
+  for (size_t a = 0; a < swept.size(); ++a) {
+    const Stop& s = stops_.all[a];
+    if (!s.motor) continue;
+    JointMotor& m = motors.all[s.coordinate];
+    m.needed = swept[a] / dt;
+    m.foreseen = s.wanted;
+    m.side = s.acts ? 0 : s.side;
+    if (!s.acts) continue;
+    m.foreseen -= rows(dt).lacks(a, swept);
+    whole = std::max(whole, std::fabs(work_.left[a]));
+  }
+  motors.soft |=
+      whole > 0 && rows(dt).differs(stops_.pushes, swept) > std::max(kNotSolved * whole, kNotSolvedRate);
 }
 
 // Splits what the stops do in the step, under the forces of the tendons: the acceleration by pybullet's, and
 // the forces of limits ahead.
 void GeneralizedBody::share_stops(double dt) {
   find_pushes(forces, dt);
-  const auto add = [&](bool ahead, Numbers& sum) {
-    for (size_t a = 0; a < stops_.all.size(); ++a)
-      if ((stops_.all[a].ahead > kTouching) == ahead)
-        for (int i = 0; i < n(); ++i) sum[i] += stops_.pushes[a] / dt * stops_.directions[a * n() + i];
-  };
-  add(true, joint_forces);
-  const bool all = !limits.empty() && !observer.held() && pybullet_falls_short(dt);
-  work_.direction.assign(n(), 0.0);
-  add(false, all ? joint_forces : work_.direction);
-  dense::respond(observer.root(), work_.direction, work_.half, stopped_by_);
+  const size_t m = stops_.all.size();
+  bool motor_acts = false;
+  for (size_t a = 0; a < m; ++a) {
+    const Stop& s = stops_.all[a];
+    if (!s.motor && s.ahead > kTouching && stops_.pushes[a] > 0) give(a, dt);
+    motor_acts |= s.motor && s.acts;
+  }
+  Numbers swept(stops_.pushes);
+  if (is_stopped() && !limits.empty() && !observer.held()) {
+    rows(dt).sweep_as_pybullet(stops_.pushes, swept);
+    if (!motor_acts && pybullet_falls_short(swept, dt))
+      for (size_t a = 0; a < m; ++a)
+        if (stops_.all[a].acts && !stops_.all[a].given) give(a, dt);
+  }
+  note_motors(swept, dt);
+  find_stopped_by(dt);
   for (size_t a = 0; a < stops_.all.size(); ++a)
-    if (const Stop& s = stops_.all[a]; stops_.pushes[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
+    if (const Stop& s = stops_.all[a];
+        !s.motor && stops_.pushes[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
       limit_shifts.push_back(
           {s.coordinate, -stops_.directions[a * n() + s.coordinate] * (s.ahead + kReached)});
 }
 
-void GeneralizedBody::stop() {
+void GeneralizedBody::stop(double dt) {
   change = stops_.unstopped;
   root = observer.root();
+  push_by_motors(dt);
   work_.missing.clear();
-  for (const Stop& s : stops_.all)
-    if (s.acts) work_.missing.push_back(s.missing);
+  const size_t m = stops_.all.size();
+  for (size_t a = 0; a < m; ++a)
+    if (stops_.all[a].acts)
+      work_.missing.push_back(stops_.all[a].missing - along(work_.within, a, work_.bounded));
   if (!work_.missing.empty()) take_away();
+}
+
+// Adds the impulses of the motors at their limit, and sets work_.bounded to them, by row.
+void GeneralizedBody::push_by_motors(double dt) {
+  const size_t m = stops_.all.size();
+  work_.bounded.assign(m, 0.0);
+  work_.direction.assign(n(), 0.0);
+  for (size_t a = 0; a < m; ++a) {
+    const Stop& s = stops_.all[a];
+    if (!s.motor || s.acts) continue;
+    work_.bounded[a] = dt * (s.side < 0 ? s.least : s.most);
+    work_.direction[s.coordinate] = work_.bounded[a];
+  }
+  dense::respond(root, work_.direction, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) change[i] += work_.known[i];
+}
+
+bool GeneralizedBody::let_motors_yield() {
+  bool any = false;
+  for (const Stop& s : stops_.all) {
+    if (!s.motor || s.acts || !s.yielded || motors.all[s.coordinate].lets != 0) continue;
+    motors.all[s.coordinate].lets = s.side;
+    any = true;
+  }
+  return any;
+}
+
+// Finds what pybullet's stops did in the last step, with the forces that its motors have given.
+void GeneralizedBody::explain_stops(const Numbers& by_motors) {
+  const size_t m = stops_.all.size(), width = n();
+  if (by_motors.size() != width || !is_stopped() || stops_.directions.size() != m * width) return;
+  const double dt = observer.dt();
+  const BodyStops kept = stops_;
+  work_.through.clear();
+  for (size_t a = 0; a < m; ++a) {
+    work_.direction.assign(stops_.directions.begin() + a * width,
+                           stops_.directions.begin() + (a + 1) * width);
+    dense::multiply_transposed(observer.root(), work_.direction, work_.half);
+    work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
+    Stop& s = stops_.all[a];
+    if (s.motor) s.least = s.most = by_motors[s.coordinate];
+    if (s.given) s.least = s.most = stops_.pushes[a] / dt;
+  }
+  dense::product_transposed(n(), work_.through, work_.through, work_.within);
+  find_pushes(forces, dt);
+  find_stopped_by(dt);
+  stops_ = kept;
 }
 
 // Collects S E in work_.half and S R S^T in work_.within_acting, of the active stops.

@@ -169,8 +169,7 @@ bool World::limit_holds() {
   bool any = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
     GeneralizedBody& body = scene.bodies[m];
-    if (body.n() == 0 || body.stays || !body.observer.limit_hold(body.forces, step_.substeps.step()))
-      continue;
+    if (body.n() == 0 || body.stays || !body.limit_hold(step_.substeps.step())) continue;
     any = true;
     body.predict(step_.substeps.step(), step_.context.gravity);
     lead_links(static_cast<int>(m));
@@ -178,24 +177,27 @@ bool World::limit_holds() {
   return any;
 }
 
-// Updates joint limits and contacts of bodies to the forces of this solution. Returns whether any changed.
-bool World::settle_stops() {
+// Updates joint limits, motors and contacts of bodies to the forces of this solution. Returns the reason to
+// solve again if any changed.
+std::optional<Reason> World::settle_stops() {
   if (step_.whole || step_.stop_changes >= kMostDetections ||
       std::none_of(scene.bodies.begin(), scene.bodies.end(),
                    [](const GeneralizedBody& m) { return m.may_stop(); }))
-    return false;
+    return {};
   measure_forces();
-  bool other = false;
+  bool other = false, yields = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
     if (!scene.bodies[m].may_stop() || scene.bodies[m].stays ||
         !scene.bodies[m].settle_stops(scene.bodies[m].forces, step_.substeps.step()))
       continue;
     other = true;
+    if (step_.substeps.taken() > 0) yields |= scene.bodies[m].let_motors_yield();
     scene.bodies[m].history.able &= !scene.bodies[m].is_stopped();
     lead_links(static_cast<int>(m));
   }
   step_.stop_changes += other;
-  return other;
+  if (!other) return {};
+  return yields ? Reason::released : Reason::joint_stops;
 }
 
 // Applies the mean forces of the whole step to the bodies.
@@ -325,6 +327,7 @@ void World::finish_resolve() {
   for (GeneralizedBody& m : scene.bodies) {
     m.observer.refresh(m.rates);
     m.observer.resume();
+    m.motors.again = false;
   }
   history_.may_resolve = false;
   capture(*history_.now);

@@ -167,12 +167,16 @@ struct SizesOfBody {
         fit &= size % 7 == 0;
       else if (field == "directions")
         fit &= n == 0 ? size == 0 : size % n == 0;
-      else if (field == "external")
+      else if (field == "external" || field == "motors.told" || field == "motors.told_before" ||
+               field == "motors.off" || field == "forces")
         fit &= size == 0 || size == n;
       else if (field != "pushes" && field != "doubted")
         fit &= fits(value, n);
     } else if constexpr (std::is_same_v<T, std::vector<Stop>>) {
-      for (const Stop& stop : value) fit &= stop.coordinate == -1 || within(stop.coordinate, n);
+      for (const Stop& stop : value)
+        fit &= (!stop.motor && stop.coordinate == -1) || within(stop.coordinate, n);
+    } else if constexpr (std::is_same_v<T, std::vector<JointMotor>>) {
+      fit &= value.empty() || value.size() == n;
     } else if constexpr (!kPlain<T>) {
       visit(*this, value);
     }

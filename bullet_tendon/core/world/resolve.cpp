@@ -79,13 +79,15 @@ bool World::take_back() {
 }
 
 // Puts links and bodies where they were read for the step that began at history_.start, and predicts them
-// with the observers' present data.
+// with the observers' present data, and the forces of the step before.
 void World::put_bodies_back() {
   const std::vector<Link>& links = history_.start->sensed_links;
   std::vector<GeneralizedBody>& bodies = history_.start->sensed_bodies;
   for (size_t i = 0; i < std::min(scene.links.size(), links.size()); ++i) scene.links[i] = links[i];
   for (size_t i = 0; i < std::min(scene.bodies.size(), bodies.size()); ++i) {
+    scene.bodies[i].observer.expect(bodies[i].observer.forces());
     std::swap(scene.bodies[i].observer, bodies[i].observer);
+    std::swap(scene.bodies[i].motors, bodies[i].motors);
     scene.bodies[i] = bodies[i];
     predict(static_cast<int>(i));
   }
@@ -104,7 +106,7 @@ void World::begin_again(Reason why) {
 }
 
 std::vector<int> World::released_bodies() const {
-  return slots_where(scene.bodies, [](const GeneralizedBody& m) { return m.observer.released(); });
+  return slots_where(scene.bodies, [](const GeneralizedBody& m) { return m.released(); });
 }
 
 // Stretch of a tendon by the motion of the attached point away from its particle, over the tendon's length
@@ -150,7 +152,8 @@ std::vector<int> World::pulled_bodies() const {
 
 bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
-  for (int i : released) scene.bodies[i].observer.release();
+  for (int i : released)
+    if (scene.bodies[i].observer.released()) scene.bodies[i].observer.release();
   const StepRecord last = history_.last_step;
   std::vector<Link> links_now = scene.links;
   std::vector<GeneralizedBody> bodies_now = scene.bodies;
@@ -164,6 +167,7 @@ bool World::rewind(const std::vector<int>& pulled) {
     scene.bodies.swap(bodies_now);
     for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.contacts);
     for (int i : pulled) scene.bodies[i].observer.trust_last();
+    for (GeneralizedBody& m : scene.bodies) m.motors.again = true;
     put_bodies_back();
     contacts_.all.clear();
   }

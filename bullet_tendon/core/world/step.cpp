@@ -175,7 +175,7 @@ std::optional<Reason> World::solve_substep() {
   }
   if (!any_moved() || step_.budget.refuses()) return {};
   if (limit_holds()) return Reason::released;
-  if (settle_stops()) return Reason::joint_stops;
+  if (const auto why = settle_stops()) return why;
   if (find_turning()) return Reason::body_rotation;
   return {};
 }

@@ -382,7 +382,7 @@ class World {
   void mark_touchable_bodies();
   bool find_turning();
   void push_bodies();
-  bool settle_stops();
+  std::optional<Reason> settle_stops();
   void measure_forces();
   bool limit_holds();
   void find_solid_links();

@@ -1,0 +1,113 @@
+#include "bodies/joint_motors.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "bodies/bounded_rows.h"
+#include "bodies/response_observer.h"
+#include "math/rounding.h"
+
+namespace bt {
+
+namespace {
+
+bool is_same(double force, double before) {
+  return std::fabs(force - before) <= kRoundingShare * std::fabs(force);
+}
+
+// Whether it gave at least as much as ever, but for noise.
+bool is_greatest(const JointMotor& m, double force) {
+  return std::fabs(force) >= (1 - kLeastNews) * m.greatest;
+}
+
+// The direction in which it pushed; of one that was switched off, in which it was to push.
+int direction(const JointMotor& m, double force) { return (force != 0 ? force : m.needed) > 0 ? 1 : -1; }
+
+// What a motor that pushes with this force was short of the foreseen one, as a share of that [-].
+double missing_share(const JointMotor& m, double force) {
+  const double needed = direction(m, force) * m.needed;
+  return needed > 0 ? 1 - std::fabs(force) / needed : 0;
+}
+
+// Whether it is at its limit. One that gives less than before, and less than was needed, has a lower limit or
+// another aim now: the latter if it was within a limit that is known.
+bool is_at_limit(const JointMotor& m, double reached, double force) {
+  const double off = direction(m, force) * (m.foreseen - reached);
+  if (!m.known || !m.solved || !(off > kSolverNoise)) return false;
+  if (is_same(force, m.force) || is_same(std::fabs(force), m.limit)) return true;
+  if (m.doubtful) return false;
+  if (is_greatest(m, force)) return missing_share(m, force) > kLeastNews;
+  return (m.side != 0 || m.limit == kUnlimited) && missing_share(m, force) > kEvidence;
+}
+
+// Whether it released its joint: it was not foreseen to give as little as it did at its limit.
+bool has_released(const JointMotor& m, double reached, double force) {
+  return is_at_limit(m, reached, force) && missing_share(m, force) > kLeastNews;
+}
+
+void yield_at(JointMotor& m, double force) {
+  m.doubtful = !is_greatest(m, force) && !is_same(force, m.force);
+  m.limit = m.greatest = std::fabs(force);
+  m.side = direction(m, force);
+  m.aim = m.foreseen;
+  m.gained = m.trend = 0;
+}
+
+void hold(JointMotor& m, double reached, double force, double dt) {
+  const double before = m.gained, size = std::fabs(force);
+  m.gained = (reached - m.aim) / dt;
+  m.trend = before * m.gained <= 0 ? 0 : std::fabs(before) < std::fabs(m.gained) ? before : m.gained;
+  m.aim = reached;
+  m.side = 0;
+  if (m.doubtful || size > (1 + kRoundingShare) * m.limit) m.limit = kUnlimited;
+  m.doubtful = false;
+  m.greatest = std::max(m.greatest, size);
+}
+
+JointMotor starting(double reached, double force) {
+  JointMotor m;
+  m.known = force != 0;
+  m.aim = m.foreseen = reached;
+  m.force = force;
+  m.greatest = std::fabs(force);
+  return m;
+}
+
+}  // namespace
+
+bool JointMotors::released(const Numbers& reached, const Numbers& forces) const {
+  for (size_t i = 0; i < std::min(all.size(), forces.size()); ++i)
+    if (has_released(all[i], reached[i], forces[i])) return true;
+  return false;
+}
+
+bool JointMotors::observe(const Numbers& reached, const Numbers& forces, double dt) {
+  if (all.size() != forces.size()) all.assign(forces.size(), {});
+  const bool any = released(reached, forces);
+  for (size_t i = 0; i < all.size(); ++i) {
+    JointMotor& m = all[i];
+    if (has_released(m, reached[i], forces[i]))
+      yield_at(m, forces[i]);
+    else if (!m.known || forces[i] == 0)
+      m = starting(reached[i], forces[i]);
+    else if (is_at_limit(m, reached[i], forces[i]))
+      yield_at(m, forces[i]);
+    else
+      hold(m, reached[i], forces[i], dt);
+    m.force = forces[i];
+  }
+  return any;
+}
+
+JointMotors::Numbers JointMotors::foreseen(const Numbers& reached) const {
+  Numbers rates(reached);
+  for (size_t i = 0; i < std::min(all.size(), rates.size()); ++i)
+    if (all[i].known) rates[i] = all[i].foreseen;
+  return rates;
+}
+
+void JointMotors::foresee(double dt) {
+  for (JointMotor& m : all) m.foreseen = m.aim + (again ? 0 : dt * m.trend);
+}
+
+}  // namespace bt

@@ -1,0 +1,76 @@
+// Motors of the joints of a body, learned from the forces that pybullet tells of them.
+//
+// In every step pybullet's motor sets the rate u of its joint to an aim, by a force f of at most its limit L:
+//
+//   u = aim, |f| <= L,     or     f = L, u < aim,     or     f = -L, u > aim.
+//
+// So it is a row of the complementarity problem of the body's stops (bodies/unilateral_stops.cpp). pybullet
+// tells f, but neither aim nor limit. They are learned:
+//
+//   aim    Within its limit it was u. It goes on from there by what its last two changes have in common.
+//   limit  Not known, and taken for infinite, until the motor yields: u is short of the foreseen aim, and f
+//          of the force for it. If f is the largest of the motor so far, this is its limit. If it is less,
+//          the user has lowered the limit or changed the aim. That f is taken for the limit if it is short by
+//          much. At a limit, f is the same in the next step. If it is not, the aim had changed.
+//
+// A motor that yields where it was not foreseen to has released its joint: the step is solved again
+// (world/resolve.cpp).
+#pragma once
+#include <limits>
+#include <vector>
+
+#include "math/small_matrix.h"
+
+namespace bt {
+
+// Force of a motor whose limit is not known [N m], [N]: saved states are finite.
+constexpr double kUnlimited = std::numeric_limits<double>::max();
+
+struct JointMotor {
+  double aim = 0;             // rate of the last step [rad/s], [m/s]
+  double gained = 0;          // change of the aim in the last step over its length
+  double trend = 0;           // what the last two have in common
+  double foreseen = 0;        // aim with which the step was solved
+  double needed = 0;          // force with which it was solved [N m], [N]
+  double force = 0;           // of the last step
+  double limit = kUnlimited;  // largest force
+  double greatest = 0;        // largest force that it gave
+  int side = 0;               // sign of the force with which it is at its limit; 0: it is within
+  int lets = 0;               // the same, of one that yields for the rest of the step
+  bool solved = false;        // the step was solved with it
+  bool known = false;         // it gave a force in the last step
+  bool doubtful = false;      // the limit is less than it gave before
+};
+
+class JointMotors {
+ public:
+  using Numbers = dense::Numbers;
+  // Learns from the rates reached (n) and the forces (n) in a step of dt [s]. Returns whether any has
+  // released its joint.
+  bool observe(const Numbers& reached, const Numbers& forces, double dt);
+  // Whether any has released its joint, by the same.
+  bool released(const Numbers& reached, const Numbers& forces) const;
+  // The aims foreseen (n); of joints without a motor, the rates reached (n).
+  Numbers foreseen(const Numbers& reached) const;
+  // Sets the aims foreseen for a step of dt [s].
+  void foresee(double dt);
+  void begin_step() {
+    thrown = false;
+    for (JointMotor& m : all) m.lets = 0;
+  }
+  bool any() const {
+    for (const JointMotor& m : all)
+      if (m.known) return true;
+    return false;
+  }
+
+  std::vector<JointMotor> all;  // by coordinate
+  Numbers told, told_before;    // generalized forces that pybullet tells of the last two steps (n)
+  Numbers off;                  // 1: it was off in the last step, and what is told of it is older (n)
+  bool told_known = false;      // they are known for the next step (pybullet does not restore them)
+  bool thrown = false;          // any released its joint in the last step
+  bool again = false;           // the last step is solved again
+  bool soft = false;  // pybullet's sweeps do not solve them: what they do is learned as that of other holds
+};
+
+}  // namespace bt
