@@ -155,6 +155,7 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
   }
   motors.foresee(dt);
   find_stops(dt);
+  change = stops_.unstopped;
   if (stops_.all.empty() || !knows_forces()) return;
   if (!motors.again) choose_stops(observer.forces(), dt);
   stop(dt);
