@@ -10,8 +10,12 @@
 //   aim    Within its limit it was u. It goes on from there by what its last two changes have in common.
 //   limit  Not known, and taken for infinite, until the motor yields: u is short of the foreseen aim, and f
 //          of the force for it. If f is the largest of the motor so far, this is its limit. If it is less,
-//          the user has lowered the limit or changed the aim. That f is taken for the limit if it is short by
-//          much. At a limit, f is the same in the next step. If it is not, the aim had changed.
+//          the user has lowered the limit or changed the aim. It is taken for a lower limit if it is short by
+//          much, unless the motor was within a limit that is known. At a limit, f is the same in the next
+//          step. If it is not, the aim had changed.
+//
+// pybullet tells a wrong force of a motor that is off, and where it cuts off a rate before its motors act
+// (Observer::forces_of_motors).
 //
 // A motor that yields where it was not foreseen to has released its joint: the step is solved again
 // (world/resolve.cpp).
