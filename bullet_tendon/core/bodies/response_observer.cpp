@@ -12,9 +12,7 @@ namespace {
 // it yielded [-]. Larger: pybullet cuts off the rate of what yields, which then tells nothing about its
 // force. Smaller: bodies that are held are predicted to yield where their load grows.
 constexpr double kTrusted = 0.5;
-// Largest error of the acceleration without a motor, as a share of what the motor gives, with which it was
-// off
-// [-].
+// Largest error of the force on a joint without its motor, over what this tells, of a motor that was off [-].
 constexpr double kStale = 0.5;
 
 }  // namespace

@@ -55,7 +55,8 @@ constexpr double kLeastStopped = 0.5;
 
 // Response along a contact, as a share of the free one, that the observer can tell from none [-].
 constexpr double kLeastYield = 1e-3;
-// Response of a joint, as a share of that with all other joints held, below which its own motor holds it [-].
+// Response of a joint, as a share of that with all other joints held, below which contacts or constraints
+// hold it [-].
 constexpr double kLeastOfJoint = 0.5;
 
 // Rate at which joints and spins are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off,
@@ -405,11 +406,12 @@ void GeneralizedBody::stop(double dt) {
 void GeneralizedBody::push_by_motors(double dt) {
   const size_t m = stops_.all.size();
   work_.bounded.assign(m, 0.0);
+  if (!motors.any()) return;
   work_.direction.assign(n(), 0.0);
   for (size_t a = 0; a < m; ++a) {
     const Stop& s = stops_.all[a];
     if (!s.motor || s.acts) continue;
-    work_.bounded[a] = dt * (s.side < 0 ? s.least : s.most);
+    work_.bounded[a] = rows(dt).bound(a, s.side);
     work_.direction[s.coordinate] = work_.bounded[a];
   }
   dense::respond(root, work_.direction, work_.half, work_.known);
