@@ -375,6 +375,35 @@ def test_jaws_press_with_what_their_motors_are_given(make_world, client, dt, sha
         assert pressed == pytest.approx([force if factor > 0 else 0] * 2, rel=1e-3, abs=1e-9)
 
 
+def test_motors_that_were_off_are_off_after_a_restore(make_world, client):
+    """pybullet goes on to tell what they gave last, and after a restore what they gave later."""
+    radius, dt = 1.3e-3, 1 / 240
+    world = make_world(dt)
+    cord = bt.Material(stiffness=3e4, damping=20.0, friction=0.5)
+    jaws = jaws_about_a_cord(world, client, 5.0 * dt / 20, radius, cord, 21, 0.995)
+    speed = radius / (10 * dt)
+    drive(client, jaws, False, 5.0, speed, 0)
+    world.step(40)
+    drive(client, jaws, False, 0.0, 0.0, 0)
+    world.step(3)
+    state, saved = world.save_state(), p.saveState(physicsClientId=client)
+
+    def go_on():
+        motions = []
+        for step in range(40):
+            if step == 10:
+                drive(client, jaws, False, 2.0, speed, 0)
+            world.step()
+            motions.append([p.getJointState(jaws, joint, client)[:2] for joint in (0, 1)])
+        return np.array(motions)
+
+    first = go_on()
+    p.restoreState(saved, physicsClientId=client)
+    world.restore_state(state)
+    drive(client, jaws, False, 0.0, 0.0, 0)
+    np.testing.assert_array_equal(first, go_on())
+
+
 @pytest.mark.parametrize("mass", [0.2, 0.5, 0.6, 0.718, 0.8])
 @pytest.mark.parametrize("particles", [41, 43, 45])
 def test_a_jaw_whose_motor_yields_within_a_cut_step_was_where_it_is_let_yield(

@@ -259,7 +259,8 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
-  if (!m.motors.told_known) read_motors(body, reading.joints, m.motors.told);
+  read_motors(body, reading.joints, m.motors.tells);
+  if (!m.motors.told_known) m.motors.told = m.motors.tells;
   place(body, reading, places);
   body.mass_matrix(mass.data());
   body.weight(weight.data());

@@ -62,7 +62,7 @@ void GeneralizedBody::sense() {
     doubt_stops();
     const Numbers reached(observer.reached(rates));
     told = forces_of_motors(motors.told, reached);
-    motors.told_before = motors.told;
+    motors.told_before = motors.tells;
     explain_stops(told);
     if (told.size() == rates.size()) motors.thrown = motors.observe(reached, told, observer.dt());
   }

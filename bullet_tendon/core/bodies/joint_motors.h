@@ -70,6 +70,7 @@ class JointMotors {
 
   std::vector<JointMotor> all;  // by coordinate
   Numbers told, told_before;    // generalized forces that pybullet tells of the last two steps (n)
+  Numbers tells;                // what pybullet tells now: after a restore, of later steps
   Numbers off;                  // 1: it was off in the last step, and what is told of it is older (n)
   bool told_known = false;      // they are known for the next step (pybullet does not restore them)
   bool thrown = false;          // any released its joint in the last step
