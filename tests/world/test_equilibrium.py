@@ -698,7 +698,8 @@ def test_a_search_ends_at_the_last_place_that_is_allowed(make_world, client):
     assert world.report.converged and not is_near()
     world.relax(bodies=[body], tolerance=1e-9, within=lambda: False)
     assert not world.report.converged
-    np.testing.assert_array_equal(place(body, client), found)
+    # pybullet does not return a rotation to the last bit as it was set.
+    np.testing.assert_allclose(place(body, client), found, rtol=0, atol=1e-15)
     with pytest.raises(bt.InvalidType, match="within"):
         world.relax(bodies=[body], within=3)
 
