@@ -70,7 +70,7 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.external.clear();
   m.history.possible = falls;
-  m.limits.clear();
+  m.stops.limits.clear();
   m.gravity_response.clear();
   if (falls) m.gravity_response.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
@@ -116,9 +116,9 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   stand_alone(w.scene.bodies[slot], l, info.ptr(), item(where.ptr(), 1), falls);
   if (!is_finite(w, slot)) return 0;
   GeneralizedBody& m = w.scene.bodies[slot];
-  if (m.contacts_known) return 1;
+  if (m.stops.contacts_known) return 1;
   if (falls && m.may_rest(w.gravity())) return 2;
-  m.contacts.clear();
+  m.stops.contacts.clear();
   return 1;
 }
 
@@ -137,9 +137,9 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
                   bool keep) {
   if (slot >= static_cast<int>(w.scene.bodies.size()) || w.scene.bodies[slot].n() == 0) return;
   GeneralizedBody& m = w.scene.bodies[slot];
-  if (keep && m.contacts_known) return;
-  m.contacts.clear();
-  m.contacts_known = keep;
+  if (keep && m.stops.contacts_known) return;
+  m.stops.contacts.clear();
+  m.stops.contacts_known = keep;
   if (keep && !m.may_rest(w.gravity())) return;
   for (const py::handle& point : points) {
     const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
@@ -147,7 +147,7 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
     if (std::find(immovable.begin(), immovable.end(), other) == immovable.end()) continue;
     const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
     const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
-    m.contacts.insert(m.contacts.end(), row, row + 7);
+    m.stops.contacts.insert(m.stops.contacts.end(), row, row + 7);
   }
 }
 
@@ -259,8 +259,8 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
   read_joints(body, reading.motion, reading.joints, m.rates, places);
-  read_motors(body, reading.joints, m.motors.tells);
-  if (!m.motors.told_known) m.motors.told = m.motors.tells;
+  read_motors(body, reading.joints, m.stops.motors.reports);
+  if (!m.stops.motors.reported_known) m.stops.motors.reported = m.stops.motors.reports;
   place(body, reading, places);
   body.mass_matrix(mass.data());
   body.weight(weight.data());
@@ -274,7 +274,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   std::vector<double> moving(n);
   body.velocity_force(m.rates.data(), moving.data());
   dense::multiply(m.free, moving, m.by_motion);
-  body.limits(places.data(), m.limits);
+  body.limits(places.data(), m.stops.limits);
   if (continues)
     find_motion_shift(m, body, before);
   else
@@ -340,9 +340,9 @@ bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& m
 // Takes the forces of its motors into the state that is going to be saved.
 void keep_motors(World& w, int slot, const Articulated& body, const py::tuple& joints) {
   GeneralizedBody& m = w.scene.bodies[slot];
-  if (m.motors.told_known || m.n() != body.dofs()) return;
-  read_motors(body, joints, m.motors.told);
-  m.motors.told_known = true;
+  if (m.stops.motors.reported_known || m.n() != body.dofs()) return;
+  read_motors(body, joints, m.stops.motors.reported);
+  m.stops.motors.reported_known = true;
 }
 
 // A force of the user at a world point of any link of a body, in this step. tree: as it was read.
@@ -540,8 +540,8 @@ void bind_world_bodies(GuardedWorld& world) {
              });
            })
       .def("let_go", &World::let_go)
-      .def("stopped",
-           [](const World& w, int link) { return w.scene.bodies[w.scene.links[link].body].stopped(); })
+      .def("stopped", [](const World& w,
+                         int link) { return w.scene.bodies[w.scene.links[link].body].stops.coordinates(); })
       .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
@@ -573,7 +573,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("limit_shifts",
            [](const World& w, int body, const Articulated& tree) {
              py::list out;
-             for (const auto& [dof, change] : w.scene.bodies[body].limit_shifts)
+             for (const auto& [dof, change] : w.scene.bodies[body].stops.shifts)
                out.append(py::make_tuple(tree.force_of(dof, 0).link - 1, change));
              return out;
            })

@@ -33,7 +33,7 @@ void BodyHistory::finish(double step, bool whole) {
 
 bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
   if (!history.asked) {
-    history.able = history.possible && !is_stopped() && !motors.any() && !contacts_stop() &&
+    history.able = history.possible && !stops.act() && !stops.motors.any() && !stops.contacts_stop() &&
                    !observer.held() && !observer.is_surprised(unforced());
     history.smooth &= history.able && !is_jerked();
     history.asked = true;
@@ -48,9 +48,9 @@ bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
 }
 
 void GeneralizedBody::continue_history(double dt) {
-  work_.missing = history.given;
-  for (int i = 0; i < n() && !motion_shift.empty(); ++i) work_.missing[i] += motion_shift[i];
-  dense::respond(root, work_.missing, work_.half, work_.known);
+  work_.forces = history.given;
+  for (int i = 0; i < n() && !motion_shift.empty(); ++i) work_.forces[i] += motion_shift[i];
+  dense::respond(root, work_.forces, work_.half, work_.known);
   for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   for (double& e : root) e *= history.share();
 }

@@ -1,5 +1,6 @@
 #include "bodies/body_response.h"
 
+#include <cmath>
 #include <cstddef>
 
 #include "math/rounding.h"
@@ -41,41 +42,43 @@ double GeneralizedBody::share_that_holds(const Numbers& y, double dt) const {
 const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
   work_.known.assign(n(), 0.0);
   if (known_in_step_.size() == work_.known.size()) work_.known = known_in_step_;
-  if (stopped_by_.size() == work_.known.size())
-    for (int i = 0; i < n(); ++i) work_.known[i] += stopped_by_[i];
+  const Numbers& stopped = stops.accelerates();
+  if (stopped.size() == work_.known.size())
+    for (int i = 0; i < n(); ++i) work_.known[i] += stopped[i];
   return work_.known;
 }
 
 // From now on, what its motors do is learned as that of other holds.
 void GeneralizedBody::forget_motors() {
-  motors.all.clear();
+  stops.motors.all.clear();
   const Numbers expected(observer.forces());
   observer.let_go();
   observer.expect(expected);
 }
 
 void GeneralizedBody::sense() {
+  JointMotors& motors = stops.motors;
   motors.begin_step();
   if (motors.soft && !motors.all.empty()) forget_motors();
-  Numbers told;
+  Numbers by_motors;
   if (observer.has_acted()) {
-    doubt_stops();
+    stops.doubt(rates);
     const Numbers reached(observer.reached(rates));
-    told = forces_of_motors(motors.told, reached);
-    motors.told_before = motors.tells;
-    explain_stops(told);
-    if (told.size() == rates.size()) motors.thrown = motors.observe(reached, told, observer.dt());
+    by_motors = forces_of_motors(motors.reported, reached);
+    motors.reported_before = motors.reports;
+    stops.explain(stopped(), forces, by_motors);
+    if (by_motors.size() == rates.size()) motors.thrown = motors.observe(reached, by_motors, observer.dt());
   }
-  const bool jointed = !limits.empty();
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
-  const bool alone = !gravity_response.empty() && !jointed && (touches == 1 || turning.far);
+  const bool alone = !gravity_response.empty() && !is_jointed() && (touches == 1 || turning.far);
   // Where limits and motors act together, or a motor has yielded, pybullet's sweeps may end far from the
   // rates that are expected.
-  const bool rough = motors.thrown || (motors.any() && limits_act());
-  const double noise = rough ? kUnlimited : is_stopped() ? kSolverNoise : 0;
-  observer.observe(rates, free, unforced(), {alone, jointed, contacts_stop(), noise, told, motors.thrown});
+  const bool rough = motors.thrown || (motors.any() && stops.limits_act());
+  const double noise = rough ? kUnlimited : stops.act() ? kSolverNoise : 0;
+  observer.observe(rates, free, unforced(),
+                   {alone, is_jointed(), stops.contacts_stop(), noise, by_motors, motors.thrown});
   take_owed();
-  contacts_known = motors.told_known = false;
+  stops.contacts_known = motors.reported_known = false;
 }
 
 // A body that has other rates than it was left with was stopped, or set by the user.
@@ -114,28 +117,42 @@ void GeneralizedBody::leave_out(double share, double dt) {
   for (int i = 0; i < n(); ++i) left_out.force[i] -= substep.pushed[i] / dt;
 }
 
-// The forces of the motors in a step in which it reached these rates.
-GeneralizedBody::Numbers GeneralizedBody::forces_of_motors(const Numbers& told, const Numbers& reached) {
+// The forces of the motors in a step in which it reached these rates, by what pybullet reports of them.
+GeneralizedBody::Numbers GeneralizedBody::forces_of_motors(const Numbers& reported, const Numbers& reached) {
+  JointMotors& motors = stops.motors;
   if (motors.soft) return {};
   const Numbers foreseen = motors.foreseen(reached);
-  return observer.forces_of_motors(reached, unforced(), {motors.told_before, told, foreseen, motors.off});
+  return observer.forces_of_motors(reached, unforced(),
+                                   {motors.reported_before, reported, foreseen, motors.off});
 }
 
-bool GeneralizedBody::sample(const Numbers& after, const Numbers& told) {
-  const Numbers by_motors = forces_of_motors(told, after);
-  explain_stops(by_motors);
-  return observer.sample(after, unforced(), by_motors) || motors.released(after, by_motors);
+bool GeneralizedBody::sample(const Numbers& after, const Numbers& reported) {
+  const Numbers by_motors = forces_of_motors(reported, after);
+  stops.explain(stopped(), forces, by_motors);
+  return observer.sample(after, unforced(), by_motors) || stops.motors.released(after, by_motors);
 }
 
 const GeneralizedBody::Numbers& GeneralizedBody::rates_at_end(double dt) {
-  work_.direction = forces;
-  return rates_with(root, change, dt);
+  rates_under(forces, rates, root, change, dt, work_.half, work_.known);
+  return work_.known;
 }
 
 bool GeneralizedBody::limit_hold(double dt) {
-  work_.direction = forces;
-  for (size_t i = 0; i < motors.all.size(); ++i) work_.direction[i] += motors.all[i].needed;
-  return observer.limit_hold(work_.direction, dt);
+  work_.forces = forces;
+  for (size_t i = 0; i < stops.motors.all.size(); ++i) work_.forces[i] += stops.motors.all[i].needed;
+  return observer.limit_hold(work_.forces, dt);
+}
+
+bool GeneralizedBody::may_rest(Vec3 gravity) const {
+  const double pushed = std::sqrt(dense::dot(observer.push(), observer.push()));
+  return stops.act() || stops.slipped() || observer.held() || observer.is_new() || norm(gravity) == 0 ||
+         pushed > kLeastStopped * norm(gravity);
+}
+
+bool GeneralizedBody::settle_stops(double dt) {
+  if (!stops.any() || !stops.choose(stopped(), forces, dt)) return false;
+  stops.act_on(stopped(), dt);
+  return true;
 }
 
 void GeneralizedBody::add_external(const Numbers& force) {
@@ -153,12 +170,10 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
     dense::respond(root, external, work_.half, work_.known);
     for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   }
-  motors.foresee(dt);
-  find_stops(dt);
-  change = stops_.unstopped;
-  if (stops_.all.empty() || !knows_forces()) return;
-  if (!motors.again) choose_stops(observer.forces(), dt);
-  stop(dt);
+  stops.find(stopped(), base(), dt);
+  if (!stops.any() || !knows_forces()) return;
+  if (!stops.motors.again) stops.choose(stopped(), observer.forces(), dt);
+  stops.act_on(stopped(), dt);
 }
 
 bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
@@ -175,19 +190,18 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
 }
 
 void GeneralizedBody::act(double dt, bool whole) {
-  stopped_by_.assign(n(), 0.0);
+  stops.rest(n());
   joint_forces.assign(n(), 0.0);
-  limit_shifts.clear();
   auto add_left_out = [&](double share, Numbers& to) {
     for (size_t i = 0; i < left_out.force.size(); ++i) to[i] += share * left_out.force[i];
   };
   add_left_out(1, forces);
-  if (is_stopped() || motors.any()) share_stops(dt);
+  stops.share(stopped(), forces, dt, joint_forces);
   add_left_out(-1, forces);
   add_left_out(1, joint_forces);
   if (history.continues && !motion_shift.empty())
     for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
-  if (history.admitted && history.coupled && !is_stopped())
+  if (history.admitted && history.coupled && !stops.act())
     history.finish(dt, whole);
   else
     history.forget();

@@ -10,32 +10,16 @@
 // Therefore y, with the energy |y|^2/2, are the unknowns of the body (solver/body_schur.cpp), whatever holds
 // the body.
 //
-// Joint limits and contacts with bodies without mass are predicted. Where the rate along a direction d would
-// violate one, pybullet sets a rate that corrects a share of the depth (bodies/unilateral_stops.cpp).
+// Joint limits, contacts with bodies without mass and motors are predicted (bodies/body_stops.h).
 #pragma once
-#include <algorithm>
 #include <utility>
-#include <vector>
 
 #include "bodies/body_history.h"
-#include "bodies/bounded_rows.h"
-#include "bodies/joint_motors.h"
+#include "bodies/body_stops.h"
 #include "bodies/response_observer.h"
 #include "math/vec3.h"
 
 namespace bt {
-
-// The stops of a body in this step.
-struct BodyStops {
-  using Numbers = dense::Numbers;
-  std::vector<Stop> all;
-  Numbers directions;    // D (n in each row)
-  Numbers pushes;        // lambda of all stops, of the last evaluation
-  Numbers unstopped;     // change of the rates without stops and without tendons
-  Numbers doubted;       // by coordinate, not 0: it passed the limit that pybullet reports
-  bool rested = false;   // contacts stopped the body in the last step
-  bool slipped = false;  // it passed through contacts
-};
 
 // A body in a substep (begin_substep).
 struct BodySubstep {
@@ -68,12 +52,6 @@ struct BodyUnknowns {
   double lever = 0;        // largest |B| of its touched points
 };
 
-// Workspace. Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
-struct BodyWorkspace {
-  dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along,
-      left, whole, acceleration, bounded;
-};
-
 // Whether a free body rotates finitely in this step: tendons can touch it, or it turns so far that the arms
 // of their ends change.
 struct BodyTurning {
@@ -95,17 +73,11 @@ struct GeneralizedBody {
   // Generalized forces of its motion at the velocity at the start of the step, less those at the mean
   // velocity of the last step, which pybullet applies (n); empty: not known.
   Numbers motion_shift;
-  Numbers limits;  // (coordinate, side, depth) of every limit; side 1: it pushes upwards
   // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
   // pass in this step, of motion_shift and of left_out.
   Numbers joint_forces;
-  // Coordinate and change of every joint that is moved to just behind its limit before this step.
-  std::vector<std::pair<int, double>> limit_shifts;
-  Numbers external;  // generalized forces that the user has told for this step (n); empty: none
-  JointMotors motors;
-  // Of a rigid body: direction (6) and distance, negative inside, of every contact with a body without mass.
-  Numbers contacts;
-  bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
+  Numbers external;  // generalized forces of the user in this step (n); empty: none
+  BodyStops stops;
   Observer observer;
   BodyHistory history;
   Numbers root;    // E, reduced by the stops that act in this step
@@ -120,25 +92,14 @@ struct GeneralizedBody {
   bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;
 
-  // Coordinates that limits stop, or motors hold, in this step.
-  std::vector<int> stopped() const {
-    std::vector<int> coordinates;
-    for (const Stop& s : stops_.all)
-      if (s.acts && s.coordinate >= 0) coordinates.push_back(s.coordinate);
-    std::sort(coordinates.begin(), coordinates.end());
-    coordinates.erase(std::unique(coordinates.begin(), coordinates.end()), coordinates.end());
-    return coordinates;
-  }
-  bool may_stop() const { return !stops_.all.empty(); }
-  // Whether contacts are predicted to stop it.
-  bool contacts_stop() const { return !contacts.empty() && !stops_.slipped; }
-  bool is_stopped() const;
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
+  // Whether it has joints: each has two limits, wherever they are.
+  bool is_jointed() const { return !stops.limits.empty(); }
   // Number of rates that are of its base, whose velocity pybullet integrates: 6, or 0 where it is fixed.
   int base() const {
-    return gravity_response.empty() ? 0 : limits.empty() ? n() : static_cast<int>(limits[0]);
+    return gravity_response.empty() ? 0 : is_jointed() ? static_cast<int>(stops.limits[0]) : n();
   }
   // Learns from its motion since the last step.
   void sense();
@@ -158,25 +119,22 @@ struct GeneralizedBody {
   // Takes its rates and the forces of its motors right after the step. Returns whether it was released.
   bool sample(const Numbers& after, const Numbers& motors);
   // Whether what holds it may have released it in the last step.
-  bool may_be_released() const { return observer.held() || motors.any(); }
+  bool may_be_released() const { return observer.held() || stops.motors.any(); }
   // Whether it did.
-  bool released() const { return observer.released() || motors.thrown; }
-  bool released_by_motor() const { return motors.thrown && !observer.released(); }
+  bool released() const { return observer.released() || stops.motors.thrown; }
+  bool released_by_motor() const { return stops.motors.thrown && !observer.released(); }
   // The rates at the end of a step of dt [s] as it was solved (n).
   const Numbers& rates_at_end(double dt);
   // If what holds it is not trusted with the forces of the tendons in a step of dt [s], lets it yield.
   bool limit_hold(double dt);
-  // Lets the motors yield to the end of the step that were within their limits before. Returns whether there
-  // are any.
-  bool let_motors_yield();
   // Records the forces of the tendons and of the stops in a step of dt [s].
   // whole: the step was not divided.
   void act(double dt, bool whole);
   // Whether it rotates far within dt [s] with this predicted spin, or under the forces of the tendons.
   bool turns_far(Vec3 spin, double dt) const;
-  // Determines the stops that act under these forces of the tendons. Returns whether they are other ones than
+  // Determines the stops that act under the forces of the tendons. Returns whether they are other ones than
   // before.
-  bool settle_stops(const Numbers& forces, double dt);
+  bool settle_stops(double dt);
   // Forgets the substeps.
   void begin_step();
   // Sets `changed` and `changes_to`. before, at_end: shares of the step that are over then [-].
@@ -208,37 +166,14 @@ struct GeneralizedBody {
   void give_owed(double dt);
   const Numbers& unforced();
   void forget_motors();
-  void doubt_stops();
-  void find_stops(double dt);
-  bool limits_act() const;
-  bool is_held(int coordinate);
-  void add_motors(double dt);
-  void add_row(const Stop& stop);
-  void add_stop(double wanted, int coordinate, double ahead = 0);
-  double rate_at(size_t limit, double dt) const;
-  double bounded_by_limits(int coordinate, double aim, double dt) const;
-  Numbers forces_of_motors(const Numbers& told, const Numbers& reached);
-  void explain_stops(const Numbers& by_motors);
-  bool admit_stops(const Numbers& forces, double dt);
-  void find_pushes(const Numbers& forces, double dt);
-  BoundedRows rows(double dt) const;
-  bool pybullet_falls_short(const Numbers& swept, double dt);
-  void give(size_t row, double dt);
-  void note_motors(const Numbers& swept, double dt);
-  const Numbers& rates_with(const Numbers& by_root, const Numbers& by_change, double dt);
-  void share_stops(double dt);
-  void gather_acting();
-  bool choose_motors(const Numbers& forces, double dt);
-  bool choose_stops(const Numbers& forces, double dt);
-  void stop(double dt);
-  void push_by_motors(double dt);
-  void find_stopped_by(double dt);
+  BodyStops::Body stopped() { return {rates, observer, root, change}; }
+  Numbers forces_of_motors(const Numbers& reported, const Numbers& reached);
   bool knows_forces() const { return static_cast<int>(observer.forces().size()) == n(); }
-  void take_away();
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
-  Numbers stopped_by_;     // acceleration by pybullet's stops in the last step
-  BodyStops stops_;
-  BodyWorkspace work_;
+  struct Workspace {
+    dense::Scratch known, half, forces, along, acceleration;
+  };
+  Workspace work_;
   friend struct StateFields;  // world/state_fields.h
 };
 

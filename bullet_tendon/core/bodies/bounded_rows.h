@@ -1,5 +1,5 @@
 // Rows of a body's complementarity problem: stops, whose impulses only push, and motors, whose impulses are
-// bounded on both sides (bodies/unilateral_stops.cpp). With impulses x, a row lacks the rate left - W x of
+// bounded on both sides (bodies/body_stops.cpp). With impulses x, a row lacks the rate left - W x of
 // what it wants, and
 //
 //   x within its bounds: it lacks nothing,     at the upper one: it lacks >= 0,     at the lower one: <= 0.

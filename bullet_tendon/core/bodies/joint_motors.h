@@ -1,11 +1,11 @@
-// Motors of the joints of a body, learned from the forces that pybullet tells of them.
+// Motors of the joints of a body, learned from the forces that pybullet reports of them.
 //
 // In every step pybullet's motor sets the rate u of its joint to an aim, by a force f of at most its limit L:
 //
 //   u = aim, |f| <= L,     or     f = L, u < aim,     or     f = -L, u > aim.
 //
-// So it is a row of the complementarity problem of the body's stops (bodies/unilateral_stops.cpp). pybullet
-// tells f, but neither aim nor limit. They are learned:
+// So it is a row of the complementarity problem of the body's stops (bodies/body_stops.cpp). pybullet
+// reports f, but neither aim nor limit. They are learned:
 //
 //   aim    Within its limit it was u. It goes on from there by what its last two changes have in common.
 //   limit  Not known, and taken for infinite, until the motor yields: u is short of the foreseen aim, and f
@@ -14,7 +14,7 @@
 //          much, unless the motor was within a limit that is known. At a limit, f is the same in the next
 //          step. If it is not, the aim had changed.
 //
-// pybullet tells a wrong force of a motor that is off, and where it cuts off a rate before its motors act
+// pybullet reports a wrong force of a motor that is off, and where it cuts off a rate before its motors act
 // (Observer::forces_of_motors).
 //
 // A motor that yields where it was not foreseen to has released its joint: the step is solved again
@@ -69,10 +69,11 @@ class JointMotors {
   }
 
   std::vector<JointMotor> all;  // by coordinate
-  Numbers told, told_before;    // generalized forces that pybullet tells of the last two steps (n)
-  Numbers tells;                // what pybullet tells now: after a restore, of later steps
-  Numbers off;                  // 1: it was off in the last step, and what is told of it is older (n)
-  bool told_known = false;      // they are known for the next step (pybullet does not restore them)
+  // Generalized forces that pybullet reports of the last two steps (n).
+  Numbers reported, reported_before;
+  Numbers reports;              // what pybullet reports now: after a restore, of later steps
+  Numbers off;                  // 1: it was off in the last step, and what is reported of it is older (n)
+  bool reported_known = false;  // they are known for the next step (pybullet does not restore them)
   bool thrown = false;          // any released its joint in the last step
   bool again = false;           // the last step is solved again
   bool soft = false;  // pybullet's sweeps do not solve them: what they do is learned as that of other holds

@@ -12,7 +12,8 @@ namespace {
 // it yielded [-]. Larger: pybullet cuts off the rate of what yields, which then tells nothing about its
 // force. Smaller: bodies that are held are predicted to yield where their load grows.
 constexpr double kTrusted = 0.5;
-// Largest error of the force on a joint without its motor, over what this tells, of a motor that was off [-].
+// Largest error of the force on a joint without its motor, over what is reported, of a motor that was off
+// [-].
 constexpr double kStale = 0.5;
 
 }  // namespace
@@ -35,18 +36,18 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
   if (has_acted()) {
     const Numbers& reached = this->reached(rates);
     measure(reached, gravity, of.motors);
-    compare(now_);
-    now_.cut.assign(n_, 0.0);
+    compare(work_.now);
+    work_.now.cut.assign(n_, 0.0);
     const bool cut = (of.jointed || of.alone) && note_cut(reached, of.thrown);
     if (!of.jointed) leave_out_cut();
-    now_.root_acceleration = now_.acceleration;
-    forward(root_, now_.root_acceleration);
-    if (!cut || of.jointed) released_ = held_ && was_released(now_);
+    work_.now.root_acceleration = work_.now.acceleration;
+    forward(root_, work_.now.root_acceleration);
+    if (!cut || of.jointed) released_ = hold_.acts && was_released(work_.now);
     end_yielding();
-    if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(now_, gravity, of);
+    if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(work_.now, gravity, of);
     note_hold(gravity);
     std::swap(previous_, last_);
-    std::swap(last_, now_);
+    std::swap(last_, work_.now);
     samples_ = std::min(2, samples_ + 1);
     if (!of.stops_known) find_push();
   }
@@ -56,7 +57,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
 }
 
 void Observer::take_effective() {
-  if (held_)
+  if (hold_.acts)
     product(n_, root_, share_root_, effective_root_);
   else
     effective_root_ = root_;
@@ -72,46 +73,48 @@ void Observer::refresh(const Numbers& rates) {
 bool Observer::sample(const Numbers& rates, const Numbers& gravity, const Numbers& motors) {
   if (!has_acted() || rates.size() != rates_.size()) return false;
   sampled_ = rates;
-  if (!held_) return false;
+  if (!hold_.acts) return false;
   measure(rates, gravity, motors);
-  compare(now_);
-  return was_released(now_);
+  compare(work_.now);
+  return was_released(work_.now);
 }
 
-// A motor that tells the same force as before was off if its joint moved as it does without it. It is off
-// until another force is told. pybullet cuts off rates before its motors act: of one that held its joint all
-// the same, it tells only what undid the rest.
-Observer::Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity, const Told& told) {
-  Numbers forces(told.now);
-  told.off.resize(forces.size());
-  if (!has_acted() || forces.size() != rates_.size() || forces.size() != told.before.size()) return forces;
+// A motor of which the same force is reported as before was off if its joint moved as it does without it. It
+// is off until another force is reported. pybullet cuts off rates before its motors act: of one that held its
+// joint all the same, it reports only what undid the rest.
+Observer::Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
+                                             const Reported& reported) {
+  Numbers forces(reported.now);
+  reported.off.resize(forces.size());
+  if (!has_acted() || forces.size() != rates_.size() || forces.size() != reported.before.size())
+    return forces;
   for (int i = 0; i < n_; ++i)
-    if (told.off[i] != 0) forces[i] = 0;
+    if (reported.off[i] != 0) forces[i] = 0;
   measure(rates, gravity, forces);
-  compare(now_);
-  respond(effective_root_, forces, one_, e_);
-  s_.resize(n_);
-  for (int i = 0; i < n_; ++i) s_[i] = rates[i] - dt_ * (missed_[i] + e_[i]);  // without motors
-  dense::solve(root_, missed_);                                                // generalized forces
+  compare(work_.now);
+  respond(effective_root_, forces, work_.one, work_.e);
+  work_.s.resize(n_);
+  for (int i = 0; i < n_; ++i) work_.s[i] = rates[i] - dt_ * (missed_[i] + work_.e[i]);  // without motors
+  dense::solve(root_, missed_);                                                          // generalized forces
   for (int i = 0; i < n_; ++i) {
-    const double force = told.now[i];
+    const double force = reported.now[i];
     const bool cut_off = std::fabs(rates[i]) >= kCutOff * kMostRate;
     const bool moved_without = cut_off || std::fabs(missed_[i] + force) < kStale * std::fabs(force);
-    told.off[i] = force == told.before[i] && (told.off[i] != 0 || moved_without);
-    const bool held = std::fabs(rates[i] - told.foreseen[i]) < kEvidence * kMostRate;
-    forces[i] = told.off[i] != 0 ? 0 : force;
-    if (forces[i] != 0 && held && std::fabs(s_[i]) >= kMostRate) forces[i] += missed_[i];
+    reported.off[i] = force == reported.before[i] && (reported.off[i] != 0 || moved_without);
+    const bool held = std::fabs(rates[i] - reported.foreseen[i]) < kEvidence * kMostRate;
+    forces[i] = reported.off[i] != 0 ? 0 : force;
+    if (forces[i] != 0 && held && std::fabs(work_.s[i]) >= kMostRate) forces[i] += missed_[i];
   }
   missed_.clear();
   return forces;
 }
 
 void Observer::measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors) {
-  now_.forces = applied_;
-  for (size_t i = 0; i < motors.size(); ++i) now_.forces[i] += motors[i];
-  multiply_transposed(root_, now_.forces, now_.root_forces);
-  now_.acceleration.resize(n_);
-  for (int i = 0; i < n_; ++i) now_.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
+  work_.now.forces = applied_;
+  for (size_t i = 0; i < motors.size(); ++i) work_.now.forces[i] += motors[i];
+  multiply_transposed(root_, work_.now.forces, work_.now.root_forces);
+  work_.now.acceleration.resize(n_);
+  for (int i = 0; i < n_; ++i) work_.now.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
 }
 
 void Observer::act(const Numbers& tendons, const Numbers& others, double dt) {
@@ -130,8 +133,8 @@ void Observer::rest(const Numbers& tendons) {
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
-  held_ = released_ = yields_ = limit_known_ = false;
-  withstood_ = 0;
+  hold_.acts = released_ = hold_.yields = hold_.limit_known = false;
+  hold_.withstood = 0;
   take_effective();
   push_.assign(n_, 0.0);
 }
@@ -144,81 +147,81 @@ void Observer::let_go() {
 
 void Observer::release() {
   if (was_cut()) return let_go();
-  withstood_ = norm_of_hold(last_.forces, last_.acceleration);
+  hold_.withstood = norm_of_hold(last_.forces, last_.acceleration);
   let_yield(1);
-  limit_known_ = true;
+  hold_.limit_known = true;
 }
 
-// Sets s_ to the acceleration a - R w by what holds the body. Returns |L^-1 s|.
+// Sets work_.s to the acceleration a - R w by what holds the body. Returns |L^-1 s|.
 double Observer::norm_of_hold(const Numbers& forces, const Numbers& acceleration) {
-  respond(root_, forces, one_, other_);
-  s_.resize(n_);
-  one_.resize(n_);
-  for (int i = 0; i < n_; ++i) one_[i] = s_[i] = acceleration[i] - other_[i];
-  forward(root_, one_);
-  return std::sqrt(dot(one_, one_));
+  respond(root_, forces, work_.one, work_.other);
+  work_.s.resize(n_);
+  work_.one.resize(n_);
+  for (int i = 0; i < n_; ++i) work_.one[i] = work_.s[i] = acceleration[i] - work_.other[i];
+  forward(root_, work_.one);
+  return std::sqrt(dot(work_.one, work_.one));
 }
 
-// Lets it yield where its hold gives it this share of the acceleration s_.
+// Lets it yield where its hold gives it this share of the acceleration work_.s.
 void Observer::let_yield(double share) {
-  held_push_ = push_;
-  push_ = s_;
+  hold_.push = push_;
+  push_ = work_.s;
   for (double& a : push_) a *= share;
   effective_root_ = root_;
-  yields_ = true;
+  hold_.yields = true;
 }
 
 bool Observer::limit_hold(const Numbers& tendons, double dt) {
-  if (!held_ || yields_ || static_cast<int>(tendons.size()) != n_) return false;
-  respond(effective_root_, tendons, one_, e_);
-  for (int i = 0; i < n_; ++i) e_[i] += push_[i];
-  const double needed = norm_of_hold(tendons, e_);
+  if (!hold_.acts || hold_.yields || static_cast<int>(tendons.size()) != n_) return false;
+  respond(effective_root_, tendons, work_.one, work_.e);
+  for (int i = 0; i < n_; ++i) work_.e[i] += push_[i];
+  const double needed = norm_of_hold(tendons, work_.e);
   double fastest = 0;
-  for (double a : s_) fastest = std::max(fastest, dt * std::fabs(a));
+  for (double a : work_.s) fastest = std::max(fastest, dt * std::fabs(a));
   const double cut_off = kMostRate / fastest * needed;
-  const double trusted = limit_known_ ? withstood_ : withstood_ + kTrusted * cut_off;
+  const double trusted = hold_.limit_known ? hold_.withstood : hold_.withstood + kTrusted * cut_off;
   // No force moves what withstands a rate that pybullet cuts off.
-  if (withstood_ >= cut_off || !(needed > trusted)) return false;
+  if (hold_.withstood >= cut_off || !(needed > trusted)) return false;
   let_yield(trusted / needed);
   return true;
 }
 
 // A body that yielded as it was let is free. Else the limit of its hold was too low.
 void Observer::end_yielding() {
-  if (!std::exchange(yields_, false)) return;
+  if (!std::exchange(hold_.yields, false)) return;
   take_effective();
   if (!released_ && has_yielded()) return set_free();
-  limit_known_ = false;
+  hold_.limit_known = false;
 }
 
 // Notes what held the body in the last step, and the rates at which it did.
 void Observer::note_hold(const Numbers& gravity) {
-  const double now = held_ ? norm_of_hold(now_.forces, now_.acceleration) : 0;
-  limit_known_ &= held_ && now <= (1 + kEvidence) * withstood_;
-  withstood_ = held_ ? std::max(withstood_, now) : 0;
+  const double now = hold_.acts ? norm_of_hold(work_.now.forces, work_.now.acceleration) : 0;
+  hold_.limit_known &= hold_.acts && now <= (1 + kEvidence) * hold_.withstood;
+  hold_.withstood = hold_.acts ? std::max(hold_.withstood, now) : 0;
   if (!released_) return;
-  held_rates_ = rates_;
-  for (int i = 0; i < n_; ++i) held_rates_[i] -= dt_ * gravity[i];
+  hold_.rates = rates_;
+  for (int i = 0; i < n_; ++i) hold_.rates[i] -= dt_ * gravity[i];
 }
 
 // Whether the last motion is nearer to that of the yielding body than to that of the held one.
 bool Observer::has_yielded() {
-  respond(effective_root_, now_.forces, one_, other_);
-  one_.resize(n_);
+  respond(effective_root_, work_.now.forces, work_.one, work_.other);
+  work_.one.resize(n_);
   for (int i = 0; i < n_; ++i) {
-    one_[i] = missed_[i];
-    other_[i] += held_push_[i] - now_.acceleration[i] + missed_[i];
+    work_.one[i] = missed_[i];
+    work_.other[i] += hold_.push[i] - work_.now.acceleration[i] + missed_[i];
   }
-  forward(root_, one_);
-  forward(root_, other_);
-  return dot(one_, other_) < 0.5 * dot(other_, other_);
+  forward(root_, work_.one);
+  forward(root_, work_.other);
+  return dot(work_.one, work_.other) < 0.5 * dot(work_.other, work_.other);
 }
 
 // a - R_eff w.
 void Observer::unexplained(const Sample& by, Numbers& rest) {
-  respond(effective_root_, by.forces, one_, other_);
+  respond(effective_root_, by.forces, work_.one, work_.other);
   rest.resize(n_);
-  for (int i = 0; i < n_; ++i) rest[i] = by.acceleration[i] - other_[i];
+  for (int i = 0; i < n_; ++i) rest[i] = by.acceleration[i] - work_.other[i];
 }
 
 void Observer::compare(const Sample& now) {
@@ -230,7 +233,7 @@ void Observer::compare(const Sample& now) {
 // prediction. A motion beyond it is the least possible one.
 void Observer::leave_out_cut() {
   for (int i = 0; i < n_; ++i)
-    if (missed_[i] * now_.cut[i] < 0) now_.acceleration[i] -= missed_[i];
+    if (missed_[i] * work_.now.cut[i] < 0) work_.now.acceleration[i] -= missed_[i];
 }
 
 // Marks the rates that pybullet cut off. Returns whether there is any: then nothing is learned. After it has
@@ -239,47 +242,50 @@ bool Observer::note_cut(const Numbers& rates, bool thrown) {
   for (int i = 0; i < n_; ++i) {
     const double predicted = thrown ? rates[i] - dt_ * missed_[i] : 0;
     if (std::max(std::fabs(rates[i]), std::fabs(predicted)) >= kCutOff * kMostRate)
-      now_.cut[i] = rates[i] > 0 ? 1 : -1;
+      work_.now.cut[i] = rates[i] > 0 ? 1 : -1;
   }
-  return dot(now_.cut, now_.cut) > 0;
+  return dot(work_.now.cut, work_.now.cut) > 0;
 }
 
 bool Observer::is_surprised(const Numbers& accelerations) {
   if (missed_.empty()) return false;
-  one_ = missed_;
-  other_ = accelerations;
-  forward(root_, one_);
-  forward(root_, other_);
-  const double known = dot(last_.root_forces, last_.root_forces) + dot(other_, other_);
-  return dot(one_, one_) > kEvidence * kEvidence * known;
+  work_.one = missed_;
+  work_.other = accelerations;
+  forward(root_, work_.one);
+  forward(root_, work_.other);
+  const double known = dot(last_.root_forces, last_.root_forces) + dot(work_.other, work_.other);
+  return dot(work_.one, work_.one) > kEvidence * kEvidence * known;
 }
 
 // Whether the body moved along the forces by more than predicted. Of one that was let yield at a force that
 // it was only trusted with, little more is evidence: this force was too large, and throws a light body.
 bool Observer::was_released(const Sample& now) {
-  const double beyond = dot(now.forces, missed_), least = yields_ && !limit_known_ ? kLeastNews : kEvidence;
+  const double beyond = dot(now.forces, missed_),
+               least = hold_.yields && !hold_.limit_known ? kLeastNews : kEvidence;
   return beyond > least * dot(now.root_forces, now.root_forces);
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
-  s_.resize(n_);
-  for (int i = 0; i < n_; ++i) s_[i] = now.root_forces[i] - last_.root_forces[i];
-  const double whole = dot(now.root_forces, now.root_forces), news = dot(s_, s_);
+  work_.s.resize(n_);
+  for (int i = 0; i < n_; ++i) work_.s[i] = now.root_forces[i] - last_.root_forces[i];
+  const double whole = dot(now.root_forces, now.root_forces), news = dot(work_.s, work_.s);
   if (news <= kLeastNews * kLeastNews * whole) return;
-  multiply(share_, s_, e_);
-  for (int i = 0; i < n_; ++i) e_[i] = now.root_acceleration[i] - last_.root_acceleration[i] - e_[i];
-  multiply(root_, e_, one_);
-  if (std::all_of(one_.begin(), one_.end(), [&](double error) { return dt_ * std::fabs(error) <= of.noise; }))
+  multiply(share_, work_.s, work_.e);
+  for (int i = 0; i < n_; ++i)
+    work_.e[i] = now.root_acceleration[i] - last_.root_acceleration[i] - work_.e[i];
+  multiply(root_, work_.e, work_.one);
+  if (std::all_of(work_.one.begin(), work_.one.end(),
+                  [&](double error) { return dt_ * std::fabs(error) <= of.noise; }))
     return;
-  const double es = dot(e_, s_), ee = dot(e_, e_);
-  one_ = gravity;
-  forward(root_, one_);
+  const double es = dot(work_.e, work_.s), ee = dot(work_.e, work_.e);
+  work_.one = gravity;
+  forward(root_, work_.one);
   // Forces at joint limits may cancel those of tendons but for a small remainder.
-  multiply_transposed(root_, forces_, other_);
-  for (int i = 0; i < n_; ++i) other_[i] -= now.root_forces[i];
+  multiply_transposed(root_, forces_, work_.other);
+  for (int i = 0; i < n_; ++i) work_.other[i] -= now.root_forces[i];
   // A body that is held may yield by less than that.
-  const double least_error = held_ ? kLeastNews : kEvidence;
-  const double known = dot(one_, one_) + dot(other_, other_);
+  const double least_error = hold_.acts ? kLeastNews : kEvidence;
+  const double known = dot(work_.one, work_.one) + dot(work_.other, work_.other);
   if (ee <= least_error * least_error * news || ee <= kLeastNews * kLeastNews * known) return;
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
@@ -288,22 +294,22 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
   // does the error of pybullet's sweeps over several stops of joints.
   if ((es > 0 || of.jointed) && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)
-    for (int j = 0; j < n_; ++j) share_[i * n_ + j] += e_[i] * e_[j] / es;
+    for (int j = 0; j < n_; ++j) share_[i * n_ + j] += work_.e[i] * work_.e[j] / es;
   limit_share();
   double least = 1;
   for (int i = 0; i < n_; ++i) least = std::min(least, share_[i * n_ + i]);
-  held_ = least < 1 - kLeastNews;
+  hold_.acts = least < 1 - kLeastNews;
   take_effective();
 }
 
 // Limits the eigenvalues of G to [0, 1], and computes S.
 void Observer::limit_share() {
-  turned_ = share_;
-  eigen(n_, turned_, vectors_);
+  work_.turned = share_;
+  eigen(n_, work_.turned, work_.vectors);
   share_root_.assign(share_.size(), 0.0);
   for (int k = 0; k < n_; ++k) {
-    const double value = std::sqrt(std::min(1.0, std::max(0.0, turned_[k * n_ + k])));
-    for (int i = 0; i < n_; ++i) share_root_[i * n_ + k] = value * vectors_[i * n_ + k];
+    const double value = std::sqrt(std::min(1.0, std::max(0.0, work_.turned[k * n_ + k])));
+    for (int i = 0; i < n_; ++i) share_root_[i * n_ + k] = value * work_.vectors[i * n_ + k];
   }
   product_transposed(n_, share_root_, share_root_, share_);
 }
@@ -312,18 +318,18 @@ void Observer::trust_last() { unexplained(last_, push_); }
 
 // What released it goes on to restore the rates at which it held.
 void Observer::resume() {
-  const bool restores = std::exchange(yields_, false) && released_;
+  const bool restores = std::exchange(hold_.yields, false) && released_;
   take_effective();
   if (!restores) return find_push();
-  for (int i = 0; i < n_; ++i) push_[i] = (held_rates_[i] - rates_[i]) / dt_;
+  for (int i = 0; i < n_; ++i) push_[i] = (hold_.rates[i] - rates_[i]) / dt_;
 }
 
 void Observer::find_push() {
   if (samples_ < 2) return push_.assign(n_, 0.0);
-  unexplained(last_, s_);
-  unexplained(previous_, e_);
+  unexplained(last_, work_.s);
+  unexplained(previous_, work_.e);
   for (int i = 0; i < n_; ++i) {
-    const double a = s_[i], b = e_[i];
+    const double a = work_.s[i], b = work_.e[i];
     const bool a_least = last_.cut[i] != 0, b_least = previous_.cut[i] != 0,
                smaller = std::fabs(a) < std::fabs(b);
     const bool takes_a = a_least == b_least ? smaller != a_least : b_least;

@@ -55,14 +55,14 @@ class Observer {
   // Takes the rates right after the step. Returns whether the body was released. Rates that are observed
   // later may have been set from outside.
   bool sample(const Numbers& rates, const Numbers& gravity, const Numbers& motors);
-  // The forces of motors in the last step, by what pybullet tells of them. All (n).
-  struct Told {
-    const Numbers &before, &now;  // forces told in the step before and in this one
+  // The forces of motors in the last step, by what pybullet reports of them. All (n).
+  struct Reported {
+    const Numbers &before, &now;  // in the step before and in this one
     const Numbers& foreseen;      // rates
-    Numbers&
-        off;  // 1: the motor was off: pybullet goes on to tell the last force of one that is switched off
+    // 1: the motor was off. pybullet goes on to report the last force of one that is switched off.
+    Numbers& off;
   };
-  Numbers forces_of_motors(const Numbers& rates, const Numbers& gravity, const Told& told);
+  Numbers forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported);
   // Takes forces of the tendons that are expected in the next step (n).
   void expect(const Numbers& forces) { forces_ = forces; }
   // Takes rates that were set from outside.
@@ -96,9 +96,9 @@ class Observer {
   // The rates right after the last step, if they were sampled, else these.
   const Numbers& reached(const Numbers& rates) const { return sampled_.empty() ? rates : sampled_; }
   bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
-  bool held() const { return held_; }           // R_eff is less than the free response
+  bool held() const { return hold_.acts; }      // R_eff is less than the free response
   // R_eff is the free response, or is taken for it because the hold yields.
-  bool responds_freely() const { return !held_ || yields_; }
+  bool responds_freely() const { return !hold_.acts || hold_.yields; }
   bool released() const { return released_; }              // it was held until the last step
   const Numbers& root() const { return effective_root_; }  // E, R_eff = E E^T
   const Numbers& free_root() const { return root_; }       // L, R = L L^T
@@ -139,23 +139,33 @@ class Observer {
   void take_effective();
   void find_push();
 
+  // What holds the body.
+  struct Hold {
+    bool acts = false;         // R_eff is less than the free response
+    bool yields = false;       // the body was let yield in this step
+    bool limit_known = false;  // it was seen to yield at `withstood`
+    double withstood = 0;      // largest |L^-1 (a - R w)| since it holds
+    Numbers push;              // push without yielding
+    Numbers rates;             // at the start of a step in which it yielded, less gravity's change in it
+  };
+  struct Workspace {
+    Sample now;
+    dense::Scratch s, e, one, other, turned, vectors;
+  };
+
   int n_ = 0;
   Numbers root_, effective_root_;  // L, E
   Numbers share_, share_root_;     // G, and S with G = S S^T
   Numbers rates_, forces_, push_;
   Numbers applied_;  // all known forces in the last step
   Numbers missed_;
-  Numbers held_push_;     // push without yielding
-  Numbers held_rates_;    // at the start of a step in which it was released, less gravity's change in it
-  Numbers sampled_;       // rates right after the last step, if sampled
-  double withstood_ = 0;  // largest |L^-1 (a - R w)| since the body is held
+  Numbers sampled_;  // rates right after the last step, if sampled
+  Hold hold_;
   Sample last_, previous_;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
-  bool known_ = false, acted_ = false, held_ = false, released_ = false, yields_ = false,
-       limit_known_ = false;
-  Sample now_;  // work space, like the rest
-  dense::Scratch s_, e_, one_, other_, turned_, vectors_;
+  bool known_ = false, acted_ = false, released_ = false;
+  Workspace work_;
 };
 
 }  // namespace bt

@@ -50,7 +50,7 @@ void World::find_point_masses() {
     if (h.link < 0 || h.line || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
     const Link& link = scene.links[h.link];
     GeneralizedBody& m = scene.bodies[link.body];
-    if (!link.jacobian.empty() || m.touches > 1 || m.observer.held() || m.is_stopped()) return;
+    if (!link.jacobian.empty() || m.touches > 1 || m.observer.held() || m.stops.act()) return;
     const double share = m.history.share(), of_mass = 3 * share * share * m.free[0],
                  of_point = trace(link.mobility(to_world(link.pose, h.local)));
     // At the centre of mass, rotation adds nothing but rounding to the mobility.
@@ -182,17 +182,16 @@ bool World::limit_holds() {
 std::optional<Reason> World::settle_stops() {
   if (step_.whole || step_.stop_changes >= kMostDetections ||
       std::none_of(scene.bodies.begin(), scene.bodies.end(),
-                   [](const GeneralizedBody& m) { return m.may_stop(); }))
+                   [](const GeneralizedBody& m) { return m.stops.any(); }))
     return {};
   measure_forces();
   bool other = false, yields = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
-    if (!scene.bodies[m].may_stop() || scene.bodies[m].stays ||
-        !scene.bodies[m].settle_stops(scene.bodies[m].forces, step_.substeps.step()))
-      continue;
+    GeneralizedBody& body = scene.bodies[m];
+    if (body.stays || !body.settle_stops(step_.substeps.step())) continue;
     other = true;
-    if (step_.substeps.taken() > 0) yields |= scene.bodies[m].let_motors_yield();
-    scene.bodies[m].history.able &= !scene.bodies[m].is_stopped();
+    if (step_.substeps.taken() > 0) yields |= body.stops.let_motors_yield();
+    body.history.able &= !body.stops.act();
     lead_links(static_cast<int>(m));
   }
   step_.stop_changes += other;
@@ -327,7 +326,7 @@ void World::finish_resolve() {
   for (GeneralizedBody& m : scene.bodies) {
     m.observer.refresh(m.rates);
     m.observer.resume();
-    m.motors.again = false;
+    m.stops.motors.again = false;
   }
   history_.may_resolve = false;
   capture(*history_.now);

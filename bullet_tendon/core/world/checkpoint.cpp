@@ -156,6 +156,7 @@ bool fits(const dense::Numbers& list, size_t n) {
 struct SizesOfBody {
   size_t n;
   bool fit = true;
+  size_t stops = 0;
   template <class T>
   void operator()(const char* name, T& value) {
     if constexpr (std::is_same_v<T, dense::Numbers>) {
@@ -165,14 +166,15 @@ struct SizesOfBody {
         fit &= size % 3 == 0;
       else if (field == "contacts")
         fit &= size % 7 == 0;
-      else if (field == "directions")
-        fit &= n == 0 ? size == 0 : size % n == 0;
-      else if (field == "external" || field == "motors.told" || field == "motors.told_before" ||
+      else if (field == "directions_")
+        fit &= size == stops * n;
+      else if (field == "external" || field == "motors.reported" || field == "motors.reported_before" ||
                field == "motors.off" || field == "forces")
         fit &= size == 0 || size == n;
-      else if (field != "pushes" && field != "doubted")
+      else if (field != "pushes_" && field != "doubted_")
         fit &= fits(value, n);
     } else if constexpr (std::is_same_v<T, std::vector<Stop>>) {
+      stops = value.size();
       for (const Stop& stop : value)
         fit &= (!stop.motor && stop.coordinate == -1) || within(stop.coordinate, n);
     } else if constexpr (std::is_same_v<T, std::vector<JointMotor>>) {
@@ -186,8 +188,8 @@ struct SizesOfBody {
 void require_body(const GeneralizedBody& body) {
   SizesOfBody sizes{body.rates.size()};
   visit(sizes, const_cast<GeneralizedBody&>(body));
-  for (size_t k = 0; k + 2 < body.limits.size(); k += 3)
-    sizes.fit &= body.limits[k] >= 0 && body.limits[k] < body.rates.size();
+  for (size_t k = 0; k + 2 < body.stops.limits.size(); k += 3)
+    sizes.fit &= body.stops.limits[k] >= 0 && body.stops.limits[k] < body.rates.size();
   const BodyHistory& history = body.history;
   sizes.fit &= history.known.empty() || history.known.size() == body.rates.size();
   require(sizes.fit, kSizes);

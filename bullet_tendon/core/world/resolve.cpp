@@ -87,7 +87,7 @@ void World::put_bodies_back() {
   for (size_t i = 0; i < std::min(scene.bodies.size(), bodies.size()); ++i) {
     scene.bodies[i].observer.expect(bodies[i].observer.forces());
     std::swap(scene.bodies[i].observer, bodies[i].observer);
-    std::swap(scene.bodies[i].motors, bodies[i].motors);
+    std::swap(scene.bodies[i].stops.motors, bodies[i].stops.motors);
     scene.bodies[i] = bodies[i];
     predict(static_cast<int>(i));
   }
@@ -165,9 +165,9 @@ bool World::rewind(const std::vector<int>& pulled) {
     step_.context.gravity = last.gravity;
     scene.links.swap(links_now);
     scene.bodies.swap(bodies_now);
-    for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.contacts);
+    for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.stops.contacts);
     for (int i : pulled) scene.bodies[i].observer.trust_last();
-    for (GeneralizedBody& m : scene.bodies) m.motors.again = true;
+    for (GeneralizedBody& m : scene.bodies) m.stops.motors.again = true;
     put_bodies_back();
     contacts_.all.clear();
   }
@@ -176,8 +176,8 @@ bool World::rewind(const std::vector<int>& pulled) {
   if (!released.empty()) interrupt();
   // The next step needs these contacts of bodies. pybullet may list later ones (restoreState).
   for (size_t i = 0; i < contacts.size(); ++i) {
-    scene.bodies[i].contacts = contacts[i];
-    scene.bodies[i].contacts_known = true;
+    scene.bodies[i].stops.contacts = contacts[i];
+    scene.bodies[i].stops.contacts_known = true;
   }
   return back;
 }

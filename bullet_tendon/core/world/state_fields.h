@@ -44,16 +44,17 @@ struct StateFields {
             motor, yielded, given)
   BT_FIELDS(JointMotor, aim, gained, trend, foreseen, needed, force, limit, greatest, side, lets, solved,
             known, doubtful)
-  BT_FIELDS(BodyStops, all, directions, pushes, unstopped, doubted, rested, slipped)
+  BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, slipped_, by_pybullet_,
+            limits, contacts, contacts_known, motors.all, motors.again, motors.soft, motors.reported,
+            motors.reported_known, motors.reported_before, motors.off, motors.thrown)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
-            last_, previous_, dt_, samples_, known_, acted_, held_, released_, yields_, limit_known_,
-            withstood_, held_push_, sampled_)
+            last_, previous_, dt_, samples_, known_, acted_, released_, hold_.acts, hold_.yields,
+            hold_.limit_known, hold_.withstood, hold_.push, sampled_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
-  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, limits, external,
-            contacts, contacts_known, motors.all, motors.again, motors.soft, motors.told, motors.told_known,
-            motors.told_before, motors.off, motors.thrown, forces, observer, history, root, change, touches,
-            turning.far, stopped_by_, stops_, substep.pushed, left_out.owed, left_out.kept)
+  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, external, stops,
+            forces, observer, history, root, change, touches, turning.far, substep.pushed, left_out.owed,
+            left_out.kept)
   BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, friction,
             body, yielded, moved, was_read, put.linear, put.angular, jacobian, root, history.mean.force,
             history.mean.torque, history.applied.force, history.applied.torque, history.excess, wrench.force,

@@ -1,0 +1,490 @@
+// Joint limits and contacts that stop a body in this step, and motors that set rates of its joints.
+//
+// Without stops, the forces w of the tendons would change the rates to u = rates + change + dt R w, R = E
+// E^T. A stop along d adds the smallest impulse that keeps d u at or above its bound `wanted`:
+//
+//   D u' - wanted >= 0,   lambda >= 0,   complementary,     u' = u + R D^T lambda.
+//
+// A motor holds its joint at a rate, D u' = wanted, by a lambda within +-dt times its limit. At a bound of
+// lambda the joint is short of that rate (bodies/joint_motors.h).
+//
+// Principal pivoting finds the active stops S: before the solution with the forces of the last step, after it
+// with its own forces (World::settle_stops). The solution treats S as rigid:
+//
+//   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E,
+//
+// and motors at their limit as known forces.
+//
+// pybullet acts on a joint limit only once the joint has passed it: what tendons throw would go on beyond it
+// for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
+// is applied together with the wrenches of the tendons, to both links of the joint (joint_forces). A joint
+// that touches its limit is moved to just behind it instead (shifts), because pybullet's own stop knows
+// what contacts and motors do in the step. It needs joint_forces too where it falls short: pybullet cuts off
+// rates before its stops act, and ends its sweeps over several stops early.
+//
+// The cut-off itself would leave the other joints of a chain without its reactions, and a body that turns
+// less than was solved would be entered by the tendon that strikes it. A joint is therefore stopped at a rate
+// below it, by joint_forces, and so is the spin of a base about each axis of the world.
+#include "bodies/body_stops.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "math/rounding.h"
+
+namespace bt {
+
+namespace {
+
+// Share of the depth behind a joint limit that pybullet corrects in a step (Bullet's erp) [-]. pybullet does
+// not report it. The effect of another value is learned as a push on the body.
+constexpr double kTakenBack = 0.2;
+// Depth of a contact that pybullet does not correct [m], and share of the remaining depth that it corrects in
+// a step [-] (the defaults of pybullet's slop and contactERP; it does not report them).
+constexpr double kContactSlop = 1e-5;
+constexpr double kContactTakenBack = 0.08;
+
+// pybullet does not solve the motors of a body if its sweeps leave more than this share of the rates that
+// they correct [-], and more than this rate [m/s], [rad/s].
+constexpr double kNotSolved = 0.1;
+constexpr double kNotSolvedRate = 10 * kSolverNoise;
+
+// Response along a contact, as a share of the free one, that the observer can tell from none [-].
+constexpr double kLeastYield = 1e-3;
+// Response of a joint, as a share of that with all other joints held, below which contacts or constraints
+// hold it [-].
+constexpr double kLeastOfJoint = 0.5;
+
+// Rate at which joints and spins are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off,
+// which would have no reactions.
+constexpr double kFastest = 0.99 * kMostRate;
+
+// Depth from which pybullet's rate at a limit does not correct depth (its split impulse) [rad], [m].
+constexpr double kDeepBehind = 0.04;
+
+// Depth to which a joint is taken that would pass its limit: from then on pybullet acts [rad], [m].
+constexpr double kReached = 1e-6;
+// Way to the limit below which a joint touches it [rad], [m]. Larger: joints are moved visibly. Smaller: the
+// noise of pybullet's contacts lifts a joint that rests on its limit, and joint_forces stop it again.
+constexpr double kTouching = 1e-5;
+
+// Least rate of a joint that may pass its limit in this step, and the rate that pybullet sets behind a limit,
+// or where the joint is moved behind it: outwards, or 0 if the depth is large.
+double rate_at_limit(double depth, double dt) {
+  if (depth < -kTouching) return (depth - kReached) / dt;
+  depth = depth < 0 ? kReached : depth;
+  return depth < kDeepBehind ? kTakenBack * depth / dt : 0;
+}
+
+// The same at a contact, which may be deeper by the slop.
+double rate_at_contact(double distance, double dt) {
+  const double room = distance + kContactSlop;
+  return room > 0 ? -room / dt : -kContactTakenBack * room / dt;
+}
+
+}  // namespace
+
+void rates_under(const dense::Numbers& forces, const dense::Numbers& rates, const dense::Numbers& root,
+                 const dense::Numbers& change, double dt, dense::Numbers& half, dense::Numbers& after) {
+  dense::respond(root, forces, half, after);
+  for (size_t i = 0; i < rates.size(); ++i) after[i] = rates[i] + change[i] + dt * after[i];
+}
+
+// pybullet reports limits as they were loaded, even after changeDynamics, and contacts for longer than they
+// exist. A limit or contact that the body passed through is ignored.
+void BodyStops::doubt(const Numbers& rates) {
+  doubted_.resize(rates.size());
+  if (contacts.empty()) slipped_ = false;
+  rested_ = false;
+  for (size_t k = 0; k < all_.size(); ++k) {
+    const Stop& s = all_[k];
+    if (!s.acts || s.motor) continue;
+    const bool went_on = along(directions_, k, rates) - s.wanted < -kLeastStopped * s.held_back;
+    if (s.coordinate < 0) rested_ = !went_on || rested_;
+    if (!went_on || s.wanted == -kFastest) continue;
+    by_pybullet_.clear();
+    (s.coordinate >= 0 ? doubted_[s.coordinate] = 1 : slipped_ = true);
+  }
+}
+
+bool BodyStops::act() const {
+  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts; });
+}
+
+bool BodyStops::limits_act() const {
+  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && !s.motor; });
+}
+
+std::vector<int> BodyStops::coordinates() const {
+  std::vector<int> found;
+  for (const Stop& s : all_)
+    if (s.acts && s.coordinate >= 0) found.push_back(s.coordinate);
+  std::sort(found.begin(), found.end());
+  found.erase(std::unique(found.begin(), found.end()), found.end());
+  return found;
+}
+
+// Whether contacts or constraints hold the body along work_.direction: an impulse that is divided by nearly
+// no response would throw it as soon as they yield. Sets work_.half to E^T d. Whatever holds its other
+// joints, the response of a joint is at least 1/M_ii = 1/|L^-1 e_i|^2.
+bool BodyStops::is_held(const Body& of, int coordinate) {
+  dense::multiply_transposed(of.root, work_.direction, work_.half);
+  double least = 0;
+  if (coordinate >= 0) {
+    work_.known.assign(work_.direction.begin(), work_.direction.end());
+    dense::forward(of.observer.free_root(), work_.known);
+    least = kLeastOfJoint / dense::dot(work_.known, work_.known);
+  } else {
+    dense::multiply_transposed(of.observer.free_root(), work_.direction, work_.known);
+    least = kLeastYield * dense::dot(work_.known, work_.known);
+  }
+  return !(dense::dot(work_.half, work_.half) > least);
+}
+
+// Adds a row along work_.direction, with E^T d in work_.half.
+void BodyStops::add_row(const Body& of, const Stop& stop) {
+  all_.push_back(stop);
+  Stop& s = all_.back();
+  s.missing = s.wanted - dense::dot(work_.direction, of.rates) - dense::dot(work_.direction, of.change);
+  directions_.insert(directions_.end(), work_.direction.begin(), work_.direction.end());
+  work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
+}
+
+void BodyStops::add_stop(const Body& of, double wanted, int coordinate, double ahead) {
+  if (is_held(of, coordinate)) return;
+  Stop s;
+  s.wanted = wanted;
+  s.coordinate = coordinate;
+  s.ahead = ahead;
+  add_row(of, s);
+}
+
+double BodyStops::rate_at(size_t limit, double dt) const {
+  const bool doubted = doubted_[static_cast<size_t>(limits[limit])] != 0;
+  return doubted ? -kFastest : std::max(-kFastest, rate_at_limit(limits[limit + 2], dt));
+}
+
+// No motor takes its joint beyond a limit.
+double BodyStops::bounded_by_limits(int coordinate, double aim, double dt) const {
+  for (size_t s = 0; s < limits.size(); s += 3)
+    if (limits[s] == coordinate)
+      aim = limits[s + 1] > 0 ? std::max(aim, rate_at(s, dt)) : std::min(aim, -rate_at(s, dt));
+  return aim;
+}
+
+void BodyStops::find_limits(const Body& of, double dt) {
+  for (size_t s = 0; s < limits.size(); s += 3) {
+    const int i = static_cast<int>(limits[s]);
+    const double wanted = rate_at(s, dt);
+    work_.direction.assign(of.rates.size(), 0.0);
+    work_.direction[i] = limits[s + 1];
+    add_stop(of, wanted, i, wanted > -kFastest ? -limits[s + 2] : kFastest);
+  }
+}
+
+void BodyStops::find_contacts(const Body& of, double dt) {
+  for (size_t c = 0; c < contacts.size() && contacts_stop(); c += 7) {
+    work_.direction.assign(&contacts[c], &contacts[c] + 6);
+    // A support on which it rests yields slowly and steadily.
+    const double now = dense::dot(work_.direction, of.rates);
+    add_stop(of, rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
+  }
+}
+
+void BodyStops::find_spins(const Body& of, int base) {
+  for (int i = 3; i < base; ++i)
+    for (double side : {1, -1}) {
+      work_.direction.assign(of.rates.size(), 0.0);
+      work_.direction[i] = side;
+      add_stop(of, -kFastest, i, kFastest);
+    }
+}
+
+// Where contacts or constraints hold a joint, its motor is taken to push as in the last step.
+void BodyStops::find_motors(const Body& of, double dt) {
+  std::vector<int> steady;
+  for (size_t i = 0; i < motors.all.size(); ++i) {
+    JointMotor& m = motors.all[i];
+    m.solved = false;
+    m.needed = m.force;
+    if (!m.known) continue;
+    const int coordinate = static_cast<int>(i);
+    work_.direction.assign(of.rates.size(), 0.0);
+    work_.direction[i] = 1;
+    if (is_held(of, coordinate)) {
+      steady.push_back(coordinate);
+      continue;
+    }
+    m.foreseen = bounded_by_limits(coordinate, m.foreseen, dt);
+    Stop s;
+    s.wanted = m.foreseen;
+    s.coordinate = coordinate;
+    s.motor = true;
+    s.least = m.lets > 0 ? m.limit : -m.limit;
+    s.most = m.lets < 0 ? -m.limit : m.limit;
+    s.side = m.lets != 0 ? m.lets : m.side;
+    s.acts = s.side == 0;
+    m.solved = true;
+    add_row(of, s);
+  }
+  if (!steady.empty()) push_steadily(of, steady, dt);
+}
+
+// Takes the motors of these joints for known forces.
+void BodyStops::push_steadily(const Body& of, const std::vector<int>& coordinates, double dt) {
+  work_.direction.assign(of.rates.size(), 0.0);
+  for (int i : coordinates) work_.direction[i] = motors.all[i].force;
+  dense::respond(of.root, work_.direction, work_.half, work_.known);
+  for (size_t i = 0; i < of.rates.size(); ++i) of.change[i] += dt * work_.known[i];
+  for (size_t a = 0; a < all_.size(); ++a) all_[a].missing -= dt * along(directions_, a, work_.known);
+}
+
+void BodyStops::find(const Body& of, int base, double dt) {
+  all_.clear();
+  directions_.clear();
+  work_.through.clear();
+  doubted_.resize(of.rates.size());
+  motors.foresee(dt);
+  find_limits(of, dt);
+  find_contacts(of, dt);
+  find_spins(of, base);
+  find_motors(of, dt);
+  unstopped_ = of.change;
+  dense::product_transposed(static_cast<int>(of.rates.size()), work_.through, work_.through, work_.within);
+}
+
+// Computes lambda, starting from the stops of the last lambda.
+void BodyStops::find_pushes(const Body& of, const Numbers& forces, double dt) {
+  const size_t m = all_.size();
+  dense::multiply_transposed(of.observer.root(), forces, work_.half);
+  dense::multiply(work_.through, work_.half, work_.given);
+  work_.left.resize(m);
+  work_.whole.resize(m);
+  for (size_t a = 0; a < m; ++a) {
+    work_.left[a] = all_[a].missing - dt * work_.given[a];
+    work_.whole[a] = std::fabs(all_[a].missing) + std::fabs(dt * work_.given[a]);
+  }
+  if (pushes_.size() != m) pushes_.assign(m, 0.0);
+  rows(dt).solve(pushes_);
+}
+
+// The rows under the forces for which the pushes were computed.
+BoundedRows BodyStops::rows(double dt) const { return {all_, work_.within, work_.left, work_.whole, dt}; }
+
+// A stop of speed begins to act only where the rates of this solution exceed it. Forces on a joint that was
+// stopped would move it, free, by far more than they last: one that was dropped is not tried again, because
+// no set of stops may agree with forces that change with the rotation. What is faster already has a higher
+// cut-off (changeDynamics). Returns whether any row may act.
+bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
+  rates_under(forces, of.rates, of.root, of.change, dt, work_.half, work_.known);
+  bool any = false;
+  for (size_t a = 0; a < all_.size(); ++a) {
+    Stop& s = all_[a];
+    s.admitted = s.motor || s.wanted > -kFastest || s.acts ||
+                 (!s.dropped && along(directions_, a, work_.known) < -kFastest &&
+                  along(directions_, a, of.rates) >= -kMostRate);
+    any |= s.admitted;
+  }
+  return any;
+}
+
+// Determines which motors are at their limit, with the stops that act or fewer. The forces of a solution in
+// which a motor held its joint would throw this joint beyond other stops where it yields. Returns whether any
+// motor has changed.
+bool BodyStops::choose_motors(const Body& of, const Numbers& forces, double dt) {
+  for (Stop& s : all_) s.admitted = s.motor || s.acts;
+  find_pushes(of, forces, dt);
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (all_[a].motor && rows(dt).side_of(a, pushes_[a]) != all_[a].side) return true;
+  return false;
+}
+
+// By lambda of the complementarity problem above.
+bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
+  const size_t m = all_.size();
+  bool other = false;
+  if (!(motors.any() && choose_motors(of, forces, dt))) {
+    if (!admit(of, forces, dt)) return false;
+    find_pushes(of, forces, dt);
+  }
+  for (size_t a = 0; a < m; ++a) {
+    Stop& s = all_[a];
+    s.held_back = pushes_[a] * work_.within[a * m + a];
+    const int side = rows(dt).side_of(a, pushes_[a]);
+    // A stop acts if it changes the rate by more than rounding.
+    const bool acts = s.motor ? side == 0 : s.held_back > kRoundingShare * work_.whole[a];
+    s.dropped |= s.acts && !acts;
+    s.yielded |= s.motor && s.acts && !acts;
+    other |= s.motor && side != s.side;
+    s.side = side;
+    other |= std::exchange(s.acts, acts) != acts;
+  }
+  return other;
+}
+
+void BodyStops::act_on(const Body& of, double dt) {
+  of.change = unstopped_;
+  of.root = of.observer.root();
+  push_by_motors(of, dt);
+  work_.missing.clear();
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (all_[a].acts) work_.missing.push_back(all_[a].missing - along(work_.within, a, work_.bounded));
+  if (!work_.missing.empty()) take_away(of);
+}
+
+// Adds the impulses of the motors at their limit, and sets work_.bounded to them, by row.
+void BodyStops::push_by_motors(const Body& of, double dt) {
+  const size_t m = all_.size();
+  work_.bounded.assign(m, 0.0);
+  if (!motors.any()) return;
+  work_.direction.assign(of.rates.size(), 0.0);
+  for (size_t a = 0; a < m; ++a) {
+    const Stop& s = all_[a];
+    if (!s.motor || s.acts) continue;
+    work_.bounded[a] = rows(dt).bound(a, s.side);
+    work_.direction[s.coordinate] = work_.bounded[a];
+  }
+  dense::respond(of.root, work_.direction, work_.half, work_.known);
+  for (size_t i = 0; i < of.rates.size(); ++i) of.change[i] += work_.known[i];
+}
+
+// Collects S E in work_.half and S R S^T in work_.within_acting, of the active stops.
+void BodyStops::gather_acting(size_t width) {
+  work_.half.clear();
+  work_.within_acting.clear();
+  const size_t m = all_.size();
+  for (size_t a = 0; a < m; ++a) {
+    if (!all_[a].acts) continue;
+    work_.half.insert(work_.half.end(), work_.through.begin() + a * width,
+                      work_.through.begin() + (a + 1) * width);
+    for (size_t b = 0; b < m; ++b)
+      if (all_[b].acts) work_.within_acting.push_back(work_.within[a * m + b]);
+  }
+}
+
+// The active stops set the rates along them and remove their directions from the response. With S E = L W,
+// L L^T = S R S^T,
+//
+//   change += E W^T L^-1 missing,     E -= E W^T W.
+void BodyStops::take_away(const Body& of) {
+  const size_t m = work_.missing.size(), width = of.rates.size();
+  const int n = static_cast<int>(width);
+  gather_acting(width);
+  dense::root(static_cast<int>(m), work_.within_acting, work_.within_root);
+  dense::forward(work_.within_root, work_.missing);
+  dense::forward_rows(work_.within_root, n, work_.half);
+  dense::product_transposed(n, of.root, work_.half, work_.along);  // E W^T
+  for (size_t i = 0; i < width; ++i)
+    for (size_t a = 0; a < m; ++a) of.change[i] += work_.along[i * m + a] * work_.missing[a];
+  dense::subtract_product(n, work_.along, work_.half, of.root);
+}
+
+bool BodyStops::let_motors_yield() {
+  bool any = false;
+  for (const Stop& s : all_) {
+    if (!s.motor || s.acts || !s.yielded || motors.all[s.coordinate].lets != 0) continue;
+    motors.all[s.coordinate].lets = s.side;
+    any = true;
+  }
+  return any;
+}
+
+// Whether pybullet's own stops would not stop the joints, under the tendons and what it is given: it would
+// cut off a rate before they act, or end its sweeps, with these impulses, too early.
+bool BodyStops::pybullet_falls_short(const Body& of, const Numbers& forces, const Numbers& swept, double dt) {
+  rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
+  for (double rate : work_.known)
+    if (std::fabs(rate) >= kMostRate) return true;
+  return rows(dt).differs(pushes_, swept) > kSolverNoise;
+}
+
+// Gives pybullet the impulse of a row as a known force.
+void BodyStops::give(size_t row, double dt, Numbers& given) {
+  all_[row].given = true;
+  const size_t n = given.size();
+  for (size_t i = 0; i < n; ++i) given[i] += pushes_[row] / dt * directions_[row * n + i];
+}
+
+// Finds the acceleration by pybullet's own stops.
+void BodyStops::find_by_pybullet(const Body& of, double dt) {
+  const size_t n = of.rates.size();
+  work_.direction.assign(n, 0.0);
+  for (size_t a = 0; a < all_.size(); ++a)
+    for (size_t i = 0; i < n && !all_[a].motor && !all_[a].given; ++i)
+      work_.direction[i] += pushes_[a] / dt * directions_[a * n + i];
+  dense::respond(of.observer.root(), work_.direction, work_.half, by_pybullet_);
+}
+
+// Notes what pybullet's motors are going to do, and whether its sweeps solve them.
+void BodyStops::note_motors(const Numbers& swept, double dt) {
+  double whole = 0;
+  for (size_t a = 0; a < swept.size(); ++a) {
+    const Stop& s = all_[a];
+    if (!s.motor) continue;
+    JointMotor& m = motors.all[s.coordinate];
+    m.needed = swept[a] / dt;
+    m.foreseen = s.wanted;
+    m.side = s.acts ? 0 : s.side;
+    if (!s.acts) continue;
+    m.foreseen -= rows(dt).lacks(a, swept);
+    whole = std::max(whole, std::fabs(work_.left[a]));
+  }
+  motors.soft |= whole > 0 && rows(dt).differs(pushes_, swept) > std::max(kNotSolved * whole, kNotSolvedRate);
+}
+
+void BodyStops::rest(int n) {
+  by_pybullet_.assign(n, 0.0);
+  shifts.clear();
+}
+
+void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers& given) {
+  if (!act() && !motors.any()) return;
+  find_pushes(of, forces, dt);
+  const size_t m = all_.size(), n = of.rates.size();
+  bool motor_acts = false;
+  for (size_t a = 0; a < m; ++a) {
+    const Stop& s = all_[a];
+    if (!s.motor && s.ahead > kTouching && pushes_[a] > 0) give(a, dt, given);
+    motor_acts |= s.motor && s.acts;
+  }
+  Numbers swept(pushes_);
+  if (act() && !limits.empty() && !of.observer.held()) {
+    rows(dt).sweep_as_pybullet(pushes_, swept);
+    work_.along = forces;
+    for (size_t i = 0; i < n; ++i) work_.along[i] += given[i];
+    if (!motor_acts && pybullet_falls_short(of, work_.along, swept, dt))
+      for (size_t a = 0; a < m; ++a)
+        if (all_[a].acts && !all_[a].given) give(a, dt, given);
+  }
+  note_motors(swept, dt);
+  find_by_pybullet(of, dt);
+  for (size_t a = 0; a < m; ++a)
+    if (const Stop& s = all_[a]; !s.motor && pushes_[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
+      shifts.push_back({s.coordinate, -directions_[a * n + s.coordinate] * (s.ahead + kReached)});
+}
+
+void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by_motors) {
+  const size_t m = all_.size(), width = of.rates.size();
+  if (by_motors.size() != width || !act() || directions_.size() != m * width) return;
+  const double dt = of.observer.dt();
+  const std::vector<Stop> foreseen(all_);
+  const Numbers foreseen_pushes(pushes_);
+  work_.through.clear();
+  for (size_t a = 0; a < m; ++a) {
+    work_.direction.assign(directions_.begin() + a * width, directions_.begin() + (a + 1) * width);
+    dense::multiply_transposed(of.observer.root(), work_.direction, work_.half);
+    work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
+    Stop& s = all_[a];
+    if (s.motor) s.least = s.most = by_motors[s.coordinate];
+    if (s.given) s.least = s.most = pushes_[a] / dt;
+  }
+  dense::product_transposed(static_cast<int>(width), work_.through, work_.through, work_.within);
+  find_pushes(of, forces, dt);
+  find_by_pybullet(of, dt);
+  all_ = foreseen;
+  pushes_ = foreseen_pushes;
+}
+
+}  // namespace bt

@@ -1,0 +1,116 @@
+// What stops a body in a step: joint limits, contacts with bodies without mass, and motors of joints.
+//
+// Where the rate along a direction d would violate a limit or a contact, pybullet sets a rate that corrects a
+// share of the depth. A motor sets the rate of its joint. These rows are predicted (bodies/body_stops.cpp).
+#pragma once
+#include <utility>
+#include <vector>
+
+#include "bodies/bounded_rows.h"
+#include "bodies/joint_motors.h"
+#include "bodies/response_observer.h"
+
+namespace bt {
+
+// A stop exists if it corrected at least this share of the rate that was missing, and may exist if something
+// that is not known undoes this share of gravity [-].
+constexpr double kLeastStopped = 0.5;
+
+class BodyStops {
+ public:
+  using Numbers = dense::Numbers;
+  // The body that they stop, with n rates.
+  struct Body {
+    const Numbers& rates;      // at the start of the step (n)
+    const Observer& observer;  // of its response without stops
+    // Prediction of the whole step, which they change: root of the response (n n), and change of the rates by
+    // all but the tendons (n).
+    Numbers &root, &change;
+  };
+
+  // Of joints. The contacts are those of a rigid body.
+  Numbers limits;               // (coordinate, side, depth) of every limit; side 1: it pushes upwards
+  Numbers contacts;             // direction (6) and distance, negative inside, of every contact
+  bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
+  JointMotors motors;
+  // Coordinate and change of every joint that is moved to just behind its limit before this step.
+  std::vector<std::pair<int, double>> shifts;
+
+  // Determines which limits and contacts of the last step the body passed through. They are ignored.
+  void doubt(const Numbers& rates);
+  // Finds the rows of a step of dt [s]. base: number of rates that are of the base.
+  void find(const Body& of, int base, double dt);
+  // Determines those that act under these forces of the tendons (n). Returns whether they changed.
+  bool choose(const Body& of, const Numbers& forces, double dt);
+  // Takes the directions of those that act from the response, and sets the rates along them.
+  void act_on(const Body& of, double dt);
+  // Lets the motors yield to the end of the step that were within their limits before. Returns whether there
+  // are any.
+  bool let_motors_yield();
+  // Before any has acted in a step.
+  void rest(int n);
+  // Splits what they do in the step under these forces of the tendons (n) into what pybullet does by itself
+  // and the generalized forces that it is given, added to `given` (n).
+  void share(const Body& of, const Numbers& forces, double dt, Numbers& given);
+  // Finds what pybullet's stops did in the last step, with the forces that its motors have given (n).
+  void explain(const Body& of, const Numbers& forces, const Numbers& by_motors);
+
+  bool any() const { return !all_.empty(); }
+  bool act() const;
+  // Whether limits or contacts act.
+  bool limits_act() const;
+  // Whether contacts are predicted to stop it.
+  bool contacts_stop() const { return !contacts.empty() && !slipped_; }
+  // Whether the body passed through contacts in the last step.
+  bool slipped() const { return slipped_; }
+  // Coordinates that limits stop, or motors hold, in this step.
+  std::vector<int> coordinates() const;
+  // Acceleration by those of pybullet in the last step (n); empty: not known.
+  const Numbers& accelerates() const { return by_pybullet_; }
+
+ private:
+  friend struct StateFields;  // world/state_fields.h
+  void find_limits(const Body& of, double dt);
+  void find_contacts(const Body& of, double dt);
+  void find_spins(const Body& of, int base);
+  void find_motors(const Body& of, double dt);
+  bool is_held(const Body& of, int coordinate);
+  void add_row(const Body& of, const Stop& stop);
+  void add_stop(const Body& of, double wanted, int coordinate, double ahead = 0);
+  double rate_at(size_t limit, double dt) const;
+  double bounded_by_limits(int coordinate, double aim, double dt) const;
+  void push_steadily(const Body& of, const std::vector<int>& coordinates, double dt);
+  void find_pushes(const Body& of, const Numbers& forces, double dt);
+  BoundedRows rows(double dt) const;
+  bool admit(const Body& of, const Numbers& forces, double dt);
+  bool choose_motors(const Body& of, const Numbers& forces, double dt);
+  bool pybullet_falls_short(const Body& of, const Numbers& forces, const Numbers& swept, double dt);
+  void give(size_t row, double dt, Numbers& given);
+  void find_by_pybullet(const Body& of, double dt);
+  void note_motors(const Numbers& swept, double dt);
+  void push_by_motors(const Body& of, double dt);
+  void gather_acting(size_t width);
+  void take_away(const Body& of);
+
+  std::vector<Stop> all_;
+  Numbers directions_;    // D (n in each row)
+  Numbers pushes_;        // lambda of all stops, of the last evaluation
+  Numbers unstopped_;     // change of the rates without stops and without tendons
+  Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
+  bool rested_ = false;   // contacts stopped the body in the last step
+  bool slipped_ = false;  // it passed through contacts
+  Numbers by_pybullet_;   // acceleration by pybullet's stops in the last step
+  // Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
+  struct Workspace {
+    dense::Scratch known, half, direction, through, within, within_acting, within_root, missing, given, along,
+        left, whole, bounded;
+  };
+  Workspace work_;
+};
+
+// Sets after (n) to the rates under these forces of the tendons (n) in a step of dt [s], with this response
+// and change of the rates. half: workspace.
+void rates_under(const dense::Numbers& forces, const dense::Numbers& rates, const dense::Numbers& root,
+                 const dense::Numbers& change, double dt, dense::Numbers& half, dense::Numbers& after);
+
+}  // namespace bt
