@@ -63,19 +63,19 @@ void add_line(World& w, int tendon, int id, int particle, int link, Vec3 local, 
   h.particle = particle;
   h.link = link;
   h.local = local;
-  h.line = true;
+  h.is_line = true;
   h.rigid = false;
-  h.rest = length;
-  h.spring = length > 0 ? stiffness : holding_stiffness(w, tendon, most_force);
-  h.most_force = most_force;
+  h.line.rest = length;
+  h.line.spring = length > 0 ? stiffness : holding_stiffness(w, tendon, most_force);
+  h.line.most_force = most_force;
   add_anchor(w, tendon, h);
 }
 
 void set_line_load(World& w, int tendon, int id, double most_force) {
   w.wake_tendon(tendon);
-  Anchor& h = anchor_of(w, tendon, id);
-  h.most_force = most_force;
-  if (h.rest == 0) h.spring = holding_stiffness(w, tendon, most_force);
+  Line& line = anchor_of(w, tendon, id).line;
+  line.most_force = most_force;
+  if (line.rest == 0) line.spring = holding_stiffness(w, tendon, most_force);
 }
 
 // stiffness: 0 for a rigid grip. most_force: 0 without a limit.
@@ -84,10 +84,10 @@ void set_grip(World& w, int tendon, int id, Vec3 goal, double stiffness, double 
   Anchor& h = anchor_of(w, tendon, id);
   const bool exact = stiffness == 0 && most_force > 0;
   if (exact) stiffness = holding_stiffness(w, tendon, most_force);
-  if (norm(goal - h.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity ||
+  if (norm(goal - h.target.goal) > 0 || h.stiffness.xx != stiffness || h.viscosity != viscosity ||
       h.most_force != most_force)
     w.wake_tendon(tendon);
-  h.goal = goal;
+  h.target.goal = goal;
   h.rigid = stiffness == 0;
   h.exact = exact;
   h.stiffness = identity(stiffness);
@@ -109,13 +109,13 @@ void bind_world_tendon(GuardedWorld& world) {
              Tendon& tendon = stirred(w, c);
              w.forbid_resolve();
              // The hands that hold it are moved with it.
-             for (Anchor& h : tendon.anchors) h.target_before -= tendon.x.at(h.particle);
+             for (Anchor& h : tendon.anchors) h.target.last_aim -= tendon.x.at(h.particle);
              tendon.x = x;
              tendon.v = v;
              tendon.spread_coincident();
              tendon.find_overlaid();
              tendon.reset_history();
-             for (Anchor& h : tendon.anchors) h.target_before += tendon.x.at(h.particle);
+             for (Anchor& h : tendon.anchors) h.target.last_aim += tendon.x.at(h.particle);
            })
       .def("stop", [](World& w, int c) { stirred(w, c).stop(); })
       .def("guess_multipliers", [](World& w, int c, Vec3 g) { stirred(w, c).guess_multipliers(g); })
@@ -147,7 +147,7 @@ void bind_world_tendon(GuardedWorld& world) {
              Anchor h;
              h.id = id;
              h.particle = particle;
-             h.goal = h.target_before = target;
+             h.target.goal = h.target.last_aim = target;
              add_anchor(w, c, h);
            })
       .def("set_grip", &set_grip)
@@ -162,9 +162,9 @@ void bind_world_tendon(GuardedWorld& world) {
            })
       .def("add_line", &add_line)
       .def("set_line_load", &set_line_load)
-      .def("line_load", [](World& w, int c, int id) { return anchor_of(w, c, id).most_force; })
-      .def("line_tension", [](World& w, int c, int id) { return anchor_of(w, c, id).tension; })
-      .def("line_slip", [](World& w, int c, int id) { return anchor_of(w, c, id).slip; })
+      .def("line_load", [](World& w, int c, int id) { return anchor_of(w, c, id).line.most_force; })
+      .def("line_tension", [](World& w, int c, int id) { return anchor_of(w, c, id).line.tension; })
+      .def("line_slip", [](World& w, int c, int id) { return anchor_of(w, c, id).line.slip; })
       .def("set_clamp",
            [](World& w, int c, int id, Vec3 direction) {
              Anchor& h = anchor_of(w, c, id);
@@ -173,7 +173,7 @@ void bind_world_tendon(GuardedWorld& world) {
              h.direction = direction;
            })
       .def("remove_anchor", &remove_anchor)
-      .def("anchor_force", [](World& w, int c, int id) { return anchor_of(w, c, id).step_force; })
+      .def("anchor_force", [](World& w, int c, int id) { return anchor_of(w, c, id).force.of_step; })
       .def("anchor_slips", [](World& w, int c, int id) { return anchor_of(w, c, id).slips; });
 }
 

@@ -242,7 +242,7 @@ void write_tendons(const Scene& scene, Writer& out) {
     if (!scene.tendons[slot]) continue;
     for (const Anchor& anchor : scene.tendons[slot]->anchors) {
       for (int number : {static_cast<int>(slot), anchor.particle, anchor.link}) out.add<float>(number);
-      out.add_floats(anchor.step_force);
+      out.add_floats(anchor.force.of_step);
     }
   }
 }

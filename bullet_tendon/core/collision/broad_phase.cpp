@@ -204,7 +204,7 @@ double arc_to(const Tendon& c, int particle, int k, double u) {
 }  // namespace
 
 bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& links) {
-  if (h.line || g.line) return false;
+  if (h.is_line || g.is_line) return false;
   const bool together = h.link >= 0 && h.link == g.link;
   return together || (stays(h, links) && stays(g, links));
 }
@@ -215,7 +215,7 @@ double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon&
   for (const Anchor& h : a.anchors)
     for (const Anchor& g : b.anchors) {
       if (!keep_distance(h, g, links)) continue;
-      const double d = norm(h.aim - g.aim);
+      const double d = norm(h.target.aim - g.target.aim);
       if (d >= apart) continue;
       // Adjacent anchors of one tendon contradict no contact, because segments between them make none.
       const auto [first, last] = std::minmax(h.particle, g.particle);

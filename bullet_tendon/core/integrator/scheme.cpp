@@ -22,9 +22,8 @@ constexpr double kRough = 0.01;
 constexpr double kCreep = 1e-3;
 
 bool moves_body(const Tendon& c) {
-  return std::any_of(c.anchors.begin(), c.anchors.end(), [](const Anchor& h) {
-    return h.moves || h.pulls || (h.link >= 0 && !h.rigid && !h.line);
-  });
+  return std::any_of(c.anchors.begin(), c.anchors.end(),
+                     [](const Anchor& h) { return h.moves || (h.link >= 0 && !h.rigid && !h.is_line); });
 }
 
 }  // namespace
@@ -96,9 +95,9 @@ void finish_step(Tendon& c, const StepContext& context) {
       c.mean_velocities[k][i] += kTwoStepShare * (c.v[k][i] - c.mean_velocities[k][i]);
   c.steady_share = 1;
   for (Anchor& h : c.anchors) {
-    if (h.rigid && !h.moves) c.x.set(h.particle, h.aim);  // without the rounding of the displacement
-    h.target_before = h.aim;
-    h.let_slip();
+    if (h.rigid && !h.moves) c.x.set(h.particle, h.target.aim);  // without the rounding of the displacement
+    h.target.last_aim = h.target.aim;
+    h.line.let_slip();
   }
   c.dt_before = context.dt;
   c.end_tissue(context.tissue_time);

@@ -38,7 +38,7 @@ double tendon_residual(Tendon& c) {
   }
   add_bending_forces(c, c.x_new);
   add_soft_anchors(c, c.x_new, false);
-  for (const Anchor& h : c.anchors) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force));
+  for (const Anchor& h : c.anchors) largest = std::max(largest, h.rigid ? 0.0 : max_abs(h.force.total));
   return largest;
 }
 
@@ -97,8 +97,8 @@ void predict_contacts(Island& island) {
 void predict_anchors(Island& island) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors)
-      if (h.line)
-        h.predict_line(c->dx.at(h.particle) - end_moved(island, h));
+      if (h.is_line)
+        h.line.predict(c->dx.at(h.particle) - end_moved(island, h));
       else if (!h.rigid)
         h.predict(h.raw + h.slope(c->h_eff) * c->dx.at(h.particle));
 }
@@ -154,8 +154,8 @@ double stiffness_beside(const Tendon& c) {
   double most = 0;
   for (const Anchor& h : c.anchors)
     if (!h.rigid)
-      most =
-          std::max({most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.h_eff, h.spring});
+      most = std::max(
+          {most, h.stiffness.xx, h.stiffness.yy, h.stiffness.zz, h.viscosity / c.h_eff, h.line.spring});
   if (c.material.bending_stiffness == 0) return 2 * most;
   const double rest = c.shortest_rest();
   return 2 * most + 16 * c.material.bending_stiffness / (rest * rest * rest);
@@ -393,11 +393,11 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix) {
     if (h.rigid) continue;
     if (matrix) {
       c.matrix.add(h.particle, h.block(h.slope(c.h_eff)));
-      c.residual.add(h.particle, h.linearised() - h.force);
+      c.residual.add(h.particle, h.linearised() - h.force.total);
       continue;
     }
     h.evaluate(x.at(h.particle), c.motion().velocity(h.particle));
-    c.residual.add(h.particle, h.force);
+    c.residual.add(h.particle, h.force.total);
   }
 }
 
@@ -427,7 +427,7 @@ namespace {
 // The anchor of a particle, if it is an attachment or a rigid grip.
 const Anchor* fixed_anchor(const Tendon& c, int particle) {
   for (const Anchor& h : c.anchors)
-    if ((h.rigid || h.link >= 0) && !h.line && h.particle == particle) return &h;
+    if ((h.rigid || h.link >= 0) && !h.is_line && h.particle == particle) return &h;
   return nullptr;
 }
 
@@ -445,7 +445,7 @@ bool overruled(const Contact& contact, const Tendon& c) {
     any_free |= !anchor && weight >= kLeastEndWeight;
     if (!anchor) continue;
     Contact at_hold = contact;
-    at_hold.evaluate(anchor->aim, true);
+    at_hold.evaluate(anchor->target.aim, true);
     if (at_hold.geometry.gap < 0) return true;
   }
   return !any_free;
@@ -466,7 +466,7 @@ bool overruled(const Contact& contact, const Tendon& a, const Tendon& b, const s
 void read_anchor_forces(Tendon& c) {
   // The anchor supplies the residual, and receives the opposite force.
   for (Anchor& h : c.anchors)
-    if (h.rigid) h.force = -c.residual.at(h.particle);
+    if (h.rigid) h.force.total = -c.residual.at(h.particle);
 }
 
 }  // namespace bt

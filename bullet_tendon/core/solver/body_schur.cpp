@@ -12,7 +12,7 @@
 //
 //   (D - C^T A^-1 C) dy = -(r_y - C^T A^-1 r_x),     dx = -A^-1 (r_x + C dy).
 //
-// A line (tendon/anchor.h) is a force between a particle and a point of a body, as a contact is.
+// A line (tendon/line.h) is a force between a particle and a point of a body, as a contact is.
 #include "solver/body_schur.h"
 
 #include <algorithm>
@@ -32,13 +32,15 @@ void each_body(const Island& island, Do what) {
   for (int m : island.bodies.indices) what(island.bodies.body(m));
 }
 
-// Calls what(tendon, anchor, link, arm) of the particles that bodies carry (Anchor::moves), or of the lines
-// to bodies (Anchor::pulls).
+// Of an anchor: Anchor::carries or Anchor::pulls.
+using IsMeant = bool (Anchor::*)() const;
+
+// Calls what(tendon, anchor, link, arm) of the anchors that are meant.
 template <class Do>
-void each_anchor(const Island& island, bool Anchor::* is_meant, Do what) {
+void each_anchor(const Island& island, IsMeant is_meant, Do what) {
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors)
-      if (h.*is_meant) {
+      if ((h.*is_meant)()) {
         Link& link = island.bodies.link(h.link);
         what(*c, h, link, link.held_arm_of(h.local));
       }
@@ -63,7 +65,7 @@ void add_generalized_loads(const Island& island, Numbers numbers_of) {
 
 // Sets the steps of the carried particles to those of their links.
 void carry_steps(Island& island, Which steps) {
-  each_anchor(island, &Anchor::moves, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+  each_anchor(island, &Anchor::carries, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     (c.*steps).set(h.particle, link.stepped.at(link.now(arm)));
   });
 }
@@ -75,12 +77,13 @@ void place(Island& island) {
     link.given = scaled(island.bodies.reach, link.spin_of(m.unknowns.y));
     if (link.turned.far) link.turn(m, 1);
   }
-  each_anchor(island, &Anchor::moves, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
-    c.place(h.particle, h.aim);
+  each_anchor(island, &Anchor::carries, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+    c.place(h.particle, h.target.aim);
     c.move(h.particle, link.displaced(arm));
   });
-  each_anchor(island, &Anchor::pulls,
-              [](Tendon&, Anchor& h, Link& link, Vec3 arm) { h.end = h.aim + link.displaced(arm); });
+  each_anchor(island, &Anchor::pulls, [](Tendon&, Anchor& h, Link& link, Vec3 arm) {
+    h.line.end = h.target.aim + link.displaced(arm);
+  });
 }
 
 // The last generalized forces are the first guess.
@@ -102,7 +105,7 @@ void start_bodies(Island& island) {
     double& lever = island.bodies.body(link.body).unknowns.lever;
     lever = std::max(lever, island.bodies.reach * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
-  each_anchor(island, &Anchor::moves,
+  each_anchor(island, &Anchor::carries,
               [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   each_anchor(island, &Anchor::pulls,
               [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
@@ -167,7 +170,7 @@ Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
 }
 
 Vec3 end_moved(const Island& island, const Anchor& line) {
-  if (!line.pulls) return {};
+  if (!line.pulls()) return {};
   const Link& link = island.bodies.link(line.link);
   return link.stepped.at(link.now(link.held_arm_of(line.local)));
 }
@@ -189,7 +192,7 @@ void load_body(Island& island, const Contact& contact, Vec3 force) {
 }
 
 void load_carried(Island& island, Which forces) {
-  each_anchor(island, &Anchor::moves, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
+  each_anchor(island, &Anchor::carries, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     add_load(link, (c.*forces).at(h.particle), arm, arm);
     (c.*forces).set(h.particle, {});  // it is a force on the link now
   });
@@ -197,7 +200,7 @@ void load_carried(Island& island, Which forces) {
 
 void load_lines(Island& island, bool beyond) {
   each_anchor(island, &Anchor::pulls, [beyond](Tendon&, const Anchor& h, Link& link, Vec3 arm) {
-    add_load(link, beyond ? h.force - h.linearised() : -h.force, arm, arm);
+    add_load(link, beyond ? h.force.total - h.linearised() : -h.force.total, arm, arm);
   });
 }
 
@@ -304,10 +307,10 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
 // As each_anchor, with the border of the tendon, and the arm at the end of the substep: what(tendon, border,
 // anchor, arm).
 template <class Do>
-BT_WITHIN inline void each_column(Island& island, bool Anchor::* is_meant, Do what) {
+BT_WITHIN inline void each_column(Island& island, IsMeant is_meant, Do what) {
   for (size_t k = 0; k < island.tendons.size(); ++k)
     for (const Anchor& h : island.tendons[k]->anchors)
-      if (h.*is_meant) {
+      if ((h.*is_meant)()) {
         const Link& link = island.bodies.link(h.link);
         what(*island.tendons[k], island.bodies.borders[k], h, link.now(link.held_arm_of(h.local)));
       }
@@ -352,7 +355,7 @@ void find_spans(Island& island) {
     border.first = n;
     border.last = -1;
   }
-  each_column(island, &Anchor::moves, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
+  each_column(island, &Anchor::carries, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
     border.carried = true;
     border.marks[h.particle] |= kCarried;
     mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
@@ -400,7 +403,7 @@ void move_links(Island& island, int column) {
 }
 
 BT_VECTOR void move_carried(Island& island, size_t p) {
-  each_column(island, &Anchor::moves, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+  each_column(island, &Anchor::carries, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     Panel& panel = border.panels[p];
     place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
     move_particle(c.matrix, h.particle, panel);
@@ -450,7 +453,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     add_transposed(link.load + 3, k.at(2, 3), link.twist);
     add(link.load + 3, k.at(3, 3), link.twist + 3);
   }
-  each_column(island, &Anchor::moves, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+  each_column(island, &Anchor::carries, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
   });
 }
@@ -461,7 +464,7 @@ BT_VECTOR void couple_lines(Island& island, size_t p) {
     if (!link.moves) return;
     Eight end[3], force[3] = {};
     place_at(link.twist, arm, end);
-    add(force, block_of(h.line_block()), end);
+    add(force, block_of(h.line.block()), end);
     for (int c = 0; c < 3; ++c) border.panels[p].pulls.at(h.particle)[c] -= force[c];
     add_force(link.load, force, arm);
   });

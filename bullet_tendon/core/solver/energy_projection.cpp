@@ -63,7 +63,7 @@ void apply_impulse(const Island& island, const SegmentPoint& s, Vec3 p) {
   each_particle(s, [&](int i, double w) {
     Tendon& c = island.at(s);
     if (Anchor* h = rigid_anchor(c, i))
-      h->force += (w / c.h_eff) * p;
+      h->force.total += (w / c.h_eff) * p;
     else
       c.v_new.add(i, (w / c.mass[i]) * p);
   });
@@ -134,7 +134,7 @@ double gained(Tendon& c, Vec3 gravity) {
     after += 0.5 * c.mass[i] * dot(v1, v1);
     work += dot(c.mass[i] * gravity + c.force.at(i), c.displacement.at(i));
   }
-  for (const Anchor& h : c.anchors) work -= dot(h.force, c.displacement.at(h.particle));
+  for (const Anchor& h : c.anchors) work -= dot(h.force.total, c.displacement.at(h.particle));
   return after - before - work;
 }
 

@@ -40,7 +40,7 @@ void solve(Island& island, const StepContext& context) {
     contact->force.mean =
         step_mean(island.at(contact->a), context, contact->force.last_mean, contact->force.total);
   for (Tendon* c : island.tendons)
-    for (Anchor& h : c->anchors) h.mean_force = step_mean(*c, context, h.last_mean, h.force);
+    for (Anchor& h : c->anchors) h.force.mean = step_mean(*c, context, h.force.last_mean, h.force.total);
   island.result.finite &= std::isfinite(island.result.residual);
   for (Tendon* c : island.tendons) island.result.finite &= is_sane(*c, context);
 }

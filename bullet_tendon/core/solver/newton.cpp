@@ -359,7 +359,7 @@ void take_step(Solution& s) {
   if (s.searches) {
     line_search(s);
     for (Tendon* c : island.tendons)
-      for (Anchor& h : c->anchors) h.slips = h.is_beyond();
+      for (Anchor& h : c->anchors) h.slip_if_beyond();
     // The normal force of a direct contact is that before the line search. Its limit is kept.
     for (Contact* contact : island.contacts)
       if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
@@ -375,17 +375,11 @@ void take_step(Solution& s) {
   for (Tendon* c : island.tendons) keep_lengths(*c);
 }
 
-// Of a line [J].
-double line_potential(const Anchor& h) {
-  if (h.spring == 0) return 0;
-  const double beyond = std::max(0.0, h.elastic - h.load);
-  return 0.5 * (h.elastic * h.elastic - beyond * beyond) / h.spring;
-}
-
 // Of a soft anchor [J].
 double anchor_potential(const Tendon& c, const Anchor& h) {
-  if (h.line) return line_potential(h);
-  const Vec3 stretch = c.x_new.at(h.particle) - h.aim, v = c.motion().velocity(h.particle) - h.drift;
+  if (h.is_line) return h.line.potential();
+  const Vec3 stretch = c.x_new.at(h.particle) - h.target.aim;
+  const Vec3 v = c.motion().velocity(h.particle) - h.target.velocity;
   const double sum = 0.5 * (dot(stretch, h.stiffness * stretch) + c.h_eff * h.viscosity * dot(v, v));
   const double beyond = h.exceeds_limit(h.raw) ? norm(h.raw) - h.most_force : 0;
   return beyond > 0 ? sum - 0.5 * beyond * beyond / h.slope(c.h_eff).xx : sum;

@@ -43,7 +43,7 @@ void contacts_now(Island& island, bool matrix) {
 }
 
 Vec3 anchor_velocity(const Tendon& c, const Anchor& h, double dt) {
-  return (1 / dt) * (h.aim - c.x.at(h.particle));
+  return (1 / dt) * (h.target.aim - c.x.at(h.particle));
 }
 
 void add_stiff_anchors_and_inertia(Tendon& c, double dt) {
@@ -90,7 +90,7 @@ Vec3 predicted_anchor_force(const Island& island, const Tendon& c, const Anchor&
                             const StepContext& context) {
   const int i = h.particle;
   const Vec3 u = c.displacement.at(i);
-  if (h.line) return h.linearised() + h.line_block() * (u - (h.end - h.aim));
+  if (h.is_line) return h.linearised() + h.line.block() * (u - (h.line.end - h.target.aim));
   if (!h.rigid) return h.linearised() + h.block(h.slope(context.dt)) * u;
   Vec3 needs = (c.mass[i] / (context.dt * context.dt)) * (u - context.dt * c.v.at(i));
   Vec3 has = c.mass[i] * context.gravity + c.force.at(i) + spring_forces_after(c, i) +
@@ -116,7 +116,7 @@ void explicit_euler(Island& island, const StepContext& context) {
     for (Anchor& h : c->anchors) {
       if (h.rigid || h.exact) continue;
       h.evaluate(c->x.at(h.particle), c->v.at(h.particle));
-      c->residual.add(h.particle, h.force);
+      c->residual.add(h.particle, h.force.total);
     }
     for (int i = 0; i < c->n(); ++i) {
       c->x_new.set(i, c->x.at(i) + dt * c->v.at(i));
@@ -126,13 +126,13 @@ void explicit_euler(Island& island, const StepContext& context) {
       if (!h.rigid && !h.exact) continue;
       Vec3 v = anchor_velocity(*c, h, dt), before = c->v.at(h.particle);
       const Vec3 needed = -((c->mass[h.particle] / dt) * (v - before) + c->residual.at(h.particle));
-      h.force = h.limited(needed);
+      h.force.total = h.limited(needed);
       h.slips = h.exceeds_limit(needed);
       if (h.slips) {
-        c->v_new.add(h.particle, (-dt / c->mass[h.particle]) * h.force);
+        c->v_new.add(h.particle, (-dt / c->mass[h.particle]) * h.force.total);
         continue;
       }
-      c->place(h.particle, h.aim);
+      c->place(h.particle, h.target.aim);
       c->v_new.set(h.particle, v);
     }
   }
@@ -164,7 +164,7 @@ void single_linearisation(Island& island, const StepContext& context) {
     add_stiff_anchors_and_inertia(*c, dt);
     for (int k = 0; k < 3; ++k) std::fill_n(c->cg_direction[k], c->n(), 0.0);
     for (const Anchor& h : c->anchors)
-      if (h.rigid) c->cg_direction.set(h.particle, h.aim - c->x.at(h.particle));
+      if (h.rigid) c->cg_direction.set(h.particle, h.target.aim - c->x.at(h.particle));
   }
   multiply(island);
   for (Tendon* c : island.tendons)
@@ -189,9 +189,9 @@ void single_linearisation(Island& island, const StepContext& context) {
   settle_contacts(island);
   for (Tendon* c : island.tendons)
     for (Anchor& h : c->anchors) {
-      h.force = predicted_anchor_force(island, *c, h, context);
-      if (h.line)
-        h.predict_line(c->displacement.at(h.particle) - (h.end - h.aim));
+      h.force.total = predicted_anchor_force(island, *c, h, context);
+      if (h.is_line)
+        h.line.predict(c->displacement.at(h.particle) - (h.line.end - h.target.aim));
       else if (!h.rigid)
         h.predict(h.raw + h.slope(dt) * c->displacement.at(h.particle));
     }

@@ -335,7 +335,7 @@ void end_relaxation(SpringSet& s, const Law& law, const Tissue& tissue, const Re
   }
 }
 
-double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length) {
+double maxwell_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length) {
   const size_t terms = tissue.weights.size();
   const double strain = length * s.inverse_rest[k] - 1, K = s.stiffness[k];
   if (K == 0) return 0;

@@ -149,7 +149,7 @@ double stored_energy(const SpringSet& s, const Law& law, const Field& at);
 
 // Elastic energy [J] of spring k, which relaxes, at a given length: that of a spring of g_0 K, and of springs
 // of g_i K whose tensions are m_i. For a linear law these are the springs of Maxwell's model.
-double kept_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length);
+double maxwell_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length);
 
 // A copy of the multipliers of a tendon.
 struct Multipliers {

@@ -162,7 +162,7 @@ void Tendon::place(int i, Vec3 at) {
 
 void Tendon::place_anchors() {
   for (const Anchor& h : anchors)
-    if (h.rigid) place(h.particle, h.aim);
+    if (h.rigid) place(h.particle, h.target.aim);
 }
 
 BT_VECTOR void Tendon::advance(double alpha, double second) {
@@ -277,7 +277,7 @@ double Tendon::energy() const {
       continue;
     }
     for (int k = 0; k < s->count; ++k)
-      sum += kept_energy(*s, material.law, material.tissue, k, norm(x.at(k + s->reach) - x.at(k)));
+      sum += maxwell_energy(*s, material.law, material.tissue, k, norm(x.at(k + s->reach) - x.at(k)));
   }
   sum += bending_energy(*this, x);
   const Field& velocities = user_velocities();

@@ -47,7 +47,7 @@ void World::find_point_masses() {
   for (GeneralizedBody& m : scene.bodies) m.point_mass = false;
   if (options.integrator == Integrator::explicit_euler) return;
   each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
-    if (h.link < 0 || h.line || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
+    if (h.link < 0 || h.is_line || islands_.solid[h.link] || !scene.links[h.link].yields()) return;
     const Link& link = scene.links[h.link];
     GeneralizedBody& m = scene.bodies[link.body];
     if (!link.jacobian.empty() || m.touches > 1 || m.observer.held() || m.stops.act()) return;
@@ -141,7 +141,7 @@ bool World::find_turning() {
     m.turning.lever = std::max(m.turning.lever, norm(arm));
   };
   each_anchor(step_.slots, [&](const Tendon&, const Anchor& h) {
-    if (h.link >= 0) add_pull(h.link, scene.links[h.link].held_arm_of(h.local), h.force);
+    if (h.link >= 0) add_pull(h.link, scene.links[h.link].held_arm_of(h.local), h.force.total);
   });
   for (const Contact& contact : contacts_.all) add_pull(contact.link, contact.arm, -contact.force.mean);
   bool any = false;

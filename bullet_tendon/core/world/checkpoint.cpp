@@ -138,7 +138,7 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links, co
   for (const Anchor& h : s.anchors) {
     require(within(h.particle, n), kIndices);
     require(h.link == -1 || within(h.link, links), kIndices);
-    require(!h.line || (h.link >= 0 && !h.rigid && h.spring >= 0), "with lines to links");
+    require(!h.is_line || (h.link >= 0 && !h.rigid && h.line.spring >= 0), "with lines to links");
   }
   for (uint64_t pair : s.overlaid) {
     const uint64_t k = pair >> 32, m = pair & 0xffffffffu;

@@ -62,7 +62,7 @@ void World::leave_out_island(Island& g) {
   for (size_t i = 0; i < g.tendons.size(); ++i) {
     Tendon& c = *g.tendons[i];
     c.restore_multipliers(c.start_multipliers);
-    for (Anchor& h : c.anchors) h.mean_force = h.last_mean;
+    for (Anchor& h : c.anchors) h.force.mean = h.force.last_mean;
     step_.slots[g.numbers[i]] = nullptr;
     step_.left_out.push_back(g.numbers[i]);
   }
@@ -129,7 +129,7 @@ void World::finish_left_out() {
   std::copy_if(contacts_.before.begin(), contacts_.before.end(), std::back_inserter(contacts_.all), stayed);
   for (const int c : step_.left_out) {
     step_.slots[c] = scene.tendons[c].get();
-    for (Anchor& h : step_.slots[c]->anchors) h.sum_force = (1 / step_.solved_share) * h.sum_force;
+    for (Anchor& h : step_.slots[c]->anchors) h.force.sum = (1 / step_.solved_share) * h.force.sum;
   }
   for (GeneralizedBody& m : scene.bodies)
     if (m.stays) m.leave_out(step_.solved_share, step_.substeps.step());

@@ -44,10 +44,11 @@ void choose_again(const TendonState& user, TendonState& c) {
   for (size_t h = 0; h < c.anchors.size(); ++h) {
     const Anchor& chosen = user.anchors[h];
     Anchor& anchor = c.anchors[h];
-    anchor.goal = chosen.goal;
+    anchor.target.goal = chosen.target.goal;
     anchor.rigid = chosen.rigid;
     anchor.viscosity = chosen.viscosity;
     anchor.most_force = chosen.most_force;
+    anchor.line.most_force = chosen.line.most_force;
     anchor.exact = chosen.exact;
     anchor.clamped = chosen.clamped;
     anchor.direction = chosen.direction;
@@ -139,7 +140,7 @@ std::vector<int> World::pulled_bodies() const {
   std::vector<double> most(scene.bodies.size());
   for (auto [slot, c] : filled(scene.tendons))
     for (const Anchor& h : c.anchors) {
-      if (h.link < 0 || h.line || !scene.links[h.link].yields() || !scene.links[h.link].jacobian.empty())
+      if (h.link < 0 || h.is_line || !scene.links[h.link].yields() || !scene.links[h.link].jacobian.empty())
         continue;
       const Observer& seen = scene.bodies[scene.links[h.link].body].observer;
       if (seen.missed().empty() || seen.held()) continue;

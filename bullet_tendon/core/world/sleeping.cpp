@@ -167,8 +167,8 @@ void World::join_step() {
     step_.slots[slot] = &c;
     c.keep_multipliers(c.start_multipliers);
     for (Anchor& h : c.anchors) {
-      h.last_mean = h.mean_force;
-      h.sum_force = step_.substeps.share_before() * h.step_force;
+      h.force.last_mean = h.force.mean;
+      h.force.sum = step_.substeps.share_before() * h.force.of_step;
     }
   }
 }
@@ -226,7 +226,7 @@ void World::push_asleep() {
   for (auto [slot, c] : filled(scene.tendons))
     for (const Anchor& h : c.anchors)
       if (c.sleeping_island >= 0 && h.link >= 0)
-        scene.links[h.link].apply(h.step_force, to_world(scene.links[h.link].pose, h.local));
+        scene.links[h.link].apply(h.force.of_step, to_world(scene.links[h.link].pose, h.local));
 }
 
 }  // namespace bt

@@ -30,9 +30,11 @@ namespace bt {
 
 // A struct, because some fields are private (friend).
 struct StateFields {
-  BT_FIELDS(Anchor, id, particle, link, local, rigid, clamped, direction, stiffness, goal, aim, target_before,
-            viscosity, most_force, exact, slips, line, spring, rest, slip, along, tension, force, mean_force,
-            last_mean, sum_force, step_force)
+  BT_FIELDS(Line, spring, rest, slip, most_force, slips, along, tension)
+  BT_FIELDS(AnchorTarget, goal, aim, last_aim)
+  BT_FIELDS(AnchorForce, total, mean, last_mean, sum, of_step)
+  BT_FIELDS(Anchor, id, particle, link, local, is_line, rigid, clamped, direction, stiffness, viscosity,
+            most_force, exact, slips, target, force, line)
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
   BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, with_body,

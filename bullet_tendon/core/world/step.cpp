@@ -36,9 +36,7 @@ constexpr double kTurn = 0.6;
 void aim_grips(Tendon& c, double share, double dt) {
   for (Anchor& h : c.anchors) {
     if (h.link >= 0) continue;
-    const Vec3 from = h.rigid ? c.x.at(h.particle) : h.target_before;
-    h.aim = share == 1 ? h.goal : (1 - share) * from + share * h.goal;
-    h.drift = dt > 0 ? (1 / dt) * (h.aim - h.target_before) : Vec3{};
+    h.target.lead(h.rigid ? c.x.at(h.particle) : h.target.last_aim, share, dt);
   }
 }
 
@@ -322,7 +320,7 @@ void World::measure_wrenches() {
   each_anchor(step_.slots, [&](const Tendon& c, const Anchor& h) {
     if (h.link < 0) return;
     Link& link = scene.links[h.link];
-    push(link, given(c, h.mean_force, h.step_force), h.force, link.held_arm_of(h.local));
+    push(link, given(c, h.force.mean, h.force.of_step), h.force.total, link.held_arm_of(h.local));
   });
   if (step_.whole) return;
   each_acting([&](const Element& element) {
@@ -341,8 +339,8 @@ void World::take_substep() {
   measure_wrenches();
   for (Link& l : scene.links) l.wrench = l.wrench + l.part;
   each_anchor(step_.slots, [&](const Tendon& c, Anchor& h) {
-    h.last_mean = h.mean_force;
-    h.sum_force += share * given(c, h.mean_force, h.step_force);
+    h.force.last_mean = h.force.mean;
+    h.force.sum += share * given(c, h.force.mean, h.force.of_step);
   });
   remember();
   for (auto [slot, c] : filled(step_.slots)) {
@@ -370,7 +368,7 @@ void World::finish_step_of_world() {
   step_.report.converged &= !step_.report.over_budget;
   if (!step_.whole) act_on_bodies();
   begin_histories();
-  each_anchor(step_.slots, [](const Tendon&, Anchor& h) { h.step_force = h.sum_force; });
+  each_anchor(step_.slots, [](const Tendon&, Anchor& h) { h.force.of_step = h.force.sum; });
   find_coarse_turns();
   find_flat_cartilage();
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
@@ -383,9 +381,9 @@ void World::finish_step_of_world() {
 // Predicts particles on bodies where these are foreseen to be under the last forces.
 void World::expect_carried(Tendon& c) {
   for (const Anchor& h : c.anchors) {
-    if (!h.moves) continue;
+    if (!h.carries()) continue;
     const Link& link = scene.links[h.link];
-    c.predicted.set(h.particle, h.aim + link.foreseen.given.at(link.arm_of(h.local)));
+    c.predicted.set(h.particle, h.target.aim + link.foreseen.given.at(link.arm_of(h.local)));
   }
 }
 
@@ -400,16 +398,14 @@ void World::aim_attachments(Tendon& c) {
     if (h.link < 0) continue;
     const Link& link = scene.links[h.link];
     const Vec3 p = to_world(link.pose, h.local);
-    h.aim = h.end = link.ahead_of(h.local, step_.context.dt);
+    h.target.aim = link.ahead_of(h.local, step_.context.dt);
     const bool unknown = link.yields() && options.integrator != Integrator::explicit_euler;
-    if (h.line) {
-      h.pulls = unknown;
-      const bool stays = step_.whole && h.rest > 0;
-      h.load = stays ? HUGE_VAL : h.most_force;
-      h.slips &= !stays;
+    if (h.is_line) {
+      h.moves = unknown;
+      h.line.begin(h.target.aim, step_.whole);
       continue;
     }
-    h.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
+    h.target.aim += (1 - step_.substeps.share_left()) * (c.x.at(h.particle) - p);
     h.rigid = !link.yields() || !scene.bodies[link.body].point_mass;
     h.moves = h.rigid && unknown;
     if (!h.rigid) {

@@ -86,8 +86,7 @@ void World::find_tendon_stiffness() {
   for (auto [slot, c] : filled(step_.slots)) {
     island.tendons.push_back(&c);
     island.numbers.push_back(slot);
-    for (Anchor& anchor : c.anchors)
-      (anchor.line ? anchor.pulls : anchor.moves) = anchor.link >= 0 && scene.links[anchor.link].yields();
+    for (Anchor& anchor : c.anchors) anchor.moves = anchor.link >= 0 && scene.links[anchor.link].yields();
   }
   for (Contact& contact : contacts_.all) {
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields();
@@ -108,7 +107,7 @@ void World::find_tendon_stiffness() {
   stiffness.matrix = island.bodies.corner;
   for (int k = 0; k < island.bodies.freedom; ++k) stiffness.matrix[k * island.bodies.freedom + k] -= 1;
   for (Tendon* c : island.tendons)
-    for (Anchor& anchor : c->anchors) anchor.moves = anchor.pulls = false;
+    for (Anchor& anchor : c->anchors) anchor.moves = false;
   for (Contact& contact : contacts_.all) contact.moves = false;
   scene.links = links;
   std::swap(bodies, scene.bodies);
