@@ -55,7 +55,7 @@ void stand_still(World& w, int slot) {
 // Whether all numbers of a link and its body are finite.
 bool is_finite(const World& w, int slot) {
   const Link& l = w.scene.links[slot];
-  const Vec3 sum = l.pose.origin + l.centre + l.now_velocity + l.now_spin + l.pose.rotation.r0 +
+  const Vec3 sum = l.pose.origin + l.centre + l.rates.linear + l.rates.angular + l.pose.rotation.r0 +
                    l.pose.rotation.r1 + l.pose.rotation.r2;
   bool well = max_abs(0 * sum) == 0;
   for (const dense::Numbers* numbers : {&w.scene.bodies[slot].rates, &w.scene.bodies[slot].free})
@@ -65,7 +65,7 @@ bool is_finite(const World& w, int slot) {
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
-  const Vec3 v = l.now_velocity, w = l.now_spin, inertia = vector(item(info, 2));
+  const Vec3 v = l.rates.linear, w = l.rates.angular, inertia = vector(item(info, 2));
   const Vec3 before = m.rates.size() == 6 ? Vec3{m.rates[3], m.rates[4], m.rates[5]} : w;
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.external.clear();
@@ -105,8 +105,8 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   Link& l = w.scene.links[slot];
   place(l, info.ptr(), where.ptr());
   take_friction(l, info.ptr());
-  l.now_velocity = vector(item(motion.ptr(), 0));
-  l.now_spin = vector(item(motion.ptr(), 1));
+  l.rates.linear = vector(item(motion.ptr(), 0));
+  l.rates.angular = vector(item(motion.ptr(), 1));
   const bool moves = alone && number(info.ptr(), 0) > 0;
   if (!moves) stand_still(w, slot);
   if (moves) l.body = slot;
@@ -283,18 +283,18 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
 
 // Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
 void set_motion(Link& l, const Articulated& body, const Reading& reading, const std::vector<double>& rates) {
-  l.now_velocity = l.now_spin = {};
+  l.rates = {};
   if (!body.floats()) {
     const Vec3 spin = vector(item(reading.motion.ptr(), 1));
-    l.now_velocity =
+    l.rates.linear =
         vector(item(reading.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(reading.base.ptr(), 0)));
-    l.now_spin = spin;
+    l.rates.angular = spin;
   }
   if (l.jacobian.empty()) return;
   std::vector<double> twist;
   dense::multiply(l.jacobian, rates, twist);
-  l.now_velocity += Vec3{twist[0], twist[1], twist[2]};
-  l.now_spin += Vec3{twist[3], twist[4], twist[5]};
+  l.rates.linear += Vec3{twist[0], twist[1], twist[2]};
+  l.rates.angular += Vec3{twist[3], twist[4], twist[5]};
 }
 
 // Reads the links of one body. The first slot holds its GeneralizedBody. Returns false if a number is not
@@ -505,10 +505,10 @@ py::list pushes(const World& w) {
     if (std::fabs(dot(push.force, push.torque)) <= kRoundingShare * force * torque && force > 0) {
       // Of unit vectors: the product of tiny forces and torques would underflow.
       const Vec3 arm = (torque / force) * cross(unit_or(push.force, {}), unit_or(push.torque, {}));
-      const Vec3 point = l.start_centre + arm;
+      const Vec3 point = l.start.centre + arm;
       out.append(py::make_tuple(i, push.force, point, py::none()));
     } else {
-      out.append(py::make_tuple(i, push.force, l.start_centre, push.torque));
+      out.append(py::make_tuple(i, push.force, l.start.centre, push.torque));
     }
   }
   return out;

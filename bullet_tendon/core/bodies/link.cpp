@@ -22,29 +22,25 @@ Twist times(const dense::Numbers& a, const dense::Numbers& x) {
 
 Twist Link::rates_after(const dense::Numbers& d) const {
   const Twist more = jacobian.empty() ? Twist{{d[0], d[1], d[2]}, {d[3], d[4], d[5]}} : times(jacobian, d);
-  return {now_velocity + more.linear, now_spin + more.angular};
+  return rates + more;
 }
 
 // pybullet moves a link by the length of a step times its velocity v at the end. If the step ended at the
 // time t, the link would have moved by t v(t). In a substep it moves by t1 v1 - t0 v0.
 void Link::begin_substep(const GeneralizedBody* m, double before, double at_end) {
-  Twist start{velocity, spin};
+  Twist at_start = drift_rates;
   if (m) {
-    start = rates_after(m->substep.changed);
+    at_start = rates_after(m->substep.changed);
     const Twist end = rates_after(m->substep.changes_to);
-    const double late = before / (at_end - before);
-    velocity = end.linear + late * (end.linear - start.linear);
-    spin = end.angular + late * (end.angular - start.angular);
+    drift_rates = end + (before / (at_end - before)) * (end - at_start);
   }
-  turned = {};
-  turned.begun = before * start.angular;
-  turned.more = (at_end - before) * spin;
+  iterate.turned = {};
+  iterate.turned.begun = before * at_start.angular;
+  iterate.turned.more = (at_end - before) * drift_rates.angular;
 }
 
 void Link::go_with(const GeneralizedBody& m) {
-  const Twist end = rates_after(m.change);
-  velocity = end.linear;
-  spin = end.angular;
+  drift_rates = rates_after(m.change);
   if (jacobian.empty())
     root = m.root;
   else
@@ -52,21 +48,23 @@ void Link::go_with(const GeneralizedBody& m) {
 }
 
 void Link::advance_to(const GeneralizedBody* m, double time) {
-  const Vec3 arm = transposed_times(start_pose.rotation, start_pose.origin - start_centre);
-  const Twist rates = m ? rates_after(m->substep.changes_to) : Twist{velocity, spin};
-  const double angle = time * norm(rates.angular);
-  pose.rotation = start_pose.rotation;
+  const Vec3 arm = transposed_times(start.pose.rotation, start.pose.origin - start.centre);
+  const Twist mean = m ? rates_after(m->substep.changes_to) : drift_rates;
+  const double angle = time * norm(mean.angular);
+  pose.rotation = start.pose.rotation;
   if (angle > 0 && jacobian.empty())
-    pose.rotation = rotation_of_step(time * rates.angular) * pose.rotation;
+    pose.rotation = rotation_of_step(time * mean.angular) * pose.rotation;
   else if (angle > 0)
-    pose.rotation = rotation_about(unit_or(rates.angular, {0, 0, 1}), angle) * pose.rotation;
-  centre = start_centre + time * rates.linear;
+    pose.rotation = rotation_about(unit_or(mean.angular, {0, 0, 1}), angle) * pose.rotation;
+  centre = start.centre + time * mean.linear;
   pose.origin = centre + pose.rotation * arm;
 }
 
 // The angular rows of `reached` are those of the root, times Q (bodies/finite_rotation.h).
 void Link::turn(const GeneralizedBody& m, double share) {
-  turned.turn_by(share, given.angular);
+  FiniteRotation& turned = iterate.turned;
+  dense::Numbers& reached = iterate.reached;
+  turned.turn_by(share, iterate.given.angular);
   const size_t n = m.n();
   reached = root;
   for (size_t k = 0; k < n; ++k) {
@@ -78,44 +76,48 @@ void Link::turn(const GeneralizedBody& m, double share) {
 }
 
 LinkEnd Link::end(double dt, double time) const {
-  LinkEnd end{centre + dt * velocity, turned.rotation};
+  LinkEnd end{centre + dt * drift_rates.linear, iterate.turned.rotation};
+  const Vec3 spin = drift_rates.angular;
   if (!yields()) end.rotation = rotation_about(unit_or(spin, {0, 0, 1}), dt * norm(spin));
-  if (yields()) end.centre += given.linear + (0.5 * dt * (2 * time - dt)) * curving;
+  if (yields()) end.centre += iterate.given.linear + (0.5 * dt * (2 * time - dt)) * curving;
   return end;
 }
 
 Vec3 Link::ahead_of(Vec3 local, double dt) const {
   const Vec3 p = to_world(pose, local);
-  if (!ends_known) return p + drift(p, dt);
-  const Vec3 arm = held_arm_of(local);
-  return centre + dt * velocity + (0.5 * dt * dt) * curving + arm + cross(dt * (spin - now_spin), arm);
+  if (!attachment_arms.at_end) return p + drift(p, dt);
+  const Vec3 arm = held_arm_of(local), more = drift_rates.angular - rates.angular;
+  return centre + dt * drift_rates.linear + (0.5 * dt * dt) * curving + arm + cross(dt * more, arm);
 }
 
 Vec3 Link::displaced(Vec3 arm) const {
-  if (!turned.far) return given.at(arm);
-  return given.linear + (now(arm) - arm) - cross(turned.straight, arm);
+  if (!iterate.turned.far) return iterate.given.at(arm);
+  return iterate.given.linear + (now(arm) - arm) - cross(iterate.turned.straight, arm);
 }
 
 void Link::foresee(const Twist& by, double dt, bool far) {
-  const Twist all{dt * velocity + by.linear, dt * spin + by.angular};
+  const Twist all = dt * drift_rates + by;
+  const FiniteRotation& turned = iterate.turned;
   const Rot3 turn = far ? turned.since_begun(turned.begun + all.angular) : rotation_by(all.angular);
   foreseen = {all, by, turn, far};
 }
 
 Vec3 Link::displaced_from_foreseen(Vec3 arm) const {
-  const Twist more{given.linear - foreseen.given.linear, given.angular - foreseen.given.angular};
-  return turned.far ? more.linear + now(arm) - foreseen.turn * arm : more.at(arm);
+  const Twist more = iterate.given - foreseen.given;
+  return iterate.turned.far ? more.linear + now(arm) - foreseen.turn * arm : more.at(arm);
 }
 
-Vec3 Link::torque_of(Vec3 f, Vec3 arm) const { return transposed_times(turned.rate, cross(now(arm), f)); }
+Vec3 Link::torque_of(Vec3 f, Vec3 arm) const {
+  return transposed_times(iterate.turned.rate, cross(now(arm), f));
+}
 
-Twist Link::twist_of(const dense::Numbers& y) const { return times(reached, y); }
+Twist Link::twist_of(const dense::Numbers& y) const { return times(iterate.reached, y); }
 
 Twist Link::spin_of(const dense::Numbers& y) const { return times(root, y); }
 
-void Link::add_generalized(const dense::Numbers& by, const Twist& w, dense::Numbers& to) const {
+void Link::add_generalized(const dense::Numbers& by, const Wrench& w, dense::Numbers& to) const {
   const size_t n = to.size();
-  const double wrench[6] = {w.linear.x, w.linear.y, w.linear.z, w.angular.x, w.angular.y, w.angular.z};
+  const double wrench[6] = {w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z};
   if (by.empty()) {  // the identity
     for (size_t k = 0; k < std::min<size_t>(n, 6); ++k) to[k] += wrench[k];
     return;
@@ -137,13 +139,11 @@ Sym3 Link::mobility(Vec3 p) const {
 }
 
 void Link::note_motion() {
-  const bool elsewhere = !same(pose, start_pose);
+  const bool elsewhere = !same(pose, start.pose);
   moved |= !rests() || elsewhere;
   put = {};
-  const bool was_at_rest = was_read && norm(velocity) == 0 && norm(spin) == 0;
-  if (elsewhere && was_at_rest && rests())
-    put = {centre - start_centre, rotation_vector(pose.rotation * transposed(start_pose.rotation))};
-  was_read = true;
+  if (elsewhere && start.known && drift_rates.is_zero() && rests())
+    put = {centre - start.centre, rotation_vector(pose.rotation * transposed(start.pose.rotation))};
 }
 
 }  // namespace bt

@@ -10,7 +10,11 @@ namespace bt {
 struct Twist {
   Vec3 linear, angular;
   Vec3 at(Vec3 r) const { return linear + cross(angular, r); }
+  bool is_zero() const { return norm(linear) == 0 && norm(angular) == 0; }
 };
+inline Twist operator+(Twist a, Twist b) { return {a.linear + b.linear, a.angular + b.angular}; }
+inline Twist operator-(Twist a, Twist b) { return {a.linear - b.linear, a.angular - b.angular}; }
+inline Twist operator*(double s, Twist a) { return {s * a.linear, s * a.angular}; }
 
 // About the centre of mass [N], [N m].
 struct Wrench {
@@ -53,26 +57,44 @@ struct Foreseen {
   bool far = false;  // as FiniteRotation::far
 };
 
-struct Link {
-  Pose pose;        // of the URDF link frame, at the start of the substep
-  Vec3 centre;      // centre of mass, world axes, at the start of the substep [m]
-  Pose start_pose;  // pose and centre at the start of the step
-  Vec3 start_centre;
-  Vec3 now_velocity, now_spin;  // at the start of the step [m/s], [rad/s]
-  // Mean in the substep, without the forces of the tendons in it [m/s], [rad/s].
-  Vec3 velocity, spin;
-  Foreseen foreseen;        // motion within the substep, for which contacts are detected
-  Vec3 curving;             // acceleration of its centre of mass by its joints' present rates [m/s^2]
-  double friction = 0;      // coefficient of its surface that pybullet has, the lateral one [-]
-  int body = -1;            // -1: tendons do not move it
-  bool ends_known = false;  // forces of attachments act where their points are predicted to end
-  // Rotation in the step with the spin at its start, if they do; else none. Motion beyond it is linear: with
+// Where a link was at the start of the step.
+struct LinkStart {
+  Pose pose;
+  Vec3 centre;
+  bool known = false;  // it was read for a step
+};
+
+// Where the forces of attachments act on a link: at the start of the substep or, at_end, where their points
+// are predicted to end.
+struct AttachmentArms {
+  bool at_end = false;
+  // Rotation of the arms to there, in the step with the spin at its start. Motion beyond it is linear: with
   // the spin that is predicted without the tendons, their forces would have to undo a far turn.
-  Rot3 to_end;
+  Rot3 turn;
+};
+
+// A link at an iterate of a solution with unknowns of its body.
+struct LinkIterate {
+  dense::Numbers reached;  // J E (6 n), with the angular part of the rotation if the link rotates far
+  Twist given, stepped;    // displacement by the unknowns, and by their last change
+  Wrench load;             // of the residual
+  FiniteRotation turned;
+};
+
+struct Link {
+  Pose pose;    // of the URDF link frame, at the start of the substep
+  Vec3 centre;  // centre of mass, world axes, at the start of the substep [m]
+  LinkStart start;
+  Twist rates;          // at the start of the step
+  Twist drift_rates;    // mean in the substep, without the forces of the tendons in it
+  Foreseen foreseen;    // motion within the substep, for which contacts are detected
+  Vec3 curving;         // acceleration of its centre of mass by its joints' present rates [m/s^2]
+  double friction = 0;  // coefficient of its surface that pybullet has, the lateral one [-]
+  int body = -1;        // -1: tendons do not move it
+  AttachmentArms attachment_arms;
   bool yielded = false;  // tendons could move it in the last step
   // Its pose or its friction has changed, or it has a velocity, since the last step began.
   bool moved = false;
-  bool was_read = false;  // start_pose is that of a step
   // Of a link without mass or velocity that was put elsewhere since the last step, and the substep's share.
   Twist put, shifted;
   dense::Numbers jacobian;  // J (6 n); empty: the identity, of a free rigid body
@@ -81,21 +103,17 @@ struct Link {
   Wrench wrench;      // of the tendons in the finished substeps, averaged over the step
   Wrench part;        // contribution of the substep that was solved last
   Wrench correction;  // of an iterate that is not a solution (solver/body_schur.h)
-  // In a solution with unknowns of its body:
-  dense::Numbers reached;  // J E (6 n), with the angular part of the rotation if the link rotates far
-  // Displacement by the unknowns, displacement by their last change, wrench of the residual.
-  Twist given, stepped, load;
-  FiniteRotation turned;
+  LinkIterate iterate;
 
   bool yields() const { return body >= 0; }
   // Coefficient of a surface on it that has its own, or, if that is negative, the link's.
   double friction_of(double own) const { return own < 0 ? friction : own; }
-  bool rests() const { return !yields() && norm(now_velocity) == 0 && norm(now_spin) == 0; }
-  // Updates `moved` and `put`. Call it after the link was read and before start_pose is set.
+  bool rests() const { return !yields() && rates.is_zero(); }
+  // Updates `moved` and `put`. Call it after the link was read and before `start` is set.
   void note_motion();
-  // Sets velocity, spin and what it has turned, in a substep between these times since the step began [s].
+  // Sets drift_rates and what it has turned, in a substep between these times since the step began [s].
   void begin_substep(const GeneralizedBody* m, double before, double at_end);
-  // Sets velocity and spin to those predicted for the end of the step, and `root`.
+  // Sets drift_rates to those predicted for the end of the step, and `root`.
   void go_with(const GeneralizedBody& m);
   // Sets the pose to that at the end of the substep, `time` [s] after the start of the step.
   void advance_to(const GeneralizedBody* m, double time);
@@ -109,7 +127,7 @@ struct Link {
   // Where the point of an attachment is after dt, without the tendons.
   Vec3 ahead_of(Vec3 local, double dt) const;
   // Displacement of the world point p within dt, without the tendons.
-  Vec3 drift(Vec3 p, double dt) const { return dt * (velocity + cross(spin, p - centre)); }
+  Vec3 drift(Vec3 p, double dt) const { return dt * drift_rates.at(p - centre); }
   // The same, and what it was shifted by before.
   Vec3 carry(Vec3 p, double dt) const { return drift(p, dt) + shifted.at(p - centre); }
   Vec3 foreseen_at(Vec3 p) const { return foreseen.all.at(p - centre); }
@@ -124,15 +142,17 @@ struct Link {
   Vec3 arm_of(Vec3 local) const { return to_world(pose, local) - centre; }
   // The same of an attachment. On an articulated body with a history, or that tendons can touch, it is that
   // of the predicted end, to which the force belongs.
-  Vec3 held_arm_of(Vec3 local) const { return to_end * arm_of(local); }
+  Vec3 held_arm_of(Vec3 local) const { return attachment_arms.turn * arm_of(local); }
   // The arm at the end of the substep.
-  Vec3 now(Vec3 arm) const { return turned.rotation * arm; }
+  Vec3 now(Vec3 arm) const { return iterate.turned.rotation * arm; }
   // Sets the finite rotation from a share of the predicted one and from the unknowns.
   void turn(const GeneralizedBody& m, double share);
   // Displacement of the point at the arm by the unknowns. If the link rotates far, relative to the straight
   // predicted path.
   Vec3 displaced(Vec3 arm) const;
-  // The same relative to where the link is foreseen to be.
+  // Its displacement by the last change of the unknowns.
+  Vec3 stepped(Vec3 arm) const { return iterate.stepped.at(now(arm)); }
+  // The displacement by the unknowns, relative to where the link is foreseen to be.
   Vec3 displaced_from_foreseen(Vec3 arm) const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
@@ -141,7 +161,7 @@ struct Link {
   // The same; if the link rotates far, the angular part is the change of theta.
   Twist spin_of(const dense::Numbers& y) const;
   // Adds the generalized force by^T wrench.
-  void add_generalized(const dense::Numbers& by, const Twist& wrench, dense::Numbers& to) const;
+  void add_generalized(const dense::Numbers& by, const Wrench& wrench, dense::Numbers& to) const;
 };
 
 }  // namespace bt

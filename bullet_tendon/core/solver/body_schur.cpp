@@ -25,8 +25,6 @@ namespace bt {
 
 namespace {
 
-Twist scaled(double s, const Twist& t) { return {s * t.linear, s * t.angular}; }
-
 template <class Do>
 void each_body(const Island& island, Do what) {
   for (int m : island.bodies.indices) what(island.bodies.body(m));
@@ -49,9 +47,9 @@ void each_anchor(const Island& island, IsMeant is_meant, Do what) {
 // turning: the part of the arm that turns with the body.
 void add_load(Link& link, Vec3 force, Vec3 arm, Vec3 turning) {
   const Vec3 torque = cross(link.now(arm), force);
-  link.load.linear += force;
-  link.load.angular += torque;
-  if (link.turned.far) link.turned.add_pull(link.now(turning), force, torque);
+  link.iterate.load.force += force;
+  link.iterate.load.torque += torque;
+  if (link.iterate.turned.far) link.iterate.turned.add_pull(link.now(turning), force, torque);
 }
 
 // Adds B^T of the loads on links to the vectors of their bodies.
@@ -59,14 +57,15 @@ template <class Numbers>
 void add_generalized_loads(const Island& island, Numbers numbers_of) {
   for (int l : island.bodies.carried) {
     const Link& link = island.bodies.link(l);
-    link.add_generalized(link.reached, scaled(island.bodies.reach, link.load), numbers_of(link.body));
+    link.add_generalized(link.iterate.reached, island.bodies.reach * link.iterate.load,
+                         numbers_of(link.body));
   }
 }
 
 // Sets the steps of the carried particles to those of their links.
 void carry_steps(Island& island, Which steps) {
   each_anchor(island, &Anchor::carries, [&](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
-    (c.*steps).set(h.particle, link.stepped.at(link.now(arm)));
+    (c.*steps).set(h.particle, link.stepped(arm));
   });
 }
 
@@ -74,8 +73,8 @@ void place(Island& island) {
   for (int l : island.bodies.carried) {
     Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
-    link.given = scaled(island.bodies.reach, link.spin_of(m.unknowns.y));
-    if (link.turned.far) link.turn(m, 1);
+    link.iterate.given = island.bodies.reach * link.spin_of(m.unknowns.y);
+    if (link.iterate.turned.far) link.turn(m, 1);
   }
   each_anchor(island, &Anchor::carries, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     c.place(h.particle, h.target.aim);
@@ -159,28 +158,29 @@ void move_bodies(Island& island, double share, Which x, dense::Numbers BodyUnkno
   });
   for (int l : island.bodies.carried) {
     Link& link = island.bodies.link(l);
-    link.stepped = scaled(island.bodies.reach, link.twist_of(island.bodies.body(link.body).unknowns.*change));
+    link.iterate.stepped =
+        island.bodies.reach * link.twist_of(island.bodies.body(link.body).unknowns.*change);
   }
   carry_steps(island, x);
 }
 
 Vec3 body_moved(const Island& island, const Contact& contact, bool by_step) {
   const Link& link = island.bodies.link(contact.link);
-  return by_step ? link.stepped.at(link.now(contact.arm)) : link.displaced_from_foreseen(contact.arm);
+  return by_step ? link.stepped(contact.arm) : link.displaced_from_foreseen(contact.arm);
 }
 
 Vec3 end_moved(const Island& island, const Anchor& line) {
   if (!line.pulls()) return {};
   const Link& link = island.bodies.link(line.link);
-  return link.stepped.at(link.now(link.held_arm_of(line.local)));
+  return link.stepped(link.held_arm_of(line.local));
 }
 
 void clear_loads(Island& island) {
-  for (int l : island.bodies.carried) island.bodies.link(l).load = {};
+  for (int l : island.bodies.carried) island.bodies.link(l).iterate.load = {};
 }
 
 void clear_pulls(Island& island) {
-  for (int l : island.bodies.carried) island.bodies.link(l).turned.pulls = {{}, {}, {}};
+  for (int l : island.bodies.carried) island.bodies.link(l).iterate.turned.pulls = {{}, {}, {}};
 }
 
 // The point of a contact slides on a curved surface. Where the surface itself does not turn, the tendon holds
@@ -245,7 +245,7 @@ void correct_wrenches(Island& island) {
     dense::root(n, square, factor);
     dense::solve(factor, part);
     each_link([&](Link& link) {
-      const Twist by = scaled(1 / island.bodies.reach, link.spin_of(part));
+      const Twist by = (1 / island.bodies.reach) * link.spin_of(part);
       link.correction = {by.linear, by.angular};
     });
   }
@@ -397,7 +397,8 @@ void move_links(Island& island, int column) {
       const int lane = m.unknowns.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
       of.moves = true;
-      for (int r = 0; r < 6; ++r) of.twist[r][lane] = island.bodies.reach * link.reached[r * m.n() + k];
+      for (int r = 0; r < 6; ++r)
+        of.twist[r][lane] = island.bodies.reach * link.iterate.reached[r * m.n() + k];
     }
   }
 }
@@ -479,7 +480,8 @@ BT_VECTOR void fill_corner(Island& island, int column) {
     for (int i = 0; i < m.n(); ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
-        sum += (island.bodies.reach * link.reached[r * m.n() + i]) * island.bodies.of_links[l].load[r];
+        sum +=
+            (island.bodies.reach * link.iterate.reached[r * m.n() + i]) * island.bodies.of_links[l].load[r];
       double* to = &island.bodies.corner[static_cast<size_t>(m.unknowns.first + i) * n + column];
       for (int j = 0; j < count; ++j) to[j] += sum[j];
     }
@@ -492,11 +494,11 @@ void stiffen_turned(Island& island, bool definite) {
   const int n = island.bodies.freedom;
   for (int l : island.bodies.carried) {
     const Link& link = island.bodies.link(l);
-    if (!link.turned.far) continue;
+    if (!link.iterate.turned.far) continue;
     const GeneralizedBody& m = island.bodies.body(link.body);
     const double reach = island.bodies.reach;
-    const Sym3 k =
-        (reach * reach) * (definite ? positive_part(link.turned.stiffness()) : link.turned.stiffness());
+    const Sym3 of_turning = link.iterate.turned.stiffness();
+    const Sym3 k = (reach * reach) * (definite ? positive_part(of_turning) : of_turning);
     auto spin = [&](int i) {
       return Vec3{link.root[3 * m.n() + i], link.root[4 * m.n() + i], link.root[5 * m.n() + i]};
     };

@@ -48,7 +48,7 @@ void add_pair(Island& island, const LinkPair& pair, dense::Numbers& half, dense:
   const Link &one = island.bodies.link(pair.one), &other = island.bodies.link(pair.other);
   if (!is_moved(island, one) || !is_moved(island, other)) return;
   const GeneralizedBody &a = island.bodies.body(one.body), &b = island.bodies.body(other.body);
-  transform(one.reached, a.n(), pair.stiffness, other.reached, b.n(), half, block);
+  transform(one.iterate.reached, a.n(), pair.stiffness, other.iterate.reached, b.n(), half, block);
   const double square = island.bodies.reach * island.bodies.reach;
   const size_t n = island.bodies.freedom;
   for (int i = 0; i < a.n(); ++i)
@@ -76,11 +76,12 @@ double load_elements(Island& island) {
     for (const TouchedLink& touched : element->touched()) {
       Link& link = island.bodies.link(touched.link);
       if (!is_moved(island, link)) continue;
-      link.load.linear -= touched.force;
-      link.load.angular -= touched.torque;
-      link.turned.pulls.r0 -= touched.pulls.r0;
-      link.turned.pulls.r1 -= touched.pulls.r1;
-      link.turned.pulls.r2 -= touched.pulls.r2;
+      link.iterate.load.force -= touched.force;
+      link.iterate.load.torque -= touched.torque;
+      Rot3& pulls = link.iterate.turned.pulls;
+      pulls.r0 -= touched.pulls.r0;
+      pulls.r1 -= touched.pulls.r1;
+      pulls.r2 -= touched.pulls.r2;
     }
   }
   return largest;

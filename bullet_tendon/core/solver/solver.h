@@ -43,7 +43,8 @@ bool eliminate_tendons(Island& island, const StepContext& context);
 // and corner_side receives their part of x. false: conjugate gradients met a direction without positive
 // curvature.
 bool solve_again(Island& island, const Options& o, Which b, Which x);
-// The same for forces on particles and on links (Link::load). Anchors take those on the particles they hold.
+// The same for forces on particles and on links (LinkIterate::load). Anchors take those on the particles they
+// hold.
 bool answer_forces(Island& island, const Options& o, Which forces, Which x);
 // x: a direction in which the matrix of the tendons, factored with `indefinite_too`, has negative curvature
 // while bodies do not move. b: forces that choose among these directions. false: there is none, or, with

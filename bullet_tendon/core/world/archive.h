@@ -18,7 +18,8 @@ namespace bt {
 // Types that are copied byte by byte: numbers, and structs that consist of doubles.
 template <class T>
 constexpr bool kOfDoubles = std::is_same_v<T, double> || std::is_same_v<T, Vec3> || std::is_same_v<T, Sym3> ||
-                            std::is_same_v<T, Rot3> || std::is_same_v<T, Pose>;
+                            std::is_same_v<T, Rot3> || std::is_same_v<T, Pose> || std::is_same_v<T, Twist> ||
+                            std::is_same_v<T, Wrench>;
 template <class T>
 constexpr bool kPlain = kOfDoubles<T> || std::is_arithmetic_v<T> || std::is_enum_v<T>;
 

@@ -65,14 +65,14 @@ void World::find_unknowns() {
     m.unknowns.any = m.touches > 0 && !m.point_mass && options.integrator != Integrator::explicit_euler;
   for (Link& l : scene.links) {
     l.correction = {};
-    l.turned.far = false;
+    l.iterate.turned.far = false;
     if (!l.yields()) continue;
     const GeneralizedBody& m = scene.bodies[l.body];
-    l.turned.far = m.unknowns.any && m.turning.far;
+    l.iterate.turned.far = m.unknowns.any && m.turning.far;
     if (m.unknowns.any)
-      l.reached = l.root;
+      l.iterate.reached = l.root;
     else
-      l.given = {};
+      l.iterate.given = {};
   }
   for (Contact& contact : contacts_.all)
     contact.moves = contact.link >= 0 && scene.links[contact.link].yields() &&
@@ -106,8 +106,7 @@ void World::sum_forces(double scale, Of wrench_of) {
   for (GeneralizedBody& m : scene.bodies) m.forces.assign(m.n(), 0.0);
   for (const Link& l : scene.links) {
     if (!l.yields()) continue;
-    const Wrench w = wrench_of(l);
-    l.add_generalized(l.jacobian, {scale * w.force, scale * w.torque}, scene.bodies[l.body].forces);
+    l.add_generalized(l.jacobian, scale * wrench_of(l), scene.bodies[l.body].forces);
   }
 }
 
@@ -148,7 +147,8 @@ bool World::find_turning() {
   for (const Link& l : scene.links) {
     if (!l.yields() || !(scene.bodies[l.body].turning.lever > 0) || scene.bodies[l.body].turning.far)
       continue;
-    scene.bodies[l.body].turning.far = scene.bodies[l.body].turns_far(l.spin, step_.substeps.step());
+    scene.bodies[l.body].turning.far =
+        scene.bodies[l.body].turns_far(l.drift_rates.angular, step_.substeps.step());
     any |= scene.bodies[l.body].turning.far;
   }
   return any;
@@ -251,9 +251,8 @@ void World::lead_bodies() {
   const double end = step_.substeps.end();
   for (Link& l : scene.links) {
     l.begin_substep(body_of(l), end - step_.context.dt, end);
-    if (stays(l)) l.velocity = l.spin = {};
-    const double share = step_.substeps.share();
-    l.shifted = {share * l.put.linear, share * l.put.angular};
+    if (stays(l)) l.drift_rates = {};
+    l.shifted = step_.substeps.share() * l.put;
   }
 }
 
@@ -270,8 +269,7 @@ void World::foresee_ends() {
   for (size_t k = 0; k < scene.links.size(); ++k) {
     if (!acts_at_end(k)) continue;
     Link& l = scene.links[k];
-    l.ends_known = true;
-    l.to_end = rotation_of_step(step_.context.dt * l.now_spin);
+    l.attachment_arms = {true, rotation_of_step(step_.context.dt * l.rates.angular)};
   }
 }
 
@@ -292,12 +290,10 @@ void World::sense(double dt, Vec3 gravity, bool held) {
   for (Link& l : scene.links) {
     l.note_motion();
     if (held) l.put = {};
-    l.start_pose = l.pose;
-    l.start_centre = l.centre;
+    l.start = {l.pose, l.centre, true};
     if (held) l.body = -1;
     if (l.yields()) continue;
-    l.velocity = held ? Vec3{} : l.now_velocity;
-    l.spin = held ? Vec3{} : l.now_spin;
+    l.drift_rates = held ? Twist{} : l.rates;
   }
   if (held) return;
   for (Link& l : scene.links)

@@ -399,7 +399,7 @@ void World::set_arm(Contact& contact) const {
   const Tendon& c = *step_.slots[contact.a.tendon];
   const Link& link = scene.links[contact.link];
   const bool far = turns_far(link);
-  contact.at_start = link.jacobian.empty() && !far && !link.ends_known && !step_.whole;
+  contact.at_start = link.jacobian.empty() && !far && !link.attachment_arms.at_end && !step_.whole;
   Vec3 end = contact.a.of(contact.at_start ? c.x : c.predicted);
   const Vec3 centre = contact.at_start ? link.centre : link.centre + link.foreseen.all.linear;
   // A force without friction passes through the centre of a round surface, wherever it acts.
@@ -683,7 +683,7 @@ void World::find_near_tunnels(int tendon) {
     const Link& link = scene.links[scene.tunnels[t]->link];
     // Motion of the bore, which is linear in position: its bound over the tendon's box.
     const double carried = norm(link.drift(box.middle(), step_.context.dt)) +
-                           step_.context.dt * norm(link.spin) * box.half_diagonal();
+                           step_.context.dt * norm(link.drift_rates.angular) * box.half_diagonal();
     ++step_.report.near.tunnels;
     if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t]->chamfer) ||
         std::find(c.tunnel_of.begin(), c.tunnel_of.end(), t) != c.tunnel_of.end())

@@ -69,11 +69,12 @@ void World::continue_history(int body) {
   m.history.given.assign(m.n(), 0.0);
   for (Link& l : scene.links) {
     if (l.body != body) continue;
-    l.ends_known = m.history.admitted && !l.jacobian.empty();
-    l.to_end = l.ends_known ? rotation_of_step(dt * l.now_spin) : Rot3{};
+    l.attachment_arms = {};
+    if (m.history.admitted && !l.jacobian.empty())
+      l.attachment_arms = {true, rotation_of_step(dt * l.rates.angular)};
     if (!continues) continue;
     l.history.begin(m.history.steady_share);
-    l.add_generalized(l.jacobian, {l.history.given.force, l.history.given.torque}, m.history.given);
+    l.add_generalized(l.jacobian, l.history.given, m.history.given);
   }
   if (continues) m.continue_history(dt);
 }

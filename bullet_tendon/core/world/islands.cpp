@@ -142,8 +142,8 @@ void World::list_elements(IslandElements& elements) {
 void World::limit_motion_of_cartilage() {
   for (GeneralizedBody& m : scene.bodies) m.limited = false;
   const double h = step_.context.dt;
-  auto drift = [&](const Link& l) { return Twist{h * l.velocity, h * l.spin}; };
-  auto present = [&](const Link& l) { return Twist{h * l.now_velocity, h * l.now_spin}; };
+  auto drift = [&](const Link& l) { return h * l.drift_rates; };
+  auto present = [&](const Link& l) { return h * l.rates; };
   auto held = [](const Link& l) { return l.foreseen.all; };
   limit_cartilage([&](auto motion, double most) {
     const double least = motion(drift);
@@ -155,8 +155,8 @@ void World::limit_motion_of_cartilage() {
 // known nothing presses, so that no force at all is a solution too.
 bool World::solution_passes_cartilage() {
   auto solved = [&](const Link& l) {
-    const Twist drift{step_.context.dt * l.velocity, step_.context.dt * l.spin};
-    return l.yields() ? Twist{drift.linear + l.given.linear, drift.angular + l.given.angular} : drift;
+    const Twist drift = step_.context.dt * l.drift_rates;
+    return l.yields() ? drift + l.iterate.given : drift;
   };
   limit_cartilage([&](auto motion, double) { return motion(solved); });
   return step_.motion_limit < 1;
@@ -192,9 +192,7 @@ void World::foresee_links() {
     Twist given;
     if (const GeneralizedBody* m = body_of(l); m && m->touches > 0 && m->knows_last_forces()) {
       m->answer_last_forces(y);
-      const Twist response = l.spin_of(y);
-      const double share = square * m->share_that_holds(y, step_.substeps.step());
-      given = {share * response.linear, share * response.angular};
+      given = (square * m->share_that_holds(y, step_.substeps.step())) * l.spin_of(y);
     }
     l.foresee(given, step_.context.dt, turns_far(l));
   }
@@ -209,12 +207,12 @@ bool World::foresee_at_solution() {
   for (auto [s, shape] : filled(scene.shapes)) {
     Link& l = scene.links[shape.link];
     if (!l.yields()) continue;
-    const Twist solved{h * l.velocity + l.given.linear, h * l.spin + l.given.angular};
+    const Twist solved = h * l.drift_rates + l.iterate.given;
     for (auto [slot, c] : filled(step_.slots)) {
       if (!scene.filter.meets_link(slot, shape.link) ||
           !outruns_search(c, shape, l, solved, options.contact_threshold))
         continue;
-      l.foresee(l.given, h, turns_far(l));
+      l.foresee(l.iterate.given, h, turns_far(l));
       any = true;
       break;
     }

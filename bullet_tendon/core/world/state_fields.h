@@ -57,10 +57,9 @@ struct StateFields {
   BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, external, stops,
             forces, observer, history, root, change, touches, turning.far, substep.pushed, left_out.owed,
             left_out.kept)
-  BT_FIELDS(Link, pose, centre, start_pose, start_centre, now_velocity, now_spin, velocity, spin, friction,
-            body, yielded, moved, was_read, put.linear, put.angular, jacobian, root, history.mean.force,
-            history.mean.torque, history.applied.force, history.applied.torque, history.excess, wrench.force,
-            wrench.torque)
+  BT_FIELDS(LinkStart, pose, centre, known)
+  BT_FIELDS(Link, pose, centre, start, rates, drift_rates, friction, body, yielded, moved, put, jacobian,
+            root, history.mean, history.applied, history.excess, wrench)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
   BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, load, sliding, mean_force, given_force, h_eff,
             tangent_anchor, normal)

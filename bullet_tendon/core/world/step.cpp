@@ -99,8 +99,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   }
   mark_touchable_bodies();
   for (Link& l : scene.links) {
-    l.ends_known = false;
-    l.to_end = {};
+    l.attachment_arms = {};
   }
   if (history_.may_resolve) {
     history_.start->sensed_links = scene.links;
@@ -310,7 +309,8 @@ void World::measure_wrenches() {
     const Vec3 force = two_step < 1 ? two_step * two_step * end : given;
     link.part.force += share * force;
     link.part.torque += share * link.torque_of(force, arm);
-    if (link.turned.far) link.history.excess_now += cross(link.now(arm), end) - link.torque_of(end, arm);
+    if (link.iterate.turned.far)
+      link.history.excess_now += cross(link.now(arm), end) - link.torque_of(end, arm);
   };
   for (Contact& contact : contacts_.all) {
     contact.force.given = given(*step_.slots[contact.a.tendon], contact.force.mean, contact.force.last_given);
@@ -327,7 +327,7 @@ void World::measure_wrenches() {
     for (const TouchedLink& touched : element.touched()) {
       Link& link = scene.links[touched.link];
       link.part.force += share * touched.force;
-      link.part.torque += share * transposed_times(link.turned.rate, touched.torque);
+      link.part.torque += share * transposed_times(link.iterate.turned.rate, touched.torque);
     }
   });
 }

@@ -76,10 +76,10 @@ void World::find_tendon_stiffness() {
     link.body = k;
     link.jacobian.clear();
     dense::set_identity(kTwist, link.root);
-    link.reached = link.root;
-    link.given = link.stepped = {};
-    link.turned = {};
-    link.turned.far = true;
+    link.iterate.reached = link.root;
+    link.iterate.given = link.iterate.stepped = {};
+    link.iterate.turned = {};
+    link.iterate.turned.far = true;
   }
   Island island;
   island.slots = &step_.slots;
