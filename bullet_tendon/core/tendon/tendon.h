@@ -60,9 +60,21 @@ struct PredictedRegion {
   double most_slack = 0;  // largest slack [m]
 };
 
+// The linear system of a step of Newton's method, and its solution (solver/linear_solve.cpp).
+struct NewtonSystem {
+  Field residual;  // minus the right-hand side [N]
+  Band matrix;
+  BandFactor factor;
+  Field dx, correction;  // the step, and its second-order correction (solver/arc.cpp) [m]
+  Field column, solved;  // another right-hand side, and its solution
+  // Of conjugate gradients.
+  Planes inverse_blocks;
+  Field cg_remainder, cg_preconditioned, cg_direction, cg_image;
+};
+
 // Workspace of a substep. Nothing in it outlasts a step. The unknown is the displacement since the start of
 // the substep. The positions at its end, x_new, are x + displacement, rounded.
-struct TendonWorkspace : PredictedRegion {
+struct TendonWorkspace : PredictedRegion, NewtonSystem {
   double h_eff = 0;               // step weight b [s] (integrator/scheme.h)
   Multipliers start_multipliers;  // at the start of the substep
   Relaxation relaxation;
@@ -74,12 +86,7 @@ struct TendonWorkspace : PredictedRegion {
   Field displacement, x_new;
   Field v_new;                  // at the end of the substep [m/s]
   Field inertial_displacement;  // y - x, the displacement without forces of springs and contacts [m]
-  Field dx, correction;         // solver/arc.cpp [m]
-  Field residual, cg_remainder, cg_preconditioned, cg_direction, cg_image, column, solved;
-  Band matrix;
-  BandFactor factor;
-  Planes inverse_blocks;
-  double residual_norm = 0;  // largest residual force [N]
+  double residual_norm = 0;     // largest residual force [N]
   int worst_particle = 0;
 };
 
