@@ -29,6 +29,7 @@ equilibrium too.
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 import pybullet as p
@@ -56,6 +57,7 @@ _MEAN_STEPS = 15  # the most at each place in the mean
 _WITH_FRICTION = 2  # times that a step is shortened on which tendons act
 _EARTH = 9.81  # m/s^2
 _AT_LIMIT = 1e-9  # rad or m from its limit at which a joint is at it
+_LEFT = "the next one leads to where `within` does not let them be"
 _STIFFEST = 1e-9  # share of the largest curvature to which others are raised
 
 
@@ -153,6 +155,20 @@ class HeldTendons:
         return np.concatenate([tendon.positions for tendon in self._tendons])
 
 
+class Search(NamedTuple):
+    """How a search for the equilibrium ended."""
+
+    steps: int
+    residual: float  # over the largest force at hand [-]
+    unbalanced: float  # force [N]
+    failure: str = ""  # why it ended, where no equilibrium was found
+    has_left: bool = False  # whether it ended where it would have left `within`
+
+    @property
+    def found(self) -> bool:
+        return not self.failure
+
+
 @dataclasses.dataclass
 class _Free:
     """What is free of a body: columns of its degrees of freedom; joints (empty: it is rigid)."""
@@ -176,8 +192,7 @@ class Equilibrium:
 
     def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces, within=None):
         self.tendons: HeldTendons | None = None  # those that act on the bodies
-        self._within = within
-        self.has_left = False  # whether the last search ended where it would have left `within`
+        self._within, self._has_left = within, False
         self._bodies, self._core, self._client = bodies, core, bodies.client
         self._gravity = np.array(gravity)
         self._free = [self._checked(entry) for entry in free]
@@ -333,50 +348,54 @@ class Equilibrium:
             raise InvalidType("bodies", entry.body, "a body on joints that are known")
         return found[0][:, :, entry.columns]
 
-    def find(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
-        """Whether it was found, the steps, the residual over the largest force.
+    def find(self, tolerance: float, max_steps: int) -> Search:
+        """Look for it.
 
-        Else no body has moved, unless the search has left `within`: then they are at its last place there.
+        Where it is not found, no body has moved, unless the search has left `within`: then they are at its
+        last place there.
         """
-        start, self.has_left = self._place(), False
+        start = self._place()
         self._tolerance = tolerance
         if self.tendons is not None:
             self.tendons.begin(self.slots, max_steps)
         try:
-            found, steps, residual = self._descend(tolerance, max_steps)
+            search = self._descend(tolerance, max_steps)
         except BaseException:
             self._put_back(start)
             raise
         finally:
             if self.tendons is not None:
                 self.tendons.end()
-        if not found and not self.has_left:
+        if not search.found and not search.has_left:
             self._put_back(start)
         self._core.element_terms(self.slots, True)
-        return found, steps, residual
+        return search
 
     def _put_back(self, place: list) -> None:
         self._put(place, np.zeros(sum(len(entry.columns) for entry in self._free)))
 
-    def _descend(self, tolerance: float, max_steps: int) -> tuple[bool, int, float]:
+    def _descend(self, tolerance: float, max_steps: int) -> Search:
         scale = self._scales()
         place = self._place()
         self._put(place, np.clip(0, *self._room(place)))
-        at, residual = self._terms(), np.inf
+        self._has_left, at = False, self._terms()
+        residual = unbalanced = np.inf
         for count in range(max_steps):
             if at is None:
-                return False, count, float(residual)
+                why = _LEFT if self._has_left else "tendons on them do not come to rest"
+                return Search(count, residual, unbalanced, why, self._has_left)
             place = self._place()
             room = self._room(place)
             free = ~_is_stopped(at.force, room)
-            residual = np.abs(scale * at.force)[free].max(initial=0) / max(at.largest, 1e-300)
+            unbalanced = float(np.abs(scale * at.force)[free].max(initial=0))
+            residual = unbalanced / max(float(at.largest), 1e-300)
             if residual <= tolerance:
-                return True, count, float(residual)
+                return Search(count, residual, unbalanced)
             if not (np.isfinite(at.matrix).all() and np.isfinite(at.force).all()):
-                return False, count, float(residual)
+                return Search(count, residual, unbalanced, "forces or their derivatives are not finite")
             step = self._shortened(_step_within(room, free, at.matrix, at.force, scale), at)
             at = self._advance(at, place, step)
-        return False, max_steps, float(residual)
+        return Search(max_steps, residual, unbalanced, "`max_steps` are used up")
 
     def _room(self, place: list) -> np.ndarray:
         """(2, n) how far coordinates can move, down (<= 0) and up; beyond a limit, the way back to it."""
@@ -413,7 +432,7 @@ class Equilibrium:
                 self._put_back(place)
                 if self.tendons is not None:
                     self.tendons.take_back(before)
-                self.has_left = True
+                self._has_left = True
                 return None
             after = self._terms()
             if after is None:

@@ -198,6 +198,20 @@ class CartilageWarning(RuntimeWarning):
     """
 
 
+class EquilibriumWarning(RuntimeWarning):
+    """Bodies for which relax found no equilibrium, such as under a load that nothing holds.
+
+    It tells why the search ended, and what force is unbalanced there.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as given:
+        ...     world.relax(bodies=[ball], max_steps=20)  # which falls
+        >>> print(given[0].message)
+        no equilibrium of bodies [0] was found in 20 steps: `max_steps` are used up. 0.981 N are ...
+    """
+
+
 class MissingExtra(TendonError, ImportError):
     """An optional package is needed for what was asked, and is not installed.
 

@@ -20,7 +20,7 @@ from .bodies import Bodies, client_of
 from .cartilage import LAWS, RESOLUTION, Cartilage, foundation_of, grid_of, look, side_of
 from .description import describe, summary
 from .equilibrium import Equilibrium, HeldTendons
-from .errors import InvalidType, InvalidValue, NotCopied, UnknownId
+from .errors import EquilibriumWarning, InvalidType, InvalidValue, NotCopied, UnknownId, warn
 from .ligament import (
     Ligament,
     Wrap,
@@ -725,6 +725,7 @@ class TendonWorld(NotCopied):
         bodies: Sequence = (),
         forces: Sequence = (),
         within: Callable[[], bool] | None = None,
+        quiet: bool = False,
     ) -> None:
         """Static equilibrium of the tendons with the bodies held, directly; no time passes.
 
@@ -732,7 +733,8 @@ class TendonWorld(NotCopied):
         told by apply_external_force balance, by Newton's method, and are at rest there. Tendons that touch
         these bodies, or are attached to them, follow in small steps. Other bodies, and joints that
         are not listed, stay where they are. Limits of joints act; motors and contacts of pybullet do not.
-        Where no equilibrium is found, nothing has moved and the report says that it did not converge.
+        Where no equilibrium is found, nothing has moved, the report says that it did not converge, and an
+        EquilibriumWarning says why. There may be none: a load can be more than what holds the bodies.
 
         Velocities are zero afterwards, pybullet is not stepped, nothing acts on bodies. The report tells
         iterations, residual and whether it converged. A tendon that can touch nothing is solved for at once,
@@ -751,6 +753,7 @@ class TendonWorld(NotCopied):
             within: tells whether pybullet's bodies may be where they are, such as in a joint that a load can
                 dislocate. The search ends where a step leads to a place where they may not. They stay at the
                 last place before it, and the report says that it did not converge.
+            quiet: leaves the EquilibriumWarning out, for callers who read the report.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: for arguments out of range, or bodies that cannot be free.
@@ -782,7 +785,7 @@ class TendonWorld(NotCopied):
         if within is not None and not callable(within):
             raise InvalidType("within", within, "a function without arguments, or None")
         if bodies:
-            has_tendons_left = self._balance(bodies, forces, tolerance, max_steps, within)
+            has_tendons_left = self._balance(bodies, forces, tolerance, max_steps, within, quiet)
             for cartilage in self.cartilages:
                 cartilage._tell_flat()
             if not has_tendons_left:
@@ -978,7 +981,7 @@ class TendonWorld(NotCopied):
         self._bodies.require_client()
         self._states.load_snapshot(source)
 
-    def _balance(self, bodies: Sequence, forces: Sequence, tolerance: float, max_steps: int, within) -> bool:
+    def _balance(self, bodies, forces, tolerance: float, max_steps: int, within, quiet: bool) -> bool:
         """Put bodies where they are in equilibrium, with the tendons that act on them.
 
         Whether there are tendons to relax after that.
@@ -1002,20 +1005,29 @@ class TendonWorld(NotCopied):
             near = solid | attached if solid else set()
             found.tendons = HeldTendons(self._core, self.tendons, self._relaxation(), gravity, near)
         try:
-            converged, steps, residual = found.find(tolerance, max_steps)
+            search = found.find(tolerance, max_steps)
         except BaseException:
             if coupled:
                 self._states.take_back(kept)
             raise
-        if converged or found.has_left:
+        if search.found or search.has_left:
             self._bodies.rest()
         elif coupled:
             self._states.take_back(kept)
         self._stepper.forbid_resolve()
         report = self._stepper.report
-        report.iterations, report.residual, report.tolerance = steps, residual, tolerance
-        report.converged = converged
-        return converged and bool(self._tendons) and not coupled
+        report.iterations, report.residual, report.tolerance = search.steps, search.residual, tolerance
+        report.converged = search.found
+        if not search.found and not quiet:
+            place = "at the last place where they may be" if search.has_left else "put back"
+            warn(
+                EquilibriumWarning(
+                    f"no equilibrium of bodies {sorted(found.free)} was found in {search.steps} steps: "
+                    f"{search.failure}. {search.unbalanced:.3g} N are unbalanced. They are {place}. The load "
+                    "may be more than what holds them: lower it, or come to it by small steps"
+                )
+            )
+        return search.found and bool(self._tendons) and not coupled
 
     def _relaxation(self) -> Relaxation:
         alone = len(self._tendons) == 1 and not self._obstacles and not self._tunnels

@@ -479,7 +479,7 @@ class KneeRig:
         loads = [(*self.tibia, force, point, p.LINK_FRAME) for force, point in self._loads]
         largest = TYPICAL
         for _ in range(2):
-            limits = {"max_steps": MOST_RELAXATIONS, "within": self._can_come_back}
+            limits = {"max_steps": MOST_RELAXATIONS, "within": self._can_come_back, "quiet": True}
             self.world.relax(tolerance / largest, bodies=free, forces=loads, **limits)
             if not self.world.report.converged:
                 return

@@ -146,6 +146,49 @@ def test_a_joint_is_free_and_the_others_stay(make_world, client):
     assert abs(torque[1]) <= 1e-6
 
 
+def pendulum(client):
+    """1 kg on a hinge, at 0.1 m below it."""
+    return p.createMultiBody(
+        0,
+        linkMasses=[1.0],
+        linkCollisionShapeIndices=[-1],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[(0, 0, 0)],
+        linkOrientations=[(0, 0, 0, 1)],
+        linkInertialFramePositions=[(0, 0, -0.1)],
+        linkInertialFrameOrientations=[(0, 0, 0, 1)],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_REVOLUTE],
+        linkJointAxis=[(0, -1, 0)],
+        physicsClientId=client,
+    )
+
+
+def test_a_load_that_nothing_holds_is_told(make_world, client, recwarn):
+    """A force F across a pendulum of weight W, which follows it: F = W sin(angle), up to W."""
+    world = make_world(1 / 240, (0, 0, -G))
+    bob = pendulum(client)
+
+    def relax(share, **kwargs):
+        across = [(bob, 0, (share * G, 0.0, 0.0), (0, 0, 0), p.LINK_FRAME)]
+        world.relax(bodies=[bob], tolerance=1e-9, max_steps=60, forces=across, **kwargs)
+        return p.getJointState(bob, 0, client)[0]
+
+    for share in (0.5, 0.9, 0.99, 0.999):
+        assert relax(share) == pytest.approx(math.asin(share), abs=1e-6)
+        assert world.report.converged
+    assert not recwarn
+    held = p.getJointState(bob, 0, client)[0]
+    with pytest.warns(bt.EquilibriumWarning, match=rf"bodies \[{bob}\] was found in 60 steps.*put back"):
+        assert relax(1.001) == held
+    assert not world.report.converged
+    with pytest.warns(bt.EquilibriumWarning, match="`within`.*last place"):
+        assert relax(1.1, within=lambda: p.getJointState(bob, 0, client)[0] < 2.0) > held
+    recwarn.clear()
+    relax(1.1, quiet=True)
+    assert not world.report.converged and not recwarn
+
+
 def chain(client, mass):
     """A base with two links on hinges and one on a slider between them."""
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.01, 0.02, 0.03], physicsClientId=client)
@@ -264,7 +307,8 @@ def test_what_hangs_on_nothing_is_put_back(make_world, client):
     with pytest.warns(bt.SlackWarning):
         world.add_ligament([(stand, -1, (0, 0, 0)), (body, -1, (0, 0, 0))], bt.Material.ligament(1e3), 1e3)
     before = place(body, client)
-    world.relax(bodies=[body], max_steps=20)
+    with pytest.warns(bt.EquilibriumWarning, match=f"20 steps: `max_steps` are used up. {G:.3g} N"):
+        world.relax(bodies=[body], max_steps=20)
     assert not world.report.converged
     np.testing.assert_allclose(place(body, client), before, atol=1e-12)
 
@@ -276,7 +320,8 @@ def test_a_matrix_that_is_not_finite_finds_nothing_and_moves_nothing(make_world,
     stiffness = HeldTendons.stiffness
     monkeypatch.setattr(HeldTendons, "stiffness", lambda self: math.nan * stiffness(self))
     before = [place(body, client) for body in bodies]
-    world.relax(bodies=bodies, max_steps=20)
+    with pytest.warns(bt.EquilibriumWarning, match="not finite"):
+        world.relax(bodies=bodies, max_steps=20)
     assert not world.report.converged
     np.testing.assert_allclose([place(body, client) for body in bodies], before, atol=1e-12)
 
@@ -595,7 +640,8 @@ def test_a_body_on_a_loose_tendon_is_put_back(make_world, client):
     tendon = world.add_tendon([(0, 0, -0.2), (0, 0, -0.1)], 0.001, bt.Material(stiffness=1e3), particles=5)
     tendon.attach(-1, body)
     before, positions = place(body, client), tendon.positions
-    world.relax(bodies=[body], max_steps=20)
+    with pytest.warns(bt.EquilibriumWarning, match="tendons on them do not come to rest"):
+        world.relax(bodies=[body], max_steps=20)
     assert not world.report.converged
     np.testing.assert_allclose(place(body, client), before, atol=1e-12)
     np.testing.assert_array_equal(tendon.positions, positions)
@@ -690,13 +736,13 @@ def test_a_search_ends_at_the_last_place_that_is_allowed(make_world, client):
     def is_near() -> bool:
         return abs(place(body, client)[0] - start[0]) < 0.01
 
-    world.relax(bodies=[body], tolerance=1e-9, forces=pull, within=is_near)
+    world.relax(bodies=[body], tolerance=1e-9, forces=pull, within=is_near, quiet=True)
     moved = place(body, client)
     assert not world.report.converged and is_near() and moved[0] > start[0]
     world.relax(bodies=[body], tolerance=1e-9, forces=pull, within=lambda: True)
     found = place(body, client)
     assert world.report.converged and not is_near()
-    world.relax(bodies=[body], tolerance=1e-9, within=lambda: False)
+    world.relax(bodies=[body], tolerance=1e-9, within=lambda: False, quiet=True)
     assert not world.report.converged
     # pybullet does not return a rotation to the last bit as it was set.
     np.testing.assert_allclose(place(body, client), found, rtol=0, atol=1e-15)
@@ -711,7 +757,7 @@ def test_tendons_stay_with_a_body_that_a_search_has_led_to_the_last_place(make_w
     cord.grip(0)
     cord.attach(-1, body, position=(0, 0, 0))
     pull = [(body, -1, (200.0, 0.0, 0.0), (0.1, 0, 0), p.WORLD_FRAME)]
-    world.relax(bodies=[body], forces=pull, within=lambda: place(body, client)[0] < 0.18)
+    world.relax(bodies=[body], forces=pull, within=lambda: place(body, client)[0] < 0.18, quiet=True)
     x = place(body, client)[0]
     assert not world.report.converged and 0.1 < x < 0.18
     np.testing.assert_allclose(cord.positions[-1], place(body, client)[:3], atol=1e-9)
