@@ -46,6 +46,15 @@ def read_obj(path) -> np.ndarray:
     return np.array(vertices)[np.array(triangles)]
 
 
+def refined(corners):
+    """Each triangle in four."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return np.concatenate(
+        [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )
+
+
 class Surface:
     """Exact signed distance to a triangle mesh: negative behind the faces; nothing is behind an open edge."""
 
@@ -440,6 +449,23 @@ class Knee:
         found = root(unbalanced, np.zeros(5), method="hybr", options={"factor": 0.1, "eps": 1e-7})
         better = np.abs(found.fun).max() < np.abs(unbalanced(np.zeros(5))).max()
         return start.moved(SCALE * found.x) if better else start
+
+    def held(self, start, anterior, force, tolerance=0.05) -> tuple[Pose, float]:
+        """The equilibrium at an anterior shift [m], near `start`, and the force along the tibia's x [N] that
+        the knee has there; `force` is a guess. Unlike `solve`, it is found where less force goes with more
+        shift, too: beyond the largest force that the knee holds. Raises ArithmeticError.
+        """
+
+        def unbalanced(x):
+            pose = start.moved(SCALE * x[:5])
+            forces = WEIGHT * self.residual(pose, force=(force * x[5], 0.0, 0.0))
+            return np.append(forces, (pose.translations[1] - anterior) / 1e-5)
+
+        found = root(unbalanced, np.append(np.zeros(5), 1.0), options={"factor": 0.1, "eps": 1e-7})
+        worst = np.abs(found.fun).max()
+        if not worst <= tolerance:
+            raise ArithmeticError(f"no equilibrium at {anterior} m: unbalanced by {worst:.3g} N")
+        return start.moved(SCALE * found.x[:5]), force * found.x[5]
 
     def groups(self, pose) -> dict[str, float]:
         """Sums of tensions by group, and the size of the contact's force, as "cartilage" [N]."""

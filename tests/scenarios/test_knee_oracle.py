@@ -6,7 +6,7 @@ from pathlib import Path
 import knee_oracle
 import numpy as np
 import pytest
-from knee_oracle import Cylinders, Knee, Pose, Strands, Surface, law, law_energy, read_stl
+from knee_oracle import Cylinders, Knee, Pose, Strands, Surface, law, law_energy, read_stl, refined
 
 KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
 real_knee = pytest.mark.skipif(
@@ -68,15 +68,6 @@ def ball_on_plate(strands, cells=50, rings=140) -> Knee:
     """The lowest part of a ball of radius 20 mm."""
     femur = ball(0.02, rings, (0.0, 0.02, 0.0))
     return Knee(strands, femur[(femur[..., 1] < 0.006).all(axis=1)], plate(0.012, cells))
-
-
-def refined(corners):
-    """Each triangle in four."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    return np.concatenate(
-        [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-    )
 
 
 def test_the_signed_distance_is_that_of_the_sphere_it_approaches():
@@ -183,6 +174,16 @@ def test_equilibrium_is_where_loads_balance():
     pose = knee.solve(Pose(0.2), tolerance=0.2, **load)  # the facets' edges are felt
     assert np.abs(knee.residual(pose, **load)).max() < 0.2
     assert np.abs(knee.residual(pose)).max() > 1.0
+
+
+def test_what_is_held_is_in_balance_where_it_was_found_under_the_load():
+    rng = np.random.default_rng(5)
+    knee = ball_on_plate(random_strands(rng, 14), 24, 80)
+    pose = knee.solve(Pose(0.2), tolerance=0.2, force=(20.0, 0.0, 0.0))
+    start = pose.moved(np.array([1e-3, 1e-3, 1e-5, 1e-5, 1e-5]))
+    found, force = knee.held(start, pose.translations[1], 15.0, tolerance=0.2)
+    assert force == pytest.approx(20.0, abs=0.5)
+    assert found.translations == pytest.approx(pose.translations, abs=1e-5)
 
 
 @real_knee
