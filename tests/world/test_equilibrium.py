@@ -260,7 +260,7 @@ def test_it_converges_as_newtons_method_does(make_world, client):
     residuals = []
     for most in range(1, 25):
         world.restore_state(kept)
-        world.relax(bodies=[body], tolerance=1e-11, max_steps=most, forces=[force])
+        world.relax(bodies=[body], tolerance=1e-11, max_steps=most, forces=[force], quiet=True)
         residuals.append(world.report.residual)
         if world.report.converged:
             break
