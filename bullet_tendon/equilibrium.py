@@ -499,7 +499,8 @@ def _newton_step(matrix, force, scale) -> np.ndarray:
     scaled = matrix * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     least = _STIFFEST * max(np.abs(values).max(), 1.0)
-    if np.linalg.eigvals(scaled).real.min() > least:
+    # No eigenvalue has a smaller real part than the symmetric part's least one (Bendixson 1902).
+    if values[0] > least or np.linalg.eigvals(scaled).real.min() > least:
         step = np.linalg.solve(matrix, force)
         if np.abs(step).max() <= _FARTHEST:
             return step
