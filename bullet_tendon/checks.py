@@ -116,9 +116,12 @@ def path(argument: str, value) -> str:
     if not isinstance(value, (str, os.PathLike)):
         raise InvalidType(argument, value, "a path")
     try:
-        return os.fsdecode(value)
+        name = os.fsdecode(value)
     except Exception:  # whatever its __fspath__ raises
         raise InvalidType(argument, value, "a path") from None
+    if "\0" in name:  # no file system has such a name, and open() raises a plain ValueError
+        raise InvalidValue(argument, value, "a path without null characters")
+    return name
 
 
 def _range_text(what, above, at_least, at_most) -> str:

@@ -1,6 +1,7 @@
 """Argument checks: what fits comes back in the package's form, what does not is named."""
 
 import math
+import pathlib
 
 import numpy as np
 import pybullet as p
@@ -199,6 +200,15 @@ class Unfinished:
 def test_errors_of_the_value_itself_do_not_get_through(check, make):
     with pytest.raises(TendonError, match="x = .*must be"):
         check("x", make())
+
+
+@pytest.mark.parametrize("name", ["a\0", pathlib.Path("\0.npz")])
+def test_a_path_with_null_characters_is_refused(make_world, name):
+    """No file has such a name; without a check open() raises a ValueError that names nothing."""
+    with pytest.raises(InvalidValue, match="x = .*must be a path without null characters"):
+        checks.path("x", name)
+    with pytest.raises(InvalidValue, match="path = "):
+        make_world().snapshot(name)
 
 
 def test_a_sequence_that_ends_badly_is_read_and_refused():
