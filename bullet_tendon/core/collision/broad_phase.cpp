@@ -12,9 +12,10 @@ namespace bt {
 
 namespace {
 
-// Increase of the contact distance of two tendons per arc length along both, from anchors whose distance is
-// less than the sum of radii [-]. Larger: tendons with one common anchor are bent and stretched there.
-// Smaller: they overlap along a longer arc.
+// Increase of the contact distance per arc length: of two tendons along both, from anchors whose distance is
+// less than the sum of radii, and of a tendon and a link from an attachment whose distance is less than the
+// radius [-]. Larger: tendons with one common anchor, and insertions, are bent and stretched. Smaller: they
+// overlap along a longer arc.
 constexpr double kParting = 0.1;
 
 // Greatest relative motion for which methods without substeps predict tendon pairs, in sums of radii [-].
@@ -186,6 +187,12 @@ namespace {
 // and the arcs s and t from them to the contact points, it is
 //
 //   min(r_a + r_b, d + kParting (s + t))  [m].
+//
+// The same holds of an attachment and the shape of its link: no force changes their distance d, which is
+// negative in the shape. A point at the arc s from it is at most at the distance d + s, so that a tendon with
+// short segments could be at its radius r from the surface only if it were torn. The contact distance is
+//
+//   min(r, d + kParting s)  [m].
 
 // Whether no force moves the anchor.
 bool stays(const Anchor& h, const std::vector<Link>& links) {
@@ -224,6 +231,10 @@ double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon&
       apart = std::min(apart, d + kParting * arcs);
     }
   return apart;
+}
+
+double contact_distance(const Tendon& c, int k, double u, const Anchor& h, double d) {
+  return std::min(c.radius, d + kParting * arc_to(c, h.particle, k, u));
 }
 
 }  // namespace bt

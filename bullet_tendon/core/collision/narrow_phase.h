@@ -33,6 +33,9 @@ bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& li
 // nearer to each other than that (collision/broad_phase.cpp).
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
                         const std::vector<Link>& links);
+// Distance of the point u of segment k from a shape that it touches [m]: the radius, or less near an
+// attachment to the link of the shape that is nearer to it than that, d [m].
+double contact_distance(const Tendon& c, int k, double u, const Anchor& h, double d);
 
 // Statistics of a search for pairs.
 struct PairCounts {

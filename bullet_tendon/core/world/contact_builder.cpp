@@ -306,6 +306,32 @@ void World::drop_contacts_of_torn() {
   remove_where(contacts_.all, [&](const Contact& c) { return !bears(c.a) || !bears(c.b); });
 }
 
+// Distance of a point of a tendon from a shape that it touches [m]; less than the radius near attachments.
+double World::distance_to_keep(const SegmentPoint& spot, const ContactKey& key) const {
+  const Tendon& c = *step_.slots[spot.tendon];
+  const Shape& shape = *scene.shapes[key.other];
+  double apart = c.radius;
+  for (const Anchor& h : c.anchors)
+    if (h.link == shape.link && !h.is_line)
+      apart =
+          std::min(apart, contact_distance(c, spot.first, spot.w1, h, distance_from(shape, key, h.particle)));
+  return apart;
+}
+
+// Distance of a particle from a shape that its tendon is near [m], or more; negative in a primitive. Of one
+// that was never measured no distance is known: it is on the surface, beyond reach, or in a bore.
+double World::distance_from(const Shape& shape, const ContactKey& key, int particle) const {
+  if (shape.half_space) {
+    const Pose pose = in_world(shape, scene.links[shape.link]);
+    return dot(shape.plane_normal, to_local(pose, step_.slots[key.tendon]->x.at(particle))) -
+           shape.plane_offset;
+  }
+  const NearCache& cache = detection_.caches[key.tendon][key.other];
+  const Entry& e = cache.entries[particle];
+  if (!e.known) return e.inside ? 0 : HUGE_VAL;
+  return e.distance + norm(cache.local[particle] - e.a);
+}
+
 // Contact with a plane on a link, given where it is foreseen to be at the end of the substep.
 Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& surface, const ContactKey& key,
                              double friction, int came) {
@@ -316,7 +342,7 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   contact.came = came;
   contact.a = spot;
   contact.link = link_slot;
-  const double kept = c.radius + options.contact_threshold;
+  const double apart = distance_to_keep(spot, key), kept = apart + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
   // Where rotations of free bodies are not finite, the force acts where its point was at the start (set_arm).
@@ -325,7 +351,7 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   if (surface.radius > 0 && !is_free)
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
                                   cross(surface.normal, surface.along), surface.radius + kept, {});
-  contact.geometry.margin = options.contact_threshold;
+  contact.geometry.margin = kept - c.radius;
   contact.friction.coefficient = friction * c.friction;
   carry(contact, c, link);
   finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);

@@ -477,6 +477,8 @@ class World {
   bool foresee_at_solution();
   int island_root(int tendon);
   void join_islands(int a, int b);
+  double distance_to_keep(const SegmentPoint& spot, const ContactKey& key) const;
+  double distance_from(const Shape& shape, const ContactKey& key, int particle) const;
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
                         double friction, int came);
 
