@@ -24,7 +24,6 @@ from .generalized_bodies import (
     generalized_bodies,
     link_pose,
     read_link,
-    set_rates,
 )
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
@@ -333,7 +332,7 @@ class Bodies:
 
     def set_rates(self, slot: int, wanted: np.ndarray, dt: float) -> None:
         """Change a body's motion as if it had ended the last step, of dt [s], with these rates (dofs,)."""
-        set_rates(self.links[slot][0], wanted, dt, self.client)
+        next(body for body in self._generalized() if body.slot == slot).set_rates(wanted, dt)
 
     def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

@@ -116,6 +116,7 @@ class JointedBody:
         self._joints = movable_joints(body, client, infos)
         self._trees = [tree_of(infos, floating) for floating in (False, True)]
         self._tree = self._trees[0]  # of these, the one that was read last
+        self._shifts = []  # (joint, change) of joints that were moved to their limits before the last step
         self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
 
     def read(self, core) -> bool:
@@ -151,9 +152,20 @@ class JointedBody:
                     continue
                 p.applyExternalForce(self.body, on, [sign * f for f in force], point, frame, client)
                 p.applyExternalTorque(self.body, on, [sign * t for t in torque], frame, client)
-        for joint, change in core.limit_shifts(self.slot, self._tree):
-            place, rate = p.getJointState(self.body, joint, client)[:2]
-            p.resetJointState(self.body, joint, place + change, rate, client)
+        self._shifts = core.limit_shifts(self.slot, self._tree)
+        self._shift_joints(1)
+
+    def _shift_joints(self, sign: int) -> None:
+        for joint, change in self._shifts:
+            place, rate = p.getJointState(self.body, joint, self.client)[:2]
+            p.resetJointState(self.body, joint, place + sign * change, rate, self.client)
+
+    def set_rates(self, wanted: np.ndarray, dt: float) -> None:
+        """Change its motion as if it had ended the last step, of dt [s], with these rates (dofs,)."""
+        self._shift_joints(-1)
+        self._shifts = []
+        now = rates(self.body, self.client)
+        _push(self.body, now, np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now, dt, self.client)
 
     def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user on a link at a world point, once the body was read."""
@@ -306,12 +318,6 @@ def exchange_wrench(body, jacobian, response, old, new, dt, client, stopped=()) 
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     change = np.clip(now + change, -_core.MOST_RATE, _core.MOST_RATE) - now  # and so it does with the new one
     _push(body, now, change, dt, client)
-
-
-def set_rates(body, wanted, dt, client) -> None:
-    """Change a body's motion as if it had had the rates `wanted` (dofs,) at the end of the last step."""
-    now = rates(body, client)
-    _push(body, now, np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now, dt, client)
 
 
 def _push(body, now, change, dt, client) -> None:

@@ -221,6 +221,51 @@ def test_light_links_come_to_rest_at_all_their_limits(make_world, client, tmp_pa
     assert places[-1] == pytest.approx([-0.1] * len(masses), abs=1e-4)
 
 
+def kinetic_energy(arm, links, client) -> float:
+    """Of the links of a body [J]."""
+    energy = 0.0
+    for link in range(links):
+        mass, _, inertia = p.getDynamicsInfo(arm, link, client)[:3]
+        state = p.getLinkState(arm, link, 1, 1, client)
+        axes = np.reshape(p.getMatrixFromQuaternion(state[1]), (3, 3))
+        spin = axes.T @ state[7]
+        energy += 0.5 * mass * np.dot(state[6], state[6]) + 0.5 * np.dot(inertia, spin**2)
+    return energy
+
+
+@pytest.mark.parametrize("dt", [1 / 1000, 1 / 500, 1 / 240])
+@pytest.mark.parametrize("links, strength", [(2, 0.1), (2, 0.4), (3, 0.03), (3, 0.1), (3, 0.3), (4, 0.1)])
+@pytest.mark.parametrize("load", [0.1, 0.5])
+def test_an_arm_with_weak_motors_that_falls_on_its_limits_is_not_thrown(
+    make_world, client, tmp_path, links, strength, load, dt
+):
+    """Its motors yield when it strikes. A force that stops it as if they held would throw it back.
+
+    strength: of the motors, as a share of the torque of the arm's weight. load: mass on the tendon, as a
+    share of the arm's. Gravity points upwards, where the limits are near.
+    """
+    mass, length, g = 0.03, 0.04, 9.81
+    arm = chain(client, tmp_path, [mass] * links, length)
+    reach = links * length
+    for link in range(links):
+        force = strength * links * mass * g * 0.5 * reach
+        p.setJointMotorControl2(arm, link, p.POSITION_CONTROL, 0, force=force, physicsClientId=client)
+    world = make_world(dt, (0, 0, g))
+    ball = p.createMultiBody(load * links * mass, basePosition=[reach, 0, 0.05], physicsClientId=client)
+    cord = bt.Material(stiffness=3e3, damping=3.0)
+    t = world.add_tendon([[reach, 0, 0], [reach, 0, 0.05]], 0.001, cord, 6)
+    t.attach(0, arm, links - 1)
+    t.attach(-1, ball)
+    most = 0.0
+    for _ in range(round(0.4 / dt)):
+        world.step()
+        heights = [p.getLinkState(arm, link, 0, 1, client)[0][2] for link in range(links)]
+        fell = mass * sum(heights)
+        fell += load * links * mass * (p.getBasePositionAndOrientation(ball, client)[0][2] - 0.05)
+        most = max(most, kinetic_energy(arm, links, client) - g * fell)
+    assert most < 0.05 * links * mass * g * reach
+
+
 def trolley_with_wheel(client, radius, wheel_mass, mass=1.0, rail=(1, 0, 0), way=0.1):
     """A trolley on a rail up to +-way [m], and a wheel on a hinge of it about y."""
     disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.04, physicsClientId=client)

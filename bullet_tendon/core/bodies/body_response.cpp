@@ -48,18 +48,9 @@ const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
   return work_.known;
 }
 
-// From now on, what its motors do is learned as that of other holds.
-void GeneralizedBody::forget_motors() {
-  stops.motors.all.clear();
-  const Numbers expected(observer.forces());
-  observer.let_go();
-  observer.expect(expected);
-}
-
 void GeneralizedBody::sense() {
   JointMotors& motors = stops.motors;
   motors.begin_step();
-  if (motors.soft && !motors.all.empty()) forget_motors();
   Numbers by_motors;
   if (observer.has_acted()) {
     stops.doubt(rates);
@@ -120,10 +111,9 @@ void GeneralizedBody::leave_out(double share, double dt) {
 // The forces of the motors in a step in which it reached these rates, by what pybullet reports of them.
 GeneralizedBody::Numbers GeneralizedBody::forces_of_motors(const Numbers& reported, const Numbers& reached) {
   JointMotors& motors = stops.motors;
-  if (motors.soft) return {};
   const Numbers foreseen = motors.foreseen(reached);
-  return observer.forces_of_motors(reached, unforced(),
-                                   {motors.reported_before, reported, foreseen, motors.off});
+  return observer.forces_of_motors(
+      reached, unforced(), {motors.reported_before, reported, foreseen, stops.accelerates(), motors.off});
 }
 
 bool GeneralizedBody::sample(const Numbers& after, const Numbers& reported) {

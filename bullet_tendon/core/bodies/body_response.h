@@ -165,7 +165,6 @@ struct GeneralizedBody {
   // Adds that motion to the prediction.
   void give_owed(double dt);
   const Numbers& unforced();
-  void forget_motors();
   BodyStops::Body stopped() { return {rates, observer, root, change}; }
   Numbers forces_of_motors(const Numbers& reported, const Numbers& reached);
   bool knows_forces() const { return static_cast<int>(observer.forces().size()) == n(); }

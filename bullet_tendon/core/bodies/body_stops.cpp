@@ -19,8 +19,9 @@
 // for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
 // is applied together with the wrenches of the tendons, to both links of the joint (joint_forces). A joint
 // that touches its limit is moved to just behind it instead (shifts), because pybullet's own stop knows
-// what contacts and motors do in the step. It needs joint_forces too where it falls short: pybullet cuts off
-// rates before its stops act, and ends its sweeps over several stops early.
+// what contacts and motors do in the step, and so is a joint on its way to it where these act. pybullet needs
+// joint_forces too where it falls short: it cuts off rates before its stops act, and ends its sweeps over
+// several stops early.
 //
 // The cut-off itself would leave the other joints of a chain without its reactions, and a body that turns
 // less than was solved would be entered by the tendon that strikes it. A joint is therefore stopped at a rate
@@ -117,6 +118,10 @@ bool BodyStops::limits_act() const {
   return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && !s.motor; });
 }
 
+bool BodyStops::motors_act() const {
+  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.motor; });
+}
+
 std::vector<int> BodyStops::coordinates() const {
   std::vector<int> found;
   for (const Stop& s : all_)
@@ -202,7 +207,8 @@ void BodyStops::find_spins(const Body& of, int base) {
     }
 }
 
-// Where contacts or constraints hold a joint, its motor is taken to push as in the last step.
+// Where contacts or constraints hold a joint, or pybullet's sweeps do not solve the motors of the body, a
+// motor is taken to push as in the last step.
 void BodyStops::find_motors(const Body& of, double dt) {
   std::vector<int> steady;
   for (size_t i = 0; i < motors.all.size(); ++i) {
@@ -213,7 +219,7 @@ void BodyStops::find_motors(const Body& of, double dt) {
     const int coordinate = static_cast<int>(i);
     work_.direction.assign(of.rates.size(), 0.0);
     work_.direction[i] = 1;
-    if (is_held(of, coordinate)) {
+    if (motors.soft || is_held(of, coordinate)) {
       steady.push_back(coordinate);
       continue;
     }
@@ -229,7 +235,8 @@ void BodyStops::find_motors(const Body& of, double dt) {
     m.solved = true;
     add_row(of, s);
   }
-  if (!steady.empty()) push_steadily(of, steady, dt);
+  steady_ = !steady.empty();
+  if (steady_) push_steadily(of, steady, dt);
 }
 
 // Takes the motors of these joints for known forces.
@@ -443,26 +450,45 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
   if (!act() && !motors.any()) return;
   find_pushes(of, forces, dt);
   const size_t m = all_.size(), n = of.rates.size();
-  bool motor_acts = false;
+  const bool answered = of.observer.held() || motors_act();
+  while (shift_to_limits(of, answered, dt)) find_pushes(of, forces, dt);
   for (size_t a = 0; a < m; ++a) {
     const Stop& s = all_[a];
-    if (!s.motor && s.ahead > kTouching && pushes_[a] > 0) give(a, dt, given);
-    motor_acts |= s.motor && s.acts;
+    const bool is_given = s.wanted > -kFastest || !(answered || steady_);
+    if (!s.motor && is_given && s.ahead > 0 && pushes_[a] > 0) give(a, dt, given);
   }
   Numbers swept(pushes_);
   if (act() && !limits.empty() && !of.observer.held()) {
     rows(dt).sweep_as_pybullet(pushes_, swept);
     work_.along = forces;
     for (size_t i = 0; i < n; ++i) work_.along[i] += given[i];
-    if (!motor_acts && pybullet_falls_short(of, work_.along, swept, dt))
+    if (!answered && pybullet_falls_short(of, work_.along, swept, dt))
       for (size_t a = 0; a < m; ++a)
         if (all_[a].acts && !all_[a].given) give(a, dt, given);
   }
   note_motors(swept, dt);
   find_by_pybullet(of, dt);
-  for (size_t a = 0; a < m; ++a)
-    if (const Stop& s = all_[a]; !s.motor && pushes_[a] > 0 && s.ahead > 0 && s.ahead <= kTouching)
-      shifts.push_back({s.coordinate, -directions_[a * n + s.coordinate] * (s.ahead + kReached)});
+}
+
+// Moves joints to just behind the limit that they would pass in this step, where pybullet's own stop acts:
+// those that touch it, and, where motors or what else holds the body `answer` to a force, those that their
+// rates take there. How they answer is not known well enough for a force to stop a joint: too large a one
+// throws it back. Returns whether there is any.
+bool BodyStops::shift_to_limits(const Body& of, bool answered, double dt) {
+  bool any = false;
+  for (size_t a = 0; a < all_.size(); ++a) {
+    Stop& s = all_[a];
+    if (s.motor || !(s.ahead > 0) || !(s.wanted > -kFastest) || !(pushes_[a] > 0)) continue;
+    const double carried = -dt * along(directions_, a, of.rates);
+    if (s.ahead > (answered ? std::max(kTouching, carried) : kTouching)) continue;
+    const double way = s.ahead + kReached, behind = rate_at_limit(kReached, dt);
+    shifts.push_back({s.coordinate, -directions_[a * of.rates.size() + s.coordinate] * way});
+    s.missing += behind - s.wanted;
+    s.wanted = behind;
+    s.ahead = 0;
+    any = true;
+  }
+  return any;
 }
 
 void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by_motors) {

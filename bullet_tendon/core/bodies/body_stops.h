@@ -85,6 +85,8 @@ class BodyStops {
   bool admit(const Body& of, const Numbers& forces, double dt);
   bool choose_motors(const Body& of, const Numbers& forces, double dt);
   bool pybullet_falls_short(const Body& of, const Numbers& forces, const Numbers& swept, double dt);
+  bool motors_act() const;
+  bool shift_to_limits(const Body& of, bool answered, double dt);
   void give(size_t row, double dt, Numbers& given);
   void find_by_pybullet(const Body& of, double dt);
   void note_motors(const Numbers& swept, double dt);
@@ -99,6 +101,7 @@ class BodyStops {
   Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
   bool rested_ = false;   // contacts stopped the body in the last step
   bool slipped_ = false;  // it passed through contacts
+  bool steady_ = false;   // motors are taken to push as in the last step
   Numbers by_pybullet_;   // acceleration by pybullet's stops in the last step
   // Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.
   struct Workspace {

@@ -76,7 +76,7 @@ class JointMotors {
   bool reported_known = false;  // they are known for the next step (pybullet does not restore them)
   bool thrown = false;          // any released its joint in the last step
   bool again = false;           // the last step is solved again
-  bool soft = false;  // pybullet's sweeps do not solve them: what they do is learned as that of other holds
+  bool soft = false;            // pybullet's sweeps do not solve them
 };
 
 }  // namespace bt

@@ -92,10 +92,13 @@ Observer::Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers
     if (reported.off[i] != 0) forces[i] = 0;
   measure(rates, gravity, forces);
   compare(work_.now);
-  respond(effective_root_, forces, work_.one, work_.e);
+  respond(root_, applied_, work_.one, work_.e);
   work_.s.resize(n_);
-  for (int i = 0; i < n_; ++i) work_.s[i] = rates[i] - dt_ * (missed_[i] + work_.e[i]);  // without motors
-  dense::solve(root_, missed_);                                                          // generalized forces
+  for (int i = 0; i < n_; ++i) {  // before pybullet's constraints
+    const double stopped = reported.stopped.empty() ? 0 : reported.stopped[i];
+    work_.s[i] = rates_[i] + dt_ * (work_.e[i] + gravity[i] - stopped);
+  }
+  dense::solve(root_, missed_);  // generalized forces
   for (int i = 0; i < n_; ++i) {
     const double force = reported.now[i];
     const bool cut_off = std::fabs(rates[i]) >= kCutOff * kMostRate;

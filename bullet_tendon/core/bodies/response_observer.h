@@ -59,6 +59,7 @@ class Observer {
   struct Reported {
     const Numbers &before, &now;  // in the step before and in this one
     const Numbers& foreseen;      // rates
+    const Numbers& stopped;       // acceleration by pybullet's stops; empty: none
     // 1: the motor was off. pybullet goes on to report the last force of one that is switched off.
     Numbers& off;
   };
