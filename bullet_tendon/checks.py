@@ -89,8 +89,9 @@ def sequence(argument: str, value, items: str) -> list:
 
 
 def choice(argument: str, value, allowed: tuple):
-    """One of the values in `allowed`."""
-    if not isinstance(value, type(allowed[0])) or value not in allowed:
+    """One of the values in `allowed` (bool is no number of them)."""
+    known = isinstance(value, type(allowed[0])) and not isinstance(value, bool)
+    if not known or value not in allowed:
         raise InvalidValue(argument, value, "one of " + ", ".join(map(repr, allowed)))
     return value
 

@@ -80,7 +80,7 @@ def sweep(
     checks.flag("progress", progress)
     cases = checks.sequence("cases", cases, "an iterable of cases")
     with contextlib.ExitStack() as stack:
-        engine = _engine(executor, stack)
+        engine = _engine(executor, len(cases), stack)
         log = None if file is None else stack.enter_context(_Log(file, function, seed, cases))
         results = {} if log is None else log.finished
         jobs = [(index, case) for index, case in enumerate(cases) if index not in results]
@@ -111,7 +111,7 @@ def _run(function, seed: int, job: tuple[int, Any]) -> _Outcome:
 
 
 def _engine(
-    executor: Executor, stack: contextlib.ExitStack
+    executor: Executor, cases: int, stack: contextlib.ExitStack
 ) -> Callable[[Callable, list], Iterator[_Outcome]]:
     """What runs jobs, as engine(run, jobs): a generator of their outcomes."""
     if executor is None:
@@ -119,7 +119,7 @@ def _engine(
     if isinstance(executor, concurrent.futures.Executor):
         return functools.partial(_by_futures, executor)
     if isinstance(executor, (int, np.integer)):
-        count = checks.integer("executor", executor, at_least=1)
+        count = min(checks.integer("executor", executor, at_least=1), max(1, cases))
         context = multiprocessing.get_context("spawn")
         pool = concurrent.futures.ProcessPoolExecutor(count, mp_context=context)
         return functools.partial(_by_futures, stack.enter_context(pool))

@@ -87,6 +87,11 @@ def test_processes_give_the_same(serial, count):
     assert bt.sweep(swing, cases, executor=count, seed=3, progress=False) == serial[: len(cases)]
 
 
+def test_no_more_processes_are_started_than_there_are_cases(serial):
+    assert bt.sweep(swing, CASES[:1], executor=10**30, seed=3, progress=False) == serial[:1]
+    assert bt.sweep(swing, [], executor=10**30, progress=False) == []
+
+
 def test_threads_give_the_same_and_stay_open(serial):
     with concurrent.futures.ThreadPoolExecutor(3) as pool:
         assert bt.sweep(swing, CASES, executor=pool, seed=3, progress=False) == serial

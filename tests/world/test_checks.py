@@ -103,6 +103,12 @@ def test_choices_are_listed(value):
         checks.choice("method", value, ("a", "b"))
 
 
+def test_a_truth_value_is_no_choice_of_numbers():
+    assert checks.choice("end", 1, (0, 1)) == 1
+    with pytest.raises(bt.InvalidValue, match="end = True"):
+        checks.choice("end", True, (0, 1))
+
+
 def test_flags_and_texts():
     assert checks.flag("on", np.bool_(True)) is True
     assert checks.text("name", "graft") == "graft"
