@@ -317,7 +317,8 @@ class Bodies:
     def unheld(self) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""
         held = self._core.held_bodies()
-        return held and [b.slot for b in self._generalized() if b.slot in held and not b.can_be_held()]
+        bodies = [body for body in self._generalized() if body.slot in held] if held else []
+        return [body.slot for body in bodies if not body.can_be_held(self._core)]
 
     def was_free(self, slot: int) -> bool:
         """Whether neither a contact nor a constraint had a part in how a body without joints moved."""

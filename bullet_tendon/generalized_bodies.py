@@ -94,7 +94,7 @@ class RigidBody:
         if link == self.link:
             core.add_link_force(self.slot, force, point)
 
-    def can_be_held(self) -> bool:
+    def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
 
@@ -116,6 +116,8 @@ class JointedBody:
         self._joints = movable_joints(body, client, infos)
         self._trees = [tree_of(infos, floating) for floating in (False, True)]
         self._tree = self._trees[0]  # of these, the one that was read last
+        # Of which pybullet reports no forces.
+        self._has_hidden_motors = any(info[2] == p.JOINT_SPHERICAL for info in infos)
         self._shifts = []  # (joint, change) of joints that were moved to their limits before the last step
         self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
 
@@ -172,9 +174,10 @@ class JointedBody:
         if self._yields[self._tree is self._trees[True]]:
             core.add_body_force(self.slot, self._tree, link + 1, force, point)
 
-    def can_be_held(self) -> bool:
+    def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
-        return bool(self._joints) or _can_be_held(self.body, self.client)
+        moved = self._has_hidden_motors or core.has_motors(self.slot)
+        return moved or _can_be_held(self.body, self.client)
 
     def keep_contacts(self, core) -> None:
         """What its motors give, into the state that is going to be saved: pybullet does not restore that."""

@@ -266,6 +266,50 @@ def test_an_arm_with_weak_motors_that_falls_on_its_limits_is_not_thrown(
     assert most < 0.05 * links * mass * g * reach
 
 
+FOLDED_LINK = """<link name="l{k}"><inertial><origin xyz="0 0 0.015"/><mass value="{mass}"/>
+<inertia ixx="{i}" iyy="{i}" izz="{i}"/></inertial></link>
+<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/><origin xyz="0 0 {z}"/>
+<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="10" velocity="100"/></joint>
+"""
+
+
+@pytest.mark.parametrize("dt", [1 / 500, 1 / 240])
+@pytest.mark.parametrize("mass", [0.01, 0.08])
+@pytest.mark.parametrize("links, limit", [(5, 0.4), (9, 0.3)])
+def test_nothing_holds_an_arm_without_motors_beyond_its_limits(
+    make_world, client, tmp_path, links, limit, mass, dt
+):
+    """Four cords fold discs on damped hinges. What the stops miss must not be taken for a hold."""
+    text, i = '<robot name="discs"><link name="base"/>', mass * 3e-4
+    for k in range(links):
+        values = {"parent": f"l{k - 1}" if k else "base", "z": 0.03 if k else 0, "low": -limit, "high": limit}
+        text += FOLDED_LINK.format(k=k, mass=mass, i=i, axis="1 0 0" if k % 2 else "0 1 0", **values)
+    path = tmp_path / "discs.urdf"
+    path.write_text(text + "</robot>")
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    arm = p.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+    for link in range(links):
+        p.setJointMotorControl2(arm, link, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        p.changeDynamics(arm, link, jointDamping=1e-5, physicsClientId=client)
+    world = make_world(dt, (0, 0, -9.81))
+    hands = []
+    for k in range(4):
+        x, y = 0.016 * np.cos(k * np.pi / 2), 0.016 * np.sin(k * np.pi / 2)
+        points = [(x, y, -0.05), *[(x, y, 0.03 * (link + 0.5)) for link in range(links)]]
+        cord = world.add_tendon(points, 5e-4, bt.Material(stiffness=2e3, damping=1.0), 4 * links)
+        cord.attach(-1, arm, links - 1, position=(x, y, 0))
+        hands.append(cord.grip(0))
+    farthest = 0.0
+    for k in range(round(1 / dt)):
+        pulled = 0.01 * min(1, 2 * k * dt)
+        hands[0].target = (0.016, 0, -0.05 - pulled)
+        hands[2].target = (-0.016, 0, -0.05 + pulled)
+        world.step()
+        states = p.getJointStates(arm, range(links), client)
+        farthest = max(farthest, *(abs(state[0]) for state in states))
+    assert farthest < limit + 5e-3
+
+
 def trolley_with_wheel(client, radius, wheel_mass, mass=1.0, rail=(1, 0, 0), way=0.1):
     """A trolley on a rail up to +-way [m], and a wheel on a hinge of it about y."""
     disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.04, physicsClientId=client)

@@ -450,7 +450,7 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
   if (!act() && !motors.any()) return;
   find_pushes(of, forces, dt);
   const size_t m = all_.size(), n = of.rates.size();
-  const bool answered = of.observer.held() || motors_act();
+  const bool answered = motors_act() || (of.observer.held() && motors.any());
   while (shift_to_limits(of, answered, dt)) find_pushes(of, forces, dt);
   for (size_t a = 0; a < m; ++a) {
     const Stop& s = all_[a];
@@ -471,7 +471,7 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
 }
 
 // Moves joints to just behind the limit that they would pass in this step, where pybullet's own stop acts:
-// those that touch it, and, where motors or what else holds the body `answer` to a force, those that their
+// those that touch it, and, where motors answer to what the body gets (`answered`), those that their
 // rates take there. How they answer is not known well enough for a force to stop a joint: too large a one
 // throws it back. Returns whether there is any.
 bool BodyStops::shift_to_limits(const Body& of, bool answered, double dt) {
