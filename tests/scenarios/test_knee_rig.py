@@ -58,17 +58,23 @@ def test_the_real_knee_under_drawer_loads_is_where_it_is_in_balance():
             agree(rig, knee, pose)
 
 
+def loads_without_acl(rig):
+    """Cuts the ACL, flexes, and gives each anterior force [N] under which the rig has settled."""
+    rig.cut("ACL")
+    rig.flex(FLEXION)
+    for force in (5.0, 10.0, 20.0, 30.0, 60.0):
+        rig.load(anterior=force)
+        assert rig.settle()
+        yield force
+
+
 @real_knee
 @pytest.mark.slow
 def test_the_real_knee_without_its_acl():
     knee = oracle(["ACL"])
     pose = START
     with KneeRig(KNEE, KNEE, KNEE) as rig:
-        rig.cut("ACL")
-        rig.flex(FLEXION)
-        for force in (5.0, 10.0, 20.0, 30.0, 60.0):
-            rig.load(anterior=force)
-            assert rig.settle()
+        for force in loads_without_acl(rig):
             pose = knee.solve(pose, force=(force, 0.0, 0.0))
             if force >= 20.0:  # below, the tibia slides far under little force
                 agree(rig, knee, pose)
@@ -100,15 +106,11 @@ def test_the_real_knee_without_its_acl_holds_no_more_than_its_oracle():
     tibial triangles' area halves that. Steps lead there under a load that grows slowly, by 0.5 N/s.
     """
     with KneeRig(KNEE, KNEE, KNEE) as rig:
-        rig.cut("ACL")
-        rig.flex(FLEXION)
-        for force in (5.0, 10.0, 20.0, 30.0, 60.0):
-            rig.load(anterior=force)
-            assert rig.settle()
+        held = list(loads_without_acl(rig))[-1]
         knee = oracle(["ACL"])
         knee = Knee(knee.strands, knee.femur.corners, refined(read_stl(KNEE / "tibia_cartilage.stl")))
         shift = rig.coordinates.anterior
-        limit = largest_force(knee, pose_of(rig), 60.0, np.linspace(shift, shift + 5e-3, 26))
+        limit = largest_force(knee, pose_of(rig), held, np.linspace(shift, shift + 5e-3, 26))
         for share in (0.97, 0.99):
             rig.load(anterior=share * limit)
             assert rig.settle()
