@@ -237,6 +237,7 @@ class World:
         offset: float,
         friction: float,
         surface: Surface | None,
+        solid: SignedDistance | None,
         closed_form: Primitive | None,
         /,
     ) -> int: ...

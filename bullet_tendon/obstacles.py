@@ -53,7 +53,7 @@ class Obstacles:
             where = "bodyUniqueId" if link is None else "linkIndex"
             raise InvalidValue(where, body if link is None else link, "one with a collision shape")
         for shape in (shape for shapes in found.values() for shape in shapes):
-            _ = shape.interior, shape.measured  # which takes a while: here, and not where a step asks for it
+            _ = shape.solid, shape.measured  # which takes a while: here, and not where a step asks for it
         if friction is not None:
             friction = checks.number("friction", friction, at_least=0)
         for key in [k for k, slot in self._link_slots.items() if k[0] == body and self._bodies.is_gone(slot)]:
@@ -121,7 +121,7 @@ class Obstacles:
             normal, offset = (plane[:3], plane[3]) if flat else (np.zeros(3), 0.0)
             lo, hi = np.nan_to_num(shape.bounds, posinf=1e300, neginf=-1e300)
             placed = (slot, shape.position, shape.rotation, lo, hi)
-            measured = shape.measured, shape.closed_form
+            measured = shape.measured, shape.solid, shape.closed_form
             number = self._core.add_shape(*placed, flat, normal, float(offset), own, *measured)
             self.shapes[number] = shape
             numbers.append(number)

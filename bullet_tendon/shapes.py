@@ -60,6 +60,12 @@ class Shape:
         """These triangles, as the core measures them; None: a closed form."""
         return _core.Surface(self.triangles) if len(self.triangles) else None
 
+    @cached_property
+    def solid(self) -> "_core.SignedDistance | None":
+        """Signed distances from a closed mesh, for the core; None: a hull, an open mesh or no mesh."""
+        inner = self.interior
+        return _core.SignedDistance(inner.vertices, inner.triangles) if inner and inner.closed else None
+
     def measure(self, a, b) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distance of k segments a -> b (k, 3), in the shape's frame [m]; a == b is a point.
 

@@ -23,13 +23,15 @@ class Interior:
     """The inside of a surface of vertices (v, 3) [m] and triangles (t, 3) of vertex indices.
 
     closed: whether any piece of the surface has an inside.
+    vertices, triangles (c, 3): of the pieces that do; wound outwards round what is solid.
     """
 
     def __init__(self, vertices, triangles):
         vertices = np.asarray(vertices, float)
         triangles = _welded(vertices, np.asarray(triangles, int))
         pieces = _closed_pieces(vertices, triangles) if len(triangles) else []
-        self._corners = _outwards([vertices[piece] for piece in pieces])
+        self.vertices, self.triangles = vertices, _outwards(vertices, pieces)
+        self._corners = vertices[self.triangles]
 
     @property
     def closed(self) -> bool:
@@ -128,14 +130,15 @@ def _closes(vertices, triangles, piece, edge, ends) -> np.ndarray:
     return rim**2 <= HOLES * area
 
 
-def _outwards(pieces: list[np.ndarray]) -> np.ndarray:
-    """(t, 3, 3) the corners of all pieces, wound outwards round what is solid and inwards round cavities."""
-    turned = []
-    for k, corners in enumerate(pieces):
-        outer = sum(_within(corners, other) for j, other in enumerate(pieces) if j != k)
-        inwards = np.einsum("ij,ij", *_about(corners)) < 0.0
-        turned.append(corners[:, ::-1] if inwards != bool(outer % 2) else corners)
-    return np.concatenate(turned) if turned else np.zeros((0, 3, 3))
+def _outwards(vertices, pieces: list[np.ndarray]) -> np.ndarray:
+    """(t, 3) the triangles of all pieces, wound outwards round what is solid and inwards round cavities."""
+    turned = [np.zeros((0, 3), int)]
+    corners = [vertices[piece] for piece in pieces]
+    for k, piece in enumerate(pieces):
+        outer = sum(_within(corners[k], other) for j, other in enumerate(corners) if j != k)
+        inwards = np.einsum("ij,ij", *_about(corners[k])) < 0.0
+        turned.append(piece[:, ::-1] if inwards != bool(outer % 2) else piece)
+    return np.concatenate(turned)
 
 
 def _about(corners) -> tuple[np.ndarray, np.ndarray]:

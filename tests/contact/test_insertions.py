@@ -2,13 +2,17 @@
 
 Without the smaller contact distance beside the attachment its particles are pushed out by the radius, over a
 segment that is shorter than that: 9.8 kN on the surface, 70 kN at a depth of 2 mm, with segments of 0.7 mm.
+Inside of triangles, which repel on both sides, they would be pushed to both sides of the surface: 1.4 kN to
+8.8 MN.
 """
 
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import mesh_obstacle
 
 import bullet_tendon as bt
+from bullet_tendon import shapes
 
 RADIUS, LENGTH, HALF = 0.001, 0.1, 0.03
 MATERIAL = bt.Material(stiffness=2e4, damping=2.0, friction=0.3)
@@ -103,3 +107,112 @@ def test_what_is_attached_elsewhere_is_kept_out(make_world, client):
     t = attached(world, other, -RADIUS, np.pi / 2, 101)
     world.step(240)
     np.testing.assert_allclose(t.positions[:, 2] - HALF, RADIUS, atol=0.001 * RADIUS)
+
+
+# Distance of the surface from the middle, in the direction of unit vectors (k, 3) [HALF].
+MESHES = {
+    "ball": lambda d: np.ones(len(d)),
+    "box": lambda d: 1 / np.abs(d).max(1),
+    "bone": lambda d: 1 + 0.25 * np.sin(5 * d[:, 0] + 1) * np.sin(4 * d[:, 1]) + 0.2 * d[:, 2] ** 2,
+}
+
+
+def mesh_of(kind, rows):
+    """Vertices [m] and triangles of a closed mesh with `rows` rows of faces between its poles."""
+    round_, down = np.arange(2 * rows), np.arange(rows - 2)[:, None]
+    turn, tilt = np.pi / rows * round_, np.pi / rows * np.arange(1, rows)[:, None]
+    ring = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt) + 0 * turn], -1)
+    way = np.vstack([ring.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    at = lambda row, k: (2 * rows * row + k % (2 * rows)).ravel()  # noqa: E731
+    top, bottom = len(way) - 2 + 0 * round_, len(way) - 1 + 0 * round_
+    faces = [
+        (at(down, round_), at(down + 1, round_), at(down + 1, round_ + 1)),
+        (at(down, round_), at(down + 1, round_ + 1), at(down, round_ + 1)),
+        (top, at(0, round_), at(0, round_ + 1)),
+        (bottom, at(rows - 2, round_ + 1), at(rows - 2, round_)),
+    ]
+    return HALF * MESHES[kind](way)[:, None] * way, np.concatenate([np.stack(f, -1) for f in faces])
+
+
+class Insertion:
+    """A tendon attached in a mesh under the middle of some face; the seed chooses face and sizes."""
+
+    def __init__(self, world, kind, seed, depth=None):
+        rng = np.random.default_rng(seed)
+        vertices, faces = mesh_of(kind, int(rng.integers(6, 40)))
+        faces = faces[:, :: rng.choice([-1, 1])]  # wound either way
+        face = rng.integers(len(faces))
+        corners = vertices[faces[face]]
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        normal *= np.sign(normal @ corners[0]) / np.linalg.norm(normal)
+        side = np.cross(normal, rng.normal(size=3))
+        self.side = side / np.linalg.norm(side)
+        tilt = rng.uniform(0, 1.2)
+        self.way = np.cos(tilt) * normal + np.sin(tilt) * self.side
+        self.depth = rng.uniform(0.5e-3, 8e-3) if depth is None else depth
+        radius, segment = np.exp(rng.uniform(np.log([3e-4, 3e-4]), np.log([2e-3, 1e-2])))
+        start = corners.mean(0) - self.depth * normal
+        self.vertices, self.faces = vertices, faces
+        self.body = mesh_obstacle(world, world.physicsClientId, vertices, faces)
+        material = bt.Material(stiffness=2e4, damping=20.0)
+        particles = int(0.08 / segment) + 2
+        self.tendon = world.add_tendon([start, start + 0.08 * self.way], radius, material, particles)
+        self.hold = self.tendon.attach(0, self.body)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("kind", MESHES)
+def test_no_tension_arises_in_a_mesh(world, kind, seed):
+    insertion = Insertion(world, kind, seed)
+    for _ in range(20):
+        world.step()
+        assert world.report.converged
+    assert np.abs(insertion.tendon.tension).max() < 0.02
+
+
+@pytest.mark.parametrize("aside", [0.0, 1.0])
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kind", MESHES)
+def test_from_a_mesh_the_whole_pull_arrives(world, kind, seed, aside):
+    """Without friction, pulled along itself or to the side: the tension of one end is that of the other."""
+    insertion, pull = Insertion(world, kind, seed), 50.0
+    way = insertion.way + aside * insertion.side
+    insertion.tendon.set_force(-1, pull * way / np.linalg.norm(way))
+    world.step(480)
+    assert np.linalg.norm(insertion.hold.force) == pytest.approx(pull, rel=0.02)
+    assert insertion.tendon.tension[[0, -1]] == pytest.approx(pull, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_an_insertion_in_a_mesh_is_restored(world, kind):
+    """What is known of sides is no state: the steps after a restored snapshot have the same bits."""
+    insertion = Insertion(world, kind, 3)
+    insertion.tendon.set_force(-1, 20 * insertion.side)
+    world.step(10)
+    state, found = world.snapshot(), []
+    for _ in range(2):
+        world.load_snapshot(state)
+        world.step(30)
+        found.append(insertion.tendon.positions.tobytes())
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_the_rest_of_the_tendon_stays_out_of_the_mesh(world, kind):
+    """Pulled round the mesh, it is kept out from ten times the depth of its attachment and its radius on."""
+    insertion = Insertion(world, kind, 11, depth=1e-3)
+    insertion.tendon.set_force(-1, 5 * insertion.side - 3 * insertion.way)
+    world.step(480)
+    surface = shapes.mesh(insertion.vertices, insertion.faces)
+    x = insertion.tendon.positions
+    arc = np.linspace(0, 0.08, len(x))
+    beyond = x[arc > 10 * (insertion.depth + insertion.tendon.radius)]
+    assert len(beyond) > 2
+    assert not surface.contains(beyond).any()
+    assert surface.measure(beyond, beyond)[0].min() > 0.95 * insertion.tendon.radius
+
+
+def test_an_open_mesh_encloses_nothing():
+    vertices, faces = mesh_of("ball", 12)
+    assert shapes.mesh(vertices, faces).solid is not None
+    assert shapes.mesh(vertices, faces[vertices[faces].mean(1)[:, 2] < 0]).solid is None

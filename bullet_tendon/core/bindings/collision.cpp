@@ -70,7 +70,7 @@ namespace {
 
 int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, Vec3 hi, bool half_space,
               Vec3 normal, double offset, double friction, const std::shared_ptr<Surface>& surface,
-              const std::optional<Primitive>& primitive) {
+              const std::shared_ptr<SignedDistance>& solid, const std::optional<Primitive>& primitive) {
   Shape s;
   s.link = link;
   s.local = {rotation, position};
@@ -81,6 +81,7 @@ int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, 
   s.plane_offset = offset;
   s.friction = friction;
   s.surface = surface;
+  s.solid = solid;
   if (primitive) s.primitive = *primitive;
   return w.add_shape(s);
 }

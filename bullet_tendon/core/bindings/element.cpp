@@ -189,7 +189,7 @@ Array jacobian_curvature(const Array& jacobians, const Array& wrenches, const st
 void bind_distance_grid(py::module_& m) {
   m.def("trace_path", &trace_path);
   m.def("jacobian_curvature", &jacobian_curvature);
-  py::class_<SignedDistance>(m, "SignedDistance")
+  py::class_<SignedDistance, std::shared_ptr<SignedDistance>>(m, "SignedDistance")
       .def(py::init<std::vector<Vec3>, std::vector<SignedDistance::Indices>>())
       .def_property_readonly("open", &SignedDistance::open)
       .def("volume", &SignedDistance::volume)

@@ -14,6 +14,10 @@ namespace {
 // lists cost more. Smaller: more searches.
 constexpr double kListed = 0.05;
 
+// Least depth of the particles of an insertion in a mesh, in radii [-]. Larger: those above are pushed to
+// both sides. Smaller: rounding decides whether an attachment on the surface is an insertion.
+constexpr double kBuried = 1e-3;
+
 }  // namespace
 
 Pose in_world(const Shape& shape, const Link& link) {
@@ -259,6 +263,36 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
     plane = plane_of(found, q.a, q.b, plane.normal);
   }
   take_plane(e, q, plane, distance);
+}
+
+void leave_out_insertions(const Tendon& tendon, const Shape& shape, const std::vector<Bore>& bores,
+                          NearCache& cache) {
+  cache.buried.clear();
+  if (!shape.solid || cache.entries.empty()) return;
+  const int n = tendon.n();
+  auto is_buried = [&](int i) {
+    const Vec3 x = cache.local[i];
+    Side& side = cache.sides[i];
+    if (norm(x - side.at) >= std::fabs(side.distance)) side = {x, (*shape.solid)(x)};
+    return side.distance < 0 && !in_any_bore(tendon.x.at(i), bores);
+  };
+  for (const Anchor& h : tendon.anchors) {
+    if (h.link != shape.link || h.is_line) continue;
+    if (cache.entries[h.particle].clearance <= kBuried * tendon.radius) continue;
+    cache.sides.resize(n);
+    if (!is_buried(h.particle)) continue;
+    cache.buried.resize(n, 0);
+    cache.buried[h.particle] = 1;
+    for (const int next : {-1, 1})
+      for (int i = h.particle + next; i >= 0 && i < n && !cache.buried[i] && is_buried(i); i += next)
+        cache.buried[i] = 1;
+  }
+  for (int i = 0; i < static_cast<int>(cache.buried.size()); ++i) {
+    if (!cache.buried[i]) continue;
+    cache.entries[i].wanted = false;
+    if (i > 0) cache.entries[n + i - 1].wanted = false;
+    if (i < n - 1) cache.entries[n + i].wanted = false;
+  }
 }
 
 void list_within_reach(Entry& e, Vec3 a, Vec3 b, const Surface& surface) {

@@ -65,10 +65,19 @@ struct NearCounts {
        tunnels_culled = 0;  // pairs of a tendon and a tunnel, and those too far apart
 };
 
+// On which side of a closed mesh a point is: its signed distance [m], which no nearer point differs from in
+// sign.
+struct Side {
+  Vec3 at;  // shape frame [m]
+  double distance = 0;
+};
+
 struct NearCache {
   std::vector<Entry> entries;  // n particles, then n - 1 segments; empty until the shape is near
   std::vector<Vec3> local;     // particles, shape frame [m]
   std::vector<Vec3> way;       // predicted, of particles in this step relative to the shape, shape frame [m]
+  std::vector<char> buried;    // particles of insertions in the shape, in this step; empty: none
+  std::vector<Side> sides;     // of particles, of which it was asked last; empty: it never was
 };
 
 struct NearContext {
@@ -85,6 +94,12 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
 // the distance to the listed triangles replaces it, as between queries. pose: of the shape.
 void answer(const Query& query, double distance, Vec3 point, double u, const Pose& pose,
             const NearContext& context, Entry& entry);
+
+// Marks the insertions of a tendon in a mesh, and lets them make no contact: the particles inside of the mesh
+// from an attachment to its link on, and the segments with an end inside. Triangles repel on both sides, so
+// that they would hold the tendon in the bone. A particle in a bore is outside.
+void leave_out_insertions(const Tendon& tendon, const Shape& shape, const std::vector<Bore>& bores,
+                          NearCache& cache);
 
 // Lets the list of the triangles near a feature with the ends a and b (shape frame) hold all that are within
 // reach of it [m].

@@ -4,6 +4,7 @@
 
 #include "bodies/link.h"
 #include "geometry/primitive_distance.h"
+#include "geometry/signed_distance.h"
 #include "geometry/triangle_bvh.h"
 #include "geometry/tunnel_bore.h"
 
@@ -18,7 +19,8 @@ struct Shape {
   double plane_offset = 0;                 // [m]
   double friction = 0;                     // coefficient; negative: that of the link (Link::friction_of) [-]
   std::shared_ptr<const Surface> surface;  // mesh; else null
-  Primitive primitive;                     // closed form; else of kind none
+  std::shared_ptr<const SignedDistance> solid;  // of a mesh that encloses something; else null
+  Primitive primitive;                          // closed form; else of kind none
   Box box() const { return {lo, hi}; }
 };
 

@@ -318,8 +318,9 @@ double World::distance_to_keep(const SegmentPoint& spot, const ContactKey& key) 
   return apart;
 }
 
-// Distance of a particle from a shape that its tendon is near [m], or more; negative in a primitive. Of one
-// that was never measured no distance is known: it is on the surface, beyond reach, or in a bore.
+// Distance of a particle from a shape that its tendon is near [m], or more; negative inside, but of an open
+// mesh. Of one that was never measured no distance is known: it is on the surface, beyond reach, or in a
+// bore.
 double World::distance_from(const Shape& shape, const ContactKey& key, int particle) const {
   if (shape.half_space) {
     const Pose pose = in_world(shape, scene.links[shape.link]);
@@ -329,7 +330,8 @@ double World::distance_from(const Shape& shape, const ContactKey& key, int parti
   const NearCache& cache = detection_.caches[key.tendon][key.other];
   const Entry& e = cache.entries[particle];
   if (!e.known) return e.inside ? 0 : HUGE_VAL;
-  return e.distance + norm(cache.local[particle] - e.a);
+  const bool buried = !cache.buried.empty() && cache.buried[particle];
+  return (buried ? -e.distance : e.distance) + norm(cache.local[particle] - e.a);
 }
 
 // Contact with a plane on a link, given where it is foreseen to be at the end of the substep.

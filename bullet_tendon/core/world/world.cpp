@@ -208,8 +208,8 @@ void World::update_proximity(DistanceOracle& oracle) {
       else
         cache.entries.clear();
     }
-  if (detection_.queries.empty()) return;
-  oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
+  if (!detection_.queries.empty())
+    oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
   for (size_t q = 0; q < detection_.queries.size(); ++q) {
     const Query& query = detection_.queries[q];
     const Shape& shape = *scene.shapes[query.shape];
@@ -218,6 +218,9 @@ void World::update_proximity(DistanceOracle& oracle) {
            in_world(shape, scene.links[shape.link]), near_context(*scene.tendons[query.tendon], query.shape),
            entry);
   }
+  for (auto [tendon, c] : filled(step_.slots))
+    for (auto [s, shape] : filled(scene.shapes))
+      if (shape.solid) leave_out_insertions(c, shape, bores_for(c, shape.link), detection_.caches[tendon][s]);
 }
 
 }  // namespace bt
