@@ -331,9 +331,9 @@ class Bodies:
         """
         change_rates(self.links[slot][0], by, dt, self.client)
 
-    def set_rates(self, slot: int, wanted: np.ndarray, dt: float) -> None:
-        """Change a body's motion as if it had ended the last step, of dt [s], with these rates (dofs,)."""
-        next(body for body in self._generalized() if body.slot == slot).set_rates(wanted, dt)
+    def jointed(self, slot: int):
+        """The body on joints in this slot."""
+        return next(body for body in self._generalized() if body.slot == slot)
 
     def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:
         """Change a link's motion as if the wrench `new` had acted in the last step and not `old`, both (6,).

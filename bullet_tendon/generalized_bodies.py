@@ -118,7 +118,6 @@ class JointedBody:
         self._tree = self._trees[0]  # of these, the one that was read last
         # Of which pybullet reports no forces.
         self._has_hidden_motors = any(info[2] == p.JOINT_SPHERICAL for info in infos)
-        self._shifts = []  # (joint, change) of joints that were moved to their limits before the last step
         self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
 
     def read(self, core) -> bool:
@@ -154,18 +153,23 @@ class JointedBody:
                     continue
                 p.applyExternalForce(self.body, on, [sign * f for f in force], point, frame, client)
                 p.applyExternalTorque(self.body, on, [sign * t for t in torque], frame, client)
-        self._shifts = core.limit_shifts(self.slot, self._tree)
-        self._shift_joints(1)
+        self._shift_joints(self.limit_shifts(core), 1)
 
-    def _shift_joints(self, sign: int) -> None:
-        for joint, change in self._shifts:
+    def limit_shifts(self, core) -> list[tuple[int, float]]:
+        """(joint, change) of the joints that are moved to their limits before this step."""
+        return core.limit_shifts(self.slot, self._tree)
+
+    def _shift_joints(self, shifts: list[tuple[int, float]], sign: int) -> None:
+        for joint, change in shifts:
             place, rate = p.getJointState(self.body, joint, self.client)[:2]
             p.resetJointState(self.body, joint, place + sign * change, rate, self.client)
 
-    def set_rates(self, wanted: np.ndarray, dt: float) -> None:
-        """Change its motion as if it had ended the last step, of dt [s], with these rates (dofs,)."""
-        self._shift_joints(-1)
-        self._shifts = []
+    def set_rates(self, wanted: np.ndarray, dt: float, shifts: list[tuple[int, float]]) -> None:
+        """Change its motion as if it had ended the last step, of dt [s], with these rates (dofs,).
+
+        shifts: limit_shifts of that step as it was taken.
+        """
+        self._shift_joints(shifts, -1)
         now = rates(self.body, self.client)
         _push(self.body, now, np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now, dt, self.client)
 

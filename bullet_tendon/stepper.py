@@ -219,13 +219,13 @@ class Stepper:
         _ = self.report  # of the step as it was taken, before the core's is of this solution
         taken, given = core.save(), core.wrenches()
         dt, gravity = core.last_step()
-        thrown = core.thrown_bodies()
+        thrown = [(body, body.limit_shifts(core)) for body in map(self._bodies.jointed, core.thrown_bodies())]
         if not core.rewind(pulled):
             return False
         if self._solve(dt, gravity):
             self._exchange_wrenches(given, dt)
-            for slot in thrown:
-                self._bodies.set_rates(slot, core.rates_at_end(slot), dt)
+            for body, shifts in thrown:
+                body.set_rates(core.rates_at_end(body.slot), dt, shifts)
         else:
             core.restore(taken)
             for body in released:

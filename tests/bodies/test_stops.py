@@ -266,6 +266,41 @@ def test_an_arm_with_weak_motors_that_falls_on_its_limits_is_not_thrown(
     assert most < 0.05 * links * mass * g * reach
 
 
+@pytest.mark.parametrize("links, strength", [(2, 0.1), (3, 0.03), (3, 0.3)])
+def test_an_arm_that_strikes_its_limits_goes_on_from_a_saved_state_as_before(
+    make_world, client, tmp_path, links, strength
+):
+    """Joints are moved to their limits in a step that the next one may solve again: that is saved too."""
+    mass, reach, g = 0.03, 0.04 * links, 9.81
+    arm = chain(client, tmp_path, [mass] * links)
+    for link in range(links):
+        force = strength * links * mass * g * 0.5 * reach
+        p.setJointMotorControl2(arm, link, p.POSITION_CONTROL, 0, force=force, physicsClientId=client)
+    world = make_world(1 / 240, (0, 0, g))
+    ball = p.createMultiBody(0.1 * links * mass, basePosition=[reach, 0, 0.05], physicsClientId=client)
+    t = world.add_tendon([[reach, 0, 0], [reach, 0, 0.05]], 0.001, bt.Material(stiffness=3e3, damping=3.0), 6)
+    t.attach(0, arm, links - 1)
+    t.attach(-1, ball)
+
+    def go_on() -> np.ndarray:
+        for _ in range(4):
+            world.apply()
+            p.stepSimulation(client)
+        return np.array([state[:2] for state in p.getJointStates(arm, range(links), client)])
+
+    for _ in range(36):
+        world.apply()
+        p.stepSimulation(client)
+        bodies, tendons = p.saveState(client), world.save_state()
+        went = go_on()
+        p.restoreState(stateId=bodies, physicsClientId=client)
+        world.restore_state(tendons)
+        np.testing.assert_allclose(go_on(), went, rtol=0, atol=1e-9)
+        p.restoreState(stateId=bodies, physicsClientId=client)
+        world.restore_state(tendons)
+        p.removeState(bodies, physicsClientId=client)
+
+
 FOLDED_LINK = """<link name="l{k}"><inertial><origin xyz="0 0 0.015"/><mass value="{mass}"/>
 <inertia ixx="{i}" iyy="{i}" izz="{i}"/></inertial></link>
 <joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/><origin xyz="0 0 {z}"/>

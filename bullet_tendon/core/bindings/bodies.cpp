@@ -578,8 +578,10 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("limit_shifts",
            [](const World& w, int body, const Articulated& tree) {
              py::list out;
-             for (const auto& [dof, change] : w.scene.bodies[body].stops.shifts)
-               out.append(py::make_tuple(tree.force_of(dof, 0).link - 1, change));
+             const dense::Numbers& shifts = w.scene.bodies[body].stops.shifts;
+             for (std::size_t s = 0; s < shifts.size(); s += 2)
+               out.append(
+                   py::make_tuple(tree.force_of(static_cast<int>(shifts[s]), 0).link - 1, shifts[s + 1]));
              return out;
            })
       .def("finish_resolve", &World::finish_resolve)

@@ -482,7 +482,8 @@ bool BodyStops::shift_to_limits(const Body& of, bool answered, double dt) {
     const double carried = -dt * along(directions_, a, of.rates);
     if (s.ahead > (answered ? std::max(kTouching, carried) : kTouching)) continue;
     const double way = s.ahead + kReached, behind = rate_at_limit(kReached, dt);
-    shifts.push_back({s.coordinate, -directions_[a * of.rates.size() + s.coordinate] * way});
+    shifts.push_back(s.coordinate);
+    shifts.push_back(-directions_[a * of.rates.size() + s.coordinate] * way);
     s.missing += behind - s.wanted;
     s.wanted = behind;
     s.ahead = 0;

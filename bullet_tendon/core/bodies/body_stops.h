@@ -3,7 +3,6 @@
 // Where the rate along a direction d would violate a limit or a contact, pybullet sets a rate that corrects a
 // share of the depth. A motor sets the rate of its joint. These rows are predicted (bodies/body_stops.cpp).
 #pragma once
-#include <utility>
 #include <vector>
 
 #include "bodies/bounded_rows.h"
@@ -33,8 +32,8 @@ class BodyStops {
   Numbers contacts;             // direction (6) and distance, negative inside, of every contact
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   JointMotors motors;
-  // Coordinate and change of every joint that is moved to just behind its limit before this step.
-  std::vector<std::pair<int, double>> shifts;
+  Numbers
+      shifts;  // (coordinate, change) of every joint that is moved to just behind its limit before this step
 
   // Determines which limits and contacts of the last step the body passed through. They are ignored.
   void doubt(const Numbers& rates);

@@ -164,6 +164,8 @@ struct SizesOfBody {
       const size_t size = value.size();
       if (field == "limits")
         fit &= size % 3 == 0;
+      else if (field == "shifts")
+        fit &= size % 2 == 0;
       else if (field == "contacts")
         fit &= size % 7 == 0;
       else if (field == "directions_")
@@ -190,6 +192,8 @@ void require_body(const GeneralizedBody& body) {
   visit(sizes, const_cast<GeneralizedBody&>(body));
   for (size_t k = 0; k + 2 < body.stops.limits.size(); k += 3)
     sizes.fit &= body.stops.limits[k] >= 0 && body.stops.limits[k] < body.rates.size();
+  for (size_t k = 0; k + 1 < body.stops.shifts.size(); k += 2)
+    sizes.fit &= body.stops.shifts[k] >= 0 && body.stops.shifts[k] < body.rates.size();
   const BodyHistory& history = body.history;
   sizes.fit &= history.known.empty() || history.known.size() == body.rates.size();
   require(sizes.fit, kSizes);

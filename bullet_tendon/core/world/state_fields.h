@@ -47,7 +47,7 @@ struct StateFields {
   BT_FIELDS(JointMotor, aim, gained, trend, foreseen, needed, force, limit, greatest, side, lets, solved,
             known, doubtful)
   BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, slipped_, by_pybullet_,
-            limits, contacts, contacts_known, motors.all, motors.again, motors.soft, motors.reported,
+            limits, contacts, contacts_known, shifts, motors.all, motors.again, motors.soft, motors.reported,
             motors.reported_known, motors.reported_before, motors.off, motors.thrown)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
