@@ -17,6 +17,10 @@ constexpr double kStiffening = 10.0;
 // than the tendon goes on into it, and is thrown back. Larger: no difference up to 1e5.
 constexpr double kMostStiffening = 1000.0;
 
+// Share of a depth that a stiffer contact leaves, above which nothing yields to it [-]. Larger: where
+// segments slide along a surface, a squeeze is not recognised. Smaller: what yields slowly is taken for one.
+constexpr double kUnmoved = 0.5;
+
 // A contact is softened as long as its gap stays within this share of kGap, to at least this share of its
 // first stiffness [-]. Larger and smaller: contacts are softened that have to be stiffened again. Smaller and
 // larger: a tendon leaves fewer contacts in an iteration.
@@ -105,11 +109,53 @@ void Contact::bear(double load, double sticking_ratio) {
 
 bool Contact::is_closed() const { return std::fabs(geometry.gap) <= kGap * geometry.radius; }
 
-bool Contact::stiffen() {
+bool Contact::may_stiffen() const {
   if (normal_force.first_stiffness == 0 || normal_force.direct || normal_force.value <= 0) return false;
-  if (is_closed()) return false;
-  take_over(normal_force.value);
+  return !is_closed() && normal_force.squeezed != Squeezed::now;
+}
+
+bool Contact::stiffen(bool by_bodies, bool may_be_released) {
+  if (!may_stiffen()) return false;
+  if (normal_force.squeezed == Squeezed::before) {
+    if (!by_bodies && is_unmoved()) return false;
+    normal_force.squeezed = Squeezed::no;
+    normal_force.stiffness = normal_force.first_stiffness;
+    normal_force.first_gap = 0;
+  }
+  if ((!by_bodies || may_be_released) && is_squeezed(by_bodies))
+    squeeze(may_be_released);
+  else
+    take_over(normal_force.value);
   return true;
+}
+
+bool Contact::is_unmoved() const { return geometry.gap < kUnmoved * normal_force.first_gap; }
+
+// Whether nothing yields to it, although it is stiffer than the cross-section. Heavy bodies yield only where
+// it is stiffer than that.
+bool Contact::is_squeezed(bool by_bodies) {
+  if (normal_force.first_gap == 0) {
+    normal_force.first_gap = geometry.gap;
+    return false;
+  }
+  const double least = by_bodies ? kMostStiffening * normal_force.first_stiffness : 0;
+  return geometry.gap < 0 && is_unmoved() && normal_force.stiffness > std::max(least, normal_force.section);
+}
+
+// The multiplier would grow without limit. Where a motor or another hold of unknown limit may be what does
+// not yield, the force has to show it.
+void Contact::squeeze(bool may_be_released) {
+  bear_by_section();
+  normal_force.squeezed = Squeezed::now;
+  if (may_be_released)
+    normal_force.stiffness = std::max(normal_force.section, kMostStiffening * normal_force.first_stiffness);
+}
+
+void Contact::bear_by_section() {
+  normal_force.squeezed = Squeezed::before;
+  normal_force.lambda = normal_force.lambda_start;
+  normal_force.stiffness = normal_force.section;
+  geometry.depth_allowance = 0;
 }
 
 bool Contact::soften() {

@@ -15,6 +15,14 @@
 // tendon would rebound. Where a gap or a depth remains beside a normal force at the end of a step, N_0 <- N,
 // k grows, and the step is solved further (augmented Lagrangian, Hestenes 1969). A force across a gap is what
 // a load leaves behind that rolls on: it would lift the tendon behind it, and drive it.
+//
+// A tendon between bodies that do not yield, closer together than it is thick, is squeezed: no force closes
+// its contacts, and N would grow in every solution. They press as its cross-section does, which is elastic:
+//
+//   N = N_0 + pi/4 E l d,   E = stiffness / (pi r^2)   [N]; d depth, l length of tendon at the contact [m]
+//
+// (Popov 2010, Contact Mechanics and Friction, section 5.3). Where a motor holds one of the bodies, k is
+// larger: its limit is known only after it has yielded to such a force (bodies/joint_motors.h).
 #pragma once
 #include <cmath>
 #include <cstdint>
@@ -77,17 +85,24 @@ struct ContactGeometry {
   double sliding_share[2] = {};
 };
 
+// Whether stiffening does not close a contact: as it did not before this substep, or as was found in it.
+enum class Squeezed { no, before, now };
+
 struct NormalForce {
   double value = 0;             // N, as last evaluated [N]
   double stiffness = 0;         // k [N/m]
   double first_stiffness = 0;   // k at first [N/m]; 0: k is the user's and does not change
+  double section = 0;           // k of the tendon's cross-section that is squeezed [N/m]
   double lambda = 0;            // N_0 [N]
+  double lambda_start = 0;      // N_0 at the start of the substep [N]
   double lambda_previous = 0;   // N of the previous step [N]
   double lambda_predicted = 0;  // predicted N; scales the curvature terms of the block [N]
   bool pressed = false;         // has a normal force in the linearisation
   bool direct = false;          // a constraint of the particle (Baraff and Witkin 1998), not a spring
   bool held = false;            // active direct contact
   int changes = 0;              // how often a direct contact was released in this solve
+  double first_gap = 0;         // gap at which it was first stiffened in the substep; 0: it was not [m]
+  Squeezed squeezed = Squeezed::no;
 };
 
 struct Friction {
@@ -166,8 +181,12 @@ struct Contact {
   // ever on contacts as soft as their inertia.
   void bear(double load, double sticking_ratio);
   // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
-  // whether it did.
-  bool stiffen();
+  // whether it did. One that this does not close is squeezed: N_0 is that of the start of the substep, and k
+  // that of the tendon's cross-section. by_bodies: bodies that move may press it. may_be_released: a hold of
+  // unknown limit may be what does not yield.
+  bool stiffen(bool by_bodies, bool may_be_released);
+  // Whether it would.
+  bool may_stiffen() const;
   // If a smaller k leaves no gap or depth that is too large, decreases k. Returns whether it did.
   bool soften();
   // Sets N_0 to force [N] and increases k.
@@ -199,6 +218,14 @@ struct Contact {
   void cylinder_gap(Vec3 x, double& curvature, Vec3& around);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
+
+  // Lets it press as the tendon's cross-section does.
+  void bear_by_section();
+
+ private:
+  bool is_unmoved() const;
+  bool is_squeezed(bool by_bodies);
+  void squeeze(bool may_be_released);
 };
 
 // Resistance of a point of a tendon to displacement.
@@ -206,6 +233,7 @@ struct HeldBack {
   double stiffness = 0;  // tangent stiffness there, inertia included [N/m]
   double inertia = 0;    // mass of the particles there over h_eff^2 [N/m]
   double arc = 0;        // of all particles along a round surface together, away from it [N/m]
+  double section = 0;    // of the cross-section that is squeezed there [N/m]
 };
 
 // Hash of a key. The sum of the hashes identifies a set of keys. The multipliers are those of 64-bit FNV-1a

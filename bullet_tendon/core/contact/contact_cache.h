@@ -10,6 +10,7 @@ struct ContactMemory {
   double lambda = 0;            // N [N]
   double lambda_confirmed = 0;  // the smaller N of the last two steps [N]
   double load = 0;              // the same, if no gap or depth remained that is too large; else 0 [N]
+  double squeezed_gap = 0;      // gap of one that bears by the tendon's cross-section; 0: it does not [m]
   bool sliding = false;
   Vec3 mean_force;   // on the point a [N]
   Vec3 given_force;  // ContactForce::given [N]

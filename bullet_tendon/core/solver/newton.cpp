@@ -19,6 +19,8 @@
 // (correct_wrenches).
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
@@ -209,9 +211,43 @@ void place_at_dx(Island& island) {
   }
 }
 
+// Whether it is at a particle that a body which moves may press on.
+bool is_pressed_by_bodies(const Island& island, const Contact& contact) {
+  const auto marked = [&](const SegmentPoint& s) {
+    return s.tendon >= 0 &&
+           (island.at(s).by_bodies[s.first] != 0 || (s.w1 > 0 && island.at(s).by_bodies[s.first + 1] != 0));
+  };
+  return contact.moves || marked(contact.a) || marked(contact.b);
+}
+
+// Marks the particles that bodies which move may press on, directly or through other tendons.
+void mark_pressed_by_bodies(Island& island) {
+  for (Tendon* c : island.tendons) {
+    c->by_bodies.assign(c->n(), 0);
+    for (const Anchor& h : c->anchors)
+      if (h.moves || !h.rigid) c->by_bodies[h.particle] = 1;
+  }
+  for (bool any = true; std::exchange(any, false);)
+    for (const Contact* contact : island.contacts) {
+      if (!is_pressed_by_bodies(island, *contact)) continue;
+      for (const SegmentPoint& s : {contact->a, contact->b}) {
+        if (s.tendon < 0) continue;
+        std::vector<char>& marks = island.at(s).by_bodies;
+        for (int i = s.first; i <= s.first + (s.w1 > 0); ++i) any |= std::exchange(marks[i], 1) == 0;
+      }
+    }
+}
+
 bool stiffen_contacts(Island& island) {
+  const IslandBodies& bodies = island.bodies;
+  const auto may_stiffen = [](const Contact* contact) { return contact->may_stiffen(); };
+  if (std::none_of(island.contacts.begin(), island.contacts.end(), may_stiffen)) return false;
+  const bool may_be_released = std::any_of(bodies.indices.begin(), bodies.indices.end(),
+                                           [&](int slot) { return bodies.body(slot).may_be_released(); });
+  mark_pressed_by_bodies(island);
   bool any = false;
-  for (Contact* contact : island.contacts) any |= contact->stiffen();
+  for (Contact* contact : island.contacts)
+    any |= contact->stiffen(is_pressed_by_bodies(island, *contact), may_be_released);
   return any;
 }
 

@@ -56,6 +56,10 @@ constexpr double kBend = 0.5;
 // method. Larger: the tendon is wedged where it only begins to touch both halves.
 constexpr double kRounded = 0.05;
 
+// Force over depth that a plane presses into a cylinder of elastic modulus E, over its length: pi E/4 (Popov
+// 2010, Contact Mechanics and Friction, section 5.3) [N/m^2].
+double section_stiffness(const Tendon& c) { return c.material.stiffness / (4 * c.radius * c.radius); }
+
 // Stiffness of a particle: across the tendon, from its inertia and the tension of both segments. along: its
 // springs add their slope, at least that at the reference strain.
 HeldBack held_at(const Tendon& c, int i, bool along) {
@@ -63,6 +67,7 @@ HeldBack held_at(const Tendon& c, int i, bool along) {
   held.inertia = held.stiffness = c.mass[i] / (c.h_eff * c.h_eff);
   for (int k : {i - 1, i}) {
     if (k < 0 || k >= c.n() - 1) continue;
+    held.section += 0.5 * c.rest[k] * section_stiffness(c);
     held.stiffness += std::max(0.0, c.structure.lambda[k]) / c.rest[k];
     if (!along) continue;
     double force, slope;
@@ -76,7 +81,8 @@ HeldBack held_at(const Tendon& c, int i, bool along) {
 // segment.
 HeldBack held_at(const Tendon& c, const SegmentPoint& s, bool along) {
   const HeldBack one = held_at(c, s.first, along), other = held_at(c, s.first + 1, along);
-  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia};
+  return {s.w0 * one.stiffness + s.w1 * other.stiffness, s.w0 * one.inertia + s.w1 * other.inertia, 0,
+          s.w0 * one.section + s.w1 * other.section};
 }
 
 // Stiffness of a pair of points under equal and opposite forces: the harmonic mean. The compliances add, so
@@ -85,7 +91,7 @@ HeldBack held_at(const Tendon& c, const SegmentPoint& s, bool along) {
 double mean_of(double one, double other) { return one + other > 0 ? 2 * one * other / (one + other) : 0; }
 
 HeldBack mean_of(const HeldBack& a, const HeldBack& b) {
-  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia)};
+  return {mean_of(a.stiffness, b.stiffness), mean_of(a.inertia, b.inertia), 0, mean_of(a.section, b.section)};
 }
 
 // Stiffness of a particle on a round surface where all along the arc part from it together, as where a load
@@ -401,6 +407,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
                                        : kSpringTangentRatio * held.stiffness;
   if (contact.link >= 0) set_arm(contact);
   contact.normal_force.first_stiffness = carries && !chosen ? contact.normal_force.stiffness : 0;
+  contact.normal_force.section = held.section;
   double most = kPushOut * radius;
   if (contact.link >= 0) {
     // A body that was put elsewhere before the step pushes by as much, as one that moves there does. Beyond a
@@ -468,7 +475,9 @@ void World::recall(Contact& contact, double inertia) {
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     const double per_inertia = kStickingRatio + kLooseTangentRatio;
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
-    contact.normal_force.lambda = step_.whole ? found->lambda : found->lambda_confirmed;
+    contact.normal_force.lambda = contact.normal_force.lambda_start = found->lambda_confirmed;
+    contact.normal_force.first_gap = found->squeezed_gap;
+    if (found->squeezed_gap < 0) contact.bear_by_section();
   }
   contact.friction.anchor += moved_since_held(contact);
   contact.normal_force.lambda_previous = found->lambda;
@@ -492,10 +501,14 @@ void World::remember() {
     }
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
     const double now = contact.normal_force.value, previous = contact.normal_force.lambda_previous;
-    const double confirmed = step_.whole ? now : std::min(now, previous);
-    contacts_.memory.push_back({contact.key, now, confirmed, contact.is_closed() ? confirmed : 0,
-                                contact.friction.sliding, contact.force.mean, contact.force.given,
-                                step_.slots[contact.a.tendon]->h_eff,
+    const bool closed = contact.is_closed();
+    const bool squeezed = contact.normal_force.squeezed != Squeezed::no && !closed;
+    const double confirmed = squeezed      ? contact.normal_force.lambda_start
+                             : step_.whole ? now
+                                           : std::min(now, previous);
+    contacts_.memory.push_back({contact.key, now, confirmed, closed ? confirmed : 0,
+                                squeezed ? contact.geometry.gap : 0, contact.friction.sliding,
+                                contact.force.mean, contact.force.given, step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement),
                                 transposed_times(turn, contact.geometry.normal)});
   }

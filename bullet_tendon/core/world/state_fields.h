@@ -61,8 +61,8 @@ struct StateFields {
   BT_FIELDS(Link, pose, centre, start, rates, drift_rates, friction, body, yielded, moved, put, jacobian,
             root, history.mean, history.applied, history.excess, wrench)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
-  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, load, sliding, mean_force, given_force, h_eff,
-            tangent_anchor, normal)
+  BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, load, squeezed_gap, sliding, mean_force,
+            given_force, h_eff, tangent_anchor, normal)
   BT_FIELDS(SegmentPoint, tendon, first, w0, w1)
   // Only what reports of the last step need, and what sleeping contacts need to act on links.
   BT_FIELDS(Contact, key, a, b, link, geometry.normal, geometry.depth_allowance, geometry.margin,

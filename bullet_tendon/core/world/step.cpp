@@ -292,6 +292,8 @@ void World::inherit_multipliers() {
     contact.normal_force.stiffness = found->normal_force.stiffness;
     contact.normal_force.lambda = found->normal_force.lambda;
     contact.normal_force.lambda_predicted = found->normal_force.lambda_predicted;
+    contact.normal_force.first_gap = found->normal_force.first_gap;
+    contact.normal_force.squeezed = found->normal_force.squeezed;
     contact.friction.limit = found->friction.limit;
     contact.friction.sliding = found->friction.sliding;
   }

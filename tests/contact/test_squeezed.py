@@ -1,0 +1,158 @@
+"""Tendons between bodies that do not yield, closer together than the tendon is thick.
+
+No force closes their contacts. They bear by their cross-section: pi/4 E l d on each side (Popov 2010, Contact
+Mechanics and Friction, section 5.3), with E = stiffness / (pi r^2).
+"""
+
+import numpy as np
+import pybullet as p
+import pytest
+from link_scenes import links_on_joints
+
+import bullet_tendon as bt
+
+RADIUS, LENGTH, EDGE, DT, SPEED = 0.001, 0.06, 0.01, 1 / 240, 0.05
+STIFFNESS = 3000.0  # [N]
+PER_LENGTH = STIFFNESS / (4 * RADIUS**2)  # force over depth and length [N/m^2]
+
+
+def fixed(client, kind, place, turn=(0, 0, 0, 1), **size):
+    shape = p.createCollisionShape(kind, physicsClientId=client, **size)
+    return p.createMultiBody(0, shape, -1, place, turn, physicsClientId=client)
+
+
+def plate(client, height, width=EDGE):
+    return fixed(client, p.GEOM_BOX, (0, 0, height), halfExtents=[width, EDGE, EDGE])
+
+
+def cord(world, n, height=0.0, across=False, strain=0.0017):
+    ends = np.array([[-LENGTH / 2, 0, height], [LENGTH / 2, 0, height]])
+    if across:
+        ends = ends[:, [1, 0, 2]]
+    material = bt.Material(stiffness=STIFFNESS, density=1000, friction=0.3)
+    t = world.add_tendon(ends, RADIUS, material, n, rest_length=LENGTH / (1 + strain))
+    t.grip(0), t.grip(-1)
+    return t
+
+
+def lead(world, client, body, depth, steps):
+    """Leads the body downwards to this depth, where it rests; yields in every step."""
+    (x, y, z), turn = p.getBasePositionAndOrientation(body, client)
+    for step in range(steps):
+        down = min(step * SPEED * DT, depth)
+        p.resetBasePositionAndOrientation(body, (x, y, z - down), turn, client)
+        world.step()
+        yield world.report
+
+
+def open_again(world, client, body, by=0.005):
+    (x, y, z), turn = p.getBasePositionAndOrientation(body, client)
+    for step in range(60):
+        p.resetBasePositionAndOrientation(body, (x, y, z + min(step * SPEED * DT, by)), turn, client)
+        world.step()
+
+
+@pytest.mark.parametrize("n", [16, 40, 121])
+@pytest.mark.parametrize("depth", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_plates_that_are_led_together_press_as_the_cross_section_does(
+    make_world, client, n, depth, integrator
+):
+    world = make_world(DT, integrator=integrator)
+    plates = [plate(client, side * (EDGE + RADIUS), LENGTH) for side in (-1, 1)]
+    for body in plates:
+        world.add_obstacle(body, friction=0.3)
+    t = cord(world, n)
+    taut = t.tension.copy()
+    forces = []
+    for report in lead(world, client, plates[1], depth * RADIUS, 60):
+        assert report.converged
+        forces.append([world.wrench(body)[2] for body in plates])
+    # Half a segment at each end lies where its grip holds it.
+    force = PER_LENGTH * LENGTH * (n - 2) / (n - 1) * depth * RADIUS / 2
+    np.testing.assert_allclose(forces[-1], [-force, force], rtol=0.015)
+    # It does not grow while they rest.
+    np.testing.assert_allclose(forces[-1], forces[40], rtol=1e-3)
+    open_again(world, client, plates[1])
+    assert world.wrench(plates[1]) == pytest.approx(np.zeros(6), abs=1e-9)
+    np.testing.assert_allclose(t.tension, taut, rtol=1e-3)
+
+
+def sphere_on_plate(world, client):
+    sphere = fixed(client, p.GEOM_SPHERE, (0, 0, EDGE + RADIUS), radius=EDGE)
+    return plate(client, -EDGE - RADIUS), sphere, [cord(world, 40)]
+
+
+def cylinders(world, client):
+    turn = p.getQuaternionFromEuler((np.pi / 2, 0, 0))
+    bodies = [
+        fixed(client, p.GEOM_CYLINDER, (0, 0, side * (EDGE + RADIUS)), turn, radius=EDGE, height=0.05)
+        for side in (-1, 1)
+    ]
+    return *bodies, [cord(world, 40)]
+
+
+def strands(across):
+    def build(world, client):
+        bodies = plate(client, -EDGE - RADIUS), plate(client, EDGE + 3 * RADIUS)
+        return *bodies, [cord(world, 40), cord(world, 40, 2 * RADIUS, across)]
+
+    return build
+
+
+@pytest.mark.parametrize("depth", [0.3, 1.0])
+@pytest.mark.parametrize(
+    "build",
+    [sphere_on_plate, cylinders, strands(True), strands(False)],
+    ids=["sphere_on_plate", "cylinders", "crossed_strands", "strands_side_by_side"],
+)
+def test_what_is_pinched_stays_finite_and_comes_free(make_world, client, build, depth):
+    world = make_world(DT)
+    below, above, tendons = build(world, client)
+    for body in (below, above):
+        world.add_obstacle(body, friction=0.3)
+    most = 0
+    for report in lead(world, client, above, depth * RADIUS, 100):
+        assert report.converged
+        most = max(most, report.counts["linear_solves"])
+        for t in tendons:
+            assert np.abs(t.positions).max() <= LENGTH
+    assert most < 1000
+    open_again(world, client, above)
+    for t in tendons:
+        world.step(240)
+        assert np.abs(t.positions).max() <= LENGTH / 2 + 1e-9
+        assert t.tension.max() == pytest.approx(STIFFNESS * 0.0017, rel=0.01)
+
+
+@pytest.mark.parametrize("n", [15, 43])
+@pytest.mark.parametrize("mass", [0.5, 21.65552])
+@pytest.mark.parametrize("force", [50.0, 197.7, 250.0, 1000.0])
+def test_a_jaw_that_a_motor_closes_on_a_cord_does_not_crush_it(make_world, client, n, mass, force):
+    """Until its motor yields, nothing tells that the jaw is not held: the cord is squeezed in a step.
+
+    With 21.7 kg and 197.7 N it is within its limit as the jaw meets the cord, but not in the next step.
+    """
+    radius, speed = 7.03e-4, 0.03672936
+    world = make_world(0.00348)
+    edge = 10 * radius
+    half = [edge, edge / 2, edge]
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    start = [(0, -edge / 2 - 3 * radius, 0)]
+    jaw = links_on_joints(client, p.JOINT_PRISMATIC, [mass], [(0, 1, 0)], shape, start)
+    anvil = p.createMultiBody(0, shape, -1, [0, edge / 2 + radius, 0], physicsClientId=client)
+    for body in (jaw, anvil):
+        world.add_obstacle(body, friction=1.0)
+    material = bt.Material(stiffness=3182, exponent=1.138, damping=0.026, density=674, friction=0.64)
+    ends = [(-3 * edge, 0, 0), (3 * edge, 0, 0)]
+    t = world.add_tendon(ends, radius, material, n, rest_length=5.951 * edge)
+    t.grip(0), t.grip(-1)
+    p.setJointMotorControl2(
+        jaw, 0, p.VELOCITY_CONTROL, targetVelocity=speed, force=force, physicsClientId=client
+    )
+    for _ in range(240):
+        world.step()
+        assert world.report.converged
+        assert abs(p.getJointState(jaw, 0, client)[1]) < 1.1 * speed + radius / 0.00348
+    assert p.getJointState(jaw, 0, client)[0] == pytest.approx(2 * radius, abs=0.01 * radius)
+    assert world.wrench(jaw, 0)[1] == pytest.approx(-force, rel=0.02)
