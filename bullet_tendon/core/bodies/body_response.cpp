@@ -161,7 +161,7 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
     for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   }
   stops.find(stopped(), base(), dt);
-  if (!stops.any() || !knows_forces()) return;
+  if (!stops.any() || observer.forces().size() != rates.size()) return;
   if (!stops.motors.again) stops.choose(stopped(), observer.forces(), dt);
   stops.act_on(stopped(), dt);
 }

@@ -167,7 +167,6 @@ struct GeneralizedBody {
   const Numbers& unforced();
   BodyStops::Body stopped() { return {rates, observer, root, change}; }
   Numbers forces_of_motors(const Numbers& reported, const Numbers& reached);
-  bool knows_forces() const { return static_cast<int>(observer.forces().size()) == n(); }
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   struct Workspace {
     dense::Scratch known, half, forces, along, acceleration;
