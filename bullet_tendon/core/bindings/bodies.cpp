@@ -541,10 +541,7 @@ void bind_world_bodies(GuardedWorld& world) {
            })
       .def("let_go", &World::let_go)
       .def("has_motors",
-           [](const World& w, int body) {
-             const dense::Numbers& reported = w.scene.bodies[body].stops.motors.reported;
-             return std::any_of(reported.begin(), reported.end(), [](double force) { return force != 0; });
-           })
+           [](const World& w, int body) { return w.scene.bodies[body].stops.motors.any_reported(); })
       .def("stopped", [](const World& w,
                          int link) { return w.scene.bodies[w.scene.links[link].body].stops.coordinates(); })
       .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })

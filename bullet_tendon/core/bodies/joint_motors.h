@@ -20,6 +20,7 @@
 // A motor that yields where it was not foreseen to has released its joint: the step is solved again
 // (world/resolve.cpp).
 #pragma once
+#include <algorithm>
 #include <limits>
 #include <vector>
 
@@ -66,6 +67,10 @@ class JointMotors {
     for (const JointMotor& m : all)
       if (m.known) return true;
     return false;
+  }
+  // Whether pybullet reported a force of any in the last step.
+  bool any_reported() const {
+    return std::any_of(reported.begin(), reported.end(), [](double force) { return force != 0; });
   }
 
   std::vector<JointMotor> all;  // by coordinate
