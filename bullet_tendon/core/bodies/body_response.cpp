@@ -55,9 +55,8 @@ void GeneralizedBody::sense() {
   if (observer.has_acted()) {
     stops.doubt(rates);
     const Numbers reached(observer.reached(rates));
-    by_motors = forces_of_motors(motors.reported, reached);
+    by_motors = explain_stops(motors.reported, reached);
     motors.reported_before = motors.reports;
-    stops.explain(stopped(), forces, by_motors);
     if (by_motors.size() == rates.size()) motors.thrown = motors.observe(reached, by_motors, observer.dt());
   }
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
@@ -108,17 +107,19 @@ void GeneralizedBody::leave_out(double share, double dt) {
   for (int i = 0; i < n(); ++i) left_out.force[i] -= substep.pushed[i] / dt;
 }
 
-// The forces of the motors in a step in which it reached these rates, by what pybullet reports of them.
-GeneralizedBody::Numbers GeneralizedBody::forces_of_motors(const Numbers& reported, const Numbers& reached) {
+// Finds what pybullet's stops did in a step in which it reached these rates. Returns the forces of its
+// motors, by what pybullet reports of them.
+GeneralizedBody::Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& reached) {
   JointMotors& motors = stops.motors;
   const Numbers foreseen = motors.foreseen(reached);
-  return observer.forces_of_motors(
+  const Numbers by_motors = observer.forces_of_motors(
       reached, unforced(), {motors.reported_before, reported, foreseen, stops.accelerates(), motors.off});
+  stops.explain(stopped(), forces, by_motors);
+  return by_motors;
 }
 
 bool GeneralizedBody::sample(const Numbers& after, const Numbers& reported) {
-  const Numbers by_motors = forces_of_motors(reported, after);
-  stops.explain(stopped(), forces, by_motors);
+  const Numbers by_motors = explain_stops(reported, after);
   return observer.sample(after, unforced(), by_motors) || stops.motors.released(after, by_motors);
 }
 

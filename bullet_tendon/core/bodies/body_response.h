@@ -166,7 +166,7 @@ struct GeneralizedBody {
   void give_owed(double dt);
   const Numbers& unforced();
   BodyStops::Body stopped() { return {rates, observer, root, change}; }
-  Numbers forces_of_motors(const Numbers& reported, const Numbers& reached);
+  Numbers explain_stops(const Numbers& reported, const Numbers& reached);
   Numbers known_in_step_;  // acceleration by gravity and its own motion in the last step
   struct Workspace {
     dense::Scratch known, half, forces, along, acceleration;
