@@ -268,7 +268,7 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
 void leave_out_insertions(const Tendon& tendon, const Shape& shape, const std::vector<Bore>& bores,
                           NearCache& cache) {
   cache.buried.clear();
-  if (!shape.solid || cache.entries.empty()) return;
+  if (cache.entries.empty()) return;
   const int n = tendon.n();
   auto is_buried = [&](int i) {
     const Vec3 x = cache.local[i];
