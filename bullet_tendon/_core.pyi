@@ -107,7 +107,6 @@ class DistanceGrid:
     @staticmethod
     def of_numbers(numbers: ArrayLike, /) -> DistanceGrid: ...
     def numbers(self) -> _Floats: ...
-    def __call__(self, points: ArrayLike, /) -> tuple[_Floats, _Floats]: ...  # distances, gradients
 
 def dynamics(
     body: Articulated, infos: list, base: tuple, motion: tuple, joints: tuple, links: list, /

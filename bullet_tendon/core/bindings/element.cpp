@@ -207,17 +207,7 @@ void bind_distance_grid(py::module_& m) {
            py::call_guard<py::gil_scoped_release>())
       .def_static("of_numbers",
                   [](const std::vector<double>& numbers) { return std::make_shared<DistanceGrid>(numbers); })
-      .def("numbers", &DistanceGrid::numbers)
-      .def("__call__", [](const DistanceGrid& g, const std::vector<Vec3>& points) {
-        std::vector<double> distances;
-        std::vector<Vec3> gradients;
-        for (const Vec3& x : points) {
-          Vec3 gradient;
-          distances.push_back(g.may_be_behind(x) ? g.at(x, gradient) : g.bound(x, 0));
-          gradients.push_back(gradient);
-        }
-        return py::make_tuple(distances, gradients);
-      });
+      .def("numbers", &DistanceGrid::numbers);
 }
 
 void bind_world_elements(GuardedWorld& world) {

@@ -168,8 +168,6 @@ BT_WITHIN inline bool DistanceGrid::is_near(Vec3 x) const {
   return beyond <= 0 || beyond * beyond <= slope_ * slope_ * dot(off, off);
 }
 
-bool DistanceGrid::may_be_behind(Vec3 x) const { return is_near(x); }
-
 // The value at the nearest node of a point, by its coordinates in cells. It is at most half of the diagonal
 // of a cell away.
 double DistanceGrid::nearest(Vec3 cells) const {
@@ -233,31 +231,19 @@ BT_VECTOR Sym3 DistanceGrid::curvature(Vec3 x) const {
                                       along_x(u.w, by_yy), along_x(u.w, by_yz), along_x(u.w, by_zz)};
 }
 
-double DistanceGrid::at(Vec3 x, Vec3& gradient) const {
-  const Sample found = interpolate(x);
-  gradient = found.gradient;
-  return found.distance;
-}
-
-BT_VECTOR void find_behind(const DistanceGrid& grid, const Rot3& turn, Vec3 shift,
-                           const std::vector<Vec3>& points, std::vector<DistanceGrid::Behind>& out) {
+BT_VECTOR void DistanceGrid::behind(const Rot3& turn, Vec3 shift, const std::vector<Vec3>& points,
+                                    std::vector<Behind>& out) const {
+  out.clear();
   for (size_t i = 0; i < points.size(); ++i) {
     const Vec3 x = turn * points[i] + shift;
-    if (!grid.is_near(x)) continue;
-    const DistanceGrid::Sample found = grid.interpolate(x);
+    if (!is_near(x)) continue;
+    const Sample found = interpolate(x);
     out.push_back({static_cast<int>(i), x, found.distance, found.gradient});
   }
 }
 
-void DistanceGrid::behind(const Rot3& turn, Vec3 shift, const std::vector<Vec3>& points,
-                          std::vector<Behind>& out) const {
-  out.clear();
-  find_behind(*this, turn, shift, points, out);
-}
-
 double DistanceGrid::estimate(Vec3 x) const {
-  Vec3 gradient;
-  return may_be_behind(x) ? at(x, gradient) : std::max(0.0, bound(x, 0));
+  return is_near(x) ? interpolate(x).distance : std::max(0.0, bound(x, 0));
 }
 
 }  // namespace bt

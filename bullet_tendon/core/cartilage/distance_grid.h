@@ -42,12 +42,8 @@ class DistanceGrid {
   double depth() const { return depth_; }
   // A lower bound of the distance at x, for points within `radius` around it [m].
   double bound(Vec3 x, double radius) const;
-  // Whether the point may be behind the surface; false at least where it is far from it.
-  bool may_be_behind(Vec3 x) const;
-  // The distance at x and its gradient. Only where may_be_behind(x).
-  double at(Vec3 x, Vec3& gradient) const;
   // The second derivatives of the interpolated distance at x [1/m]; they are not continuous where cells meet.
-  // Only where may_be_behind(x).
+  // Only where `behind` finds a point.
   Sym3 curvature(Vec3 x) const;
   // Of the points that a rotation and a shift take to where they may be behind the surface.
   void behind(const Rot3& turn, Vec3 shift, const std::vector<Vec3>& points, std::vector<Behind>& out) const;
@@ -57,11 +53,10 @@ class DistanceGrid {
  private:
   void size(const Box& box);
   bool is_within(Vec3 cells) const;
+  // Whether the point may be behind the surface; false at least where it is far from it.
   bool is_near(Vec3 x) const;
   double nearest(Vec3 cells) const;
   Sample interpolate(Vec3 x) const;
-  friend void find_behind(const DistanceGrid& grid, const Rot3& turn, Vec3 shift,
-                          const std::vector<Vec3>& points, std::vector<Behind>& out);
   size_t node(int i, int j, int k) const { return (static_cast<size_t>(k) * n_[1] + j) * n_[0] + i; }
   size_t brick(int i, int j, int k) const { return (static_cast<size_t>(k) * b_[1] + j) * b_[0] + i; }
   void fill(const SignedDistance& distance, int i, int j, int k, int triangle);
