@@ -85,8 +85,7 @@ std::vector<double> Cartilage::depths(const std::vector<Link>& links) const {
 
 std::vector<std::pair<int, double>> Cartilage::facing(const std::vector<Link>& links,
                                                       const std::vector<Vec3>& normals) const {
-  const Pose &a = links[link_a_].pose, &b = links[link_b_].pose;
-  const Frame frame = relative({a.rotation, a.origin}, {b.rotation, b.origin});
+  const Frame frame = relative(links[link_a_].pose, links[link_b_].pose);
   std::vector<DistanceGrid::Behind> found;
   grid_->behind(frame.rotation, frame.origin, triangles_.centres, found);
   std::vector<std::pair<int, double>> out;
@@ -141,8 +140,7 @@ void Cartilage::begin(const std::vector<Link>& links, double h) {
   }
   if (model_.damping == 0) return;
   start_depths_.assign(points_.size(), 0.0);
-  const Pose &a = links[link_a_].pose, &b = links[link_b_].pose;
-  find_behind(relative({a.rotation, a.origin}, {b.rotation, b.origin}));
+  find_behind(relative(links[link_a_].pose, links[link_b_].pose));
   for (const DistanceGrid::Behind& at : behind_)
     start_depths_[near_.points[at.point]] = std::max(0.0, -at.distance);
 }
@@ -174,10 +172,10 @@ void Cartilage::list_near(const Frame& b) {
   near_.points.clear();
   near_.centres.clear();
   auto is_far = [&](const Box& box) {
-    return grid_->bound(b.rotation * box.middle() + b.origin, box.half_diagonal() + margin) > 0;
+    return grid_->bound(to_world(b, box.middle()), box.half_diagonal() + margin) > 0;
   };
   tree_.each(is_far, [&](int i) {
-    if (grid_->bound(b.rotation * points_.centres[i] + b.origin, margin) > 0) return;
+    if (grid_->bound(to_world(b, points_.centres[i]), margin) > 0) return;
     near_.points.push_back(i);
     near_.centres.push_back(points_.centres[i]);
   });
