@@ -25,10 +25,7 @@ constexpr double kStillOverlaid = 0.9;
 uint64_t pair_of(int k, int m) { return static_cast<uint64_t>(k) << 32 | static_cast<uint32_t>(m); }
 
 double distance_of(const Field& x, int k, int m) {
-  double u, w;
-  const Vec3 p = x.at(k), d = x.at(k + 1) - p, q = x.at(m), e = x.at(m + 1) - q;
-  nearest_parameters(p, p + d, q, q + e, u, w);
-  return norm(p + u * d - (q + w * e));
+  return segment_distance(x.at(k), x.at(k + 1), x.at(m), x.at(m + 1));
 }
 
 }  // namespace
