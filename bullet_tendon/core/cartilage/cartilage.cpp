@@ -45,10 +45,6 @@ void transform(const Shift& t, const std::array<double, 36>& k, const Shift& s, 
   }
 }
 
-Rot3 outer_product(Vec3 a, Vec3 b) { return {a.x * b, a.y * b, a.z * b}; }
-Rot3 minus(const Rot3& a, const Rot3& b) { return {a.r0 - b.r0, a.r1 - b.r1, a.r2 - b.r2}; }
-Rot3 times(double s, const Rot3& a) { return {s * a.r0, s * a.r1, s * a.r2}; }
-
 }  // namespace
 
 Cartilage::Cartilage(int link_a, std::shared_ptr<const DistanceGrid> grid, int link_b,
@@ -158,7 +154,7 @@ void Cartilage::find_behind(const Frame& b) {
 // difference D of the rotations.
 bool Cartilage::is_listed(const Frame& b) const {
   if (!near_.is_made) return false;
-  const Rot3 change = minus(b.rotation, near_.of.rotation);
+  const Rot3 change = b.rotation - near_.of.rotation;
   const Vec3 shift = change * tree_.box().middle() + (b.origin - near_.of.origin);
   const double turn =
       std::sqrt(dot(change.r0, change.r0) + dot(change.r1, change.r1) + dot(change.r2, change.r2));
@@ -264,7 +260,7 @@ void Cartilage::give_wrenches() {
     TouchedLink& touched = touched_[place_[side]];
     touched.force = sign * force;
     touched.torque = sign * (moment - cross(arm, force));
-    touched.pulls = times(sign, minus(products, outer_product(arm, force)));
+    touched.pulls = sign * (products - outer_product(arm, force));
   }
 }
 

@@ -37,6 +37,11 @@ inline Rot3 operator*(const Rot3& a, const Rot3& b) {
   auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
   return {row(a.r0), row(a.r1), row(a.r2)};
 }
+// Of matrices that need not be rotations.
+inline Rot3 outer_product(Vec3 a, Vec3 b) { return {a.x * b, a.y * b, a.z * b}; }
+inline Rot3 operator+(const Rot3& a, const Rot3& b) { return {a.r0 + b.r0, a.r1 + b.r1, a.r2 + b.r2}; }
+inline Rot3 operator-(const Rot3& a, const Rot3& b) { return {a.r0 - b.r0, a.r1 - b.r1, a.r2 - b.r2}; }
+inline Rot3 operator*(double s, const Rot3& a) { return {s * a.r0, s * a.r1, s * a.r2}; }
 // The rotation vector of a rotation by less than half a turn [rad].
 inline Vec3 rotation_vector(const Rot3& r) {
   const Vec3 twice{r.r2.y - r.r1.z, r.r0.z - r.r2.x, r.r1.x - r.r0.y};

@@ -78,10 +78,7 @@ double load_elements(Island& island) {
       if (!is_moved(island, link)) continue;
       link.iterate.load.force -= touched.force;
       link.iterate.load.torque -= touched.torque;
-      Rot3& pulls = link.iterate.turned.pulls;
-      pulls.r0 -= touched.pulls.r0;
-      pulls.r1 -= touched.pulls.r1;
-      pulls.r2 -= touched.pulls.r2;
+      link.iterate.turned.pulls = link.iterate.turned.pulls - touched.pulls;
     }
   }
   return largest;
