@@ -49,9 +49,8 @@ void Band::add(int i, const Sym3& b) {
   for (int c = 0; c < 6; ++c) diagonal[c][i] += v[c];
 }
 
-void Band::add_below(int i, int offset, double w, const Sym3& b) {
-  const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
-  for (int c = 0; c < 9; ++c) below[offset - 1][c][i] += w * v[kFull[c]];
+void Band::add_below(int i, int offset, double w) {
+  for (int c : {0, 4, 8}) below[offset - 1][c][i] += w;
 }
 
 void Band::multiply(const Field& x, Field& y) const {

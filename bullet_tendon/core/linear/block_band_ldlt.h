@@ -29,8 +29,8 @@ struct Band {
   void zero();
   Sym3 block(int i) const;
   void add(int i, const Sym3& b);
-  // A(i+offset, i) += w B, offset 1 or 2.
-  void add_below(int i, int offset, double w, const Sym3& b);
+  // A(i+offset, i) += w I, offset 1 or 2.
+  void add_below(int i, int offset, double w);
   // y = A x.
   void multiply(const Field& x, Field& y) const;
   // Projects the rows and columns of block i by P = I - N, and adds N to the diagonal block, so that the
