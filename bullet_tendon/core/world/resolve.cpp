@@ -64,21 +64,6 @@ void World::let_go(int body) {
   interrupt();
 }
 
-// Restores the state before the last step. false: tendons or anchors were added or removed since then.
-bool World::take_back() {
-  if (!history_.may_resolve || !history_.start->valid) return false;
-  Checkpoint last;
-  capture(last);
-  if (!same_anchors(*history_.start, last)) return false;
-  apply(*history_.start);
-  for (auto [slot, c] : filled(scene.tendons)) {
-    const TendonState& user = last.tendons[slot].state;
-    choose_again(user, c);
-    if (user.sleeping_island < 0) wake_tendon(slot);
-  }
-  return true;
-}
-
 // Puts links and bodies where they were read for the step that began at history_.start, and predicts them
 // with the observers' present data, and the forces of the step before.
 void World::put_bodies_back() {
@@ -94,14 +79,22 @@ void World::put_bodies_back() {
   }
 }
 
-// Begins the step again, with what is known of the bodies now.
-void World::begin_again(Reason why) {
+// Returns to the start of the step at history_.start, with what is known of the bodies now.
+void World::return_to_start(const StepRecord& step) {
+  std::vector<Link> links = scene.links;
   std::vector<GeneralizedBody> bodies = scene.bodies;
   apply(*history_.start);
-  history_.may_resolve = true;
+  scene.links.swap(links);
   scene.bodies.swap(bodies);
-  step_.context.dt = step_.substeps.step();
+  step_.context.dt = step.dt;
+  step_.context.gravity = step.gravity;
   put_bodies_back();
+}
+
+// Begins the present step again.
+void World::begin_again(Reason why) {
+  return_to_start({step_.substeps.step(), step_.context.gravity});
+  history_.may_resolve = true;
   step_.substeps.begin_again(why);
   wake_tendons();
 }
@@ -155,29 +148,28 @@ bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
   for (int i : released)
     if (scene.bodies[i].observer.released()) scene.bodies[i].observer.release();
-  const StepRecord last = history_.last_step;
-  std::vector<Link> links_now = scene.links;
-  std::vector<GeneralizedBody> bodies_now = scene.bodies;
-  std::vector<dense::Numbers> contacts;
-  const bool back = !(released.empty() && pulled.empty()) && take_back();
+  Checkpoint last;
+  capture(last);
+  const bool back = !(released.empty() && pulled.empty()) && last.may_resolve && history_.start->valid &&
+                    same_anchors(*history_.start, last);
   if (back) {
-    history_.last_step = last;
-    step_.context.dt = last.dt;
-    step_.context.gravity = last.gravity;
-    scene.links.swap(links_now);
-    scene.bodies.swap(bodies_now);
-    for (const GeneralizedBody& m : scene.bodies) contacts.push_back(m.stops.contacts);
     for (int i : pulled) scene.bodies[i].observer.trust_last();
     for (GeneralizedBody& m : scene.bodies) m.stops.motors.again = true;
-    put_bodies_back();
+    return_to_start(last.last_step);
+    history_.last_step = last.last_step;
     contacts_.all.clear();
+    for (auto [slot, c] : filled(scene.tendons)) {
+      const TendonState& user = last.tendons[slot].state;
+      choose_again(user, c);
+      if (user.sleeping_island < 0) wake_tendon(slot);
+    }
   }
   for (int i : released)
     if (!back) predict(i);
   if (!released.empty()) interrupt();
   // The next step needs these contacts of bodies. pybullet may list later ones (restoreState).
-  for (size_t i = 0; i < contacts.size(); ++i) {
-    scene.bodies[i].stops.contacts = contacts[i];
+  for (size_t i = 0; back && i < last.bodies.size(); ++i) {
+    scene.bodies[i].stops.contacts = last.bodies[i].stops.contacts;
     scene.bodies[i].stops.contacts_known = true;
   }
   return back;

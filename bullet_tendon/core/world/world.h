@@ -305,8 +305,8 @@ class World {
   void forget_planes();
   bool any_moved() const;
   double pulled_away(const Tendon& c, const Anchor& anchor) const;
-  bool take_back();
   void put_bodies_back();
+  void return_to_start(const StepRecord& step);
   void begin_again(Reason why);
   // Predicts the motion of a body, and of its links, in this step.
   void predict(int body);
