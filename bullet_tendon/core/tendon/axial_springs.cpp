@@ -69,10 +69,6 @@ BT_WITHIN inline void measure_at(SpringSet& s, const Field& x, const Field& disp
 
 BT_VECTOR void measure(SpringSet& s, const Field& x) { measure_at<false>(s, x, x); }
 
-BT_VECTOR void measure(SpringSet& s, const Field& x, const Field& displacement) {
-  measure_at<true>(s, x, displacement);
-}
-
 namespace {
 
 template <int P>

@@ -97,9 +97,8 @@ struct Motion {
   }
 };
 
-// Compute lengths and directions at x, or at x + displacement.
+// Computes lengths and directions at x.
 void measure(SpringSet& s, const Field& x);
-void measure(SpringSet& s, const Field& x, const Field& displacement);
 // Computes the true forces along the springs at the end of the step. The damping uses the rates
 // (len - len_h)/(b l).
 void find_forces(SpringSet& s, const Law& law, const Motion& motion);
