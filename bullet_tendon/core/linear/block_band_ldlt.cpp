@@ -194,7 +194,6 @@ void BandFactor::resize(int blocks, int half_bandwidth) {
   n_ = blocks;
   half_ = half_bandwidth;
   middle_ = half_ == 1 ? (n_ % 2 ? 1 : 2) : (n_ % 2 ? 3 : 2);
-  if (middle_ > n_) middle_ = n_;
   steps_ = (n_ - middle_) / 2;
   pivots_.resize(steps_);
 }
