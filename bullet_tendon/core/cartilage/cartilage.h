@@ -61,7 +61,6 @@ class Cartilage : public Element, public CartilageState {
   int link_a() const { return link_a_; }
   int link_b() const { return link_b_; }
   const CartilageModel& model() const { return model_; }
-  const DistanceGrid& grid() const { return *grid_; }
   const FoundationSurface& points() const { return points_; }
   // Depths of all triangles where the links are now, in the order in which they were given [m]. Negative: a
   // lower bound of the distance to A.

@@ -39,7 +39,6 @@ class DistanceGrid {
   // Tells grids apart.
   uint64_t mark() const { return mark_; }
   double spacing() const { return spacing_; }
-  double depth() const { return depth_; }
   // A lower bound of the distance at x, for points within `radius` around it [m].
   double bound(Vec3 x, double radius) const;
   // The second derivatives of the interpolated distance at x [1/m]; they are not continuous where cells meet.

@@ -54,7 +54,6 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
            double rest_length);
   const std::vector<PathPoint>& path() const { return path_; }
   const std::vector<Wrap>& wraps() const { return wraps_; }
-  double stiffness() const { return material_.stiffness; }
   const Material& material() const { return material_; }
 
   void begin(const std::vector<Link>& links, double h) override;
