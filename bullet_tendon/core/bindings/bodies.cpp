@@ -74,25 +74,22 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   m.gravity_response.clear();
   if (falls) m.gravity_response.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
-  const Rot3 axes = transposed(turn_of(turn));
-  const Sym3 turning = inverse(inertia.x) * outer(axes.r0) + inverse(inertia.y) * outer(axes.r1) +
-                       inverse(inertia.z) * outer(axes.r2);
-  const double a[3][3] = {{turning.xx, turning.xy, turning.xz},
-                          {turning.xy, turning.yy, turning.yz},
-                          {turning.xz, turning.yz, turning.zz}};
+  const Rot3 axes = turn_of(turn);
+  const Sym3 turning = turned(axes, {inverse(inertia.x), inverse(inertia.y), inverse(inertia.z)});
   m.by_motion.assign(6, 0.0);
   m.motion_shift.clear();
   if (falls && inertia.x > 0 && inertia.y > 0 && inertia.z > 0) {  // the gyroscopic torque
-    const Sym3 moments = inertia.x * outer(axes.r0) + inertia.y * outer(axes.r1) + inertia.z * outer(axes.r2);
+    const Sym3 moments = turned(axes, inertia);
     const Vec3 gyroscopic = -(turning * cross(w, moments * w));
     m.by_motion = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
     const Vec3 now = 1.5 * w - 0.5 * before, shift = cross(w, moments * w) - cross(now, moments * now);
     m.motion_shift = {0, 0, 0, shift.x, shift.y, shift.z};
   }
+  const Block3 block = block_of(turning);
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
     m.free[7 * i] = 1 / number(info, 0);
-    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = a[i][j];
+    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = block.v[3 * i + j];
   }
 }
 

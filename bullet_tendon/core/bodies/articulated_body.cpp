@@ -12,12 +12,6 @@ namespace {
 // Way to a limit that a joint does not have [rad], [m].
 constexpr double kNoLimit = 1e6;
 
-// R diag(d) R^T
-Sym3 turned(const Rot3& r, Vec3 d) {
-  const Vec3 column[3] = {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
-  return d.x * outer(column[0]) + d.y * outer(column[1]) + d.z * outer(column[2]);
-}
-
 int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == JointKind::ball ? 3 : 1; }
 
 }  // namespace

@@ -9,6 +9,12 @@
 
 namespace bt {
 
+// R diag(d) R^T
+inline Sym3 turned(const Rot3& r, Vec3 d) {
+  const Rot3 columns = transposed(r);
+  return d.x * outer(columns.r0) + d.y * outer(columns.r1) + d.z * outer(columns.r2);
+}
+
 enum class JointKind { hinge, slider, ball, fixed };
 
 struct Joint {
