@@ -104,10 +104,8 @@ void start_bodies(Island& island) {
     double& lever = island.bodies.body(link.body).unknowns.lever;
     lever = std::max(lever, island.bodies.reach * std::sqrt(trace(link.mobility(link.centre + arm))));
   };
-  each_anchor(island, &Anchor::carries,
-              [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
-  each_anchor(island, &Anchor::pulls,
-              [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
+  for (const IsMeant is_meant : {&Anchor::carries, &Anchor::pulls})
+    each_anchor(island, is_meant, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
     if (contact->moves) reach_to(island.bodies.link(contact->link), contact->arm);
   for (const Element* element : island.elements.all)
