@@ -21,16 +21,6 @@ void BodyHistory::forget() {
   smooth = able = admitted = continues = false;
 }
 
-void BodyHistory::begin(double step, bool whole) {
-  admitted = whole;
-  continues = whole && smooth && dt == step;
-}
-
-void BodyHistory::finish(double step, bool whole) {
-  steady_share = 1;
-  dt = whole ? step : 0;
-}
-
 bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
   if (!history.asked) {
     history.able = history.possible && !stops.act() && !stops.motors.any() && !stops.contacts_stop() &&
@@ -43,7 +33,8 @@ bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
     history.forget();
     return false;
   }
-  history.begin(dt, whole);
+  history.admitted = whole;
+  history.continues = whole && history.smooth && history.dt == dt;
   return history.continues;
 }
 

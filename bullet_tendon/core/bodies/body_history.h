@@ -45,9 +45,6 @@ struct BodyHistory {
   // Whether it ends a step of implicit Euler after which it may continue.
   bool begins() const { return dt > 0 && coupled && !continues; }
   void forget();
-  // Begins a step of `step` [s].
-  void begin(double step, bool whole);
-  void finish(double step, bool whole);
 };
 
 }  // namespace bt

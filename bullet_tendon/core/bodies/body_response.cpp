@@ -180,7 +180,7 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
   return norm(turn) > kFarTurn || dt * dt * light / 3 * turning.pull > kFarTurn;
 }
 
-void GeneralizedBody::act(double dt, bool whole) {
+void GeneralizedBody::act(double dt) {
   stops.rest(n());
   joint_forces.assign(n(), 0.0);
   auto add_left_out = [&](double share, Numbers& to) {
@@ -192,10 +192,12 @@ void GeneralizedBody::act(double dt, bool whole) {
   add_left_out(1, joint_forces);
   if (history.continues && !motion_shift.empty())
     for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
-  if (history.admitted && history.coupled && !stops.act())
-    history.finish(dt, whole);
-  else
+  if (history.admitted && history.coupled && !stops.act()) {
+    history.steady_share = 1;
+    history.dt = dt;
+  } else {
     history.forget();
+  }
   work_.known = joint_forces;
   for (int i = 0; i < n() && !external.empty(); ++i) work_.known[i] += external[i];
   observer.act(forces, work_.known, dt);

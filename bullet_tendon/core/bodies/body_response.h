@@ -128,8 +128,7 @@ struct GeneralizedBody {
   // If what holds it is not trusted with the forces of the tendons in a step of dt [s], lets it yield.
   bool limit_hold(double dt);
   // Records the forces of the tendons and of the stops in a step of dt [s].
-  // whole: the step was not divided.
-  void act(double dt, bool whole);
+  void act(double dt);
   // Whether it rotates far within dt [s] with this predicted spin, or under the forces of the tendons.
   bool turns_far(Vec3 spin, double dt) const;
   // Determines the stops that act under the forces of the tendons. Returns whether they are other ones than

@@ -209,7 +209,7 @@ void World::act_on_bodies() {
   }
   sum_forces(1, [](const Link& l) { return l.wrench; });
   for (GeneralizedBody& m : scene.bodies)
-    if (m.n() > 0) m.act(step_.substeps.step(), step_.substeps.taken() == 1);
+    if (m.n() > 0) m.act(step_.substeps.step());
 }
 
 // After relaxation, bodies are where the last step that held them had them. What acts on them there is what
