@@ -25,7 +25,7 @@ class PythonOracle : public DistanceOracle {
  public:
   explicit PythonOracle(py::handle measure) : measure_(measure) {}
 
-  void measure(const std::vector<Query>& queries, std::vector<double>& distance, std::vector<double>& points,
+  void measure(const std::vector<Query>& queries, std::vector<double>& distance, std::vector<Vec3>& points,
                std::vector<double>& u) override {
     py::gil_scoped_acquire lock;
     a_.clear();
@@ -39,10 +39,10 @@ class PythonOracle : public DistanceOracle {
     const Ints shape(static_cast<py::ssize_t>(shape_.size()), shape_.data());
     const py::tuple found = measure_(shape, a_, b_);
     distance = found[0].cast<std::vector<double>>();
-    points = found[1].cast<std::vector<double>>();
+    points = found[1].cast<std::vector<Vec3>>();
     u = found[2].cast<std::vector<double>>();
     const size_t n = queries.size();
-    if (distance.size() != n || points.size() != 3 * n || u.size() != n)
+    if (distance.size() != n || points.size() != n || u.size() != n)
       throw std::length_error("distances of another number of queries");
   }
 

@@ -51,9 +51,4 @@ class Field : public Planes {
 // The sum of a_i . b_i.
 double inner(const Field& a, const Field& b);
 
-// Row i of rows of three numbers.
-inline Vec3 vec3_at(const std::vector<double>& rows, size_t i) {
-  return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]};
-}
-
 }  // namespace bt

@@ -214,7 +214,7 @@ void World::update_proximity(DistanceOracle& oracle) {
     const Query& query = detection_.queries[q];
     const Shape& shape = *scene.shapes[query.shape];
     Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
-    answer(query, detection_.distances[q], vec3_at(detection_.points, q), detection_.parameters[q],
+    answer(query, detection_.distances[q], detection_.points[q], detection_.parameters[q],
            in_world(shape, scene.links[shape.link]), near_context(*scene.tendons[query.tendon], query.shape),
            entry);
   }

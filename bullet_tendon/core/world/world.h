@@ -36,10 +36,10 @@ namespace bt {
 class DistanceOracle {
  public:
   virtual ~DistanceOracle() = default;
-  // Writes for each query the distance [m], the nearest surface point (3 values, [m]) and the segment
-  // parameter in [0, 1] (collision/proximity_cache.h, answer).
+  // Writes for each query the distance [m], the nearest surface point [m] and the segment parameter in [0, 1]
+  // (collision/proximity_cache.h, answer).
   virtual void measure(const std::vector<Query>& queries, std::vector<double>& distance,
-                       std::vector<double>& points, std::vector<double>& u) = 0;
+                       std::vector<Vec3>& points, std::vector<double>& u) = 0;
   // Called repeatedly during a step. It may throw, which ends the step.
   virtual void poll() {}
 };
@@ -99,7 +99,7 @@ struct Detection {
   std::vector<std::vector<NearCache>> caches;  // [tendon][shape]
   std::vector<Query> queries;
   std::vector<double> distances;  // answers by query: distances [m], surface points, segment parameters
-  std::vector<double> points;
+  std::vector<Vec3> points;
   std::vector<double> parameters;
   BroadPhase broad_phase;
   std::vector<SegmentPair> pairs;
