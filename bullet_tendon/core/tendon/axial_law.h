@@ -54,23 +54,14 @@ inline void power(double s, double p, double& value, double& slope) {
   }
 }
 
-inline int power_class(double p) { return p == 1 ? 2 : p == 1.5 ? 3 : p == 2 ? 4 : p == 3 ? 6 : 0; }
-
 // Calls call(P), P an integral_constant, with the P of the templates here for this exponent.
 template <class Call>
 BT_WITHIN inline void by_exponent(double exponent, Call call) {
-  switch (power_class(exponent)) {
-    case 2:
-      return call(std::integral_constant<int, 2>{});
-    case 3:
-      return call(std::integral_constant<int, 3>{});
-    case 4:
-      return call(std::integral_constant<int, 4>{});
-    case 6:
-      return call(std::integral_constant<int, 6>{});
-    default:
-      return call(std::integral_constant<int, 0>{});
-  }
+  if (exponent == 1) return call(std::integral_constant<int, 2>{});
+  if (exponent == 1.5) return call(std::integral_constant<int, 3>{});
+  if (exponent == 2) return call(std::integral_constant<int, 4>{});
+  if (exponent == 3) return call(std::integral_constant<int, 6>{});
+  call(std::integral_constant<int, 0>{});
 }
 
 // Elastic force per unit K, and its derivative by the strain.
