@@ -113,17 +113,13 @@ void Ligament::begin(const std::vector<Link>& links, double h) {
   if (memory.empty()) return;
   if (!begun) {
     begun = true;
-    unrelaxed = elastic_at(start_length_);
+    double force, slope;
+    elastic_any(material_.law, start_length_ / rest - 1, force, slope);
+    unrelaxed = material_.stiffness * force;
     for (size_t i = 0; i < memory.size(); ++i) memory[i] = material_.tissue.weights[i] * unrelaxed;
   }
   relaxation_.begin(material_.tissue, h);
   recalled_ = relaxation_.recalled(memory.data(), unrelaxed);
-}
-
-double Ligament::elastic_at(double length) const {
-  double force, slope;
-  elastic_any(material_.law, length / rest - 1, force, slope);
-  return material_.stiffness * force;
 }
 
 // Sets the tension and its derivative by the length.

@@ -74,7 +74,6 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
     Twists by_one, by_other;
     double inverse;
   };
-  double elastic_at(double length) const;
   void find_tension();
   void find_length(const std::vector<LinkEnd>& ends);
   template <class NodeAt, class FrameAt, class Visit>
