@@ -91,11 +91,6 @@ void World::make_islands() {
   place_elements();
 }
 
-void World::begin_elements() {
-  if (step_.whole) return;
-  each_acting([&](Element& element) { element.begin(scene.links, step_.context.dt); });
-}
-
 // Gives each element to the island of the bodies that it touches.
 void World::place_elements() {
   islands_.loose.all.clear();
@@ -218,11 +213,6 @@ bool World::foresee_at_solution() {
     }
   }
   return any;
-}
-
-void World::accept_elements() {
-  if (step_.whole) return;
-  each_acting([&](Element& element) { element.accept(); });
 }
 
 // false: a solution is not finite.

@@ -147,7 +147,7 @@ void World::predict() {
     c.predict();
     expect_carried(c);
   }
-  begin_elements();
+  if (!step_.whole) each_acting([&](Element& element) { element.begin(scene.links, step_.context.dt); });
   find_bores();
 }
 
@@ -351,7 +351,7 @@ void World::take_substep() {
     c.let_overlaid_part();
   }
   share_weights();
-  accept_elements();
+  if (!step_.whole) each_acting([](Element& element) { element.accept(); });
   keep_held_links();
   if (after_substep) after_substep();
   if (step_.substeps.is_last()) return step_.substeps.accept();

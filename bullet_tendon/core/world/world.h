@@ -465,10 +465,8 @@ class World {
       if (!stays(element)) what(element);
     });
   }
-  void begin_elements();
   void place_elements();
   void list_elements(IslandElements& elements);
-  void accept_elements();
   void limit_motion_of_cartilage();
   bool solution_passes_cartilage();
   template <class Measure>
