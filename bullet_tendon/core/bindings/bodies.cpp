@@ -375,15 +375,14 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 
 // Impulses (m) of rows that lack the rates left (m) without them, with within (m m) and bounds (m), solved or
 // swept as by pybullet. A row without a lower bound of 0 is a motor of a joint of its own.
-using RowNumbers = std::vector<double>;
 template <class Find>
-RowNumbers find_impulses(const Array& within, const RowNumbers& left, const RowNumbers& least,
-                         const RowNumbers& most, Find find) {
+Numbers find_impulses(const Array& within, const Numbers& left, const Numbers& least, const Numbers& most,
+                      Find find) {
   const std::size_t m = left.size();
   if (within.size() != static_cast<py::ssize_t>(m * m) || least.size() != m || most.size() != m)
     throw py::value_error("rows");
-  const RowNumbers matrix(within.data(), within.data() + within.size());
-  RowNumbers whole(m), pushes(m);
+  const Numbers matrix(within.data(), within.data() + within.size());
+  Numbers whole(m), pushes(m);
   std::vector<Stop> rows(m);
   for (std::size_t a = 0; a < m; ++a) {
     rows[a].least = least[a];
@@ -400,13 +399,13 @@ RowNumbers find_impulses(const Array& within, const RowNumbers& left, const RowN
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
   m.def("bounded_impulses",
-        [](const Array& within, const RowNumbers& left, const RowNumbers& least, const RowNumbers& most) {
+        [](const Array& within, const Numbers& left, const Numbers& least, const Numbers& most) {
           return find_impulses(within, left, least, most,
-                               [](const BoundedRows& rows, RowNumbers& pushes) { rows.solve(pushes); });
+                               [](const BoundedRows& rows, Numbers& pushes) { rows.solve(pushes); });
         });
   m.def("swept_impulses",
-        [](const Array& within, const RowNumbers& left, const RowNumbers& least, const RowNumbers& most) {
-          return find_impulses(within, left, least, most, [](const BoundedRows& rows, RowNumbers& pushes) {
+        [](const Array& within, const Numbers& left, const Numbers& least, const Numbers& most) {
+          return find_impulses(within, left, least, most, [](const BoundedRows& rows, Numbers& pushes) {
             rows.sweep_as_pybullet(pushes, pushes);
           });
         });

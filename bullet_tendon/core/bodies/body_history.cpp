@@ -52,7 +52,7 @@ double GeneralizedBody::energy_of(const Numbers& acceleration) {
   return dense::dot(work_.along, work_.along);
 }
 
-const GeneralizedBody::Numbers& GeneralizedBody::known_acceleration() {
+const Numbers& GeneralizedBody::known_acceleration() {
   Numbers& acceleration = work_.acceleration;
   acceleration = known_in_step_;
   for (int i = 0; i < n() && by_motion.size() == acceleration.size(); ++i) acceleration[i] -= by_motion[i];

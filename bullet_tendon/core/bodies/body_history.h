@@ -26,7 +26,6 @@ namespace bt {
 constexpr double kTwoStepShare = 2.0 / 3;
 
 struct BodyHistory {
-  using Numbers = dense::Numbers;
   bool possible = false;    // it moves by what is known of it
   bool smooth = false;      // as TendonState::smooth
   Numbers known;            // known_acceleration of the last step (n); empty: not known

@@ -22,7 +22,7 @@ constexpr double kElsewhere = 0.5;
 }  // namespace
 
 // Acceleration by gravity and by its own motion alone.
-const GeneralizedBody::Numbers& GeneralizedBody::known(Vec3 gravity) {
+const Numbers& GeneralizedBody::known(Vec3 gravity) {
   work_.known.assign(n(), 0.0);
   if (gravity_response.empty()) return work_.known;
   for (int i = 0; i < n(); ++i)
@@ -39,7 +39,7 @@ double GeneralizedBody::share_that_holds(const Numbers& y, double dt) const {
 }
 
 // The same as it was in the step, plus the acceleration by pybullet's stops.
-const GeneralizedBody::Numbers& GeneralizedBody::unforced() {
+const Numbers& GeneralizedBody::unforced() {
   work_.known.assign(n(), 0.0);
   if (known_in_step_.size() == work_.known.size()) work_.known = known_in_step_;
   const Numbers& stopped = stops.accelerates();
@@ -109,7 +109,7 @@ void GeneralizedBody::leave_out(double share, double dt) {
 
 // Finds what pybullet's stops did in a step in which it reached these rates. Returns the forces of its
 // motors, by what pybullet reports of them.
-GeneralizedBody::Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& reached) {
+Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& reached) {
   JointMotors& motors = stops.motors;
   const Numbers foreseen = motors.foreseen(reached);
   const Numbers by_motors = observer.forces_of_motors(
@@ -123,7 +123,7 @@ bool GeneralizedBody::sample(const Numbers& after, const Numbers& reported) {
   return observer.sample(after, unforced(), by_motors) || stops.motors.released(after, by_motors);
 }
 
-const GeneralizedBody::Numbers& GeneralizedBody::rates_at_end(double dt) {
+const Numbers& GeneralizedBody::rates_at_end(double dt) {
   rates_under(forces, rates, root, change, dt, work_.half, work_.known);
   return work_.known;
 }

@@ -23,7 +23,6 @@ namespace bt {
 
 // A body in a substep (begin_substep).
 struct BodySubstep {
-  using Numbers = dense::Numbers;
   // Change of the rates since the step began, at the start and at the end of the substep, without the forces
   // of the tendons in it.
   Numbers changed, changes_to;
@@ -36,7 +35,6 @@ struct BodySubstep {
 // these are s times those that were solved, and the next step begins with the others. Otherwise the body
 // would be moved beyond its solution by (1 - s) dt times its rates, which is unstable on a stiff tendon.
 struct MotionLeftOut {
-  using Numbers = dense::Numbers;
   Numbers owed;   // change of the rates with which this step begins; empty: none
   Numbers kept;   // rates at the end of a step that left motion out; empty: it left none out
   Numbers force;  // generalized, on pybullet's body in this step: of both; empty: none
@@ -44,7 +42,6 @@ struct MotionLeftOut {
 
 // The unknowns of a body in the solution of an island.
 struct BodyUnknowns {
-  using Numbers = dense::Numbers;
   bool any = false;
   Numbers y, residual;     // (n)
   Numbers dy, correction;  // change of y, and its second-order correction (solver/arc.cpp)
@@ -63,7 +60,6 @@ struct BodyTurning {
 };
 
 struct GeneralizedBody {
-  using Numbers = dense::Numbers;
   // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
   Numbers rates;
   Numbers free;              // free response M^-1 (n n)

@@ -17,7 +17,6 @@ constexpr double kLeastStopped = 0.5;
 
 class BodyStops {
  public:
-  using Numbers = dense::Numbers;
   // The body that they stop, with n rates.
   struct Body {
     const Numbers& rates;      // at the start of the step (n)

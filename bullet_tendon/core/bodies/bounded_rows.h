@@ -46,7 +46,6 @@ inline double along(const dense::Numbers& rows, size_t row, const dense::Numbers
 
 class BoundedRows {
  public:
-  using Numbers = dense::Numbers;
   // within: W = D R D^T (m m); left (m) [m/s], [rad/s]; whole (m): sum of the sizes of the rates that left is
   // made of. dt: the time for which the forces act [s].
   BoundedRows(const std::vector<Stop>& rows, const Numbers& within, const Numbers& left, const Numbers& whole,

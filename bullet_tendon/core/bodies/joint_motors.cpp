@@ -99,7 +99,7 @@ bool JointMotors::observe(const Numbers& reached, const Numbers& forces, double 
   return any;
 }
 
-JointMotors::Numbers JointMotors::foreseen(const Numbers& reached) const {
+Numbers JointMotors::foreseen(const Numbers& reached) const {
   Numbers rates(reached);
   for (size_t i = 0; i < std::min(all.size(), rates.size()); ++i)
     if (all[i].known) rates[i] = all[i].foreseen;

@@ -49,7 +49,6 @@ struct JointMotor {
 
 class JointMotors {
  public:
-  using Numbers = dense::Numbers;
   // Learns from the rates reached (n) and the forces (n) in a step of dt [s]. Returns whether any has
   // released its joint.
   bool observe(const Numbers& reached, const Numbers& forces, double dt);

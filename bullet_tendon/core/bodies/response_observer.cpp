@@ -82,8 +82,7 @@ bool Observer::sample(const Numbers& rates, const Numbers& gravity, const Number
 // A motor of which the same force is reported as before was off if its joint moved as it does without it. It
 // is off until another force is reported. pybullet cuts off rates before its motors act: of one that held its
 // joint all the same, it reports only what undid the rest.
-Observer::Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
-                                             const Reported& reported) {
+Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported) {
   Numbers forces(reported.now);
   reported.off.resize(forces.size());
   if (!has_acted() || forces.size() != rates_.size() || forces.size() != reported.before.size())

@@ -39,7 +39,6 @@ constexpr double kMostRate = 100.0;
 constexpr double kCutOff = 0.999;
 class Observer {
  public:
-  using Numbers = dense::Numbers;
   // What is known of the last step. alone: the motion of a rigid body was predicted completely, except for a
   // push. jointed: it is an articulated body. stops_known: its stops are predicted, and nothing is learned.
   // noise: error of the rates, from which nothing is learned. motors: generalized forces of the motors of its

@@ -57,6 +57,8 @@ void solve(const Numbers& l, Numbers& x);
 
 }  // namespace dense
 
+using dense::Numbers;
+
 // The matrix with its negative eigenvalues set to zero.
 Sym3 positive_part(const Sym3& s);
 

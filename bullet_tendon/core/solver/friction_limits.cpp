@@ -26,8 +26,6 @@ namespace {
 // the next iteration changes anyway.
 constexpr double kLimitAccuracy = 0.03;
 
-using Numbers = dense::Numbers;
-
 // Lists the sliding contacts, and w_0 [N].
 void find_sliding(const Island& island, std::vector<Contact*>& contacts, Numbers& changes) {
   for (Contact* contact : island.acting) {
