@@ -113,9 +113,9 @@ void World::find_couplings() {
 void World::begin_histories() {
   if (!is_second_order(options.integrator) || step_.whole) return;
   const double dt = step_.substeps.step();
-  std::vector<double>&known = islands_.by_known, &all = islands_.by_all;
-  known.assign(scene.tendons.size(), 0.0);
-  all.assign(scene.tendons.size(), 0.0);
+  // Twice the kinetic energy of the change of velocity in the step, by island root [J]: if the known forces
+  // had acted alone, and by all forces.
+  std::vector<double> known(scene.tendons.size()), all(scene.tendons.size());
   for (auto [slot, t] : filled(step_.slots)) {
     if (!begins_history(t)) continue;
     const int root = island_root(slot);

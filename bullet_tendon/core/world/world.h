@@ -146,9 +146,6 @@ struct IslandSet {
   std::vector<char> solid_bodies;  // by body: one of its links is solid, and yields
   std::vector<LinkEnd> ends;       // by link: of links that elements touch
   IslandElements loose;            // elements that touch no body with unknowns
-  // Twice the kinetic energy of the change of velocity in the step, by island root [J]: if the known forces
-  // had acted alone, and by all forces.
-  std::vector<double> by_known, by_all;
 };
 
 // How the tendons' wrenches on these links change with the links' twists: found in steps that hold the bodies
