@@ -38,7 +38,7 @@ def test_impulses_are_those_of_the_only_sides_that_fit(seed):
     """The problem has one solution where W is positive definite."""
     rng = np.random.default_rng(seed)
     within, left, least, most = rows(rng, rng.integers(1, 6))
-    found = _core.bounded_impulses(within, left, least, most)
+    found = _core.bounded_impulses(within, left, least, most, False)
     np.testing.assert_allclose(found, by_trial(within, left, least, most), rtol=1e-9, atol=1e-12)
 
 
@@ -48,6 +48,6 @@ def test_sweeps_end_near_the_solution_of_rows_that_hardly_depend_on_each_other(s
     rng = np.random.default_rng(seed)
     within, left, least, most = rows(rng, 4)
     within = np.diag(np.diag(within)) + 0.1 * (within - np.diag(np.diag(within)))
-    exact = _core.bounded_impulses(within, left, least, most)
-    swept = _core.swept_impulses(within, left, least, most)
+    exact = _core.bounded_impulses(within, left, least, most, False)
+    swept = _core.bounded_impulses(within, left, least, most, True)
     assert np.abs(within @ (swept - exact)).max() < 1e-3

@@ -375,13 +375,10 @@ py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& ba
 
 // Impulses (m) of rows that lack the rates left (m) without them, with within (m m) and bounds (m), solved or
 // swept as by pybullet. A row without a lower bound of 0 is a motor of a joint of its own.
-template <class Find>
-Numbers find_impulses(const Array& within, const Numbers& left, const Numbers& least, const Numbers& most,
-                      Find find) {
+Numbers bounded_impulses(const Numbers& within, const Numbers& left, const Numbers& least,
+                         const Numbers& most, bool swept) {
   const std::size_t m = left.size();
-  if (within.size() != static_cast<py::ssize_t>(m * m) || least.size() != m || most.size() != m)
-    throw py::value_error("rows");
-  const Numbers matrix(within.data(), within.data() + within.size());
+  if (within.size() != m * m || least.size() != m || most.size() != m) throw py::value_error("rows");
   Numbers whole(m), pushes(m);
   std::vector<Stop> rows(m);
   for (std::size_t a = 0; a < m; ++a) {
@@ -391,24 +388,18 @@ Numbers find_impulses(const Array& within, const Numbers& left, const Numbers& l
     rows[a].coordinate = static_cast<int>(a);
     whole[a] = std::fabs(left[a]);
   }
-  find(BoundedRows(rows, matrix, left, whole, 1), pushes);
+  const BoundedRows bounded(rows, within, left, whole, 1);
+  if (swept)
+    bounded.sweep_as_pybullet(pushes, pushes);
+  else
+    bounded.solve(pushes);
   return pushes;
 }
 
 }  // namespace
 
 void bind_bodies(py::module_& m, GuardedWorld& world) {
-  m.def("bounded_impulses",
-        [](const Array& within, const Numbers& left, const Numbers& least, const Numbers& most) {
-          return find_impulses(within, left, least, most,
-                               [](const BoundedRows& rows, Numbers& pushes) { rows.solve(pushes); });
-        });
-  m.def("swept_impulses",
-        [](const Array& within, const Numbers& left, const Numbers& least, const Numbers& most) {
-          return find_impulses(within, left, least, most, [](const BoundedRows& rows, Numbers& pushes) {
-            rows.sweep_as_pybullet(pushes, pushes);
-          });
-        });
+  m.def("bounded_impulses", &bounded_impulses);
   world.def("read_body", &read_body)
       .def("sample_body", &sample_body)
       .def("keep_motors", &keep_motors)
