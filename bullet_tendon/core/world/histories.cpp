@@ -49,16 +49,13 @@ void World::continue_histories() {
   const bool two_step =
       !step_.whole && is_second_order(options.integrator) && options.iteration == Iteration::newton;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
-    BodyHistory& history = scene.bodies[m].history;
-    if (!two_step) history.forget();
-    if (!two_step || scene.bodies[m].n() == 0) continue;
-    // What elements act on takes implicit Euler.
-    if (scene.bodies[m].turning.elements) {
-      history.forget();
-      continue;
+    GeneralizedBody& body = scene.bodies[m];
+    if (!two_step || body.turning.elements) {  // what elements act on takes implicit Euler
+      body.history.forget();
+    } else if (body.n() > 0) {
+      continue_history(static_cast<int>(m));
+      lead_links(static_cast<int>(m));
     }
-    continue_history(static_cast<int>(m));
-    lead_links(static_cast<int>(m));
   }
 }
 
