@@ -261,32 +261,29 @@ uint64_t World::structure_mark() const {
     write("material", c->material);
     if (c->material.law.lengthening_only) write("lengthening_only", c->material.law.lengthening_only);
   }
-  for (const auto& shape : scene.shapes) {
-    write("alive", shape != nullptr);
-    if (!shape) continue;
-    write("shape", *shape);
-    write("surface", shape->surface ? shape->surface->mark() : 0);
-  }
-  for (const auto& tunnel : scene.tunnels) {
-    write("alive", tunnel != nullptr);
-    if (tunnel) write("tunnel", *tunnel);
-  }
-  for (const auto& ligament : scene.ligaments) {
-    write("alive", ligament != nullptr);
-    if (!ligament) continue;
-    write("path", ligament->path());
-    write("wraps", ligament->wraps());
-    write("material", ligament->material());
-    write("lengthening_only", ligament->material().law.lengthening_only);
-  }
-  for (const auto& cartilage : scene.cartilages) {
-    write("alive", cartilage != nullptr);
-    if (!cartilage) continue;
-    write("one", cartilage->link_a());
-    write("other", cartilage->link_b());
-    write("model", cartilage->model());
-    write("surfaces", cartilage->mark());
-  }
+  auto write_all = [&write](const auto& parts, auto write_one) {
+    for (const auto& part : parts) {
+      write("alive", part != nullptr);
+      if (part) write_one(*part);
+    }
+  };
+  write_all(scene.shapes, [&](const Shape& shape) {
+    write("shape", shape);
+    write("surface", shape.surface ? shape.surface->mark() : 0);
+  });
+  write_all(scene.tunnels, [&](const Tunnel& tunnel) { write("tunnel", tunnel); });
+  write_all(scene.ligaments, [&](const Ligament& ligament) {
+    write("path", ligament.path());
+    write("wraps", ligament.wraps());
+    write("material", ligament.material());
+    write("lengthening_only", ligament.material().law.lengthening_only);
+  });
+  write_all(scene.cartilages, [&](const Cartilage& cartilage) {
+    write("one", cartilage.link_a());
+    write("other", cartilage.link_b());
+    write("model", cartilage.model());
+    write("surfaces", cartilage.mark());
+  });
   uint64_t hash = 14695981039346656037ull;
   for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211ull;
   return hash;
