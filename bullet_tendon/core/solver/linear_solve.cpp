@@ -41,9 +41,7 @@ void find_pattern(Island& island) {
   island.matrix.patterned = true;
   island.matrix.edges.clear();
   const int count = number_blocks(island);
-  auto join = [&](int i, int j) {
-    if (i != j) island.matrix.edges.push_back({i, j});
-  };
+  auto join = [&](int i, int j) { island.matrix.edges.push_back({i, j}); };
   for (size_t k = 0; k < island.tendons.size(); ++k) {
     const Tendon& c = *island.tendons[k];
     const int first = island.matrix.offset[island.numbers[k]];
