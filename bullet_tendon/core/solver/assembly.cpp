@@ -249,7 +249,7 @@ void follow(Island& island, Contact& contact) {
     const Field& x = island.at(contact.a).x_new;
     if (contact.follows()) contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
     // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
-    const Vec3 at = contact.at_start ? contact.a.of(island.at(contact.a).x) : contact.a.of(x) - moved;
+    const Vec3 at = contact.a.of(x) - moved;
     const Rot3& turn = island.bodies.link(contact.link).iterate.turned.rotation;
     if (!contact.is_round() || contact.friction.coefficient > 0)
       contact.arm = contact.rim_arm + transposed_times(turn, at - contact.geometry.rim.centre);
