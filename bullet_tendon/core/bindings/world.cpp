@@ -184,67 +184,43 @@ void add_pose(std::vector<double>& out, PyObject* found, int first) {
     for (int i = 0; i < 3 + part; ++i) out.push_back(number(item(found, first + part), i));
 }
 
-// How many numbers each block of a moment has.
-struct MomentSize {
-  size_t shapes = 0, energies = 0, anchors = 0, contacts = 0, ligaments = 0, poses = 0;
+// The blocks of a moment (`moment`).
+struct Moment {
+  std::vector<float> shapes, energies, anchors, contacts, ligaments;
+  std::vector<double> poses;
 
-  size_t bytes() const {
-    return 6 * sizeof(int32_t) + sizeof(float) * (shapes + energies + anchors + contacts + ligaments) +
-           sizeof(double) * poses;
+  std::array<std::vector<float>*, 5> floats() {
+    return {&shapes, &energies, &anchors, &contacts, &ligaments};
+  }
+  void clear() {
+    for (std::vector<float>* block : floats()) block->clear();
+    poses.clear();
   }
 };
 
-MomentSize size_of_moment(const World& w, const std::vector<double>& poses) {
-  MomentSize size;
-  for (const auto& tendon : w.scene.tendons) {
-    if (!tendon) continue;
-    size.shapes += 4 * tendon->x.size() - 1;
-    ++size.energies;
-    size.anchors += 6 * tendon->anchors.size();
-  }
-  size.contacts = 14 * w.contact_count();
-  for (const auto& ligament : w.scene.ligaments) size.ligaments += ligament ? 2 : 0;
-  size.poses = poses.size();
-  return size;
+template <class List>
+void append(std::vector<float>& to, const List& numbers) {
+  to.insert(to.end(), numbers.begin(), numbers.end());
 }
 
-// Writes numbers behind each other.
-class Writer {
- public:
-  explicit Writer(std::uint8_t* at) : at_(at) {}
-  template <class Number, class Value>
-  void add(Value value) {
-    const auto number = static_cast<Number>(value);
-    std::memcpy(at_, &number, sizeof number);
-    at_ += sizeof number;
-  }
-  template <class Number, class List>
-  void add_all(const List& list) {
-    for (double value : list) add<Number>(value);
-  }
-  void add_floats(Vec3 v) { add_all<float>(std::array{v.x, v.y, v.z}); }
-
- private:
-  std::uint8_t* at_;
-};
-
-void write_tendons(const Scene& scene, Writer& out) {
+void read_parts(const World& w, Moment& to) {
   static thread_local std::vector<double> tension;  // keeps its memory from call to call
-  for (const auto& tendon : scene.tendons) {
-    if (!tendon) continue;
-    for (int i = 0; i < tendon->x.size(); ++i) out.add_floats(tendon->x.at(i));
-    tendon->tension(tension);
-    out.add_all<float>(tension);
-  }
-  for (const auto& tendon : scene.tendons)
-    if (tendon) out.add<float>(tendon->energy());
-  for (size_t slot = 0; slot < scene.tendons.size(); ++slot) {
-    if (!scene.tendons[slot]) continue;
-    for (const Anchor& anchor : scene.tendons[slot]->anchors) {
-      for (int number : {static_cast<int>(slot), anchor.particle, anchor.link}) out.add<float>(number);
-      out.add_floats(anchor.force.of_step);
+  for (auto [slot, tendon] : filled(w.scene.tendons)) {
+    for (int i = 0; i < tendon.n(); ++i) {
+      const Vec3 x = tendon.x.at(i);
+      append(to.shapes, std::array{x.x, x.y, x.z});
+    }
+    tendon.tension(tension);
+    append(to.shapes, tension);
+    to.energies.push_back(static_cast<float>(tendon.energy()));
+    for (const Anchor& h : tendon.anchors) {
+      const Vec3 f = h.force.of_step;
+      append(to.anchors, std::array{double(slot), double(h.particle), double(h.link), f.x, f.y, f.z});
     }
   }
+  for (size_t i = 0; i < w.contact_count(); ++i) append(to.contacts, row_of(w, w.contact(i)));
+  for (auto [slot, ligament] : filled(w.scene.ligaments))
+    append(to.ligaments, std::array{double(slot), ligament.force});
 }
 
 // Writes what a recorder keeps of a moment into `memory` from the byte `start` on. Returns its end; where it
@@ -257,29 +233,37 @@ void write_tendons(const Scene& scene, Writer& out) {
 // been moved since it was read for the last step. links: what p.getLinkStates has returned.
 py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_t start, bool at_once,
                    const py::list& bases, const py::object& ask, const py::list& links) {
-  static thread_local std::vector<double> poses;
-  poses.clear();
+  static thread_local Moment found;  // keeps its memory from call to call
+  found.clear();
   for (const py::handle base : bases) {
     const int slot = static_cast<int>(number(base.ptr(), 0));
     if (at_once && slot >= 0 && slot < static_cast<int>(w.standing.size()) && w.standing[slot])
-      poses.insert(poses.end(), w.standing[slot]->begin(), w.standing[slot]->end());
+      found.poses.insert(found.poses.end(), w.standing[slot]->begin(), w.standing[slot]->end());
     else
-      add_pose(poses, ask(*py::reinterpret_borrow<py::tuple>(item(base.ptr(), 1))).ptr(), 0);
+      add_pose(found.poses, ask(*py::reinterpret_borrow<py::tuple>(item(base.ptr(), 1))).ptr(), 0);
   }
-  for (const py::handle link : links) add_pose(poses, link.ptr(), kLinkFrame);
-  const MomentSize size = size_of_moment(w, poses);
-  const auto bytes = static_cast<py::ssize_t>(size.bytes());
-  if (start < 0 || start + bytes > memory.size()) return -bytes;
-  Writer out(memory.mutable_data() + start);
-  for (size_t count : {size.shapes, size.energies, size.anchors, size.contacts, size.ligaments, size.poses})
-    out.add<std::int32_t>(count);
-  write_tendons(w.scene, out);
-  for (size_t i = 0; i < w.contact_count(); ++i) out.add_all<float>(row_of(w, w.contact(i)));
-  for (size_t slot = 0; slot < w.scene.ligaments.size(); ++slot)
-    if (w.scene.ligaments[slot])
-      out.add_all<float>(std::array{static_cast<double>(slot), w.scene.ligaments[slot]->force});
-  out.add_all<double>(poses);
-  return start + bytes;
+  for (const py::handle link : links) add_pose(found.poses, link.ptr(), kLinkFrame);
+  read_parts(w, found);
+  std::vector<std::int32_t> counts;
+  size_t bytes = sizeof(double) * found.poses.size();
+  for (const std::vector<float>* block : found.floats()) {
+    counts.push_back(static_cast<std::int32_t>(block->size()));
+    bytes += sizeof(float) * block->size();
+  }
+  counts.push_back(static_cast<std::int32_t>(found.poses.size()));
+  bytes += sizeof(std::int32_t) * counts.size();
+  const auto size = static_cast<py::ssize_t>(bytes);
+  if (start < 0 || start + size > memory.size()) return -size;
+  std::uint8_t* at = memory.mutable_data() + start;
+  auto write = [&at](const auto& list) {
+    const size_t of_list = sizeof(list[0]) * list.size();
+    if (of_list > 0) std::memcpy(at, list.data(), of_list);
+    at += of_list;
+  };
+  write(counts);
+  for (const std::vector<float>* block : found.floats()) write(*block);
+  write(found.poses);
+  return start + size;
 }
 
 }  // namespace
