@@ -223,6 +223,7 @@ class Stepper:
         if not core.rewind(pulled):
             return False
         if self._solve(dt, gravity):
+            core.accept_resolve()
             self._exchange_wrenches(given, dt)
             for body, shifts in thrown:
                 body.set_rates(core.rates_at_end(body.slot), dt, shifts)

@@ -518,6 +518,7 @@ void bind_world_bodies(GuardedWorld& world) {
            })
       .def("released_bodies", &World::released_bodies)
       .def("rewind", &World::rewind)
+      .def("accept_resolve", &World::accept_resolve)
       .def("pulled_bodies", &World::pulled_bodies)
       .def("any_held", &any_held)
       .def("held_bodies",

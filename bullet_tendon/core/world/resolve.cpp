@@ -39,21 +39,19 @@ bool same_anchors(const Checkpoint& a, const Checkpoint& b) {
   return std::equal(a.tendons.begin(), a.tendons.end(), b.tendons.begin(), b.tendons.end(), same);
 }
 
-// Copies anchor targets and parameters that the user may have set since then.
-void choose_again(const TendonState& user, TendonState& c) {
-  for (size_t h = 0; h < c.anchors.size(); ++h) {
-    const Anchor& chosen = user.anchors[h];
-    Anchor& anchor = c.anchors[h];
-    anchor.target.goal = chosen.target.goal;
-    anchor.rigid = chosen.rigid;
-    anchor.viscosity = chosen.viscosity;
-    anchor.most_force = chosen.most_force;
-    anchor.line.most_force = chosen.line.most_force;
-    anchor.exact = chosen.exact;
-    anchor.clamped = chosen.clamped;
-    anchor.direction = chosen.direction;
-    if (chosen.link < 0) anchor.stiffness = chosen.stiffness;
-  }
+// Copies the target and the parameters that the user may have set since the step that was solved again.
+void choose_again(const Anchor& chosen, Anchor& anchor) {
+  anchor.target.goal = chosen.target.goal;
+  anchor.viscosity = chosen.viscosity;
+  anchor.most_force = chosen.most_force;
+  anchor.line.most_force = chosen.line.most_force;
+  anchor.line.spring = chosen.line.spring;
+  anchor.exact = chosen.exact;
+  anchor.clamped = chosen.clamped;
+  anchor.direction = chosen.direction;
+  if (chosen.link >= 0) return;  // each step finds these of attachments
+  anchor.rigid = chosen.rigid;
+  anchor.stiffness = chosen.stiffness;
 }
 
 }  // namespace
@@ -62,6 +60,13 @@ void World::let_go(int body) {
   scene.bodies[body].observer.let_go();
   predict(body);
   interrupt();
+}
+
+void World::accept_resolve() {
+  for (auto [slot, c] : filled(scene.tendons)) {
+    const std::vector<Anchor>& taken = history_.taken->tendons[slot].state.anchors;
+    for (size_t h = 0; h < c.anchors.size(); ++h) choose_again(taken[h], c.anchors[h]);
+  }
 }
 
 // Puts links and bodies where they were read for the step that began at history_.start, and predicts them
@@ -148,8 +153,8 @@ bool World::rewind(const std::vector<int>& pulled) {
   const std::vector<int> released = released_bodies();
   for (int i : released)
     if (scene.bodies[i].observer.released()) scene.bodies[i].observer.release();
-  Checkpoint last;
-  capture(last);
+  const Checkpoint& last = *history_.taken;
+  capture(*history_.taken);
   const bool back = !(released.empty() && pulled.empty()) && last.may_resolve && history_.start->valid &&
                     same_anchors(*history_.start, last);
   if (back) {
@@ -158,11 +163,8 @@ bool World::rewind(const std::vector<int>& pulled) {
     return_to_start(last.last_step);
     history_.last_step = last.last_step;
     contacts_.all.clear();
-    for (auto [slot, c] : filled(scene.tendons)) {
-      const TendonState& user = last.tendons[slot].state;
-      choose_again(user, c);
-      if (user.sleeping_island < 0) wake_tendon(slot);
-    }
+    for (auto [slot, c] : filled(scene.tendons))
+      if (last.tendons[slot].state.sleeping_island < 0) wake_tendon(slot);
   }
   for (int i : released)
     if (!back) predict(i);

@@ -162,6 +162,7 @@ struct TendonStiffness {
 struct History {
   std::unique_ptr<Checkpoint> start = std::make_unique<Checkpoint>();  // before the last step
   std::unique_ptr<Checkpoint> now = std::make_unique<Checkpoint>();    // before a step that has not begun
+  std::unique_ptr<Checkpoint> taken = std::make_unique<Checkpoint>();  // after a step that is solved again
   StepRecord last_step;                                                // the last one that was not `whole`
   bool may_resolve = false;  // the last step can be solved again; only where bodies move
 };
@@ -240,6 +241,9 @@ class World {
   // bodies `pulled` are predicted with their observed motion. false: the step cannot be solved again, and
   // only the released bodies have changed.
   bool rewind(const std::vector<int>& pulled);
+  // Takes the new solution of the step that was rewound. Anchors go on with what the user has chosen for them
+  // since that step.
+  void accept_resolve();
   // Treats the body as free: nothing but the tendons holds it.
   void let_go(int body);
   // Ends relaxation: bodies have rested under the forces of tendons and elements where they are now, and
