@@ -54,7 +54,9 @@ class _Anchor(NotCopied):
     def force(self) -> np.ndarray:
         """(3,) force of the tendon on what holds it, the mean over the last step [N], world frame.
 
-        Zero before the first step and after the release.
+        Where the step before it was solved again after it could be read (TendonWorld.apply), the impulse that
+        this has added is contained, so that the sum of force times time step is the impulse that acts. Zero
+        before the first step and after the release.
         """
         if self.released:
             return np.zeros(3)

@@ -193,7 +193,7 @@ class Readouts:
         """See TendonWorld.wrench."""
         self._bodies.require(body, link)
         slot = self._bodies.find_slot(body, link)
-        wrenches = self._core.wrenches()
+        wrenches = self._core.wrenches_to_read()
         return wrenches[slot] if slot is not None and slot < len(wrenches) else np.zeros(6)
 
     def penetrations(self) -> np.ndarray:

@@ -123,7 +123,7 @@ class Stepper:
         self._bullet = perf_counter() - start
         if self._links and self._core.any_held() and self._bodies.sample():
             report, self._again = self.report, None
-            self._sense(*self._core.last_step())
+            self._sense(*self._core.last_step(), was_read=False)
             if self._again is not None:
                 report.add_solved_again(self._core.report(), self._again)
 
@@ -178,17 +178,20 @@ class Stepper:
         name = "?" if worst is None else worst.name
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
 
-    def _sense(self, dt: float, gravity: tuple) -> None:
-        """Read where links are and how they respond; correct a last step with a release or a sudden pull."""
+    def _sense(self, dt: float, gravity: tuple, was_read: bool = True) -> None:
+        """Read where links are and how they respond; correct a last step with a release or a sudden pull.
+
+        was_read: the forces of that step may have been read, by a user or a recorder.
+        """
         self._bodies.read()
         if not self._core.sense(dt, gravity):
             return  # nothing is held that could be released
         for slot in self._bodies.unheld():
             self._core.let_go(slot)
-        if self._resolve_previous_step():
+        if self._resolve_previous_step(was_read):
             self._core.sense(dt, gravity)
 
-    def _resolve_previous_step(self) -> bool:
+    def _resolve_previous_step(self, was_read: bool) -> bool:
         """Correct a step in which a body was released, or pulled by a force that was not predicted.
 
         The step is solved again with the free response of the released links, and with the observed motion of
@@ -205,13 +208,13 @@ class Stepper:
         for slot in cut:
             self._bodies.change_rates(slot, -last_dt * self._core.missed(slot), last_dt)
         pulled = [slot for slot in pulled if slot not in cut]
-        if not self._solve_again(released, pulled) and not cut:
+        if not self._solve_again(released, pulled, was_read) and not cut:
             return False
         self._bodies.read()
         self._core.finish_resolve()
         return True
 
-    def _solve_again(self, released: list[int], pulled: list[int]) -> bool:
+    def _solve_again(self, released: list[int], pulled: list[int], was_read: bool) -> bool:
         """Solve the last step again, with released and pulled bodies; whether that step could be undone."""
         if not released and not pulled:
             return False
@@ -223,7 +226,7 @@ class Stepper:
         if not core.rewind(pulled):
             return False
         if self._solve(dt, gravity):
-            core.accept_resolve()
+            core.accept_resolve(was_read)
             self._exchange_wrenches(given, dt)
             for body, shifts in thrown:
                 body.set_rates(core.rates_at_end(body.slot), dt, shifts)

@@ -672,6 +672,14 @@ class TendonWorld(NotCopied):
     def apply(self) -> None:
         """A step without p.stepSimulation, for a script that owns its loop: call it just before.
 
+        Forces are read after p.stepSimulation. Only what the bodies do in that tells whether what holds one
+        has let it go, or whether an unknown force has pulled at it. Then the next apply solves the step
+        again and gives the bodies the difference of the impulses. wrench and the force of grips and
+        attachments contain that difference from then on, as a force over the next step: its mean over time,
+        and its impulse between two readings, are right; that of a single step can be late. `step` finds a
+        release right after p.stepSimulation, and pulls late, as here. Contacts and tensions are those of the
+        last step alone.
+
         Raises:
             StepFailed: where the step has no finite solution (see SolverOptions.on_failure), with the tendons
                 as they were.
@@ -826,8 +834,9 @@ class TendonWorld(NotCopied):
         return self._readouts.contacts()
 
     def wrench(self, bodyUniqueId: int, linkIndex: int = -1) -> np.ndarray:
-        """Force and torque of all tendons on a link, in the last step.
+        """Force and torque of all tendons on a link, the mean over the last step.
 
+        As Attachment.force, it contains what the step before it lacked when it was read (see apply).
         On a free body that turns by a tenth of a radian or more within the step, or would be swung by half of
         one, arms are those that it turns to.
 

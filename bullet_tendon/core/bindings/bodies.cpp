@@ -450,10 +450,10 @@ void bind_articulated(py::module_& m) {
 namespace {
 
 // (links, 6)
-std::vector<std::array<double, 6>> wrenches(const World& w) {
+std::vector<std::array<double, 6>> wrenches(const World& w, Wrench Link::* which) {
   std::vector<std::array<double, 6>> out;
   for (const Link& l : w.scene.links) {
-    const Vec3 f = l.wrench.force, t = l.wrench.torque;
+    const Vec3 f = (l.*which).force, t = (l.*which).torque;
     out.push_back({f.x, f.y, f.z, t.x, t.y, t.z});
   }
   return out;
@@ -571,7 +571,8 @@ void bind_world_bodies(GuardedWorld& world) {
            })
       .def("finish_resolve", &World::finish_resolve)
       .def("rest_bodies", &World::rest_bodies)
-      .def("wrenches", &wrenches)
+      .def("wrenches", [](const World& w) { return wrenches(w, &Link::wrench); })
+      .def("wrenches_to_read", [](const World& w) { return wrenches(w, &Link::read); })
       .def("pushes", &pushes);
 }
 

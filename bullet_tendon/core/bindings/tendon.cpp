@@ -173,7 +173,7 @@ void bind_world_tendon(GuardedWorld& world) {
              h.direction = direction;
            })
       .def("remove_anchor", &remove_anchor)
-      .def("anchor_force", [](World& w, int c, int id) { return anchor_of(w, c, id).force.of_step; })
+      .def("anchor_force", [](World& w, int c, int id) { return anchor_of(w, c, id).force.read; })
       .def("anchor_slips", [](World& w, int c, int id) { return anchor_of(w, c, id).slips; });
 }
 

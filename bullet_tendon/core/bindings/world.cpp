@@ -214,7 +214,7 @@ void read_parts(const World& w, Moment& to) {
     append(to.shapes, tension);
     to.energies.push_back(static_cast<float>(tendon.energy()));
     for (const Anchor& h : tendon.anchors) {
-      const Vec3 f = h.force.of_step;
+      const Vec3 f = h.force.read;
       append(to.anchors, std::array{double(slot), double(h.particle), double(h.link), f.x, f.y, f.z});
     }
   }

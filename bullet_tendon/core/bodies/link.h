@@ -101,6 +101,7 @@ struct Link {
   dense::Numbers root;      // J E (6 n)
   WrenchHistory history;
   Wrench wrench;      // of the tendons in the finished substeps, averaged over the step
+  Wrench read, late;  // as AnchorForce::read, and AnchorForce::late [N s], [N m s]
   Wrench part;        // contribution of the substep that was solved last
   Wrench correction;  // of an iterate that is not a solution (solver/body_schur.h)
   LinkIterate iterate;

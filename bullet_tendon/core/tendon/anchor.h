@@ -32,6 +32,8 @@ struct AnchorForce {
   Vec3 last_mean;  // mean of the previous substep
   Vec3 sum;        // over the finished substeps, weighted by their share of the step
   Vec3 of_step;    // average over the last step
+  Vec3 read;       // what a user reads of it: with the impulse that the step before lacked when it was read
+  Vec3 late;       // impulse that the last step lacked when it was read [N s] (world/resolve.cpp)
 };
 
 // Fixes a particle to a point of the world (a grip) or of a link (an attachment), rigidly or by a spring, or

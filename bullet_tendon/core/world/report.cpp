@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "world/world.h"
@@ -111,6 +112,14 @@ void World::find_coarse_turns() {
 void World::find_flat_cartilage() {
   for (auto [slot, c] : filled(scene.cartilages))
     if (c.flattening.depth > 0 && !c.flattening.reported) step_.report.flat_cartilage = slot;
+}
+
+// Sets what a user reads of the step's forces. What the step before lacked when it was read is added to it.
+void World::let_read() {
+  const double per_time = step_.whole ? 0 : 1 / step_.substeps.step();
+  for (auto [slot, c] : filled(scene.tendons))
+    for (Anchor& h : c.anchors) h.force.read = h.force.of_step + per_time * std::exchange(h.force.late, {});
+  for (Link& l : scene.links) l.read = l.wrench + per_time * std::exchange(l.late, {});
 }
 
 void World::read_worst(const Island& g) {

@@ -62,10 +62,18 @@ void World::let_go(int body) {
   interrupt();
 }
 
-void World::accept_resolve() {
+void World::accept_resolve(bool was_read) {
+  const double dt = was_read ? history_.last_step.dt : 0;
   for (auto [slot, c] : filled(scene.tendons)) {
     const std::vector<Anchor>& taken = history_.taken->tendons[slot].state.anchors;
-    for (size_t h = 0; h < c.anchors.size(); ++h) choose_again(taken[h], c.anchors[h]);
+    for (size_t h = 0; h < c.anchors.size(); ++h) {
+      choose_again(taken[h], c.anchors[h]);
+      c.anchors[h].force.late = dt * (c.anchors[h].force.read - taken[h].force.read);
+    }
+  }
+  for (size_t i = 0; i < scene.links.size(); ++i) {
+    Link& l = scene.links[i];
+    l.late = dt * l.read + -dt * history_.taken->links[i].read;
   }
 }
 

@@ -32,7 +32,7 @@ namespace bt {
 struct StateFields {
   BT_FIELDS(Line, spring, rest, slip, most_force, slips, along, tension)
   BT_FIELDS(AnchorTarget, goal, aim, last_aim)
-  BT_FIELDS(AnchorForce, total, mean, last_mean, sum, of_step)
+  BT_FIELDS(AnchorForce, total, mean, last_mean, sum, of_step, read, late)
   BT_FIELDS(Anchor, id, particle, link, local, is_line, rigid, clamped, direction, stiffness, viscosity,
             most_force, exact, slips, target, force, line)
   // Masses and spring constants are computed from these fields.
@@ -59,7 +59,7 @@ struct StateFields {
             left_out.kept)
   BT_FIELDS(LinkStart, pose, centre, known)
   BT_FIELDS(Link, pose, centre, start, rates, drift_rates, friction, body, yielded, moved, put, jacobian,
-            root, history.mean, history.applied, history.excess, wrench)
+            root, history.mean, history.applied, history.excess, wrench, read, late)
   BT_FIELDS(ContactKey, kind, tendon, feature, other, other_feature, end)
   BT_FIELDS(ContactMemory, key, lambda, lambda_confirmed, load, squeezed_gap, sliding, mean_force,
             given_force, h_eff, tangent_anchor, normal)

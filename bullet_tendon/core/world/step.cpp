@@ -375,6 +375,7 @@ void World::finish_step_of_world() {
   find_flat_cartilage();
   if (!step_.whole) history_.last_step = {step_.substeps.step(), step_.context.gravity};
   push_asleep();
+  let_read();
   step_.report.asleep = std::count_if(scene.tendons.begin(), scene.tendons.end(),
                                       [](auto& c) { return c && c->sleeping_island >= 0; });
   fall_asleep();

@@ -242,8 +242,9 @@ class World {
   // only the released bodies have changed.
   bool rewind(const std::vector<int>& pulled);
   // Takes the new solution of the step that was rewound. Anchors go on with what the user has chosen for them
-  // since that step.
-  void accept_resolve();
+  // since that step. was_read: its forces may have been read before it was solved again. What they lacked is
+  // then read with the next step, so that the impulses that are read are those that act.
+  void accept_resolve(bool was_read);
   // Treats the body as free: nothing but the tendons holds it.
   void let_go(int body);
   // Ends relaxation: bodies have rested under the forces of tendons and elements where they are now, and
@@ -390,6 +391,7 @@ class World {
   // world/islands.cpp
   bool solve_each_island();
   void read_worst(const Island& island);
+  void let_read();
   void find_coarse_turns();
   void find_flat_cartilage();
   // world/contact_builder.cpp
