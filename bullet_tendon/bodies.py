@@ -43,6 +43,14 @@ def client_of(physicsClientId) -> int:
     return number
 
 
+def checked_body(body, client: int, argument: str = "bodyUniqueId") -> int:
+    """The id of a body of a connected client. Raises UnknownId for anything else."""
+    known = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
+    if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
+        raise UnknownId(argument, body, f"the id of a body of this client: {known}")
+    return int(body)
+
+
 class Marks:
     """Marks on the bodies of one client, by which an id is known to mean the same body still.
 
@@ -106,10 +114,7 @@ class Bodies:
         pybullet's pose of a soft body is no frame, and its mass is a number from anywhere.
         """
         self.require_client()
-        known = [p.getBodyUniqueId(i, self.client) for i in range(p.getNumBodies(self.client))]
-        if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
-            raise UnknownId(argument, body, f"the id of a body of this client: {known}")
-        if p.getDynamicsInfo(int(body), -1, self.client)[10] == _SOFT_BODY:
+        if p.getDynamicsInfo(checked_body(body, self.client, argument), -1, self.client)[10] == _SOFT_BODY:
             raise InvalidValue(argument, body, "a body with links: a soft one has neither frame nor mass")
         count = p.getNumJoints(int(body), self.client)
         if not isinstance(link, (int, np.integer)) or isinstance(link, bool) or not -1 <= link < count:

@@ -8,6 +8,7 @@ taken at each pixel. So the user's client gets no body, no id and no shape, and 
 are as without the camera.
 """
 
+import inspect
 import math
 import weakref
 from collections.abc import Iterable, Sequence
@@ -18,7 +19,7 @@ import pybullet as p
 from numpy.typing import ArrayLike
 
 from . import checks
-from .bodies import client_of
+from .bodies import checked_body, client_of
 from .errors import InvalidValue, NotCopied, UnknownId
 from .figures import outline
 from .lens import FOV, NOTHING, PITCH, YAW, Lens, Rendering, nearer
@@ -32,6 +33,7 @@ from .visuals import (
     LigamentLine,
     Lines,
     TendonVisual,
+    checked_colors,
     mesh_body,
     paint,
     tunnel_mesh,
@@ -208,9 +210,7 @@ class _Layer:
     """
 
     def __init__(self, seen: int, colors, full_tension=None):
-        self._colors = [checks.vector("colors", color, 4) for color in colors]
-        if not self._colors:
-            raise InvalidValue("colors", colors, "at least one colour")
+        self._colors = checked_colors(colors)
         if full_tension is not None:
             full_tension = checks.number("full_tension", full_tension, above=0.0)
         self._full_tension = full_tension
@@ -292,8 +292,9 @@ def camera_image(
 def hidden(bodies: Iterable[int], physicsClientId=0):
     """While it lasts, the bodies are invisible to the camera (alpha 0); poses and velocities stay.
 
-    Raises InvalidValue for a link whose visual shapes differ in colour: pybullet 3.2.7 sets the
-    colour of all shapes of a link whatever the shape index, and could not give it back.
+    Raises UnknownId for what is no body, and InvalidValue for a link whose visual shapes differ in
+    colour: pybullet 3.2.7 sets the colour of all shapes of a link whatever the shape index, and
+    could not give it back.
 
     Example:
         >>> from bullet_tendon import view
@@ -302,7 +303,7 @@ def hidden(bodies: Iterable[int], physicsClientId=0):
     """
     client = client_of(physicsClientId)
     colors: dict[tuple[int, int], tuple] = {}
-    for body in bodies:
+    for body in _checked_bodies("bodies", bodies, client):
         for row in p.getVisualShapeData(body, physicsClientId=client):
             if colors.setdefault((body, row[1]), row[7]) != row[7]:
                 raise InvalidValue("bodies", body, "bodies with one colour per link")
@@ -333,6 +334,10 @@ def render_scene(
     """
     client = client_of(physicsClientId)
     opacity = checks.number("bone_opacity", bone_opacity, at_least=0.0, at_most=1.0)
+    bones = _checked_bodies("bones", bones, client)
+    known = inspect.signature(Lens).parameters
+    if not isinstance(camera, dict) or not camera.keys() <= known.keys():
+        raise InvalidValue("camera", camera, "a dict of some of " + ", ".join(known))
     chosen = {"width": 960, "height": 720, "up": "z", "fov": FOV, "samples": 2, **camera}
     lens = Lens(**chosen)
     layer = _Layer(client, colors)
@@ -347,6 +352,12 @@ def render_scene(
         layer.close()
     mixed = opacity * image + (1 - opacity) * inside
     return np.round(mixed * (1 - 0.5 * outline(image, inside))).astype(np.uint8)
+
+
+def _checked_bodies(argument, bodies, client: int) -> list[int]:
+    """Ids of bodies of a client. Raises InvalidType or UnknownId."""
+    found = checks.sequence(argument, bodies, "bodyUniqueIds")
+    return [checked_body(body, client, argument) for body in found]
 
 
 def _fill(layer, tendons, tunnels, scale) -> None:

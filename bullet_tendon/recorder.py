@@ -13,7 +13,7 @@ import pybullet as p
 from scipy.spatial.transform import Rotation
 
 from . import checks
-from .bodies import Bodies, Marks
+from .bodies import Bodies, Marks, checked_body
 from .errors import InvalidType, NotCopied
 from .lens import checked_camera
 from .ligament import Ligament, line_of
@@ -174,6 +174,7 @@ class Recorder(NotCopied):
 
     Raises:
         InvalidType, InvalidValue: naming the argument.
+        UnknownId: for bones that are no bodies of the world's client, or where that was disconnected.
 
     Example:
         >>> with bt.Recorder(world, every=2) as recorder:
@@ -195,6 +196,7 @@ class Recorder(NotCopied):
     ):
         if not isinstance(world, TendonWorld):
             raise InvalidType("world", world, "a TendonWorld")
+        world._bodies.require_client()
         self._world = world
         self._client = world.physicsClientId
         self._core = world._core
@@ -202,7 +204,7 @@ class Recorder(NotCopied):
         self.time = 0.0
         self.steps = 0
         self.camera = None if camera is None else checked_camera(camera)
-        self.bones = None if bones is None else _checked_bones(bones)
+        self.bones = None if bones is None else _checked_bones(world, bones)
         if not isinstance(title, str):
             raise InvalidType("title", title, "a string")
         self.title = title
@@ -567,10 +569,10 @@ def _scalars(frames) -> dict:
     return {name: tuple(map(np.array, zip(*of_it, strict=True))) for name, of_it in rows.items()}
 
 
-def _checked_bones(bones) -> tuple[int, ...]:
+def _checked_bones(world: TendonWorld, bones) -> tuple[int, ...]:
     if not isinstance(bones, (tuple, list)):
         raise InvalidType("bones", bones, "a sequence of bodyUniqueIds")
-    return tuple(checks.integer("bones", body) for body in bones)
+    return tuple(checked_body(body, world.physicsClientId, "bones") for body in bones)
 
 
 def _checked_functions(scalars) -> dict:

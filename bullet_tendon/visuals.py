@@ -27,6 +27,17 @@ _TOLERANCE = 0.6  # of a grade, by which a length may differ before its piece is
 _SHADES = 100  # of a colour that follows the tension
 
 
+def checked_colors(colors) -> list[np.ndarray]:
+    """Colours (4,) of tendons, at least one. Raises InvalidType or InvalidValue."""
+    found = [checks.vector("colors", color, 4) for color in checks.sequence("colors", colors, "RGBA colours")]
+    if not found:
+        raise InvalidValue("colors", colors, "at least one colour")
+    for color in found:
+        if color.min() < 0 or color.max() > 1:
+            raise InvalidValue("colors", color.tolist(), "RGBA from 0 to 1")
+    return found
+
+
 class TendonVisual:
     """A tendon shown by a piece of a tube per segment, cheap enough for every frame of a window or a camera.
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import pybullet as p
 
 from . import checks
-from .errors import InvalidType, InvalidValue, NotCopied
+from .errors import InvalidType, NotCopied
 from .tendon import Tendon
-from .visuals import LIGAMENT_COLOR, PALETTE, LigamentLine, Lines, TendonVisual
+from .visuals import LIGAMENT_COLOR, PALETTE, LigamentLine, Lines, TendonVisual, checked_colors
 from .world import TendonWorld
 
 PAUSE, STEP = p.B3G_SPACE, p.B3G_RIGHT_ARROW
@@ -54,9 +54,7 @@ class Window(NotCopied):
             raise InvalidType("world", world, "a TendonWorld")
         self._world = world
         self._client = world.physicsClientId
-        self._colors = [checks.vector("colors", color, 4) for color in colors]
-        if not self._colors:
-            raise InvalidValue("colors", colors, "at least one colour")
+        self._colors = checked_colors(colors)
         self._colored = checks.flag("tension", tension)
         if full_tension is not None:
             full_tension = checks.number("full_tension", full_tension, above=0.0)

@@ -505,6 +505,9 @@ def test_refusals(make_world, tmp_path):
         bt.Recorder(world, camera={"distance": -1})
     with pytest.raises(errors.InvalidType, match="scalars"):
         bt.Recorder(world, scalars=[("pull", world.state_hash)])
+    for body in (99, -1, True, 0.0):
+        with pytest.raises(errors.UnknownId, match=r"bones = .*: must be the id of a body of this client"):
+            bt.Recorder(world, every=1, bones=(body,))
     recorder = bt.Recorder(world, every=1)
     with pytest.raises(errors.InvalidValue, match="path"):
         recorder.save(tmp_path / "run.txt")

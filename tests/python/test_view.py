@@ -236,6 +236,17 @@ def test_refusals(client):
         view.camera_image(client, **{**SMALL, "yaw": "left"})
     with pytest.raises(InvalidValue, match="bone_opacity"):
         view.render_scene(client, SMALL, bone_opacity=1.5)
+    for bodies, problem in (([99], UnknownId), ([True], UnknownId), (3, InvalidType), ("a", InvalidType)):
+        with pytest.raises(problem, match="bones"):
+            view.render_scene(client, SMALL, bones=bodies, bone_opacity=1.0)
+        with pytest.raises(problem, match="bodies"), view.hidden(bodies, client):
+            pass
+    for colors, problem in ((3, InvalidType), ([], InvalidValue), ([(255, 0, 0, 1)], InvalidValue)):
+        with pytest.raises(problem, match="colors"):
+            view.Camera(client, colors=colors)
+    for camera in (3, {**SMALL, "zoom": 2}):
+        with pytest.raises(InvalidValue, match="camera"):
+            view.render_scene(client, camera)
     huge = SimpleNamespace(vertices=np.zeros((131073, 3)), normals=None, triangles=np.zeros((1, 3), int))
     with pytest.raises(InvalidValue, match="131072"):
         view.mesh_body(huge, client)
