@@ -114,6 +114,13 @@ struct GeneralizedBody {
   const Numbers& known_acceleration();
   // Takes its rates and the forces of its motors right after the step. Returns whether it was released.
   bool sample(const Numbers& after, const Numbers& motors);
+  // Whether it may yield to a force that is large enough: no hold or motor of unknown limit is as strong as
+  // pybullet lets it be.
+  bool holds_to_unknown_limit() const {
+    return (observer.held() && !observer.held_firmly()) || !stops.limits_are_known();
+  }
+  // Whether no force of tendons moves it.
+  bool is_held_firmly() const { return observer.held_firmly() || (n() > 0 && stops.hold_firmly(n())); }
   // Whether what holds it may have released it in the last step.
   bool may_be_released() const { return observer.held() || stops.motors.any(); }
   // Whether it did.

@@ -260,6 +260,25 @@ void BodyStops::find(const Body& of, int base, double dt) {
   find_motors(of, dt);
   unstopped_ = of.change;
   dense::product_transposed(static_cast<int>(of.rates.size()), work_.through, work_.through, work_.within);
+  for (size_t a = 0; a < all_.size(); ++a) {
+    if (!all_[a].motor) continue;
+    const JointMotor& m = motors.all[all_[a].coordinate];
+    const double thrown = dt * work_.within[a * all_.size() + a] * m.greatest;
+    all_[a].firm = m.limit == kUnlimited && thrown >= kCutOff * kMostRate;
+  }
+}
+
+bool BodyStops::limits_are_known() const {
+  return std::all_of(all_.begin(), all_.end(), [&](const Stop& s) {
+    return !s.motor || !s.acts || s.firm || motors.all[s.coordinate].limit < kUnlimited;
+  });
+}
+
+bool BodyStops::hold_firmly(int n) const {
+  std::vector<char> held(n, 0);
+  for (const Stop& s : all_)
+    if (s.acts && s.coordinate >= 0 && (!s.motor || s.firm)) held[s.coordinate] = 1;
+  return std::all_of(held.begin(), held.end(), [](char h) { return h != 0; });
 }
 
 // Computes lambda, starting from the stops of the last lambda.

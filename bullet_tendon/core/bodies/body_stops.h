@@ -57,6 +57,11 @@ class BodyStops {
   bool act() const;
   // Whether limits or contacts act.
   bool limits_act() const;
+  // Whether the limits of the motors that hold joints are known, or are those of nothing that tendons press
+  // on.
+  bool limits_are_known() const;
+  // Whether limits, and motors of such strength, hold all n rates.
+  bool hold_firmly(int n) const;
   // Whether contacts are predicted to stop it.
   bool contacts_stop() const { return !contacts.empty() && !slipped_; }
   // Whether the body passed through contacts in the last step.

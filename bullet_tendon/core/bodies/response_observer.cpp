@@ -135,7 +135,7 @@ void Observer::rest(const Numbers& tendons) {
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
-  hold_.acts = released_ = hold_.yields = hold_.limit_known = false;
+  hold_.acts = released_ = hold_.yields = hold_.limit_known = hold_.firm = false;
   hold_.withstood = 0;
   take_effective();
   push_.assign(n_, 0.0);
@@ -199,8 +199,11 @@ void Observer::end_yielding() {
 // Notes what held the body in the last step, and the rates at which it did.
 void Observer::note_hold(const Numbers& gravity) {
   const double now = hold_.acts ? norm_of_hold(work_.now.forces, work_.now.acceleration) : 0;
+  double thrown = 0;
+  for (int i = 0; i < n_ && hold_.acts; ++i) thrown = std::max(thrown, dt_ * std::fabs(work_.s[i]));
   hold_.limit_known &= hold_.acts && now <= (1 + kEvidence) * hold_.withstood;
   hold_.withstood = hold_.acts ? std::max(hold_.withstood, now) : 0;
+  hold_.firm = hold_.acts && (hold_.firm || thrown >= kCutOff * kMostRate);
   if (!released_) return;
   hold_.rates = rates_;
   for (int i = 0; i < n_; ++i) hold_.rates[i] -= dt_ * gravity[i];

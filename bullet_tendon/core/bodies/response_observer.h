@@ -97,6 +97,7 @@ class Observer {
   const Numbers& reached(const Numbers& rates) const { return sampled_.empty() ? rates : sampled_; }
   bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
   bool held() const { return hold_.acts; }      // R_eff is less than the free response
+  bool held_firmly() const { return hold_.acts && hold_.firm; }
   // R_eff is the free response, or is taken for it because the hold yields.
   bool responds_freely() const { return !hold_.acts || hold_.yields; }
   bool released() const { return released_; }              // it was held until the last step
@@ -144,6 +145,7 @@ class Observer {
     bool acts = false;         // R_eff is less than the free response
     bool yields = false;       // the body was let yield in this step
     bool limit_known = false;  // it was seen to yield at `withstood`
+    bool firm = false;         // it withstood what would throw the body at the rate that pybullet cuts off
     double withstood = 0;      // largest |L^-1 (a - R w)| since it holds
     Numbers push;              // push without yielding
     Numbers rates;             // at the start of a step in which it yielded, less gravity's change in it

@@ -147,13 +147,14 @@ bool Contact::is_squeezed(bool by_bodies) {
 void Contact::squeeze(bool may_be_released) {
   bear_by_section();
   normal_force.squeezed = Squeezed::now;
-  if (may_be_released)
-    normal_force.stiffness = std::max(normal_force.section, kMostStiffening * normal_force.first_stiffness);
+  if (!may_be_released) return;
+  normal_force.lambda = normal_force.lambda_start;
+  normal_force.stiffness = std::max(normal_force.section, kMostStiffening * normal_force.first_stiffness);
 }
 
 void Contact::bear_by_section() {
   normal_force.squeezed = Squeezed::before;
-  normal_force.lambda = normal_force.lambda_start;
+  normal_force.lambda = 0;
   normal_force.stiffness = normal_force.section;
   geometry.depth_allowance = 0;
 }

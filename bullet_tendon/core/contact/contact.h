@@ -19,10 +19,12 @@
 // A tendon between bodies that do not yield, closer together than it is thick, is squeezed: no force closes
 // its contacts, and N would grow in every solution. They press as its cross-section does, which is elastic:
 //
-//   N = N_0 + pi/4 E l d,   E = stiffness / (pi r^2)   [N]; d depth, l length of tendon at the contact [m]
+//   N = pi/4 E l d,   E = stiffness / (pi r^2)   [N]; d depth, l length of tendon at the contact [m]
 //
-// (Popov 2010, Contact Mechanics and Friction, section 5.3). Where a motor holds one of the bodies, k is
-// larger: its limit is known only after it has yielded to such a force (bodies/joint_motors.h).
+// (Popov 2010, Contact Mechanics and Friction, section 5.3). Where a motor or another hold of unknown limit
+// may be what does not yield, k is larger: the limit is known only after it has yielded to such a force
+// (bodies/joint_motors.h). One that has withstood what would throw the body at the rate that pybullet cuts
+// off does not yield.
 #pragma once
 #include <cmath>
 #include <cstdint>
@@ -94,8 +96,8 @@ struct NormalForce {
   double first_stiffness = 0;   // k at first [N/m]; 0: k is the user's and does not change
   double section = 0;           // k of the tendon's cross-section that is squeezed [N/m]
   double lambda = 0;            // N_0 [N]
-  double lambda_start = 0;      // N_0 at the start of the substep [N]
   double lambda_previous = 0;   // N of the previous step [N]
+  double lambda_start = 0;      // N_0 at the start of the substep [N]
   double lambda_predicted = 0;  // predicted N; scales the curvature terms of the block [N]
   bool pressed = false;         // has a normal force in the linearisation
   bool direct = false;          // a constraint of the particle (Baraff and Witkin 1998), not a spring
@@ -181,9 +183,8 @@ struct Contact {
   // ever on contacts as soft as their inertia.
   void bear(double load, double sticking_ratio);
   // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
-  // whether it did. One that this does not close is squeezed: N_0 is that of the start of the substep, and k
-  // that of the tendon's cross-section. by_bodies: bodies that move may press it. may_be_released: a hold of
-  // unknown limit may be what does not yield.
+  // whether it did. One that this does not close is squeezed. by_bodies: bodies that move may press it.
+  // may_be_released: a hold of unknown limit may be what does not yield.
   bool stiffen(bool by_bodies, bool may_be_released);
   // Whether it would.
   bool may_stiffen() const;

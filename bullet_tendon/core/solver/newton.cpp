@@ -211,13 +211,18 @@ void place_at_dx(Island& island) {
   }
 }
 
+// Whether a link moves, if its body does.
+bool presses(const Island& island, bool moves, int link) {
+  return moves && !island.bodies.body(island.bodies.link(link).body).is_held_firmly();
+}
+
 // Whether it is at a particle that a body which moves may press on.
 bool is_pressed_by_bodies(const Island& island, const Contact& contact) {
   const auto marked = [&](const SegmentPoint& s) {
     return s.tendon >= 0 &&
            (island.at(s).by_bodies[s.first] != 0 || (s.w1 > 0 && island.at(s).by_bodies[s.first + 1] != 0));
   };
-  return contact.moves || marked(contact.a) || marked(contact.b);
+  return presses(island, contact.moves, contact.link) || marked(contact.a) || marked(contact.b);
 }
 
 // Marks the particles that bodies which move may press on, directly or through other tendons.
@@ -225,7 +230,7 @@ void mark_pressed_by_bodies(Island& island) {
   for (Tendon* c : island.tendons) {
     c->by_bodies.assign(c->n(), 0);
     for (const Anchor& h : c->anchors)
-      if (h.moves || !h.rigid) c->by_bodies[h.particle] = 1;
+      if (!h.rigid || presses(island, h.moves, h.link)) c->by_bodies[h.particle] = 1;
   }
   for (bool any = true; std::exchange(any, false);)
     for (const Contact* contact : island.contacts) {
@@ -242,8 +247,9 @@ bool stiffen_contacts(Island& island) {
   const IslandBodies& bodies = island.bodies;
   const auto may_stiffen = [](const Contact* contact) { return contact->may_stiffen(); };
   if (std::none_of(island.contacts.begin(), island.contacts.end(), may_stiffen)) return false;
-  const bool may_be_released = std::any_of(bodies.indices.begin(), bodies.indices.end(),
-                                           [&](int slot) { return bodies.body(slot).may_be_released(); });
+  const bool may_be_released = std::any_of(bodies.indices.begin(), bodies.indices.end(), [&](int slot) {
+    return bodies.body(slot).holds_to_unknown_limit();
+  });
   mark_pressed_by_bodies(island);
   bool any = false;
   for (Contact* contact : island.contacts)

@@ -503,11 +503,12 @@ void World::remember() {
     const double now = contact.normal_force.value, previous = contact.normal_force.lambda_previous;
     const bool closed = contact.is_closed();
     const bool squeezed = contact.normal_force.squeezed != Squeezed::no && !closed;
-    const double confirmed = squeezed      ? contact.normal_force.lambda_start
+    const bool by_section = squeezed && contact.normal_force.stiffness == contact.normal_force.section;
+    const double confirmed = squeezed      ? contact.normal_force.lambda
                              : step_.whole ? now
                                            : std::min(now, previous);
     contacts_.memory.push_back({contact.key, now, confirmed, closed ? confirmed : 0,
-                                squeezed ? contact.geometry.gap : 0, contact.friction.sliding,
+                                by_section ? contact.geometry.gap : 0, contact.friction.sliding,
                                 contact.force.mean, contact.force.given, step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement),
                                 transposed_times(turn, contact.geometry.normal)});
