@@ -82,6 +82,16 @@ def test_numbers_that_cannot_be(world, fields, value):
     assert world._core.save() == good
 
 
+def test_an_observer_of_more_coordinates_than_its_body_has(world):
+    good = world._core.save()
+    at = good.index(tag("n_") + (6).to_bytes(4, "little"), good.index(tag("observer"))) + 4
+    for count in (-1, 3, 7, 1000):
+        data = bytearray(good)
+        data[at : at + 4] = count.to_bytes(4, "little", signed=True)
+        assert not restored(world, bytes(data))
+        assert world._core.save() == good
+
+
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
 def test_cut_off(world, share):
     good = world._core.save()

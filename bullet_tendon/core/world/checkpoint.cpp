@@ -179,6 +179,8 @@ struct SizesOfBody {
       stops = value.size();
       for (const Stop& stop : value)
         fit &= (!stop.motor && stop.coordinate == -1) || within(stop.coordinate, n);
+    } else if constexpr (std::is_same_v<T, int>) {
+      fit &= std::string(name) != "n_" || value == 0 || (value > 0 && static_cast<size_t>(value) == n);
     } else if constexpr (std::is_same_v<T, std::vector<JointMotor>>) {
       fit &= value.empty() || value.size() == n;
     } else if constexpr (!kPlain<T>) {
