@@ -220,3 +220,28 @@ def test_a_block_that_a_constraint_presses_on_a_cord_does_so_with_its_limit(
     height = p.getBasePositionAndOrientation(block, client)[0][2] - EDGE - RADIUS
     assert height == pytest.approx(0, abs=0.01 * RADIUS)
     assert np.abs(t.positions[:, 2]).max() < 0.01 * RADIUS
+
+
+@pytest.mark.parametrize("mass", [0.0117, 0.1])
+@pytest.mark.parametrize("force", [9.0, 40.0])
+def test_two_jaws_come_to_rest_on_a_stiff_cord(make_world, client, mass, force):
+    """Before their motors are known they are foreseen in the cord, where their edges would wedge it apart."""
+    radius, edge, speed = 0.00162, 0.0162, 0.052
+    world = make_world(0.001247)
+    half = [edge, edge / 2, edge]
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    places = [(0, side * (edge / 2 + 3 * radius), 0) for side in (-1, 1)]
+    axes = [(0, -side, 0) for side in (-1, 1)]
+    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass] * 2, axes, shape, places)
+    world.add_obstacle(jaws, friction=1.0)
+    law = bt.Material(stiffness=1.125e6, exponent=2.0, toe_strain=0.03, tension_only=True, damping=202.5)
+    ends = [(-3 * edge, 0, 0), (3 * edge, 0, 0)]
+    t = world.add_tendon(ends, radius, law, 35, rest_length=5.988 * edge)
+    t.grip(0), t.grip(-1)
+    for joint in (0, 1):
+        goal = {"targetPosition": 3 * radius, "maxVelocity": speed, "force": force}
+        p.setJointMotorControl2(jaws, joint, p.POSITION_CONTROL, **goal, physicsClientId=client)
+    world.step(240)
+    states = p.getJointStates(jaws, (0, 1), client)
+    np.testing.assert_allclose([state[0] for state in states], 2 * radius, atol=0.01 * radius)
+    np.testing.assert_allclose([abs(world.wrench(jaws, k)[1]) for k in (0, 1)], force, rtol=0.02)

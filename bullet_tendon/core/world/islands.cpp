@@ -15,6 +15,11 @@ namespace {
 // Larger: a budget of wall time is exceeded by more. Smaller: one tangle slows down what has contacts.
 constexpr long kLastSolves = 20;
 
+// Way from where a link was foreseen to end, over the tendon's radius, beyond which its contacts are detected
+// again [-]. Larger: the plane at an edge that was foreseen elsewhere wedges the tendon. Smaller: steps with
+// impacts are solved again.
+constexpr double kElsewhere = 0.5;
+
 // Whether a particle that a shape comes near to has moved farther relative to its link than contacts were
 // looked for. solved: motion of the link.
 bool outruns_search(const Tendon& c, const Shape& shape, const Link& link, const Twist& solved,
@@ -193,12 +198,29 @@ void World::foresee_links() {
   }
 }
 
+// Whether a contact that presses was detected where its link does not end: its plane is that of another
+// place.
+bool World::presses_elsewhere(const Contact& contact) const {
+  if (contact.link < 0 || !(contact.normal_force.value > 0)) return false;
+  const Link& l = scene.links[contact.link];
+  if (!l.yields()) return false;
+  const Twist off = step_.context.dt * l.drift_rates + l.iterate.given - l.foreseen.all;
+  const Vec3 at = contact.a.of(step_.slots[contact.a.tendon]->x);
+  return norm(off.at(at - l.centre)) > kElsewhere * contact.geometry.radius;
+}
+
 // Moves what is foreseen of links under their last forces to their solved motion, as predict_at_solution does
-// of particles. true: a link has come near to a tendon by more than was foreseen.
+// of particles. true: a link has come near to a tendon by more than was foreseen, or presses on it elsewhere.
 bool World::foresee_at_solution() {
   if (step_.detections >= kMostDetections) return false;
   const double h = step_.context.dt;
   bool any = false;
+  for (const Contact& contact : contacts_.all) {
+    if (!presses_elsewhere(contact)) continue;
+    Link& l = scene.links[contact.link];
+    l.foresee(l.iterate.given, h, turns_far(l));
+    any = true;
+  }
   for (auto [s, shape] : filled(scene.shapes)) {
     Link& l = scene.links[shape.link];
     if (!l.yields()) continue;

@@ -475,6 +475,7 @@ class World {
   template <class Measure>
   void limit_cartilage(Measure measure);
   void foresee_links();
+  bool presses_elsewhere(const Contact& contact) const;
   bool foresee_at_solution();
   int island_root(int tendon);
   void join_islands(int a, int b);
