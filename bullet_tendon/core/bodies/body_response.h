@@ -114,8 +114,8 @@ struct GeneralizedBody {
   const Numbers& known_acceleration();
   // Takes its rates and the forces of its motors right after the step. Returns whether it was released.
   bool sample(const Numbers& after, const Numbers& motors);
-  // Whether it may yield to a force that is large enough: no hold or motor of unknown limit is as strong as
-  // pybullet lets it be.
+  // Whether a hold, or a motor, of unknown limit may be found to yield. One that has withstood what would
+  // throw the body at the rate that pybullet cuts off is never seen to.
   bool holds_to_unknown_limit() const {
     return (observer.held() && !observer.held_firmly()) || !stops.limits_are_known();
   }

@@ -57,10 +57,9 @@ class BodyStops {
   bool act() const;
   // Whether limits or contacts act.
   bool limits_act() const;
-  // Whether the limits of the motors that hold joints are known, or are those of nothing that tendons press
-  // on.
+  // Whether the limits of the motors that hold joints are known, or too large to be found out (Stop::firm).
   bool limits_are_known() const;
-  // Whether limits, and motors of such strength, hold all n rates.
+  // Whether limits, and motors whose limits are that large, hold all n rates.
   bool hold_firmly(int n) const;
   // Whether contacts are predicted to stop it.
   bool contacts_stop() const { return !contacts.empty() && !slipped_; }

@@ -186,7 +186,7 @@ struct Contact {
   // whether it did. One that this does not close is squeezed. by_bodies: bodies that move may press it.
   // may_be_released: a hold of unknown limit may be what does not yield.
   bool stiffen(bool by_bodies, bool may_be_released);
-  // Whether it would.
+  // Whether it may: its stiffness can change, and its gap is too large.
   bool may_stiffen() const;
   // If a smaller k leaves no gap or depth that is too large, decreases k. Returns whether it did.
   bool soften();
