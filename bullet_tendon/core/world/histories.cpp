@@ -112,7 +112,9 @@ void World::begin_histories() {
   const double dt = step_.substeps.step();
   // Twice the kinetic energy of the change of velocity in the step, by island root [J]: if the known forces
   // had acted alone, and by all forces.
-  std::vector<double> known(scene.tendons.size()), all(scene.tendons.size());
+  static thread_local std::vector<double> known, all;  // keep their memory from step to step
+  known.assign(scene.tendons.size(), 0.0);
+  all.assign(scene.tendons.size(), 0.0);
   for (auto [slot, t] : filled(step_.slots)) {
     if (!begins_history(t)) continue;
     const int root = island_root(slot);
