@@ -275,10 +275,11 @@ bool BodyStops::limits_are_known() const {
 }
 
 bool BodyStops::hold_firmly(int n) const {
-  std::vector<char> held(n, 0);
-  for (const Stop& s : all_)
-    if (s.acts && s.coordinate >= 0 && (!s.motor || s.firm)) held[s.coordinate] = 1;
-  return std::all_of(held.begin(), held.end(), [](char h) { return h != 0; });
+  for (int i = 0; i < n; ++i) {
+    auto holds = [i](const Stop& s) { return s.coordinate == i && s.acts && (!s.motor || s.firm); };
+    if (std::none_of(all_.begin(), all_.end(), holds)) return false;
+  }
+  return true;
 }
 
 // Computes lambda, starting from the stops of the last lambda.

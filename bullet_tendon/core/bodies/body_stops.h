@@ -31,8 +31,8 @@ class BodyStops {
   Numbers contacts;             // direction (6) and distance, negative inside, of every contact
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   JointMotors motors;
-  Numbers
-      shifts;  // (coordinate, change) of every joint that is moved to just behind its limit before this step
+  // (coordinate, change) of every joint that is moved to just behind its limit before this step.
+  Numbers shifts;
 
   // Determines which limits and contacts of the last step the body passed through. They are ignored.
   void doubt(const Numbers& rates);

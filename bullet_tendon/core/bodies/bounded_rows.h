@@ -36,8 +36,8 @@ struct Stop {
   int side = -1;  // its force is at the lower bound (-1) or at the upper one (1); 0: it acts
   bool motor = false;
   bool yielded = false;  // of a motor: it was within its limit before in this step
-  bool firm =
-      false;  // of a motor: it has given what would throw its joint at the rate that pybullet cuts off
+  // Of a motor: it has given what would throw its joint at the rate that pybullet cuts off.
+  bool firm = false;
   bool given = false;  // its force is applied as a known one
 };
 

@@ -203,10 +203,7 @@ void World::foresee_links() {
 bool World::presses_elsewhere(const Contact& contact) const {
   if (contact.link < 0 || !(contact.normal_force.value > 0)) return false;
   const Link& l = scene.links[contact.link];
-  if (!l.yields()) return false;
-  const Twist off = step_.context.dt * l.drift_rates + l.iterate.given - l.foreseen.all;
-  const Vec3 at = contact.a.of(step_.slots[contact.a.tendon]->x);
-  return norm(off.at(at - l.centre)) > kElsewhere * contact.geometry.radius;
+  return l.yields() && norm(l.displaced_from_foreseen(contact.arm)) > kElsewhere * contact.geometry.radius;
 }
 
 // Moves what is foreseen of links under their last forces to their solved motion, as predict_at_solution does
