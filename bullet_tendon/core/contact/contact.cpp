@@ -111,7 +111,9 @@ bool Contact::is_closed() const { return std::fabs(geometry.gap) <= kGap * geome
 
 bool Contact::may_stiffen() const {
   if (normal_force.first_stiffness == 0 || normal_force.direct || normal_force.value <= 0) return false;
-  return !is_closed() && normal_force.squeezed != Squeezed::now;
+  const bool is_found =
+      normal_force.squeezed == Squeezed::now || normal_force.squeezed == Squeezed::to_find_out;
+  return !is_closed() && !is_found;
 }
 
 bool Contact::stiffen(bool by_bodies, bool may_be_released) {
@@ -122,10 +124,12 @@ bool Contact::stiffen(bool by_bodies, bool may_be_released) {
     normal_force.stiffness = normal_force.first_stiffness;
     normal_force.first_gap = 0;
   }
-  if ((!by_bodies || may_be_released) && is_squeezed(by_bodies))
-    squeeze(may_be_released);
-  else
+  if ((by_bodies && !may_be_released) || !is_squeezed(by_bodies))
     take_over(normal_force.value);
+  else if (may_be_released)
+    find_out();
+  else
+    bear_by_section(Squeezed::now);
   return true;
 }
 
@@ -142,20 +146,19 @@ bool Contact::is_squeezed(bool by_bodies) {
   return geometry.gap < 0 && is_unmoved() && normal_force.stiffness > std::max(least, normal_force.section);
 }
 
-// The multiplier would grow without limit. Where a motor or another hold of unknown limit may be what does
-// not yield, the force has to show it.
-void Contact::squeeze(bool may_be_released) {
-  bear_by_section();
-  normal_force.squeezed = Squeezed::now;
-  if (!may_be_released) return;
-  normal_force.lambda = normal_force.lambda_start;
-  normal_force.stiffness = std::max(normal_force.section, kMostStiffening * normal_force.first_stiffness);
-}
-
-void Contact::bear_by_section() {
-  normal_force.squeezed = Squeezed::before;
+// A multiplier would grow without limit.
+void Contact::bear_by_section(Squeezed since) {
+  normal_force.squeezed = since;
   normal_force.lambda = 0;
   normal_force.stiffness = normal_force.section;
+  geometry.depth_allowance = 0;
+}
+
+// Where a motor or another hold of unknown limit may be what does not yield, the force has to show it.
+void Contact::find_out() {
+  normal_force.squeezed = Squeezed::to_find_out;
+  normal_force.lambda = normal_force.lambda_start;
+  normal_force.stiffness = std::max(normal_force.section, kMostStiffening * normal_force.first_stiffness);
   geometry.depth_allowance = 0;
 }
 

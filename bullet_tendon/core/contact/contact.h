@@ -87,8 +87,9 @@ struct ContactGeometry {
   double sliding_share[2] = {};
 };
 
-// Whether stiffening does not close a contact: as it did not before this substep, or as was found in it.
-enum class Squeezed { no, before, now };
+// Whether stiffening does not close a contact: it did not before this substep, or was found not to in it. It
+// bears by the cross-section then, or shows whether what does not yield does (Contact::stiffen).
+enum class Squeezed { no, before, now, to_find_out };
 
 struct NormalForce {
   double value = 0;             // N, as last evaluated [N]
@@ -220,13 +221,13 @@ struct Contact {
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
 
-  // Lets it press as the tendon's cross-section does.
-  void bear_by_section();
+  // Lets it press as the tendon's cross-section does, `before` this substep or as found `now`.
+  void bear_by_section(Squeezed since);
 
  private:
   bool is_unmoved() const;
   bool is_squeezed(bool by_bodies);
-  void squeeze(bool may_be_released);
+  void find_out();
 };
 
 // Resistance of a point of a tendon to displacement.

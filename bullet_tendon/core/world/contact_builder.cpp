@@ -477,7 +477,7 @@ void World::recall(Contact& contact, double inertia) {
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
     contact.normal_force.lambda = contact.normal_force.lambda_start = found->lambda_confirmed;
     contact.normal_force.first_gap = found->squeezed_gap;
-    if (found->squeezed_gap < 0) contact.bear_by_section();
+    if (found->squeezed_gap < 0) contact.bear_by_section(Squeezed::before);
   }
   contact.friction.anchor += moved_since_held(contact);
   contact.normal_force.lambda_previous = found->lambda;
@@ -503,7 +503,7 @@ void World::remember() {
     const double now = contact.normal_force.value, previous = contact.normal_force.lambda_previous;
     const bool closed = contact.is_closed();
     const bool squeezed = contact.normal_force.squeezed != Squeezed::no && !closed;
-    const bool by_section = squeezed && contact.normal_force.stiffness == contact.normal_force.section;
+    const bool by_section = squeezed && contact.normal_force.squeezed != Squeezed::to_find_out;
     const double confirmed = squeezed      ? contact.normal_force.lambda
                              : step_.whole ? now
                                            : std::min(now, previous);
