@@ -69,6 +69,12 @@ def hung(client, world, mass):
     return ball, line.attach(-1, ball), line.grip(0)
 
 
+def pull_down(client, ball, force=100.0):
+    """In the next step the user pulls by this force [N], which the world is not told of."""
+    place, _ = p.getBasePositionAndOrientation(ball, client)
+    p.applyExternalForce(ball, -1, [0, 0, -force], place, p.WORLD_FRAME, client)
+
+
 @pytest.mark.parametrize("take", [by_step, by_apply])
 def test_impulses_between_readings_are_those_that_act(client, make_world, take):
     """A sudden pull that nobody told of is found in the next step: m dv = (F + R + m g) dt between readings.
@@ -80,14 +86,13 @@ def test_impulses_between_readings_are_those_that_act(client, make_world, take):
     ball, knot, hand = hung(client, world, mass)
     world.step(240)
     for k in range(30):
-        place, _ = p.getBasePositionAndOrientation(ball, client)
         before = np.array(p.getBaseVelocity(ball, client)[0])
-        pull = np.array([0, 0, -100.0 * (k % 6 > 2)])
-        p.applyExternalForce(ball, -1, pull, place, p.WORLD_FRAME, client)
+        pull = 100.0 * (k % 6 > 2)
+        pull_down(client, ball, pull)
         take(world)
         gained = mass * (np.array(p.getBaseVelocity(ball, client)[0]) - before)
         read = knot.force
-        np.testing.assert_allclose(gained, dt * (read + pull + mass * GRAVITY), rtol=0, atol=1e-6)
+        np.testing.assert_allclose(gained, dt * (read - [0, 0, pull] + mass * GRAVITY), rtol=0, atol=1e-6)
         np.testing.assert_allclose(world.wrench(ball)[:3], read, rtol=0, atol=1e-9)
         np.testing.assert_allclose(hand.force, -read, rtol=0, atol=0.02)
 
@@ -97,8 +102,7 @@ def test_what_is_read_is_saved(client, make_world):
     world = make_world(1 / 240, GRAVITY)
     ball, knot, _ = hung(client, world, 1.0)
     world.step(240)
-    place, _ = p.getBasePositionAndOrientation(ball, client)
-    p.applyExternalForce(ball, -1, [0, 0, -100.0], place, p.WORLD_FRAME, client)
+    pull_down(client, ball)
     world.step()
     state, bullet, read = world.save_state(), p.saveState(client), []
     for _ in range(2):
@@ -116,9 +120,8 @@ def test_a_failed_step_keeps_what_was_not_read_yet(client, make_world):
     world = make_world(1 / 240, GRAVITY)
     ball, knot, _ = hung(client, world, 1.0)
     world.step(240)
-    place, _ = p.getBasePositionAndOrientation(ball, client)
     before = p.getBaseVelocity(ball, client)[0][2]
-    p.applyExternalForce(ball, -1, [0, 0, -100.0], place, p.WORLD_FRAME, client)
+    pull_down(client, ball)
     world.step()
     impulse, line = knot.force[2], world.tendons[0]
     line.set_force(1, [1e300, 0, 0])
@@ -138,8 +141,7 @@ def test_a_hand_leads_a_step_that_is_solved_again_where_it_led_it(client, make_w
         world = make_world(1 / 240, GRAVITY)
         ball, _, hand = hung(client, world, 1.0)
         world.step(240)
-        place, _ = p.getBasePositionAndOrientation(ball, client)
-        p.applyExternalForce(ball, -1, [0, 0, -100.0], place, p.WORLD_FRAME, client)
+        pull_down(client, ball)
         world.step()
         if moves:
             hand.target = (0, 0, 0.21)
@@ -170,8 +172,7 @@ def test_a_tensioner_holds_as_stiffly_as_its_tension_says(client, make_world, fi
     graft.set_force(-1, [-0.2, 0, 0])  # what the device holds against
     graft.grip(0)
     world.step(240)
-    place, _ = p.getBasePositionAndOrientation(ball, client)
-    p.applyExternalForce(ball, -1, [0, 0, -100.0], place, p.WORLD_FRAME, client)
+    pull_down(client, ball)
     world.step()
     device.force = then
     world.step()
