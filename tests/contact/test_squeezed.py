@@ -243,3 +243,55 @@ def test_two_jaws_come_to_rest_on_a_stiff_cord(make_world, client, mass, force):
     states = p.getJointStates(jaws, (0, 1), client)
     np.testing.assert_allclose([state[0] for state in states], 2 * radius, atol=0.01 * radius)
     np.testing.assert_allclose([abs(world.wrench(jaws, k)[1]) for k in (0, 1)], force, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("dt", "limit", "radius", "cam", "offset", "pinch", "mass", "friction", "stiffness"),
+    [
+        (1 / 1000, 1.9, 1.5e-3, 0.010, 2.3e-3, 0.26, 0.3, 0.4, 5e3),
+        (1 / 1000, 0.5, 1.5e-3, 0.010, 2.3e-3, 0.26, 0.3, 0.4, 5e3),
+        (1 / 240, 0.4, 2.2e-3, 0.006, 1.4e-3, 0.25, 1.0, 0.2, 2.4e3),
+        (1 / 1000, 1.6, 1.8e-3, 0.006, 1.4e-3, 0.29, 2.9, 0.8, 7e3),
+        (1 / 500, 2.4, 2.7e-3, 0.006, 1.4e-3, 0.15, 2.3, 0.4, 9e3),
+        (1 / 500, 0.14, 1.7e-3, 0.012, 2.8e-3, 0.58, 0.06, 0.8, 1.3e3),
+        (1 / 240, 0.1, 0.8e-3, 0.007, 1.6e-3, 0.82, 0.18, 0.8, 1.4e4),
+    ],
+)
+def test_a_cam_stalls_on_the_cord_that_it_squeezes(
+    make_world, client, dt, limit, radius, cam, offset, pinch, mass, friction, stiffness
+):
+    """A cylinder on a hinge beside its axis turns against a plate, with a motor that is too weak to pass.
+
+    Steeper, friction locks it: any force is in equilibrium, but the one of the cross-section.
+    """
+    world = make_world(dt)
+    world.add_obstacle(fixed(client, p.GEOM_BOX, (0, 0, -0.01 - radius), halfExtents=[0.06, 0.02, 0.01]))
+    shape = p.createCollisionShapeArray(
+        [p.GEOM_CYLINDER],
+        radii=[cam],
+        lengths=[0.04],
+        collisionFramePositions=[[offset, 0, 0]],
+        collisionFrameOrientations=[p.getQuaternionFromEuler([np.pi / 2, 0, 0])],
+        physicsClientId=client,
+    )
+    height = cam + radius + offset - 2 * radius * pinch
+    wheel = links_on_joints(client, p.JOINT_REVOLUTE, [mass], [(0, 1, 0)], shape, [(0, 0, height)])
+    world.add_obstacle(wheel, 0)
+    law = bt.Material(stiffness=stiffness, damping=stiffness / 1000, density=1100, friction=friction)
+    t = world.add_tendon([(-0.1, 0, 0), (0.1, 0, 0)], radius, law, 60)
+    t.grip(0), t.grip(-1)
+    turn = {"targetVelocity": 2 * np.pi, "force": limit}
+    p.setJointMotorControl2(wheel, 0, p.VELOCITY_CONTROL, **turn, physicsClientId=client)
+    most = 0.0
+    for _ in range(int(1 / dt)):
+        world.step()
+        assert world.report.converged
+        most = max(most, abs(world.wrench(wheel, 0)[2]))
+        assert np.abs(t.positions[:, 2]).max() < 2 * radius
+    angle, rate, _, torque = p.getJointState(wheel, 0, client)
+    assert 0 < angle < 2 * np.pi
+    assert abs(rate) < 0.02
+    assert torque == pytest.approx(limit, rel=1e-3)
+    assert abs(world.wrench(wheel, 0)[4]) == pytest.approx(limit, rel=0.02)
+    # All of the cord below the cam, squeezed flat ten times over.
+    assert most < 10 * stiffness / (4 * radius**2) * 2 * cam * 2 * radius

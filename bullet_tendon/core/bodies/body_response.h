@@ -121,6 +121,8 @@ struct GeneralizedBody {
   }
   // Whether no force of tendons moves it.
   bool is_held_firmly() const { return observer.held_firmly() || (n() > 0 && stops.hold_firmly(n())); }
+  // Whether these forces of the tendons (n) overpower a motor in a step of dt [s].
+  bool overpowered(const Numbers& by, double dt) { return stops.overpowered(stopped(), by, dt); }
   // Whether what holds it may have released it in the last step.
   bool may_be_released() const { return observer.held() || stops.motors.any(); }
   // Whether it did.

@@ -58,6 +58,11 @@ constexpr double kLeastYield = 1e-3;
 // hold it [-].
 constexpr double kLeastOfJoint = 0.5;
 
+// Rate, over that which pybullet cuts off, at which what a motor of unknown limit holds would throw its joint
+// [-]: if it does not yield to that, it never does. Smaller than 1: it is never known. Larger: the force is
+// larger.
+constexpr double kShown = 2;
+
 // Rate at which joints and spins are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off,
 // which would have no reactions.
 constexpr double kFastest = 0.99 * kMostRate;
@@ -349,6 +354,17 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
     other |= std::exchange(s.acts, acts) != acts;
   }
   return other;
+}
+
+bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
+  if (!motors_act()) return false;
+  if (choose_motors(of, forces, dt)) return true;
+  for (size_t a = 0; a < all_.size(); ++a) {
+    const Stop& s = all_[a];
+    if (!s.motor || !s.acts || s.firm || motors.all[s.coordinate].limit < kUnlimited) continue;
+    if (std::fabs(pushes_[a]) * work_.within[a * all_.size() + a] >= kShown * kMostRate) return true;
+  }
+  return false;
 }
 
 void BodyStops::act_on(const Body& of, double dt) {

@@ -40,6 +40,9 @@ class BodyStops {
   void find(const Body& of, int base, double dt);
   // Determines those that act under these forces of the tendons (n). Returns whether they changed.
   bool choose(const Body& of, const Numbers& forces, double dt);
+  // Whether these forces of the tendons (n) overpower a motor that holds its joint: they exceed its limit,
+  // or, where that is not known, what shows it.
+  bool overpowered(const Body& of, const Numbers& forces, double dt);
   // Takes the directions of those that act from the response, and sets the rates along them.
   void act_on(const Body& of, double dt);
   // Lets the motors yield to the end of the step that were within their limits before. Returns whether there

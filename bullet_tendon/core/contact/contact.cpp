@@ -21,6 +21,12 @@ constexpr double kMostStiffening = 1000.0;
 // segments slide along a surface, a squeeze is not recognised. Smaller: what yields slowly is taken for one.
 constexpr double kUnmoved = 0.5;
 
+// Force over that which squeezes the whole cross-section flat, and moves it by its width in the substep,
+// above which a contact bears by it, whatever yields [-]. Where friction locks a body on what it squeezes,
+// any force is in equilibrium, so that multipliers grow from step to step at a depth that is too small to be
+// seen. Larger: the forces of such a body are larger. Smaller: a strong jaw enters a soft tendon.
+constexpr double kCrushed = 10;
+
 // A contact is softened as long as its gap stays within this share of kGap, to at least this share of its
 // first stiffness [-]. Larger and smaller: contacts are softened that have to be stiffened again. Smaller and
 // larger: a tendon leaves fewer contacts in an iteration.
@@ -111,39 +117,43 @@ bool Contact::is_closed() const { return std::fabs(geometry.gap) <= kGap * geome
 
 bool Contact::may_stiffen() const {
   if (normal_force.first_stiffness == 0 || normal_force.direct || normal_force.value <= 0) return false;
-  const bool is_found =
-      normal_force.squeezed == Squeezed::now || normal_force.squeezed == Squeezed::to_find_out;
-  return !is_closed() && !is_found;
+  if (normal_force.squeezed == Squeezed::no) return !is_closed() || is_crushed();
+  return normal_force.squeezed == Squeezed::before;
 }
 
 bool Contact::stiffen(bool by_bodies, bool may_be_released) {
   if (!may_stiffen()) return false;
+  const bool finds_out = by_bodies && may_be_released;
   if (normal_force.squeezed == Squeezed::before) {
-    if (!by_bodies && is_unmoved()) return false;
+    if (!finds_out && is_unmoved()) return false;
     normal_force.squeezed = Squeezed::no;
     normal_force.stiffness = normal_force.first_stiffness;
-    normal_force.first_gap = 0;
-  }
-  if ((by_bodies && !may_be_released) || !is_squeezed(by_bodies))
+    normal_force.first_gap = geometry.gap;
     take_over(normal_force.value);
-  else if (may_be_released)
-    find_out();
-  else
+    return true;
+  }
+  if (is_crushed() ? !finds_out : !by_bodies && is_squeezed()) {
     bear_by_section(Squeezed::now);
+    return true;
+  }
+  if (is_closed()) return false;
+  take_over(normal_force.value);
   return true;
 }
 
 bool Contact::is_unmoved() const { return geometry.gap < kUnmoved * normal_force.first_gap; }
 
-// Whether nothing yields to it, although it is stiffer than the cross-section. Heavy bodies yield only where
-// it is stiffer than that.
-bool Contact::is_squeezed(bool by_bodies) {
+// Whether nothing yields to it, although it is stiffer than the cross-section.
+bool Contact::is_squeezed() {
   if (normal_force.first_gap == 0) {
     normal_force.first_gap = geometry.gap;
     return false;
   }
-  const double least = by_bodies ? kMostStiffening * normal_force.first_stiffness : 0;
-  return geometry.gap < 0 && is_unmoved() && normal_force.stiffness > std::max(least, normal_force.section);
+  return geometry.gap < 0 && is_unmoved() && normal_force.stiffness > normal_force.section;
+}
+
+bool Contact::is_crushed() const {
+  return normal_force.value > kCrushed * 2 * geometry.radius * (normal_force.section + normal_force.inertia);
 }
 
 // A multiplier would grow without limit.
@@ -151,14 +161,6 @@ void Contact::bear_by_section(Squeezed since) {
   normal_force.squeezed = since;
   normal_force.lambda = 0;
   normal_force.stiffness = normal_force.section;
-  geometry.depth_allowance = 0;
-}
-
-// Where a motor or another hold of unknown limit may be what does not yield, the force has to show it.
-void Contact::find_out() {
-  normal_force.squeezed = Squeezed::to_find_out;
-  normal_force.lambda = normal_force.lambda_start;
-  normal_force.stiffness = std::max(normal_force.section, kMostStiffening * normal_force.first_stiffness);
   geometry.depth_allowance = 0;
 }
 

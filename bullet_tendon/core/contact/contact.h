@@ -87,15 +87,16 @@ struct ContactGeometry {
   double sliding_share[2] = {};
 };
 
-// Whether stiffening does not close a contact: it did not before this substep, or was found not to in it. It
-// bears by the cross-section then, or shows whether what does not yield does (Contact::stiffen).
-enum class Squeezed { no, before, now, to_find_out };
+// Whether a contact bears by the cross-section, because nothing yields to it: before this substep, or as
+// found in it (Contact::stiffen).
+enum class Squeezed { no, before, now };
 
 struct NormalForce {
   double value = 0;             // N, as last evaluated [N]
   double stiffness = 0;         // k [N/m]
   double first_stiffness = 0;   // k at first [N/m]; 0: k is the user's and does not change
   double section = 0;           // k of the tendon's cross-section that is squeezed [N/m]
+  double inertia = 0;           // mass of the particles there over h_eff^2 [N/m]
   double lambda = 0;            // N_0 [N]
   double lambda_previous = 0;   // N of the previous step [N]
   double lambda_start = 0;      // N_0 at the start of the substep [N]
@@ -184,10 +185,10 @@ struct Contact {
   // ever on contacts as soft as their inertia.
   void bear(double load, double sticking_ratio);
   // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
-  // whether it did. One that this does not close is squeezed. by_bodies: bodies that move may press it.
-  // may_be_released: a hold of unknown limit may be what does not yield.
+  // whether it did. One that this does not close bears by the cross-section. by_bodies: bodies that move may
+  // press it. may_be_released: a hold of unknown limit may be what does not yield: the force has to show it.
   bool stiffen(bool by_bodies, bool may_be_released);
-  // Whether it may: its stiffness can change, and its gap is too large.
+  // Whether it may: its stiffness can change, and its gap or its force is too large.
   bool may_stiffen() const;
   // If a smaller k leaves no gap or depth that is too large, decreases k. Returns whether it did.
   bool soften();
@@ -226,8 +227,9 @@ struct Contact {
 
  private:
   bool is_unmoved() const;
-  bool is_squeezed(bool by_bodies);
-  void find_out();
+  bool is_squeezed();
+  // Whether it presses with more than the tendon's cross-section can bear.
+  bool is_crushed() const;
 };
 
 // Resistance of a point of a tendon to displacement.

@@ -214,6 +214,19 @@ void add_body_residual(Island& island) {
                         [&](int m) -> dense::Numbers& { return island.bodies.body(m).unknowns.residual; });
 }
 
+bool bodies_are_overpowered(const Island& island, double dt) {
+  static thread_local dense::Numbers forces;  // keeps its memory from step to step
+  return std::any_of(island.bodies.indices.begin(), island.bodies.indices.end(), [&](int body) {
+    GeneralizedBody& m = island.bodies.body(body);
+    if (!m.stops.motors.any()) return false;
+    forces.assign(m.n(), 0.0);
+    for (int l : island.bodies.carried)
+      if (const Link& link = island.bodies.link(l); link.body == body)
+        link.add_generalized(link.jacobian, -1 * link.iterate.load, forces);
+    return m.overpowered(forces, dt);
+  });
+}
+
 double body_residual(const Island& island) {
   double most = 0;
   each_body(island, [&](const GeneralizedBody& m) {

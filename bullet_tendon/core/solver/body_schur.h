@@ -35,6 +35,8 @@ void clear_loads(Island& island);
 void clear_pulls(Island& island);  // the sums from which the stiffness of large rotations is computed
 void start_body_residual(Island& island, double share);
 void add_body_residual(Island& island);
+// Whether the forces of the iterate overpower what holds a body in a step of dt [s].
+bool bodies_are_overpowered(const Island& island, double dt);
 // Largest residual of a body, as a force at its most mobile touched point [N].
 double body_residual(const Island& island);
 // Assembles the border and the corner of the matrix, before anchors are removed from the tendons' part.

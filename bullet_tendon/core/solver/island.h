@@ -103,6 +103,7 @@ struct IslandResult {
   double residual = 0;  // largest residual force over the largest force [-]
   bool converged = true;
   bool left_predicted_region = false;  // the solution ended for this reason
+  bool overpowered = false;            // so did the stiffening of contacts: what holds a body gives less
   bool finite = true;
 };
 

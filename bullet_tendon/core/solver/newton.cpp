@@ -243,13 +243,16 @@ void mark_pressed_by_bodies(Island& island) {
     }
 }
 
-bool stiffen_contacts(Island& island) {
+// Where the forces overpower what holds a body, larger ones would not say more.
+bool stiffen_contacts(Island& island, const StepContext& context) {
   const IslandBodies& bodies = island.bodies;
   const auto may_stiffen = [](const Contact* contact) { return contact->may_stiffen(); };
   if (std::none_of(island.contacts.begin(), island.contacts.end(), may_stiffen)) return false;
   const bool may_be_released = std::any_of(bodies.indices.begin(), bodies.indices.end(), [&](int slot) {
     return bodies.body(slot).holds_to_unknown_limit();
   });
+  island.result.overpowered = bodies_are_overpowered(island, context.substeps->step());
+  if (island.result.overpowered) return false;
   mark_pressed_by_bodies(island);
   bool any = false;
   for (Contact* contact : island.contacts)
@@ -325,7 +328,7 @@ void leave_saddle(Solution& s) {
 // After an iteration with a small residual: stiffens contacts, leaves a saddle, or ends the solution.
 Next refine(Solution& s) {
   Island& island = s.island;
-  if (s.stepped && s.stiffened < kMostCorrections && stiffen_contacts(island)) {
+  if (s.stepped && s.stiffened < kMostCorrections && stiffen_contacts(island, s.context)) {
     ++s.stiffened;
     s.stepped = false;
     s.start_anew();

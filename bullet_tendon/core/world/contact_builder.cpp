@@ -408,6 +408,7 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   if (contact.link >= 0) set_arm(contact);
   contact.normal_force.first_stiffness = carries && !chosen ? contact.normal_force.stiffness : 0;
   contact.normal_force.section = held.section;
+  contact.normal_force.inertia = held.inertia;
   double most = kPushOut * radius;
   if (contact.link >= 0) {
     // A body that was put elsewhere before the step pushes by as much, as one that moves there does. Beyond a
@@ -502,13 +503,12 @@ void World::remember() {
     const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
     const double now = contact.normal_force.value, previous = contact.normal_force.lambda_previous;
     const bool closed = contact.is_closed();
-    const bool squeezed = contact.normal_force.squeezed != Squeezed::no && !closed;
-    const bool by_section = squeezed && contact.normal_force.squeezed != Squeezed::to_find_out;
+    const bool squeezed = contact.normal_force.squeezed != Squeezed::no;
     const double confirmed = squeezed      ? contact.normal_force.lambda
                              : step_.whole ? now
                                            : std::min(now, previous);
     contacts_.memory.push_back({contact.key, now, confirmed, closed ? confirmed : 0,
-                                by_section ? contact.geometry.gap : 0, contact.friction.sliding,
+                                squeezed ? contact.geometry.gap : 0, contact.friction.sliding,
                                 contact.force.mean, contact.force.given, step_.slots[contact.a.tendon]->h_eff,
                                 transposed_times(turn, contact.friction.displacement),
                                 transposed_times(turn, contact.geometry.normal)});

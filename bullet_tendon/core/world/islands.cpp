@@ -234,6 +234,12 @@ bool World::foresee_at_solution() {
   return any;
 }
 
+// Whether a solution ended with more than what holds a body may give: contacts are not to be detected for it.
+bool World::overpowers() const {
+  return std::any_of(islands_.all.begin(), islands_.all.end(),
+                     [](const Island& g) { return g.result.overpowered; });
+}
+
 // false: a solution is not finite.
 bool World::solve_each_island() {
   bool finite = true;

@@ -211,6 +211,8 @@ std::optional<Reason> World::solve_islands() {
   if (may_cut && (!finite || (step_.unconverged && !step_.budget.refuses()))) return Reason::not_converged;
   step_.failed = !finite && !step_.substeps.ends_early();
   if (step_.failed) return {};
+  if (overpowers() && !step_.budget.refuses())
+    if (const auto why = settle_stops()) return why;
   if (may_detect && ((solution_leaves() && predict_at_solution()) || foresee_at_solution()))
     return Reason::left_prediction;
   if (may_cut && step_.budget.exhausted() && outruns_prediction()) return Reason::motion;

@@ -390,6 +390,7 @@ class World {
   void find_solid_links();
   // world/islands.cpp
   bool solve_each_island();
+  bool overpowers() const;
   void read_worst(const Island& island);
   void let_read();
   void find_coarse_turns();
