@@ -19,7 +19,9 @@ link have no potential. Their work in a step is that of the mean of both ends.
 Tendons that act on the bodies are brought to rest at each place, with the bodies held (Relaxation.follow).
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
 potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
-shortened twice at most. A body that they can touch moves by half a radius in a step.
+shortened twice at most. To the next place they are carried by the motion of their particles with the
+bodies, at rest, which the same elimination gives. A step is as long as one of time in which nothing passes
+through anything.
 
 A joint does not move beyond its limits. Where it is at one, and f points out of it, the limit holds it: it
 is left out of the residual and of the step. A step ends where the first joint comes to its limit.
@@ -47,10 +49,9 @@ from .generalized_bodies import (
     rotation_by,
 )
 
-_FARTHEST = 0.05  # rad or m that a coordinate moves in a step
+_FARTHEST = 0.05, 0.1  # m or rad that a coordinate moves in a step
 _SHORTEST = 1e-3  # share of a step below which it is not shortened further
 _LEVER = 0.03  # m: torques count as forces at this arm
-_OF_RADIUS = 0.5  # that what tendons can touch moves in a step
 _INNER = 0.1  # of the tolerance, to which tendons are brought to rest at each place
 _INNER_STEPS = 200  # the most at one place
 _MEAN_STEPS = 15  # the most at each place in the mean
@@ -102,18 +103,14 @@ class _Terms:
     matrix: np.ndarray
     largest: float
     twists: np.ndarray  # of the links in slots, by the coordinates (6 k, n)
+    motion: np.ndarray  # of the tendons' particles, by the coordinates (n, 3 particles)
 
 
 class HeldTendons:
-    """Tendons that are at rest wherever the bodies are put.
+    """Tendons that are at rest wherever the bodies are put."""
 
-    solid: slots of the links that they can touch.
-    """
-
-    def __init__(self, core: _core.World, tendons, relaxation, gravity, solid: set[int]):
-        self._core, self._tendons, self._relaxation = core, tendons, relaxation
-        self._gravity, self.solid = gravity, solid
-        self.farthest = _OF_RADIUS * min(tendon.radius for tendon in tendons)
+    def __init__(self, core: _core.World, tendons, relaxation, gravity):
+        self._core, self._tendons, self._relaxation, self._gravity = core, tendons, relaxation, gravity
 
     def begin(self, slots: list[int], places: int) -> None:
         self._slots, self._most = slots, _INNER_STEPS + _MEAN_STEPS * places
@@ -147,12 +144,19 @@ class HeldTendons:
         found = self._core.tendon_stiffness()
         return np.zeros((6 * len(self._slots),) * 2) if found is None else found
 
+    def motion(self) -> np.ndarray:
+        """(6 k, 3 n) of all particles, by the twists of these links; zero where it is not known."""
+        found = self._core.tendon_motion()
+        count = sum(len(tendon.masses) for tendon in self._tendons)
+        return np.zeros((6 * len(self._slots), 3 * count)) if found is None else found
+
+    def carry(self, motion: np.ndarray) -> None:
+        """Move the particles (3 n) with the bodies, which are put elsewhere next."""
+        self._core.carry_tendons(motion)
+
     def largest(self) -> float:
         """Tension [N]."""
         return max(float(np.abs(tendon.tension).max()) for tendon in self._tendons)
-
-    def particles(self) -> np.ndarray:
-        return np.concatenate([tendon.positions for tendon in self._tendons])
 
 
 class Search(NamedTuple):
@@ -190,9 +194,9 @@ class Equilibrium:
     InvalidValue or UnknownId.
     """
 
-    def __init__(self, bodies: Bodies, core: _core.World, free, gravity, forces, within=None):
+    def __init__(self, bodies: Bodies, core: _core.World, measure, free, gravity, forces, within=None):
         self.tendons: HeldTendons | None = None  # those that act on the bodies
-        self._within, self._has_left = within, False
+        self._within, self._has_left, self._measure = within, False, measure
         self._bodies, self._core, self._client = bodies, core, bodies.client
         self._gravity = np.array(gravity)
         self._free = [self._checked(entry) for entry in free]
@@ -297,7 +301,9 @@ class Equilibrium:
             largest = max(largest, tendons.largest())
         size = sum(len(entry.columns) for entry in self._free)
         of_slots, matrix, first = np.zeros((6 * len(slots), size)), np.zeros((size, size)), 0
-        found = _Terms(potential, np.zeros(size), np.zeros(size), matrix, largest, of_slots)
+        found = _Terms(
+            potential, np.zeros(size), np.zeros(size), matrix, largest, of_slots, np.zeros((size, 0))
+        )
         for entry in self._free:
             where = slice(first, first + len(entry.columns))
             first += len(entry.columns)
@@ -316,6 +322,8 @@ class Equilibrium:
                 found.following[where] = on_links[1].reshape(-1) @ jacobians.reshape(-1, len(entry.columns))
             floats = len(entry.columns) > len(entry.joints)
             matrix[where, where] += _core.jacobian_curvature(jacobians, on_links, entry.columns, floats)
+        if tendons is not None:
+            found.motion = of_slots.T @ tendons.motion()
         found.force += found.following
         matrix += of_slots.T @ stiffness @ of_slots
         return found
@@ -393,8 +401,7 @@ class Equilibrium:
                 return Search(count, residual, unbalanced)
             if not (np.isfinite(at.matrix).all() and np.isfinite(at.force).all()):
                 return Search(count, residual, unbalanced, "forces or their derivatives are not finite")
-            step = self._shortened(_step_within(room, free, at.matrix, at.force, scale), at)
-            at = self._advance(at, place, step)
+            at = self._advance(at, place, _step_within(room, free, at.matrix, at.force, scale))
         return Search(max_steps, residual, unbalanced, "`max_steps` are used up")
 
     def _room(self, place: list) -> np.ndarray:
@@ -406,27 +413,19 @@ class Equilibrium:
         return np.transpose(room)
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> np.ndarray:
-        """The step, in which nothing moves far that cartilage, or a particle of a tendon, can touch."""
-        twists = (at.twists @ step).reshape(-1, 6)
-        step = step * self._core.share_within_cartilage(self.slots, twists)
-        if self.tendons is None:
-            return step
-        particles, most = self.tendons.particles(), 0.0
-        for k, (entry, link, slot) in enumerate(self._slots):
-            if slot in self.tendons.solid:
-                *shift, x, y, z = at.twists[6 * k : 6 * k + 6] @ step
-                arms = particles - self._inertial(entry.body, link)[0]
-                moved = shift + arms @ np.array([(0, z, -y), (-z, 0, x), (y, -x, 0)])
-                most = max(most, (moved * moved).sum(axis=1).max())
-        return step * min(1.0, self.tendons.farthest / max(most**0.5, 1e-300))
+        """The step, in which nothing passes through anything."""
+        return step * self._core.safe_share(self.slots, at.twists @ step, step @ at.motion, self._measure)
 
     def _advance(self, at: _Terms, place: list, step: np.ndarray) -> _Terms | None:
         """Move from a place by a share of the step that is small enough, and find the terms there."""
-        share, ahead, tries = 1.0, at.force @ step, 0
         before = None if self.tendons is None else self.tendons.checkpoint()
+        step = self._shortened(step, at)
+        share, ahead, tries = 1.0, at.force @ step, 0
         while True:
-            if self.tendons is not None and share < 1:
-                self.tendons.take_back(before)
+            if self.tendons is not None:
+                if share < 1:
+                    self.tendons.take_back(before)
+                self.tendons.carry(share * step @ at.motion)
             self._put(place, share * step)
             if self._within is not None and not self._within():
                 self._put_back(place)
@@ -497,18 +496,19 @@ def _newton_step(matrix, force, scale) -> np.ndarray:
     spin of a weight about the tendon on which it hangs, the step is long and tells nothing about others.
     """
     scaled = matrix * np.outer(scale, scale)
+    farthest = np.where(scale == 1.0, *_FARTHEST)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     least = _STIFFEST * max(np.abs(values).max(), 1.0)
     # No eigenvalue has a smaller real part than the symmetric part's least one (Bendixson 1902).
     if values[0] > least or np.linalg.eigvals(scaled).real.min() > least:
         step = np.linalg.solve(matrix, force)
-        if np.abs(step).max() <= _FARTHEST:
+        if (np.abs(step) <= farthest).all():
             return step
     values = np.maximum(np.abs(values), least)
     along = vectors * scale[:, None]
-    most = _FARTHEST / np.abs(along).max(axis=0)
+    most = 1 / np.abs(along / farthest[:, None]).max(axis=0)
     step = along @ np.clip((along.T @ force) / values, -most, most)
-    return step * min(1.0, _FARTHEST / np.abs(step).max()) if step.any() else step
+    return step * min(1.0, 1 / np.abs(step / farthest).max()) if step.any() else step
 
 
 def _cross(a, b) -> list:

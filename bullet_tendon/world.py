@@ -1002,7 +1002,7 @@ class TendonWorld(NotCopied):
             if not isinstance(force, (tuple, list)) or len(force) != 5:
                 raise InvalidType("forces", force, "(bodyUniqueId, linkIndex, forceObj, posObj, flags)")
             loads.append(self._checked_force(*force))
-        found = Equilibrium(self._bodies, self._core, bodies, gravity, loads, within)
+        found = Equilibrium(self._bodies, self._core, self._obstacles.measure, bodies, gravity, loads, within)
         for force in forces:
             if force[0] not in found.free:
                 raise InvalidValue("forces", force, f"one on a body that is free, of {sorted(found.free)}")
@@ -1011,8 +1011,7 @@ class TendonWorld(NotCopied):
         coupled = bool(self._tendons) and bool((attached | solid) & set(found.slots))
         kept = self._states.capture() if coupled else None
         if coupled:
-            near = solid | attached if solid else set()
-            found.tendons = HeldTendons(self._core, self.tendons, self._relaxation(), gravity, near)
+            found.tendons = HeldTendons(self._core, self.tendons, self._relaxation(), gravity)
         try:
             search = found.find(tolerance, max_steps)
         except BaseException:

@@ -125,22 +125,6 @@ py::tuple element_terms(World& w, const std::vector<int>& slots, bool accept) {
   return py::make_tuple(potential, largest, terms.wrenches, terms.stiffness);
 }
 
-// Share of a motion, at most 1, in which no point of cartilage that may reach the other surface moves by more
-// than a thickness. twists: (k, 6) of the links of these slots; others do not move.
-double share_within_cartilage(const World& w, const std::vector<int>& slots, const Array& twists) {
-  std::vector<Twist> of(w.scene.links.size());
-  for (size_t i = 0; i < slots.size(); ++i)
-    of.at(slots[i]) = {vec(twists.data() + 6 * i), vec(twists.data() + 6 * i + 3)};
-  double share = 1;
-  for (auto [slot, part] : filled(w.scene.cartilages)) {
-    const Cartilage& cartilage = part;
-    const double most = cartilage.model().law.thickness;
-    share = std::min(share, most / std::max(most, cartilage.motion(w.scene.links, of[cartilage.link_a()],
-                                                                   of[cartilage.link_b()], most)));
-  }
-  return share;
-}
-
 // (n, n) by how much less generalized force there is by further coordinates, because Jacobians and forces
 // turn. jacobians (k, 6, n) of links; wrenches (2, k, 6) on them about their centres of mass: those that have
 // a potential, and those that follow their link. columns (n): numbers of the coordinates, from the root on;
@@ -215,7 +199,6 @@ void bind_world_elements(GuardedWorld& world) {
       .def("add_ligament", &add_ligament)
       .def("remove_ligament", [](World& w, int slot) { w.remove_element(w.scene.ligaments, slot); })
       .def("element_terms", &element_terms)
-      .def("share_within_cartilage", &share_within_cartilage)
       .def("forbid_resolve", &World::forbid_resolve)
       .def("add_cartilage", &add_cartilage)
       .def("remove_cartilage", [](World& w, int slot) { w.remove_element(w.scene.cartilages, slot); })

@@ -124,12 +124,22 @@ bool hold(World& w, double dt, Vec3 gravity, const py::object& measure) {
   return w.attempt(dt, gravity, true, oracle, [&] { w.sense(dt, gravity, true); });
 }
 
-// (6 k, 6 k); None where the last step that held the bodies has not found it.
-py::object tendon_stiffness(const World& w) {
-  const TendonStiffness& found = w.stiffness;
-  if (!found.known) return py::none();
-  const auto n = static_cast<py::ssize_t>(6 * found.links.size());
-  return Array({n, n}, found.matrix.data());
+// (6 k, m); None where the last step that held the bodies has not found it.
+py::object by_twists(const World& w, const dense::Numbers& found) {
+  if (!w.stiffness.known) return py::none();
+  const auto n = static_cast<py::ssize_t>(6 * w.stiffness.links.size());
+  return Array({n, static_cast<py::ssize_t>(found.size()) / n}, found.data());
+}
+
+// twists: (k, 6) of the links of these slots; motion: of all particles, empty where none act on the bodies.
+double safe_share(World& w, const std::vector<int>& slots, const Array& twists, const Array& motion,
+                  const py::object& measure) {
+  PythonOracle oracle(measure);
+  std::vector<Twist> of(w.scene.links.size());
+  for (size_t i = 0; i < slots.size(); ++i)
+    of.at(slots[i]) = {vec(twists.data() + 6 * i), vec(twists.data() + 6 * i + 3)};
+  Unlocked unlocked;
+  return w.safe_share(of, motion.size() > 0 ? motion.data() : nullptr, oracle);
 }
 
 py::dict counts(const Report& r) {
@@ -274,9 +284,11 @@ void bind_world_world(GuardedWorld& world) {
       .def("step", &step)
       .def("apply", &apply)
       .def("hold", &hold)
-      .def("want_tendon_stiffness",
-           [](World& w, const std::vector<int>& links) { w.stiffness = {links, {}, false}; })
-      .def("tendon_stiffness", &tendon_stiffness)
+      .def("want_tendon_stiffness", [](World& w, const std::vector<int>& links) { w.stiffness = {links}; })
+      .def("tendon_stiffness", [](const World& w) { return by_twists(w, w.stiffness.matrix); })
+      .def("tendon_motion", [](const World& w) { return by_twists(w, w.stiffness.motion); })
+      .def("safe_share", &safe_share)
+      .def("carry_tendons", [](World& w, const Array& motion) { w.carry_tendons(motion.data()); })
       .def("coarse_turn",
            [](World& w, int tendon) {
              CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;

@@ -348,6 +348,12 @@ bool eliminate_tendons(Island& island, const StepContext& context) {
   return factorise(island, context.options, false) && complement(island, context.options);
 }
 
+bool follow_bodies(Island& island, const StepContext& context, Which x) {
+  for (Tendon* c : island.tendons) c->column.zero();
+  answer_bodies(island, &Tendon::column);
+  return apply_inverse(island, context.options, &Tendon::column, x);
+}
+
 bool solve_linear(Island& island, const StepContext& context, bool definite, bool indefinite_too) {
   const Options& o = context.options;
   context.budget->spend();

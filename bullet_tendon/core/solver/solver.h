@@ -39,6 +39,9 @@ bool solve_linear(Island& island, const StepContext& context, bool definite, boo
 // Computes the Schur complement of the tendons (bodies.corner) alone, which need not be definite. false: the
 // tendons' matrix is not positive definite.
 bool eliminate_tendons(Island& island, const StepContext& context);
+// x = -A^-1 C y, the motion of the tendons' particles with the unknowns y of bodies (corner_side). Those that
+// bodies carry stay where they are. false: as of solve_again.
+bool follow_bodies(Island& island, const StepContext& context, Which x);
 // x = A^-1 b by the factors of the last solution, bodies included. Their right-hand side is their residual,
 // and corner_side receives their part of x. false: conjugate gradients met a direction without positive
 // curvature.

@@ -34,6 +34,7 @@ void World::each_part(W& world, C& checkpoint, Copy copy) {
   copy(world.contacts_.all, checkpoint.contacts);
   copy(world.contacts_.asleep, checkpoint.sleeping_contacts);
   copy(world.sleep_.gravity, checkpoint.rest_gravity);
+  copy(world.stiffness.held, checkpoint.held);
   copy(world.history_.last_step, checkpoint.last_step);
   copy(world.history_.may_resolve, checkpoint.may_resolve);
 }

@@ -47,6 +47,7 @@ struct Checkpoint {
   std::vector<Link> sensed_links;
   std::vector<GeneralizedBody> sensed_bodies;
   ElementCheckpoint elements;
+  std::vector<Pose> held;  // of TendonStiffness; no part of what a user saves
 };
 
 // The bytes are not a state of this world.

@@ -354,7 +354,7 @@ void World::take_substep() {
   }
   share_weights();
   if (!step_.whole) each_acting([](Element& element) { element.accept(); });
-  keep_held_links();
+  if (!stiffness.links.empty()) keep_held();
   if (after_substep) after_substep();
   if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();

@@ -48,19 +48,51 @@ bool World::linearise_tendons(Island& island) {
   return false;
 }
 
-void World::keep_held_links() {
-  stiffness.held.clear();
-  for (const int l : stiffness.links) stiffness.held.push_back(scene.links[l].pose);
+double World::safe_share(const std::vector<Twist>& of_links, const double* of_particles,
+                         DistanceOracle& oracle) {
+  step_.whole = false;
+  step_.context.dt = 1;
+  step_.substeps.start(1, true);
+  for (size_t l = 0; l < scene.links.size(); ++l) {
+    scene.links[l].drift_rates = of_links[l];
+    scene.links[l].foresee({}, 1, false);
+  }
+  if (!of_particles) step_.slots.clear();
+  for (auto [slot, c] : filled(step_.slots)) {
+    for (int i = 0; i < c.n(); ++i, of_particles += 3)
+      c.x_new.set(i, c.x.at(i) + Vec3{of_particles[0], of_particles[1], of_particles[2]});
+    c.predict();
+  }
+  find_bores();
+  update_proximity(oracle);
+  limit_motion();
+  return step_.motion_limit;
 }
 
-// Motion of a contact's point on the tendon relative to its link, since the last step that held the bodies.
-// Between such steps the links are put elsewhere, without a velocity, and the tendons are not.
+void World::carry_tendons(const double* motion) {
+  for (auto [slot, c] : filled(scene.tendons))
+    for (int i = 0; i < c.n(); ++i, motion += 3) c.x.add(i, {motion[0], motion[1], motion[2]});
+}
+
+// Where links and particles are at the end of a step that held the bodies.
+void World::keep_held() {
+  stiffness.held.clear();
+  for (const int l : stiffness.links) stiffness.held.push_back(scene.links[l].pose);
+  for (auto [slot, c] : filled(step_.slots)) c.x_before = c.x;
+}
+
+// Motion of a contact's point on the tendon relative to its link, or to the other tendon, since the last step
+// that held the bodies. Between such steps links are put elsewhere without a velocity, and carry tendons.
 Vec3 World::moved_since_held(const Contact& contact) const {
-  const Vec3 x = contact.friction.relative_start;
+  if (stiffness.held.empty()) return {};
+  auto before = [&](const SegmentPoint& at) { return at.of(step_.slots[at.tendon]->x_before); };
+  auto moved = [&](const SegmentPoint& at) { return at.of(step_.slots[at.tendon]->x) - before(at); };
+  if (contact.b.tendon >= 0) return moved(contact.a) - moved(contact.b);
+  const Vec3 x = before(contact.a);
   for (size_t k = 0; k < stiffness.held.size(); ++k)
     if (stiffness.links[k] == contact.link)
-      return x - to_world(scene.links[contact.link].pose, to_local(stiffness.held[k], x));
-  return {};
+      return moved(contact.a) + x - to_world(scene.links[contact.link].pose, to_local(stiffness.held[k], x));
+  return moved(contact.a);
 }
 
 // The links and bodies of the world are those of the linearisation meanwhile.
@@ -103,6 +135,16 @@ void World::find_tendon_stiffness() {
   std::vector<double> steps;
   for (Tendon* c : island.tendons) steps.push_back(std::exchange(c->h_eff, kEndless));
   stiffness.known = linearise_tendons(island);
+  stiffness.motion.clear();
+  for (int k = 0; k < 6 * count && stiffness.known; ++k) {
+    island.bodies.corner_side.assign(6 * count, 0.0);
+    island.bodies.corner_side[k] = 1;
+    stiffness.known = follow_bodies(island, step_.context, &Tendon::dx);
+    move_bodies(island, 1, &Tendon::dx);
+    for (const Tendon* c : island.tendons)
+      for (int i = 0; i < c->n(); ++i)
+        for (int j = 0; j < 3; ++j) stiffness.motion.push_back(c->dx[j][i]);
+  }
   for (size_t k = 0; k < steps.size(); ++k) island.tendons[k]->h_eff = steps[k];
   stiffness.matrix = island.bodies.corner;
   for (int k = 0; k < island.bodies.freedom; ++k) stiffness.matrix[k * island.bodies.freedom + k] -= 1;

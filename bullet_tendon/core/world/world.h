@@ -153,6 +153,7 @@ struct IslandSet {
 struct TendonStiffness {
   std::vector<int> links;  // distinct slots; empty: not wanted
   dense::Numbers matrix;   // second derivatives of the potential (6 k, 6 k), with the particles at rest
+  dense::Numbers motion;   // of the particles of all tendons by the twists, one after the other (6 k, 3 N)
   bool known = false;      // the last such step had one
   std::vector<Pose> held;  // where these links were in the last such step; empty: there was none
 };
@@ -262,6 +263,11 @@ class World {
                const std::function<void()>& sense);
   // The step without a checkpoint. If it fails, the state is undefined.
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
+  // Share of a motion of links, and of all particles, one after the other, in which nothing passes through
+  // anything, as in a step of time. Without particles, that of elements alone.
+  double safe_share(const std::vector<Twist>& of_links, const double* of_particles, DistanceOracle& oracle);
+  // Moves all particles, one after the other, with bodies that are put elsewhere next.
+  void carry_tendons(const double* motion);
   // The last step that was not `whole`.
   const StepRecord& last_step() const { return history_.last_step; }
   // By slot, position and orientation of links that pybullet's step did not move, as they were last read.
@@ -458,7 +464,7 @@ class World {
   NearContext near_context(const Tendon& c, int shape);
   // world/tendon_stiffness.cpp
   void find_tendon_stiffness();
-  void keep_held_links();
+  void keep_held();
   Vec3 moved_since_held(const Contact& contact) const;
   bool linearise_tendons(Island& island);
   void make_islands();
