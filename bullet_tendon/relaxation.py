@@ -26,6 +26,7 @@ from .stepper import Stepper
 from .tendon import Tendon
 
 _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
+_FOLLOWING = 1.0  # s: the longest step beside bodies that move; in longer ones nothing holds a slack tendon
 _FIRST = 1 / 240  # s
 # Of the radius, or of the room, moved in a step: taken back above, shorter above, longer below.
 _LEAP, _FARTHEST, _NEAREST = 2.0, 0.5, 0.1
@@ -134,7 +135,7 @@ class Relaxation:
             if self._goes_astray(report.converged, ratio, dt, follows):
                 stepper.take_back(before_it)
                 settled = False
-                dt /= _GROWTH
+                dt = min(_FIRST, dt / _GROWTH) if follows else dt / _GROWTH
                 continue
             if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
                 return None, iterations, residual
@@ -159,7 +160,7 @@ class Relaxation:
             if not report.converged or too_far:
                 dt /= _GROWTH
             elif ratio < _NEAREST or self._alone:
-                dt = min(dt * _GROWTH, _ENDLESS)
+                dt = min(dt * _GROWTH, _FOLLOWING if follows else _ENDLESS)
             if is_at_rest:  # after one step: `follow` begins with a longer one, in which less is damped
                 self._last_dt = dt
                 break
