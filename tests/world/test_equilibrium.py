@@ -546,7 +546,10 @@ def slung(world, client):
 
 @pytest.mark.parametrize(("scene", "share"), [("slung", 1e-4), ("drum", 0.2)])
 def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world, client, scene, share):
-    """By central differences of tendons that come to rest anew. Contacts are softer in the matrix."""
+    """And their motion by the links that of the particles. By central differences of tendons at rest.
+
+    Contacts are softer in the matrix.
+    """
     world = make_world(1 / 240, (0, 0, -G))
     if scene == "slung":
         tendon, *bodies = slung(world, client)
@@ -556,6 +559,7 @@ def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world
     assert world.report.converged
     slots = [world._bodies.find_slot(body, -1) for body in bodies]
     start = [p.getBasePositionAndOrientation(body, client) for body in bodies]
+    particles: list[np.ndarray] = []
 
     def wrenches(k, twist):
         centre, turn = start[k]
@@ -567,6 +571,7 @@ def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world
             world._stepper.hold(1e4 if scene == "slung" else 1.0, (0, 0, -G))
             tendon._core.stop(tendon._slot)
         found = world._core.wrenches()[slots].reshape(-1)
+        particles.append(tendon.positions.reshape(-1))
         world.restore_state(kept)
         world.remove_state(kept)
         p.resetBasePositionAndOrientation(bodies[k], centre, turn, client)
@@ -574,7 +579,7 @@ def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world
 
     world._core.want_tendon_stiffness(slots)
     wrenches(0, np.zeros(6))
-    stiffness = world._core.tendon_stiffness()
+    stiffness, motion = world._core.tendon_stiffness(), world._core.tendon_motion()
     world._core.want_tendon_stiffness([])
     size = np.abs(stiffness).max()
     np.testing.assert_allclose(stiffness, stiffness.T, atol=1e-9 * size)
@@ -585,6 +590,8 @@ def test_the_stiffness_of_tendons_is_the_derivative_of_their_wrenches(make_world
         if scene == "slung" and column > 2:  # of a rotation the matrix has the symmetric part
             exact, slope = exact[:3], slope[:3]
         np.testing.assert_allclose(slope, -exact, atol=share * max(np.abs(exact).max(), 1e-2 * size))
+        moved = (particles[-2] - particles[-1]) / 2e-6
+        np.testing.assert_allclose(moved, motion[6 * body + column], atol=share * np.abs(motion).max())
 
 
 def through_a_moved_mouth(world, client, friction):
