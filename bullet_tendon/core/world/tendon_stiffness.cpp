@@ -1,10 +1,12 @@
-// How the tendons' wrenches on links change where the links move, for bodies that are put into equilibrium.
+// How the tendons' wrenches on links, and their particles, change where the links move, for bodies that are
+// put into equilibrium.
 //
 // In a step that holds the bodies, the tendons come to rest among them. The links in question then become
 // bodies of six unknowns each, with B the identity (bodies/body_response.h), and the system is linearised at
 // the solution. Its Schur complement (solver/body_schur.cpp), less the identity of y, is the second
 // derivative of the tendons' potential by the twists of the links, with all particles at rest. Inertia and
-// damping of that step are no part of it: they are those of a step of endless length.
+// damping of that step are no part of it: they are those of a step of endless length. The same factors give
+// the motion of the particles, by which they are carried to the next place of the bodies.
 #include <utility>
 
 #include "solver/assembly.h"
