@@ -96,7 +96,6 @@ struct NormalForce {
   double stiffness = 0;         // k [N/m]
   double first_stiffness = 0;   // k at first [N/m]; 0: k is the user's and does not change
   double section = 0;           // k of the tendon's cross-section that is squeezed [N/m]
-  double inertia = 0;           // mass of the particles there over h_eff^2 [N/m]
   double lambda = 0;            // N_0 [N]
   double lambda_previous = 0;   // N of the previous step [N]
   double lambda_start = 0;      // N_0 at the start of the substep [N]
@@ -228,7 +227,7 @@ struct Contact {
  private:
   bool is_unmoved() const;
   bool is_squeezed();
-  // Whether it presses with more than the tendon's cross-section can bear.
+  // Whether it presses lastingly with more than the tendon's cross-section can bear.
   bool is_crushed() const;
 };
 

@@ -408,7 +408,6 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
   if (contact.link >= 0) set_arm(contact);
   contact.normal_force.first_stiffness = carries && !chosen ? contact.normal_force.stiffness : 0;
   contact.normal_force.section = held.section;
-  contact.normal_force.inertia = held.inertia;
   double most = kPushOut * radius;
   if (contact.link >= 0) {
     // A body that was put elsewhere before the step pushes by as much, as one that moves there does. Beyond a
