@@ -98,7 +98,6 @@ struct NormalForce {
   double section = 0;           // k of the tendon's cross-section that is squeezed [N/m]
   double lambda = 0;            // N_0 [N]
   double lambda_previous = 0;   // N of the previous step [N]
-  double lambda_start = 0;      // N_0 at the start of the substep [N]
   double lambda_predicted = 0;  // predicted N; scales the curvature terms of the block [N]
   bool pressed = false;         // has a normal force in the linearisation
   bool direct = false;          // a constraint of the particle (Baraff and Witkin 1998), not a spring

@@ -475,7 +475,7 @@ void World::recall(Contact& contact, double inertia) {
     const double more = inertia * (std::pow(step_.slots[contact.a.tendon]->h_eff / found->h_eff, 2) - 1);
     const double per_inertia = kStickingRatio + kLooseTangentRatio;
     contact.friction.anchor = (1 + per_inertia * more / contact.friction.stiffness) * contact.friction.anchor;
-    contact.normal_force.lambda = contact.normal_force.lambda_start = found->lambda_confirmed;
+    contact.normal_force.lambda = found->lambda_confirmed;
     contact.normal_force.first_gap = found->squeezed_gap;
     if (found->squeezed_gap < 0) contact.bear_by_section(Squeezed::before);
   }
