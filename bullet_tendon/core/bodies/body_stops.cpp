@@ -273,10 +273,13 @@ void BodyStops::find(const Body& of, int base, double dt) {
   }
 }
 
+// Whether it holds its joint, and may be found to yield at a limit that is not known.
+bool BodyStops::may_yield(const Stop& s) const {
+  return s.motor && s.acts && !s.firm && motors.all[s.coordinate].limit == kUnlimited;
+}
+
 bool BodyStops::limits_are_known() const {
-  return std::all_of(all_.begin(), all_.end(), [&](const Stop& s) {
-    return !s.motor || !s.acts || s.firm || motors.all[s.coordinate].limit < kUnlimited;
-  });
+  return std::none_of(all_.begin(), all_.end(), [&](const Stop& s) { return may_yield(s); });
 }
 
 bool BodyStops::hold_firmly(int n) const {
@@ -360,9 +363,8 @@ bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
   if (!motors_act()) return false;
   if (choose_motors(of, forces, dt)) return true;
   for (size_t a = 0; a < all_.size(); ++a) {
-    const Stop& s = all_[a];
-    if (!s.motor || !s.acts || s.firm || motors.all[s.coordinate].limit < kUnlimited) continue;
-    if (std::fabs(pushes_[a]) * work_.within[a * all_.size() + a] >= kShown * kMostRate) return true;
+    const double thrown = std::fabs(pushes_[a]) * work_.within[a * all_.size() + a];
+    if (may_yield(all_[a]) && thrown >= kShown * kMostRate) return true;
   }
   return false;
 }

@@ -80,6 +80,7 @@ class BodyStops {
   void find_spins(const Body& of, int base);
   void find_motors(const Body& of, double dt);
   bool is_held(const Body& of, int coordinate);
+  bool may_yield(const Stop& stop) const;
   void add_row(const Body& of, const Stop& stop);
   void add_stop(const Body& of, double wanted, int coordinate, double ahead = 0);
   double rate_at(size_t limit, double dt) const;
