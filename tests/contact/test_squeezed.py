@@ -262,7 +262,7 @@ def test_a_cam_stalls_on_the_cord_that_it_squeezes(
 ):
     """A cylinder on a hinge beside its axis turns against a plate, with a motor that is too weak to pass.
 
-    Steeper, friction locks it: any force is in equilibrium, but the one of the cross-section.
+    Where friction locks it, every force is in equilibrium. That of the cross-section is meant.
     """
     world = make_world(dt)
     world.add_obstacle(fixed(client, p.GEOM_BOX, (0, 0, -0.01 - radius), halfExtents=[0.06, 0.02, 0.01]))
