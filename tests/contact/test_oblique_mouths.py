@@ -178,6 +178,22 @@ def test_a_half_goes_on_straight_where_a_tendon_cannot_follow_it(seed, steep, ha
     assert tried > 10
 
 
+@RANDOM
+@given(seed=st.integers(0, 2**32 - 1), steep=st.floats(0.2, 1.5), half=st.sampled_from([1, -1]))
+def test_a_tip_between_both_halves_is_as_far_from_each_as_its_points_are(seed, steep, half):
+    """Of a tendon along the bore, whose halves are whole: the tip may be beyond the longer one."""
+    random = np.random.default_rng(seed)
+    points, tangent = ended_half(steep, 0.95 * BORE, -math.atan(steep), half)
+    A = BORE * math.hypot(1, steep)
+    for x in random.uniform([A - BORE, -0.05 * BORE], [A, 0.05 * BORE], (50, 2)) * random.choice([-1, 1]):
+        height = random.uniform(0, 0.5 * BORE)
+        least = math.hypot(distance_in_plane(x, points, tangent), height)
+        if least < 0.05 * BORE:  # the search is not accurate there
+            continue
+        found = distance_from_half(x, height, steep, half, 0.95 * BORE, -math.atan(steep))
+        assert found == pytest.approx(least, abs=1e-6 * BORE)
+
+
 @pytest.mark.parametrize("wider", [0.9, 1.0, 1.001, 1.02, 1.2, 1.4])
 def test_what_holds_a_centreline_in_a_narrow_end_bends_no_more_sharply_than_it_is_rounded(wider):
     """Of thinner and wider tendons: the distance from a half has a bounded second derivative."""

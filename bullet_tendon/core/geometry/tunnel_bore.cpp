@@ -91,38 +91,65 @@ Direction direction(double c, double s) {
   return size > 0 ? Direction{c / size, s / size} : Direction{0, 1};
 }
 
-// Finds the angle at which an ellipse (A cos, B sin) is nearest to (x, y); x >= 0 and A > B. Its quarter
-// begins at `end`, and goes on straight beyond it. The search starts at `at`, if that is not zero. Returns
-// false where the straight part is nearest.
+// A quarter of an ellipse (A cos, B sin), A > B, from `end` on, which goes on straight before that; and a
+// point (x, y) with x >= 0.
 //
 // With f half the squared distance, f' = (B^2 - A^2) s c + A x s - B y c. Between zeros of s and c, f' / (s
 // c) is monotone for y >= 0 and convex for y < 0. If it is negative at the end, it therefore changes sign
-// once.
-bool nearest_on_quarter(double A, double B, double x, double y, Direction end, Direction& at) {
+// once. If it is positive there and y < 0, it is least where tan^3 = -B y / (A x), and changes sign after
+// that if it is negative there: the point is on the other side of the longer axis, and both sides are near.
+struct Quarter {
+  double A, B, x, y;
+  Direction end;
+  double excess = A * A - B * B;
+  double slope(Direction d) const { return A * x * d.s - B * y * d.c - excess * d.s * d.c; }
+  double bend(Direction d) const { return A * x * d.c + B * y * d.s - excess * (d.c * d.c - d.s * d.s); }
+  double square(Direction d) const {
+    const double along = x - A * d.c, across = y - B * d.s;
+    return along * along + across * across;
+  }
+  // Squared distance from the straight part.
+  double straight_square() const {
+    const double size2 = A * A * end.s * end.s + B * B * end.c * end.c;
+    const double over = B * end.c * (x - A * end.c) + A * end.s * (y - B * end.s);
+    return over * over / size2;
+  }
+  // The nearest point between `low`, where f falls, and the end of the quarter.
+  Direction nearest_after(Direction low, Direction at) const;
+  // Finds the nearest point, from `at` if that is not zero. Returns false where the straight part is nearest.
+  bool nearest(Direction& at) const;
+};
+
+Direction Quarter::nearest_after(Direction low, Direction at) const {
   // Iterations of Newton's method [-]. Fewer: points near the middle get a point that is not their nearest.
   constexpr int kIterations = 40;
-  const double excess = A * A - B * B;
-  auto slope = [&](Direction d) { return A * x * d.s - B * y * d.c - excess * d.s * d.c; };
-  auto bend = [&](Direction d) { return A * x * d.c + B * y * d.s - excess * (d.c * d.c - d.s * d.s); };
-  const double first = slope(end);
-  if (first > 0 || (first == 0 && bend(end) >= 0)) return false;
+  Direction high{0, 1};
   if (at.c == 0 && at.s == 0) at = direction(B * x, A * std::fabs(y));
-  Direction low = end, high{0, 1};
-  if (at.s < end.s) at = end;
+  if (at.s < low.s) at = low;
   for (int i = 0; i < kIterations; ++i) {
     (slope(at) > 0 ? high : low) = at;
     const double curve = bend(at), step = curve > 0 ? -slope(at) / curve : 0;
     Direction next = direction(at.c - step * at.s, at.s + step * at.c);
-    if (curve > 0 && std::fabs(step) < kArrived) {
-      at = next;
-      break;
-    }
+    if (curve > 0 && std::fabs(step) < kArrived) return next;
     // Beside the root, rounding puts the step outside the bracket: what has arrived is not halved again.
     const bool between = low.c * next.s >= low.s * next.c && next.c * high.s >= next.s * high.c;
     if (curve <= 0 || !between) next = direction(low.c + high.c, low.s + high.s);
     at = next;
   }
-  return true;
+  return at;
+}
+
+bool Quarter::nearest(Direction& at) const {
+  const double first = slope(end);
+  if (first < 0 || (first == 0 && bend(end) < 0)) {
+    at = nearest_after(end, at);
+    return true;
+  }
+  if (y >= 0) return false;
+  const Direction least = direction(std::cbrt(A * x), std::cbrt(-B * y));
+  if (least.s <= end.s || slope(least) >= 0) return false;
+  at = nearest_after(least, at);
+  return square(at) < straight_square();
 }
 
 }  // namespace
@@ -136,7 +163,7 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last) {
   const double x = dot(p - rim.centre, rim.longer), y = dot(p - rim.centre, rim.shorter);
   const double side = rim.half ? rim.half : std::copysign(1.0, y);
   Direction at{last.c, last.s};
-  const bool arc = nearest_on_quarter(A, B, std::fabs(x), side * y, {rim.end_c, rim.end_s}, at);
+  const bool arc = Quarter{A, B, std::fabs(x), side * y, {rim.end_c, rim.end_s}}.nearest(at);
   if (!arc) at = {rim.end_c, rim.end_s};
   const double c = std::copysign(at.c, x), s = side * at.s;
   const double square = A * A * s * s + B * B * c * c;
