@@ -776,18 +776,21 @@ void World::bore_contacts(int tendon, int t) {
 void World::mouth_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
-  const double kept = distance_kept_from_edge(c, t);
+  const double kept = distance_kept_from_edge(c, t), farthest = mouth_reach(tendon, t);
   for (int mouth : {0, 1}) {
     const Rim rim = bore.rim(mouth);
-    double bent = 0, bent_next = 0;  // at both ends of the segment [m]
+    auto is_beyond = [](double over, double other, double reach) {
+      return over * other > 0 && std::min(std::fabs(over), std::fabs(other)) > reach;
+    };
+    double over = 0, other = rim.height(c.x.at(0));  // of both ends of the segment [m]
     for (int k = 0; k + 1 < c.n(); ++k) {
+      over = other;
+      other = rim.height(c.x.at(k + 1));
+      if (is_beyond(over, other, farthest)) continue;
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
       SegmentAtMouth at{tendon, t, mouth, k, mouth_reach(tendon, t, k), {a, d, {}}};
-      const double over = rim.height(a), other = rim.height(b);
-      bent = bent_next;
-      bent_next = norm(bend_of(c, k + 1));
-      const double reach = at.reach + kBulgeAtEnd * std::max(bent, bent_next);
-      if (over * other > 0 && std::min(std::fabs(over), std::fabs(other)) > reach) continue;
+      const double reach = at.reach + kBulgeAtEnd * std::max(norm(bend_of(c, k)), norm(bend_of(c, k + 1)));
+      if (is_beyond(over, other, reach)) continue;
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(rim.centre - a, d) / length2)) : 0;
       if (norm(a + u * d - rim.centre) > rim.longest + reach) continue;
@@ -810,6 +813,17 @@ double World::mouth_reach(int tendon, int t, int k) const {
   const Link& link = scene.links[scene.tunnels[t]->link];
   auto reach = [&](int i) { return reach_of(*step_.slots[tendon], i, link, options.contact_threshold); };
   return std::max(reach(k), reach(k + 1)) + scene.tunnels[t]->chamfer;
+}
+
+// The same, for the chord of any segment, which may bend [m].
+double World::mouth_reach(int tendon, int t) const {
+  const Tendon& c = *step_.slots[tendon];
+  double reach = mouth_reach(tendon, t, 0), bend2 = 0;
+  for (int i = 1; i + 1 < c.n(); ++i) {
+    reach = std::max(reach, mouth_reach(tendon, t, i));
+    bend2 = std::max(bend2, dot(bend_of(c, i), bend_of(c, i)));
+  }
+  return reach + kBulgeAtEnd * std::sqrt(bend2);
 }
 
 // Contacts of a segment with an edge, at the points that are predicted to be nearest at the end of the

@@ -450,6 +450,7 @@ class World {
   void bore_contacts(int tendon, int tunnel);
   void mouth_contacts(int tendon, int tunnel);
   double mouth_reach(int tendon, int t, int k) const;
+  double mouth_reach(int tendon, int t) const;
   double distance_kept_from_edge(const Tendon& c, int tunnel) const;
   void edge_contacts(const SegmentAtMouth& at, Rim rim);
   void mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u);
