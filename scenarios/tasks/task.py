@@ -97,6 +97,9 @@ class Task(gymnasium.Env):
     def drive(self) -> None:
         """What has to be done before each time step."""
 
+    def measure(self) -> None:
+        """Read what judge and observe need of the scene, after begin and after the steps of an action."""
+
     def observe(self):
         """The observation now."""
         raise NotImplementedError
@@ -113,6 +116,7 @@ class Task(gymnasium.Env):
         """The observation space; by default that of an observation that is one vector."""
         options = {}
         self.begin(np.random.default_rng(0), options)
+        self.measure()
         return gymnasium.spaces.Box(-BOUND, BOUND, self.observe().shape, np.float32)
 
     # What gymnasium calls.
@@ -129,6 +133,7 @@ class Task(gymnasium.Env):
         super().reset(seed=seed)
         self._restore()
         self.begin(self.np_random, options)
+        self.measure()
         self._show()
         return self.observe(), {"is_success": False}
 
@@ -143,6 +148,7 @@ class Task(gymnasium.Env):
             self.world.step()
         self._is_broken = False
         self._show()
+        self.measure()
         verdict = self.judge()
         info = {f"reward_{name}": float(value) for name, value in verdict.terms.items()}
         info["is_success"] = bool(verdict.success)
@@ -194,7 +200,7 @@ def _has_display() -> bool:
 def scaled(*parts) -> np.ndarray:
     """One observation (n,) float32 of parts that were scaled, clipped at +-BOUND."""
     joined = np.concatenate([np.ravel(part) for part in parts])
-    return np.clip(joined, -BOUND, BOUND).astype(np.float32)
+    return np.minimum(np.maximum(joined, -BOUND), BOUND).astype(np.float32)
 
 
 def drawn(options: dict, name: str, low: float, high: float, rng: np.random.Generator) -> float:

@@ -223,8 +223,17 @@ class TendonFinger(Task):
             way = min(max(way + self._speeds[name] * self.time_step, 0.0), TRAVEL)
             motor.target = (MOTOR - way, ASIDE[name], FLEXOR)
 
+    def measure(self) -> None:
+        """Set the angles [rad] and rates [rad/s] of the hinges, and what has to be at the goal, (3,) [m]."""
+        states = p.getJointStates(self.finger, range(len(HINGES)), self.client)
+        self.angles, self.rates = [state[0] for state in states], [state[1] for state in states]
+        if self.episode.mode == "hold":
+            self.achieved = np.array(p.getBasePositionAndOrientation(self.ball, self.client)[0])
+        else:
+            self.achieved = _tip(self.angles)
+
     def judge(self) -> Verdict:
-        episode, achieved = self.episode, self._achieved()
+        episode, achieved = self.episode, self.achieved
         points = np.float32(achieved / UNIT), np.float32(episode.goal / UNIT)  # as they are observed
         terms = {name: float(value) for name, value in _reward_terms(*points).items()}
         episode.near = episode.near + 1 if math.dist(achieved, episode.goal) < REACHED else 0
@@ -239,20 +248,23 @@ class TendonFinger(Task):
         return sum(_reward_terms(achieved_goal, desired_goal).values())
 
     def observe(self):
-        episode, achieved = self.episode, self._achieved()
+        episode, achieved = self.episode, self.achieved
         holds = episode.mode == "hold"
-        angles, rates = self._hinges()
+        velocity = p.getBaseVelocity(self.ball, self.client)[0] if holds else (0.0, 0.0, 0.0)
         seen = scaled(
-            angles,
-            rates / RATE,
-            [self._way(name) / TRAVEL for name in self.motors],
-            [motor.force[0] / TENSION for motor in self.motors.values()],
-            [not holds, holds],
-            _polar(episode.goal) - _polar(achieved),
-            np.array(p.getBaseVelocity(self.ball, self.client)[0]) / FAST if holds else np.zeros(3),
-            [episode.has_table],
-            achieved / UNIT,
-            episode.goal / UNIT,
+            [
+                *self.angles,
+                *(rate / RATE for rate in self.rates),
+                *(self._way(name) / TRAVEL for name in self.motors),
+                *(motor.force[0] / TENSION for motor in self.motors.values()),
+                not holds,
+                holds,
+                *(_polar(episode.goal) - _polar(achieved)),
+                *(speed / FAST for speed in velocity),
+                episode.has_table,
+                *(achieved / UNIT),
+                *(episode.goal / UNIT),
+            ]
         )
         return {"observation": seen[:-6], "achieved_goal": seen[-6:-3], "desired_goal": seen[-3:]}
 
@@ -262,20 +274,10 @@ class TendonFinger(Task):
 
     def space_of_observations(self):
         self.begin(np.random.default_rng(0), {})
+        self.measure()
         return spaces.Dict(
             {name: spaces.Box(-BOUND, BOUND, part.shape, np.float32) for name, part in self.observe().items()}
         )
-
-    def _achieved(self) -> np.ndarray:
-        """(3,) what has to be at the goal [m]."""
-        if self.episode.mode == "hold":
-            return np.array(p.getBasePositionAndOrientation(self.ball, self.client)[0])
-        return _tip(self._hinges()[0])
-
-    def _hinges(self) -> tuple[np.ndarray, np.ndarray]:
-        """(3,) angles [rad] and (3,) rates [rad/s] of the hinges."""
-        states = p.getJointStates(self.finger, range(len(HINGES)), self.client)
-        return np.array([state[0] for state in states]), np.array([state[1] for state in states])
 
 
 class TendonFingerVector(TaskVector):
@@ -295,12 +297,12 @@ def _reward_terms(achieved, desired) -> dict[str, np.ndarray]:
 
 def _tip(angles) -> np.ndarray:
     """(3,) place of the finger's tip [m] at angles (3,) of the hinges [rad]."""
-    place, turned = np.array([0.0, 0.0, 0.0]), 0.0
+    x, z, turned = 0.0, 0.0, 0.0
     for length, angle in zip(LINKS, angles, strict=True):
         turned += angle
-        place[0] += length * math.cos(turned)
-        place[2] -= length * math.sin(turned)
-    return place
+        x += length * math.cos(turned)
+        z -= length * math.sin(turned)
+    return np.array([x, 0.0, z])
 
 
 def _polar(point) -> np.ndarray:

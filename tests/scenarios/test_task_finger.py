@@ -103,7 +103,7 @@ def test_flexors_and_straps_balance_each_hinge(task):
     task.reset(seed=0, options={"mode": "reach"})
     for action in [(0.7, 0.25)] * 60 + [(0, 0)] * 200:
         task.step(action)
-    angles, rates = task._hinges()
+    angles, rates = np.array(task.angles), np.array(task.rates)
     assert (angles > 0.2).all() and (np.abs(rates) < 1e-3).all()
     for link, angle in enumerate(angles):
         hinge, _ = hinge_of(task, link)
