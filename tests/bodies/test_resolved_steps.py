@@ -182,3 +182,38 @@ def test_a_tensioner_holds_as_stiffly_as_its_tension_says(client, make_world, fi
     away = np.linalg.norm(graft.positions[-1] - (0.15, 0, 0))
     assert 0 < line.tension < then
     assert away == pytest.approx(1e-3 * radius * line.tension / then, rel=1e-3)
+
+
+def test_a_motor_whose_aim_changes_is_not_taken_for_one_that_yields(client, make_world):
+    """A trolley is led from speed to speed at 3 m/s^2; its motor can give five times what it needs."""
+    world = make_world(1 / 240, GRAVITY)
+    rail = p.createMultiBody(
+        0,
+        linkMasses=[1.0],
+        linkCollisionShapeIndices=[-1],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[[0, 0, 0]],
+        linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0, 0, 0]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_PRISMATIC],
+        linkJointAxis=[[1, 0, 0]],
+        physicsClientId=client,
+    )
+    weight = free_ball(client, 0.5)
+    p.resetBasePositionAndOrientation(weight, [0, 0, -0.2], [0, 0, 0, 1], client)
+    rope = world.add_tendon([(0, 0, 0), (0, 0, -0.2)], 1e-3, bt.Material(stiffness=1e4, damping=5.0), 11)
+    rope.attach(0, rail, 0)
+    rope.attach(-1, weight)
+    random = np.random.default_rng(0)
+    speed, wanted, solved_again = 0.0, 0.0, 0
+    for step in range(480):
+        if step % 10 == 0:
+            wanted = random.uniform(-0.3, 0.3)
+        speed += np.clip(wanted - speed, -3 / 240, 3 / 240)
+        p.setJointMotorControl2(rail, 0, p.VELOCITY_CONTROL, 0.0, float(speed), 40.0, physicsClientId=client)
+        world.step()
+        solved_again += world.report.reasons.get("released", 0)
+        assert p.getJointState(rail, 0, client)[1] == pytest.approx(speed, abs=1e-3)
+    assert solved_again <= 5

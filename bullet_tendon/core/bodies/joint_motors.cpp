@@ -30,14 +30,16 @@ double missing_share(const JointMotor& m, double force) {
 }
 
 // Whether it is at its limit. One that gives less than before, and less than was needed, has a lower limit or
-// another aim now: the latter if it was within a limit that is known.
+// another aim now: the latter if it was within a limit that is known, or if its aims have changed by as much:
+// what was foreseen of two that differ in sign is wrong by twice that.
 bool is_at_limit(const JointMotor& m, double reached, double force) {
   const double off = direction(m, force) * (m.foreseen - reached);
   if (!m.known || !m.solved || !(off > kSolverNoise)) return false;
   if (is_same(force, m.force) || is_same(std::fabs(force), m.limit)) return true;
   if (m.doubtful) return false;
   if (is_greatest(m, force)) return missing_share(m, force) > kLeastNews;
-  return (m.side != 0 || m.limit == kUnlimited) && missing_share(m, force) > kEvidence;
+  const bool may_be_lower = m.side != 0 || (m.limit == kUnlimited && off > 2 * m.leap);
+  return may_be_lower && missing_share(m, force) > kEvidence;
 }
 
 // Whether it released its joint: it was not foreseen to give as little as it did at its limit.
@@ -55,6 +57,7 @@ void yield_at(JointMotor& m, double force) {
 
 void hold(JointMotor& m, double reached, double force, double dt) {
   const double before = m.gained, size = std::fabs(force);
+  if (m.side == 0) m.leap = std::max(m.leap, std::fabs(reached - m.aim));
   m.gained = (reached - m.aim) / dt;
   m.trend = before * m.gained <= 0 ? 0 : std::fabs(before) < std::fabs(m.gained) ? before : m.gained;
   m.aim = reached;

@@ -11,8 +11,8 @@
 //   limit  Not known, and taken for infinite, until the motor yields: u is short of the foreseen aim, and f
 //          of the force for it. If f is the largest of the motor so far, this is its limit. If it is less,
 //          the user has lowered the limit or changed the aim. It is taken for a lower limit if it is short by
-//          much, unless the motor was within a limit that is known. At a limit, f is the same in the next
-//          step. If it is not, the aim had changed.
+//          much, unless the motor was within a limit that is known, or its aim has changed by as much before.
+//          At a limit, f is the same in the next step. If it is not, the aim had changed.
 //
 // pybullet reports a wrong force of a motor that is off, and where it cuts off a rate before its motors act
 // (Observer::forces_of_motors).
@@ -35,6 +35,7 @@ struct JointMotor {
   double aim = 0;             // rate of the last step [rad/s], [m/s]
   double gained = 0;          // change of the aim in the last step over its length
   double trend = 0;           // what the last two have in common
+  double leap = 0;            // largest change of the aim in a step, within the limit
   double foreseen = 0;        // aim with which the step was solved
   double needed = 0;          // force with which it was solved [N m], [N]
   double force = 0;           // of the last step

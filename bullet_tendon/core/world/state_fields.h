@@ -44,8 +44,8 @@ struct StateFields {
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, coordinate, acts, admitted, ahead, dropped, least, most, side,
             motor, yielded, given)
-  BT_FIELDS(JointMotor, aim, gained, trend, foreseen, needed, force, limit, greatest, side, lets, solved,
-            known, doubtful)
+  BT_FIELDS(JointMotor, aim, gained, trend, leap, foreseen, needed, force, limit, greatest, side, lets,
+            solved, known, doubtful)
   BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, slipped_, by_pybullet_,
             limits, contacts, contacts_known, shifts, motors.all, motors.again, motors.soft, motors.reported,
             motors.reported_known, motors.reported_before, motors.off, motors.thrown)
