@@ -156,3 +156,40 @@ def test_a_soft_grip_is_as_strong_in_cut_steps(make_world, dt):
         np.testing.assert_allclose(hand.force, 500.0 * (t.positions[0] - hand.target), atol=1e-3 * G)
         assert np.abs(t.positions - start).max() < 1e-5
     assert parts > 3
+
+
+@pytest.mark.parametrize(
+    ("bore", "radius", "tilt", "thick", "friction", "aside", "stiffness", "particles"),
+    [
+        (3.5854734e-3, 3.0796191e-3, 0.771108, 0.0202046, 0.311736, (0.2897, 0.2778, -0.2815), 47881, 20),
+        (3.5339827e-3, 3.3885046e-3, 0.076794, 0.0221471, 0.150595, (-0.1621, 0.0485, 0.0125), 9001, 60),
+    ],
+    ids=["oblique", "narrow"],
+)
+def test_a_hand_that_slips_at_the_wall_of_a_bore_holds_again(
+    make_world, client, bore, radius, tilt, thick, friction, aside, stiffness, particles
+):
+    """It leads an end beside the axis into a bore, slips at the wall, and is led to the axis."""
+    way, aside = np.array([np.sin(tilt), 0, np.cos(tilt)]), bore * np.array(aside)
+    deep = 0.5 * thick / np.cos(tilt)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.06, 0.06, thick / 2], physicsClientId=client)
+    plate = p.createMultiBody(0, shape, physicsClientId=client)
+    world = make_world(1 / 1000, (0, 0, -G))
+    world.add_tunnel(
+        plate, -1, tuple(-deep * way), tuple(deep * way), bore, friction=friction, chamfer=0.3 * bore
+    )
+    start = (deep + 0.01) * way + aside
+    rope = bt.Material(stiffness=stiffness, damping=1.0)
+    cord = world.add_tendon([tuple(start), tuple(start + 0.1 * way)], radius, rope, particles)
+    cord.set_force(-1, tuple(2.0 * way))
+    hand, slipped = cord.grip(0, max_force=40.0), 0
+    for step in range(1000):
+        done = (step + 1) / 1600
+        hand.target = start - min(1.0, 3 * done) * aside - done * (2 * deep + 0.03) * way
+        world.step()
+        slipped += hand.slipping
+        assert world.report.converged
+        assert world.report.counts["linear_solves"] < 100
+    assert slipped > 10
+    assert not hand.slipping
+    assert np.linalg.norm(hand.force) == pytest.approx(2.0, rel=0.1)

@@ -89,7 +89,7 @@ struct Anchor {
   // linearisation slips.
   void slip_if_beyond() { (is_line ? line.slips : slips) = is_line ? line.is_beyond() : exceeds_limit(raw); }
   void predict(Vec3 r) {
-    if (most_force > 0) slips = slips ? dot(r, raw) > 0 : exceeds_limit(r);
+    if (most_force > 0) slips = exceeds_limit(r) && !(slips && dot(r, raw) < 0);
   }
 };
 
