@@ -217,6 +217,16 @@ Vec3 bend_of(const Tendon& c, int i) {
   return c.x.at(i + 1) - c.x.at(i) - (c.x.at(i) - c.x.at(i - 1));
 }
 
+// Largest distance of a tendon from its chords, where it bends at particles first ... last [m].
+double most_bulge(const Tendon& c, int first, int last) {
+  double square = 0;
+  for (int i = first; i <= last; ++i) {
+    const Vec3 bend = bend_of(c, i);
+    square = std::max(square, dot(bend, bend));
+  }
+  return kBulgeAtEnd * std::sqrt(square);
+}
+
 // Largest bend of segment k that lies on a rim, `kept` from it [m]. The second derivative of their distance
 // along the segment is l^2 share / kept, less the bend. Its share of that of a straight edge across is less
 // where the segment goes along the edge, changes along the segment, and is another on each side of an
@@ -776,7 +786,8 @@ void World::bore_contacts(int tendon, int t) {
 void World::mouth_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
-  const double kept = distance_kept_from_edge(c, t), farthest = mouth_reach(tendon, t);
+  const double kept = distance_kept_from_edge(c, t);
+  const double farthest = mouth_reach(tendon, t, 0, c.n() - 1) + most_bulge(c, 0, c.n() - 1);
   for (int mouth : {0, 1}) {
     const Rim rim = bore.rim(mouth);
     auto is_beyond = [](double over, double other, double reach) {
@@ -788,8 +799,8 @@ void World::mouth_contacts(int tendon, int t) {
       other = rim.height(c.x.at(k + 1));
       if (is_beyond(over, other, farthest)) continue;
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
-      SegmentAtMouth at{tendon, t, mouth, k, mouth_reach(tendon, t, k), {a, d, {}}};
-      const double reach = at.reach + kBulgeAtEnd * std::max(norm(bend_of(c, k)), norm(bend_of(c, k + 1)));
+      SegmentAtMouth at{tendon, t, mouth, k, mouth_reach(tendon, t, k, k + 1), {a, d, {}}};
+      const double reach = at.reach + most_bulge(c, k, k + 1);
       if (is_beyond(over, other, reach)) continue;
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(rim.centre - a, d) / length2)) : 0;
@@ -808,22 +819,14 @@ double World::distance_kept_from_edge(const Tendon& c, int t) const {
   return c.radius + scene.tunnels[t]->chamfer + options.contact_threshold;
 }
 
-// Distance from an edge of the tunnel's mouths within which segment k can touch it in the substep [m].
-double World::mouth_reach(int tendon, int t, int k) const {
+// Distance from an edge of the tunnel's mouths within which particles first ... last, and what is between
+// them, can touch it in the substep [m].
+double World::mouth_reach(int tendon, int t, int first, int last) const {
   const Link& link = scene.links[scene.tunnels[t]->link];
-  auto reach = [&](int i) { return reach_of(*step_.slots[tendon], i, link, options.contact_threshold); };
-  return std::max(reach(k), reach(k + 1)) + scene.tunnels[t]->chamfer;
-}
-
-// The same, for the chord of any segment, which may bend [m].
-double World::mouth_reach(int tendon, int t) const {
-  const Tendon& c = *step_.slots[tendon];
-  double reach = mouth_reach(tendon, t, 0), bend2 = 0;
-  for (int i = 1; i + 1 < c.n(); ++i) {
-    reach = std::max(reach, mouth_reach(tendon, t, i));
-    bend2 = std::max(bend2, dot(bend_of(c, i), bend_of(c, i)));
-  }
-  return reach + kBulgeAtEnd * std::sqrt(bend2);
+  double reach = 0;
+  for (int i = first; i <= last; ++i)
+    reach = std::max(reach, reach_of(*step_.slots[tendon], i, link, options.contact_threshold));
+  return reach + scene.tunnels[t]->chamfer;
 }
 
 // Contacts of a segment with an edge, at the points that are predicted to be nearest at the end of the

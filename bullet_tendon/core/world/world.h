@@ -449,8 +449,7 @@ class World {
   void find_near_tunnels(int tendon);
   void bore_contacts(int tendon, int tunnel);
   void mouth_contacts(int tendon, int tunnel);
-  double mouth_reach(int tendon, int t, int k) const;
-  double mouth_reach(int tendon, int t) const;
+  double mouth_reach(int tendon, int t, int first, int last) const;
   double distance_kept_from_edge(const Tendon& c, int tunnel) const;
   void edge_contacts(const SegmentAtMouth& at, Rim rim);
   void mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u);
