@@ -88,9 +88,7 @@ struct Anchor {
   // Decides from the last evaluation, or from the R that a linear solution predicts, whether the next
   // linearisation slips.
   void slip_if_beyond() { (is_line ? line.slips : slips) = is_line ? line.is_beyond() : exceeds_limit(raw); }
-  void predict(Vec3 r) {
-    if (most_force > 0) slips = exceeds_limit(r) && !(slips && dot(r, raw) < 0);
-  }
+  void predict(Vec3 r) { slips = exceeds_limit(r) && !(slips && dot(r, raw) < 0); }
 };
 
 // Largest distance of an exact grip from its target before it slips, and that from which a device that pulls
