@@ -30,8 +30,8 @@ double missing_share(const JointMotor& m, double force) {
 }
 
 // Whether it is at its limit. One that gives less than before, and less than was needed, has a lower limit or
-// another aim now: the latter if it was within a limit that is known, or if its aims have changed by as much:
-// what was foreseen of two that differ in sign is wrong by twice that.
+// another aim now: the latter if it was within a limit that is known, or if its aims have changed by as much.
+// A change that is foreseen and one that comes may differ in sign: what is missing is up to twice a change.
 bool is_at_limit(const JointMotor& m, double reached, double force) {
   const double off = direction(m, force) * (m.foreseen - reached);
   if (!m.known || !m.solved || !(off > kSolverNoise)) return false;
