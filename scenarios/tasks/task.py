@@ -74,7 +74,8 @@ class Task(gymnasium.Env):
             self._visuals = [view.TendonVisual(tendon, self.client) for tendon in self.world.tendons]
         self._start = p.saveState(self.client), self.world.save_state()
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
-        self.observation_space = self.space_of_observations()
+        self._begin(np.random.default_rng(0), {})
+        self.observation_space = _space_of(self.observe())
 
     # What a subclass says.
 
@@ -112,13 +113,6 @@ class Task(gymnasium.Env):
         """What pictures of episodes show as tendons, and their colours by turns."""
         return list(self.world.tendons), view.PALETTE
 
-    def space_of_observations(self) -> gymnasium.Space:
-        """The observation space; by default that of an observation that is one vector."""
-        options = {}
-        self.begin(np.random.default_rng(0), options)
-        self.measure()
-        return gymnasium.spaces.Box(-BOUND, BOUND, self.observe().shape, np.float32)
-
     # What gymnasium calls.
 
     def reset(self, *, seed: int | None = None, options: dict | None = None):
@@ -132,8 +126,7 @@ class Task(gymnasium.Env):
             raise InvalidValue("options", unknown, f"some of {list(self.option_names)}")
         super().reset(seed=seed)
         self._restore()
-        self.begin(self.np_random, options)
-        self.measure()
+        self._begin(self.np_random, options)
         self._show()
         return self.observe(), {"is_success": False}
 
@@ -173,6 +166,10 @@ class Task(gymnasium.Env):
             p.disconnect(self.client)
         self.client = -1
 
+    def _begin(self, rng: np.random.Generator, options: dict) -> None:
+        self.begin(rng, options)
+        self.measure()
+
     def _restore(self) -> None:
         """Put back the state in which the scene was built."""
         if self._is_broken:
@@ -197,10 +194,17 @@ def _has_display() -> bool:
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY"))
 
 
+def _space_of(observation) -> gymnasium.Space:
+    """The space of observations that are an array, or a dict of arrays."""
+    if isinstance(observation, dict):
+        return gymnasium.spaces.Dict({name: _space_of(part) for name, part in observation.items()})
+    return gymnasium.spaces.Box(-BOUND, BOUND, observation.shape, np.float32)
+
+
 def scaled(*parts) -> np.ndarray:
     """One observation (n,) float32 of parts that were scaled, clipped at +-BOUND."""
     joined = np.concatenate([np.ravel(part) for part in parts])
-    return np.minimum(np.maximum(joined, -BOUND), BOUND).astype(np.float32)
+    return joined.clip(-BOUND, BOUND).astype(np.float32)
 
 
 def drawn(options: dict, name: str, low: float, high: float, rng: np.random.Generator) -> float:

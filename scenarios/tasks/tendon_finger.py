@@ -14,13 +14,12 @@ import math
 
 import numpy as np
 import pybullet as p
-from gymnasium import spaces
 
 import bullet_tendon as bt
 from bullet_tendon import checks
 from bullet_tendon.errors import InvalidValue
 
-from .task import BOUND, Task, Verdict, drawn, scaled
+from .task import Task, Verdict, drawn, scaled
 from .vector import TaskVector
 
 MODES = ("reach", "hold")
@@ -271,13 +270,6 @@ class TendonFinger(Task):
     def _way(self, name: str) -> float:
         """How far a motor's end of a flexor is from where it was with the finger straight [m]."""
         return MOTOR - float(self.flexors[name].positions[-1, 0])
-
-    def space_of_observations(self):
-        self.begin(np.random.default_rng(0), {})
-        self.measure()
-        return spaces.Dict(
-            {name: spaces.Box(-BOUND, BOUND, part.shape, np.float32) for name, part in self.observe().items()}
-        )
 
 
 class TendonFingerVector(TaskVector):
