@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import free_ball
+from link_scenes import free_ball, links_on_joints
 
 import bullet_tendon as bt
 
@@ -187,22 +187,8 @@ def test_a_tensioner_holds_as_stiffly_as_its_tension_says(client, make_world, fi
 def test_a_motor_whose_aim_changes_is_not_taken_for_one_that_yields(client, make_world):
     """A trolley is led from speed to speed at 3 m/s^2; its motor can give five times what it needs."""
     world = make_world(1 / 240, GRAVITY)
-    rail = p.createMultiBody(
-        0,
-        linkMasses=[1.0],
-        linkCollisionShapeIndices=[-1],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[[0, 0, 0]],
-        linkOrientations=[[0, 0, 0, 1]],
-        linkInertialFramePositions=[[0, 0, 0]],
-        linkInertialFrameOrientations=[[0, 0, 0, 1]],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_PRISMATIC],
-        linkJointAxis=[[1, 0, 0]],
-        physicsClientId=client,
-    )
-    weight = free_ball(client, 0.5)
-    p.resetBasePositionAndOrientation(weight, [0, 0, -0.2], [0, 0, 0, 1], client)
+    rail = links_on_joints(client, p.JOINT_PRISMATIC, [1.0], [(1, 0, 0)])
+    weight = free_ball(client, 0.5, at=(0, 0, -0.2))
     rope = world.add_tendon([(0, 0, 0), (0, 0, -0.2)], 1e-3, bt.Material(stiffness=1e4, damping=5.0), 11)
     rope.attach(0, rail, 0)
     rope.attach(-1, weight)
