@@ -157,7 +157,7 @@ bool Quarter::nearest(Direction& at) const {
 RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last) {
   const double A = rim.longest, B = rim.radius;
   if (rim.is_circle()) {
-    const Vec3 out = unit_or(without(p - rim.centre, rim.axis), any_perpendicular(rim.axis));
+    const Vec3 out = direction_across(p - rim.centre, rim.axis);
     return {rim.centre + B * out, cross(rim.axis, out), (-1 / B) * out};
   }
   const double x = dot(p - rim.centre, rim.longer), y = dot(p - rim.centre, rim.shorter);

@@ -74,7 +74,7 @@ struct Joint {
 
   Joint(Vec3 x, Vec3 direction, Vec3 weights, Vec3 straight) : w(weights), wx(times(weights, x)) {
     n = unit_or(wx, Vec3{0, 0, 1});
-    t = unit_or(without(direction, n), any_perpendicular(n));
+    t = direction_across(direction, n);
     b = cross(n, t);
     inverse = 1 / std::max(norm(straight), 1e-300);
     e = inverse * straight;

@@ -168,7 +168,7 @@ void trace(const std::vector<Wrap>& wraps, Vec3 p, Vec3 q, std::vector<Vec3>& po
     if (!way.touches) continue;
     const Vec3 w = weights_of(wrap), start = to_local(wrap.local, way.first);
     const Vec3 n = unit_or({w.x * start.x, w.y * start.y, w.z * start.z}, {0, 0, 1});
-    const Vec3 along = unit_or(without(start - to_local(wrap.local, p), n), any_perpendicular(n));
+    const Vec3 along = direction_across(start - to_local(wrap.local, p), n);
     for (int i = 0; i + 1 < kTraced; ++i)
       points.push_back(to_world(wrap.local, end_of({start, along, way.arc * i / (kTraced - 2)}, w).point));
     return points.push_back(q);

@@ -36,5 +36,11 @@ inline Vec3 lowest(Vec3 a, Vec3 b) { return {std::min(a.x, b.x), std::min(a.y, b
 inline Vec3 highest(Vec3 a, Vec3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
 inline Vec3 unit_axis(int k) { return {k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}; }
 inline Vec3 without(Vec3 a, Vec3 n) { return a - dot(a, n) * n; }  // n: unit
+// Direction of `a` across the unit vector n; where it has none, any direction across it.
+inline Vec3 direction_across(Vec3 a, Vec3 n) {
+  const Vec3 across = without(a, n);
+  const double size = norm(across);
+  return size > 0 ? (1 / size) * across : any_perpendicular(n);
+}
 
 }  // namespace bt

@@ -773,8 +773,7 @@ void World::bore_contacts(int tendon, int t) {
     contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}), link);
     contact.geometry.margin = options.contact_threshold;
     contact.geometry.bulge = bulge_of(c, i, mouths, kept);
-    contact.geometry.normal =
-        unit_or(-without(x + contact.geometry.bulge - on_axis, bore.axis), any_perpendicular(bore.axis));
+    contact.geometry.normal = direction_across(on_axis - x - contact.geometry.bulge, bore.axis);
     contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
     carry(contact, c, link);
     finish_contact(contact, tendon, i);
@@ -854,7 +853,7 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   const int k = at.segment;
   if (u >= 1 && k + 2 < c.n()) return;  // the next segment has this point
   const Vec3 x = at.now.at(u);
-  const Vec3 sideways = unit_or(without(x - rim.centre, rim.axis), any_perpendicular(rim.axis));
+  const Vec3 sideways = direction_across(x - rim.centre, rim.axis);
   const Vec3 apart = x - nearest_on_rim(rim, x).point;
   const double distance = norm(apart);
   if (distance > at.reach) return;

@@ -286,18 +286,22 @@ bool World::predict_at_solution() {
 
 // Contacts that also existed in the previous solution of this substep start from its multipliers.
 void World::inherit_multipliers() {
-  auto by_key = [](const Contact& a, const Contact& b) { return a.key < b.key; };
-  std::sort(contacts_.solved.begin(), contacts_.solved.end(), by_key);
+  static thread_local std::vector<const Contact*> solved;  // keeps its memory from step to step
+  solved.clear();
+  for (const Contact& contact : contacts_.solved) solved.push_back(&contact);
+  auto by_key = [](const Contact* a, const Contact* b) { return a->key < b->key; };
+  std::sort(solved.begin(), solved.end(), by_key);
   for (Contact& contact : contacts_.all) {
-    const auto found = std::lower_bound(contacts_.solved.begin(), contacts_.solved.end(), contact, by_key);
-    if (found == contacts_.solved.end() || !(found->key == contact.key)) continue;
-    contact.normal_force.stiffness = found->normal_force.stiffness;
-    contact.normal_force.lambda = found->normal_force.lambda;
-    contact.normal_force.lambda_predicted = found->normal_force.lambda_predicted;
-    contact.normal_force.first_gap = found->normal_force.first_gap;
-    contact.normal_force.squeezed = found->normal_force.squeezed;
-    contact.friction.limit = found->friction.limit;
-    contact.friction.sliding = found->friction.sliding;
+    const auto found = std::lower_bound(solved.begin(), solved.end(), &contact, by_key);
+    if (found == solved.end() || !((*found)->key == contact.key)) continue;
+    const Contact& last = **found;
+    contact.normal_force.stiffness = last.normal_force.stiffness;
+    contact.normal_force.lambda = last.normal_force.lambda;
+    contact.normal_force.lambda_predicted = last.normal_force.lambda_predicted;
+    contact.normal_force.first_gap = last.normal_force.first_gap;
+    contact.normal_force.squeezed = last.normal_force.squeezed;
+    contact.friction.limit = last.friction.limit;
+    contact.friction.sliding = last.friction.sliding;
   }
 }
 
