@@ -68,8 +68,12 @@ def array(argument: str, value, shape: tuple) -> np.ndarray:
     if given.dtype.kind not in "iuf":  # neither text nor complex numbers, which numpy would convert
         raise InvalidType(argument, value, f"real numbers of shape {_shape_text(shape)}")
     result = given.astype(float)
-    fits = result.ndim == len(shape) and all(
-        have >= 1 if want is None else have == want for have, want in zip(result.shape, shape, strict=True)
+    fits = result.shape == shape or (
+        result.ndim == len(shape)
+        and all(
+            have >= 1 if want is None else have == want
+            for have, want in zip(result.shape, shape, strict=True)
+        )
     )
     if not fits:
         raise InvalidValue(argument, value, f"of shape {_shape_text(shape)}")

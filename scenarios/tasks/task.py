@@ -133,7 +133,7 @@ class Task(gymnasium.Env):
     def step(self, action):
         """See gymnasium.Env.step."""
         self._require_client()
-        action = np.clip(checks.array("action", action, (self.action_size,)), -1.0, 1.0)
+        action = checks.array("action", action, (self.action_size,)).clip(-1.0, 1.0)
         self._is_broken = True
         self.act(action)
         for _ in range(self.substeps):

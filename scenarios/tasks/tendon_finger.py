@@ -209,33 +209,34 @@ class TendonFinger(Task):
             self._move_table(AWAY)
             episode.has_table = False
         episode.steps += 1
-        self._speeds = dict(zip(self.motors, SPEED * action, strict=True))
+        for (name, motor), way, speed in zip(self.motors.items(), self.ways, action.tolist(), strict=True):
+            # A motor that stalls goes on from where it is.
+            way = way if motor.slipping else MOTOR - motor.target[0]
+            way = min(max(way + SPEED * speed * self.time_step, 0.0), TRAVEL)
+            motor.target = (MOTOR - way, ASIDE[name], FLEXOR)
 
     def _seconds(self, steps: int) -> float:
         """Time that this many actions take."""
-        return steps * self.substeps * self.time_step
-
-    def drive(self) -> None:
-        for name, motor in self.motors.items():
-            # A motor that stalls goes on from where it is.
-            way = self._way(name) if motor.slipping else MOTOR - motor.target[0]
-            way = min(max(way + self._speeds[name] * self.time_step, 0.0), TRAVEL)
-            motor.target = (MOTOR - way, ASIDE[name], FLEXOR)
+        return steps * self.time_step
 
     def measure(self) -> None:
-        """Set the angles [rad] and rates [rad/s] of the hinges, and what has to be at the goal, (3,) [m]."""
+        """Set what has to be at the goal, (3,) [m], and the state of hinges and motors.
+
+        That is angles [rad] and rates [rad/s] of the hinges, and how far the motors' ends of the flexors are
+        from where they were with the finger straight [m].
+        """
         states = p.getJointStates(self.finger, range(len(HINGES)), self.client)
         self.angles, self.rates = [state[0] for state in states], [state[1] for state in states]
+        self.ways = [MOTOR - float(flexor.positions[-1, 0]) for flexor in self.flexors.values()]
         if self.episode.mode == "hold":
             self.achieved = np.array(p.getBasePositionAndOrientation(self.ball, self.client)[0])
         else:
             self.achieved = _tip(self.angles)
 
     def judge(self) -> Verdict:
-        episode, achieved = self.episode, self.achieved
-        points = np.float32(achieved / UNIT), np.float32(episode.goal / UNIT)  # as they are observed
-        terms = {name: float(value) for name, value in _reward_terms(*points).items()}
-        episode.near = episode.near + 1 if math.dist(achieved, episode.goal) < REACHED else 0
+        episode = self.episode
+        terms = _reward_terms(*np.float32(np.array([self.achieved, episode.goal]) / UNIT))  # as observed
+        episode.near = 0 if terms["outside"] else episode.near + 1
         if episode.mode == "reach":
             success = self._seconds(episode.near) >= STAYED
         else:
@@ -254,11 +255,11 @@ class TendonFinger(Task):
             [
                 *self.angles,
                 *(rate / RATE for rate in self.rates),
-                *(self._way(name) / TRAVEL for name in self.motors),
+                *(way / TRAVEL for way in self.ways),
                 *(motor.force[0] / TENSION for motor in self.motors.values()),
                 not holds,
                 holds,
-                *(_polar(episode.goal) - _polar(achieved)),
+                *np.subtract(_polar(episode.goal), _polar(achieved)),
                 *(speed / FAST for speed in velocity),
                 episode.has_table,
                 *(achieved / UNIT),
@@ -266,10 +267,6 @@ class TendonFinger(Task):
             ]
         )
         return {"observation": seen[:-6], "achieved_goal": seen[-6:-3], "desired_goal": seen[-3:]}
-
-    def _way(self, name: str) -> float:
-        """How far a motor's end of a flexor is from where it was with the finger straight [m]."""
-        return MOTOR - float(self.flexors[name].positions[-1, 0])
 
 
 class TendonFingerVector(TaskVector):
@@ -280,7 +277,7 @@ class TendonFingerVector(TaskVector):
 
 def _reward_terms(achieved, desired) -> dict[str, np.ndarray]:
     """Terms of the reward of goals (..., 3) in units of 0.1 m."""
-    distance = np.linalg.norm(np.subtract(achieved, desired), axis=-1)
+    distance = np.sqrt(np.square(np.subtract(achieved, desired)).sum(axis=-1))
     return {
         "distance": -np.minimum(distance, 1.0),
         "outside": -OUTSIDE * (distance >= REACHED / UNIT),
@@ -297,10 +294,10 @@ def _tip(angles) -> np.ndarray:
     return np.array([x, 0.0, z])
 
 
-def _polar(point) -> np.ndarray:
-    """(2,) distance over 50 mm and bearing over 0.5 rad of a point (3,) [m] seen from the first hinge."""
+def _polar(point) -> tuple[float, float]:
+    """Distance over 50 mm and bearing over 0.5 rad of a point (3,) [m] seen from the first hinge."""
     x, _, z = point
-    return np.array([math.hypot(x, z) / 0.05, math.atan2(-z, x) / 0.5])
+    return math.hypot(x, z) / 0.05, math.atan2(-z, x) / 0.5
 
 
 # Poses whose second and third hinge are equally curled: the curl, and the polar coordinates of the tip.
