@@ -193,3 +193,27 @@ def test_a_hand_that_slips_at_the_wall_of_a_bore_holds_again(
     assert slipped > 10
     assert not hand.slipping
     assert np.linalg.norm(hand.force) == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 1000])
+@pytest.mark.parametrize("most", [20.0, 150.0, 2000.0])
+def test_a_hand_presses_a_soft_cord_on_a_plate_by_no_more_than_its_limit(
+    make_world, client, most, dt, integrator
+):
+    """The limits are up to 200 times the force that squeezes the cord flat. None of them enters the plate."""
+    radius, rope = 0.0027, bt.Material(stiffness=59.0, density=1045, friction=0.2)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.05, 0.05], physicsClientId=client)
+    plate = p.createMultiBody(0, shape, -1, [0, 0, -0.05], physicsClientId=client)
+    world = make_world(dt, (0, 0, 0), integrator=integrator)
+    world.add_obstacle(plate, friction=0.3)
+    cord = world.add_tendon([(0, 0, 0.1), (0, 0, radius + 0.002)], radius, rope, 54)
+    hand = cord.grip(-1, max_force=most)
+    cord.grip(0, stiffness=1000.0)
+    for step in range(60):
+        hand.target = (0, 0, radius + 0.002 - 0.006 * (step + 1) / 60)
+        world.step()
+        assert world.report.converged
+        assert cord.positions[:, 2].min() > (1 - 0.02) * radius
+    assert hand.slipping
+    assert hand.force[2] == pytest.approx(most, rel=1e-6)

@@ -121,9 +121,8 @@ bool Contact::may_stiffen() const {
   return normal_force.squeezed == Squeezed::before;
 }
 
-bool Contact::stiffen(bool by_bodies, bool may_be_released) {
+bool Contact::stiffen(bool by_what_yields, bool finds_out) {
   if (!may_stiffen()) return false;
-  const bool finds_out = by_bodies && may_be_released;
   if (normal_force.squeezed == Squeezed::before) {
     if (!finds_out && is_unmoved()) return false;
     normal_force.squeezed = Squeezed::no;
@@ -132,7 +131,7 @@ bool Contact::stiffen(bool by_bodies, bool may_be_released) {
     take_over(normal_force.value);
     return true;
   }
-  if (is_crushed() ? !finds_out : !by_bodies && is_squeezed()) {
+  if (is_crushed() ? !finds_out : !by_what_yields && is_squeezed()) {
     bear_by_section(Squeezed::now);
     return true;
   }

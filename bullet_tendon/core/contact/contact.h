@@ -183,9 +183,9 @@ struct Contact {
   // ever on contacts as soft as their inertia.
   void bear(double load, double sticking_ratio);
   // If there is a normal force at a gap or depth that is too large, sets N_0 <- N and increases k. Returns
-  // whether it did. One that this does not close bears by the cross-section. by_bodies: bodies that move may
-  // press it. may_be_released: a hold of unknown limit may be what does not yield: the force has to show it.
-  bool stiffen(bool by_bodies, bool may_be_released);
+  // whether it did. One that this does not close bears by the cross-section. by_what_yields: what presses on
+  // it may give way. finds_out: it does so at a force of its own, which the contact has to show.
+  bool stiffen(bool by_what_yields, bool finds_out);
   // Whether it may: its stiffness can change, and its gap or its force is too large.
   bool may_stiffen() const;
   // If a smaller k leaves no gap or depth that is too large, decreases k. Returns whether it did.

@@ -216,30 +216,36 @@ bool presses(const Island& island, bool moves, int link) {
   return moves && !island.bodies.body(island.bodies.link(link).body).is_held_firmly();
 }
 
-// Whether it is at a particle that a body which moves may press on.
-bool is_pressed_by_bodies(const Island& island, const Contact& contact) {
-  const auto marked = [&](const SegmentPoint& s) {
-    return s.tendon >= 0 &&
-           (island.at(s).by_bodies[s.first] != 0 || (s.w1 > 0 && island.at(s).by_bodies[s.first + 1] != 0));
-  };
-  return presses(island, contact.moves, contact.link) || marked(contact.a) || marked(contact.b);
+// What presses on particles and may give way: bodies and springs, and hands, which slip at their limit.
+enum Presser : char { kBody = 1, kHand = 2 };
+
+char presser_of(const Island& island, const Anchor& h) {
+  if (h.most_force > 0) return kHand;
+  return !h.rigid || presses(island, h.moves, h.link) ? kBody : 0;
 }
 
-// Marks the particles that bodies which move may press on, directly or through other tendons.
-void mark_pressed_by_bodies(Island& island) {
+// Of a contact: those of its particles, and its link.
+char pressers_of(const Island& island, const Contact& contact) {
+  char found = presses(island, contact.moves, contact.link) ? kBody : 0;
+  for (const SegmentPoint& s : {contact.a, contact.b})
+    for (int i = s.first; s.tendon >= 0 && i <= s.first + (s.w1 > 0); ++i) found |= island.at(s).pressed[i];
+  return found;
+}
+
+// Marks the particles that they press on, directly or through other tendons.
+void mark_pressed(Island& island) {
   for (Tendon* c : island.tendons) {
-    c->by_bodies.assign(c->n(), 0);
-    for (const Anchor& h : c->anchors)
-      if (!h.rigid || presses(island, h.moves, h.link)) c->by_bodies[h.particle] = 1;
+    c->pressed.assign(c->n(), 0);
+    for (const Anchor& h : c->anchors) c->pressed[h.particle] |= presser_of(island, h);
   }
   for (bool any = true; std::exchange(any, false);)
     for (const Contact* contact : island.contacts) {
-      if (!is_pressed_by_bodies(island, *contact)) continue;
-      for (const SegmentPoint& s : {contact->a, contact->b}) {
-        if (s.tendon < 0) continue;
-        std::vector<char>& marks = island.at(s).by_bodies;
-        for (int i = s.first; i <= s.first + (s.w1 > 0); ++i) any |= std::exchange(marks[i], 1) == 0;
-      }
+      const char found = pressers_of(island, *contact);
+      for (const SegmentPoint& s : {contact->a, contact->b})
+        for (int i = s.first; s.tendon >= 0 && i <= s.first + (s.w1 > 0); ++i) {
+          char& mark = island.at(s).pressed[i];
+          any |= std::exchange(mark, static_cast<char>(mark | found)) != (mark | found);
+        }
     }
 }
 
@@ -253,10 +259,12 @@ bool stiffen_contacts(Island& island, const StepContext& context) {
   });
   island.result.overpowered = bodies_are_overpowered(island, context.substeps->step());
   if (island.result.overpowered) return false;
-  mark_pressed_by_bodies(island);
+  mark_pressed(island);
   bool any = false;
-  for (Contact* contact : island.contacts)
-    any |= contact->stiffen(is_pressed_by_bodies(island, *contact), may_be_released);
+  for (Contact* contact : island.contacts) {
+    const char found = pressers_of(island, *contact);
+    any |= contact->stiffen(found != 0, found == kHand || (found != 0 && may_be_released));
+  }
   return any;
 }
 

@@ -86,7 +86,7 @@ struct TendonWorkspace : PredictedRegion, NewtonSystem {
   Field displacement, x_new;
   Field v_new;                  // at the end of the substep [m/s]
   Field inertial_displacement;  // y - x, the displacement without forces of springs and contacts [m]
-  std::vector<char> by_bodies;  // particles that bodies which move may press on (solver/newton.cpp)
+  std::vector<char> pressed;    // what presses on particles that may give way: Presser (solver/newton.cpp)
   double residual_norm = 0;     // largest residual force [N]
   int worst_particle = 0;
 };
