@@ -250,22 +250,46 @@ double most_bend(const Tendon& c, int k, Rim rim, double kept) {
   return kBend * least * least * square / kept;
 }
 
-// The same, as far as both segments with i that lie on the edge have one nearest point to it, and as the
-// particle has room in the bore on the other side. `kept`: distance from the edge at which they lie [m].
-Vec3 bend_of(const Tendon& c, int i, const Rim& rim, double kept) {
-  const Vec3 bend = bend_of(c, i);
-  const double size = norm(bend);
-  if (kBulgeAtEnd * size <= kNoBulge * c.radius) return {};
-  const double room = std::max(0.0, rim.radius - kept) / kBulgeAtEnd;
-  const double most = std::min({room, most_bend(c, i - 1, rim, kept), most_bend(c, i, rim, kept)});
-  return std::min(1.0, most / size) * bend;
-}
+// Bends of a tendon at a mouth: the second differences, as far as both segments with i that lie on the edge
+// have one nearest point to it, and as the particle has room in the bore on the other side. `kept`: distance
+// from the edge at which they lie [m]. Particles are asked for in their order: what two ask for is kept.
+class BendsAtMouth {
+ public:
+  BendsAtMouth(const Tendon& c, const Rim& rim, double kept) : c_(c), rim_(rim), kept_(kept) {}
+  const Rim& rim() const { return rim_; }
+  Vec3 at(int i) {
+    if (i != particle_) bend_ = find(i);
+    particle_ = i;
+    return bend_;
+  }
+
+ private:
+  Vec3 find(int i) {
+    const Vec3 bend = bend_of(c_, i);
+    const double size = norm(bend);
+    if (kBulgeAtEnd * size <= kNoBulge * c_.radius) return {};
+    const double room = std::max(0.0, rim_.radius - kept_) / kBulgeAtEnd;
+    const double most = std::min({room, most_of(i - 1), most_of(i)});
+    return std::min(1.0, most / size) * bend;
+  }
+  double most_of(int k) {
+    if (k != segment_) most_ = most_bend(c_, k, rim_, kept_);
+    segment_ = k;
+    return most_;
+  }
+  const Tendon& c_;
+  const Rim rim_;
+  const double kept_;
+  int particle_ = -1, segment_ = -1;
+  Vec3 bend_;
+  double most_ = 0;
+};
 
 // Bulge at particle i of a bore, if a segment of it can reach a mouth [m].
-Vec3 bulge_of(const Tendon& c, int i, const Rim (&mouths)[2], double kept) {
+Vec3 bulge_of(const Tendon& c, int i, BendsAtMouth (&mouths)[2]) {
   const double longest = std::max(i > 0 ? c.rest[i - 1] : 0, i + 1 < c.n() ? c.rest[i] : 0);
-  for (const Rim& rim : mouths)
-    if (std::fabs(rim.height(c.x.at(i))) < longest) return kBulgeAtEnd * bend_of(c, i, rim, kept);
+  for (BendsAtMouth& mouth : mouths)
+    if (std::fabs(mouth.rim().height(c.x.at(i))) < longest) return kBulgeAtEnd * mouth.at(i);
   return {};
 }
 
@@ -749,8 +773,8 @@ void World::bore_contacts(int tendon, int t) {
   const Tendon& c = *step_.slots[tendon];
   const Bore& bore = detection_.bores[t];
   const Link& link = scene.links[scene.tunnels[t]->link];
-  const Rim mouths[2] = {bore.rim(0), bore.rim(1)};
   const double kept = distance_kept_from_edge(c, t);
+  BendsAtMouth mouths[2] = {{c, bore.rim(0), kept}, {c, bore.rim(1), kept}};
   for (int i = 0; i < c.n(); ++i) {
     const Vec3 x = c.x.at(i), ahead = c.predicted.at(i) - link.foreseen_at(x);
     const bool inside = c.tunnel_of[i] == t;
@@ -772,7 +796,7 @@ void World::bore_contacts(int tendon, int t) {
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
     contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}), link);
     contact.geometry.margin = options.contact_threshold;
-    contact.geometry.bulge = bulge_of(c, i, mouths, kept);
+    contact.geometry.bulge = bulge_of(c, i, mouths);
     contact.geometry.normal = direction_across(on_axis - x - contact.geometry.bulge, bore.axis);
     contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
     carry(contact, c, link);
@@ -789,6 +813,7 @@ void World::mouth_contacts(int tendon, int t) {
   const double farthest = mouth_reach(tendon, t, 0, c.n() - 1) + most_bulge(c, 0, c.n() - 1);
   for (int mouth : {0, 1}) {
     const Rim rim = bore.rim(mouth);
+    BendsAtMouth bends(c, rim, kept);
     auto is_beyond = [](double over, double other, double reach) {
       return over * other > 0 && std::min(std::fabs(over), std::fabs(other)) > reach;
     };
@@ -807,7 +832,7 @@ void World::mouth_contacts(int tendon, int t) {
       // Both ends are within the wall: the bore contacts are sufficient.
       auto inside = [&](Vec3 p, int i) { return c.tunnel_of[i] == t && bore.is_within_rims(p); };
       if (inside(a, k) && inside(b, k + 1)) continue;
-      for (int end : {0, 1}) at.now.bend[end] = bend_of(c, k + end, rim, kept);
+      for (int end : {0, 1}) at.now.bend[end] = bends.at(k + end);
       edge_contacts(at, rim);
     }
   }
