@@ -21,11 +21,10 @@ constexpr double kMostStiffening = 1000.0;
 // segments slide along a surface, a squeeze is not recognised. Smaller: what yields slowly is taken for one.
 constexpr double kUnmoved = 0.5;
 
-// Force over that which squeezes the cross-section flat, above which a contact bears by it, whatever yields
-// but a hand of limited force, if it was as large in the last substep [-]. Where friction locks a body on
-// what it squeezes, any force is in equilibrium, so that multipliers grow from step to step at a depth that
-// is too small to be seen. Larger: the forces of such a body are larger. Smaller: a strong jaw enters a soft
-// tendon.
+// Force over that which squeezes the cross-section flat, above which a contact bears by it although what
+// presses may give way, if it was as large in the last substep [-]. Where friction locks a body on what it
+// squeezes, any force is in equilibrium, so that multipliers grow from step to step at a depth that is too
+// small to be seen. Larger: the forces of such a body are larger. Smaller: it enters a soft tendon.
 constexpr double kCrushed = 10;
 
 // A contact is softened as long as its gap stays within this share of kGap, to at least this share of its

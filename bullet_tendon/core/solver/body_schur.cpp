@@ -227,6 +227,26 @@ bool bodies_are_overpowered(const Island& island, double dt) {
   });
 }
 
+bool contacts_lock_bodies(const Island& island, double ratio) {
+  static thread_local dense::Numbers together, one;  // keep their memory from step to step
+  return std::any_of(island.bodies.indices.begin(), island.bodies.indices.end(), [&](int body) {
+    double sum = 0;
+    together.assign(island.bodies.body(body).n(), 0.0);
+    for (const Contact* contact : island.contacts) {
+      if (!contact->moves || island.bodies.link(contact->link).body != body) continue;
+      const Link& link = island.bodies.link(contact->link);
+      auto push = [&](Vec3 force, dense::Numbers& to) {
+        link.add_generalized(link.root, {force, link.torque_of(force, contact->arm)}, to);
+      };
+      one.assign(together.size(), 0.0);
+      push(contact->normal_force.value * contact->geometry.normal, one);
+      sum += std::sqrt(dense::dot(one, one));
+      push(contact->force.total, together);
+    }
+    return sum > ratio * std::sqrt(dense::dot(together, together));
+  });
+}
+
 double body_residual(const Island& island) {
   double most = 0;
   each_body(island, [&](const GeneralizedBody& m) {

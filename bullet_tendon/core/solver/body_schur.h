@@ -16,6 +16,9 @@ void place_bodies(Island& island);
 double body_potential(const Island& island);
 // Sets the wrenches that are missing from the forces of the iterate to move bodies by y (Link::correction).
 void correct_wrenches(Island& island);
+// Whether the normal forces of contacts on a body that moves, without signs, are more than `ratio` times what
+// contacts move it by: friction or other contacts hold them, and any force is in equilibrium.
+bool contacts_lock_bodies(const Island& island, double ratio);
 // Adds alpha dy + second correction to y.
 void advance_bodies(Island& island, double alpha, double second = 0);
 // The bodies' part of r.(d + second c), with the step d and its correction c.

@@ -45,6 +45,11 @@ constexpr double kNearSolution = 1e-2;
 // iteration would be enough without it. Smaller: an iteration is taken that it would have saved.
 constexpr double kGaussNewton = 0.05;
 
+// Normal forces on a body, over what contacts move it by, above which it is locked [-]. Larger: what is
+// squeezed by a body that friction locks gets larger forces. Smaller: a body that slides along what it
+// presses on is taken for one.
+constexpr double kLocked = 10;
+
 // Iterations without a new smallest residual after which a solution is abandoned [-]. Fewer: substeps are cut
 // that would converge, because the residual may rise temporarily. More: violent steps are slower, because
 // most of their iterations belong to solutions that are abandoned.
@@ -260,10 +265,12 @@ bool stiffen_contacts(Island& island, const StepContext& context) {
   island.result.overpowered = bodies_are_overpowered(island, context.substeps->step());
   if (island.result.overpowered) return false;
   mark_pressed(island);
+  const bool may_show =
+      may_be_released || (!bodies.indices.empty() && !contacts_lock_bodies(island, kLocked));
   bool any = false;
   for (Contact* contact : island.contacts) {
     const char found = pressers_of(island, *contact);
-    any |= contact->stiffen(found != 0, found == kHand || (found != 0 && may_be_released));
+    any |= contact->stiffen(found != 0, found == kHand || (found != 0 && may_show));
   }
   return any;
 }
