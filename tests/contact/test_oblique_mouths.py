@@ -8,7 +8,7 @@ import pytest
 from brute_force import subdivided
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 import bullet_tendon as bt
 from bullet_tendon import _core, shapes
@@ -192,6 +192,36 @@ def test_a_tip_between_both_halves_is_as_far_from_each_as_its_points_are(seed, s
             continue
         found = distance_from_half(x, height, steep, half, 0.95 * BORE, -math.atan(steep))
         assert found == pytest.approx(least, abs=1e-6 * BORE)
+
+
+NEARLY_AS_FAR = [  # parameter; ends of a segment from the centre of the mouth, and its bend at the end [um]
+    (0.8075, (-3832.49, 98.5499, -3971.60), (-883.164, -5.1736, -352.220), (-1430.360, -441.517, 793.627)),
+    (0.7460, (-3620.37, 110.2745, -3809.82), (-767.391, -28.5770, -115.635), (-1322.540, -397.683, 692.187)),
+    (0.7510, (-3634.33, 109.5306, -3820.75), (-774.864, -26.9628, -131.464), (-1331.610, -401.126, 700.530)),
+]
+
+
+@pytest.mark.parametrize("aside", [-0.02, -0.001, 0.001, 0.02])
+@pytest.mark.parametrize(("nearest", "start", "end", "bend"), NEARLY_AS_FAR)
+def test_the_nearest_point_of_a_segment_is_found_where_all_of_it_is_nearly_as_far(
+    nearest, start, end, bend, aside
+):
+    """A graft bent around the narrow end of a mouth: distances differ by 40 nm in a tenth of a segment.
+
+    The second derivative of half the squared distance is 0.003 to 0.009 of the length squared.
+    """
+    start, end, bend = 1e-6 * np.array([start, end, bend])
+    axis, slope = (0.692537038, 0.0, 0.721382319), (0.692537092, 0.0, -0.664845220)
+    edge = (0, 0, 0), axis, 0.002333, slope
+
+    def distance(u):
+        x = start + u * (end - start) + 0.5 * (u - 0.5) ** 2 * bend
+        return _core.testing.distance_from_half(x, *edge, -1, 0.002, axis)
+
+    found = _core.testing.slid_to_rim(nearest + aside, start, end, [(0, 0, 0), bend], *edge, -1)
+    bounds = found - 0.002, found + 0.002
+    least = minimize_scalar(distance, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+    assert found == pytest.approx(least.x, abs=1e-5)
 
 
 @pytest.mark.parametrize("wider", [0.9, 1.0, 1.001, 1.02, 1.2, 1.4])

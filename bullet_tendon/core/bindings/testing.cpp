@@ -144,6 +144,15 @@ double distance_from_half(Vec3 x, Vec3 centre, Vec3 axis, double radius, Vec3 sl
   return norm(x - nearest_on_rim(rim, x).point);
 }
 
+// Parameter of the point of a bent segment a-b that is nearest to half of an edge, searched from u [-].
+double slid_to_rim(double u, Vec3 a, Vec3 b, const std::array<Vec3, 2>& bend, Vec3 centre, Vec3 axis,
+                   double radius, Vec3 slope, int half) {
+  Rim rim = rim_of(centre, axis, radius, slope);
+  rim.half = half;
+  RimPoint at;
+  return slide_to_rim({a, b - a, {bend[0], bend[1]}}, u, rim, at);
+}
+
 // The matrix of a contact on its particles.
 Array full_block(const Contact& contact) {
   ContactMatrix k;
@@ -339,6 +348,7 @@ void bind_terms(py::module_& testing) {
   testing.def("contact_term", &contact_term);
   testing.def("edge_term", &edge_term);
   testing.def("distance_from_half", &distance_from_half);
+  testing.def("slid_to_rim", &slid_to_rim);
   testing.def("pair_term", &pair_term);
   testing.def("touching_parameters", &touching_parameters);
   testing.def("listed_nearest", &listed_nearest);

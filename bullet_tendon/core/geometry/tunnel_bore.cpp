@@ -175,22 +175,27 @@ RimPoint nearest_on_rim(const Rim& rim, Vec3 p, const RimPoint& last) {
 }
 
 double slide_to_rim(const BentSegment& segment, double u, const Rim& rim, RimPoint& at) {
-  // Least second derivative for Newton's method, over that without the rim's curvature [-].
-  constexpr double kConvex = 0.02;
+  // Iterations of Newton's method [-]. Fewer: where the segment is nearly as far from the rim all along,
+  // points are not the nearest, and contacts do not converge.
+  constexpr int kIterations = 20;
   if (dot(segment.along, segment.along) == 0) return u;
-  for (int i = 0; i < kAdvances; ++i) {
+  double low = -1, high = 2;  // parameters at which the distance falls and rises; the minimum is between them
+  for (int i = 0; i < kIterations; ++i) {
     const Vec3 x = segment.at(u), d = segment.tangent(u);
     at = nearest_on_rim(rim, x, at);
     const Vec3 from = x - at.point;
     // Newton's method on half the squared distance: the rim's point moves by t (t.d) / (1 - from.k). Where
-    // that is not convex, the point is projected to the segment.
+    // that is not convex, and where it leaves the bounds, they are halved.
     const double straight = 1 - dot(from, at.curvature), along = dot(at.tangent, d);
-    const double length2 = dot(d, d);
-    double bend = straight > 0 ? length2 - along * along / straight + dot(from, segment.bend_at(u)) : 0;
-    if (bend < kConvex * length2) bend = length2;
-    const double last = u;
-    u = std::min(std::max(u - dot(from, d) / bend, 0.0), 1.0);
-    if (std::fabs(u - last) < kArrived) break;
+    const double slope = dot(from, d), length2 = dot(d, d);
+    const double bend = straight > 0 ? length2 - along * along / straight + dot(from, segment.bend_at(u)) : 0;
+    if (std::fabs(slope) < kArrived * kArrived * length2) return u;
+    (slope > 0 ? high : low) = u;
+    double next = bend > 0 ? std::min(std::max(u - slope / bend, 0.0), 1.0) : u;
+    if (bend > 0 && std::fabs(next - u) < kArrived) return next;
+    if (!(low < next && next < high)) next = 0.5 * (std::max(low, 0.0) + std::min(high, 1.0));
+    if (next == u) return u;
+    u = next;
   }
   return u;
 }
