@@ -121,7 +121,7 @@ class Relaxation:
             self._last_dt = dt
             self.taken += 1
             before_it = stepper.checkpoint()
-            report = stepper.hold(dt, gravity)
+            report = stepper.hold(dt, gravity, at_hand)
             if report is None:
                 return None, iterations, residual
             iterations += report.iterations

@@ -131,15 +131,16 @@ class Stepper:
         """The last step is not solved again: the bodies were moved since."""
         self._core.forbid_resolve()
 
-    def hold(self, dt: float, gravity: tuple) -> _core.Report | None:
+    def hold(self, dt: float, gravity: tuple, at_hand: float = 0.0) -> _core.Report | None:
         """One step of dt [s] in which bodies neither move nor yield: what the core reports of it.
 
-        They are where they were read last. None only where the step could not be solved and the options say
+        They are where they were read last. at_hand: largest force on them [N]. The tolerance is of that where
+        it is larger than the tendons' own. None only where the step could not be solved and the options say
         to go on. Raises what apply raises.
         """
         if self._placement.new:
             self._placement.look()
-        solved = self._core.hold(dt, gravity, self._measure)
+        solved = self._core.hold(dt, gravity, at_hand, self._measure)
         self._is_read = False
         self._bullet = self._react = 0.0
         if not solved:

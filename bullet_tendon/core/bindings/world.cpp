@@ -118,10 +118,10 @@ int apply(World& w, const py::dict& parameters, const py::object& sense, const p
 
 // A step of another length, which is not divided, and in which bodies neither move nor yield. They are where
 // they were read last.
-bool hold(World& w, double dt, Vec3 gravity, const py::object& measure) {
+bool hold(World& w, double dt, Vec3 gravity, double at_hand, const py::object& measure) {
   PythonOracle oracle(measure);
   Unlocked unlocked;
-  return w.attempt(dt, gravity, true, oracle, [&] { w.sense(dt, gravity, true); });
+  return w.hold(dt, gravity, at_hand, oracle);
 }
 
 // (6 k, m); None where the last step that held the bodies has not found it.

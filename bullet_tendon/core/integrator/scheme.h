@@ -29,6 +29,7 @@ struct StepContext {
   double dt = 0;           // length of the substep [s]
   double tissue_time = 0;  // that passes for tissue: dt, or 0 while bodies are held at rest [s]
   double reach = 0;        // s of bodies/body_response.h [s]
+  double at_hand = 0;      // largest force beside those of the step, of which the tolerance is, too [N]
   const Substepper* substeps = nullptr;
   bool may_halve = false;  // the substep is halved if it does not converge
   Budget* budget = nullptr;

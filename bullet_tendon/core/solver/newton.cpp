@@ -112,6 +112,8 @@ struct Solution {
   double last_residual = HUGE_VAL;
 
   const Options& options() const { return context.options; }
+  // Largest residual of a converged iterate [N].
+  double enough(const Assembly& a) const { return options().tolerance * std::max(a.scale, context.at_hand); }
   void start_anew() {
     smallest = last_residual = HUGE_VAL;
     idle = 0;
@@ -187,8 +189,7 @@ Assembly judge(Solution& s) {
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
   // The residual of a tendon at rest is that of its rounded positions.
   const bool at_guess = s.iteration == 0 && !s.context.warm;
-  const bool enough =
-      a.residual <= s.options().tolerance * a.scale || is_rounding(island, a, s.last_residual, at_guess);
+  const bool enough = a.residual <= s.enough(a) || is_rounding(island, a, s.last_residual, at_guess);
   island.result.converged = !s.changed && enough;
   note_distance(s, a);
   if (s.iteration == 0) s.first = a.residual;
@@ -393,7 +394,7 @@ void curve_elements(Solution& s, const Assembly& a, double enough) {
 // Computes the step of particles (tendon.dx) and bodies. false: the linear solution failed.
 bool find_step(Solution& s, const Assembly& a) {
   Island& island = s.island;
-  const double enough = s.options().tolerance * a.scale;
+  const double enough = s.enough(a);
   // A more exact step would not reduce the residual of this iteration further.
   island.matrix.tolerance = 0.05 * enough / a.residual;
   s.searches = s.descends;

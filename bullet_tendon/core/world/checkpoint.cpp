@@ -101,6 +101,11 @@ bool World::attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
   return solved;
 }
 
+bool World::hold(double dt, Vec3 gravity, double at_hand, DistanceOracle& oracle) {
+  step_.at_hand = at_hand;
+  return attempt(dt, gravity, true, oracle, [&] { sense(dt, gravity, true); });
+}
+
 namespace {
 
 void require(bool valid, const char* what) {

@@ -86,6 +86,7 @@ void World::begin_step_of_world(double dt, Vec3 gravity, bool whole) {
   step_.context.options = options;
   step_.context.substeps = &step_.substeps;
   step_.context.budget = &step_.budget;
+  step_.context.at_hand = whole ? step_.at_hand : 0;
   step_.whole = whole;
   step_.left_out.clear();
   find_solid_links();

@@ -75,6 +75,7 @@ struct Scene {
 struct StepState {
   StepContext context;
   bool whole = false;  // the step must not be divided into substeps
+  double at_hand = 0;  // of StepContext, in a `whole` step
   Substepper substeps;
   Budget budget;
   bool attempted = false;             // within World::attempt, which has started the budget
@@ -261,6 +262,8 @@ class World {
   // unchanged. whole: without substeps (for relaxation, where dt has no physical meaning); bodies are held.
   bool attempt(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle,
                const std::function<void()>& sense);
+  // Such a step in which bodies are held. at_hand: largest force on them beside the tendons' [N].
+  bool hold(double dt, Vec3 gravity, double at_hand, DistanceOracle& oracle);
   // The step without a checkpoint. If it fails, the state is undefined.
   bool step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle);
   // Share of a motion of links, and of all particles, one after the other, in which nothing passes through
