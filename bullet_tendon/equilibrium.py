@@ -20,8 +20,8 @@ Tendons that act on the bodies are brought to rest at each place, with the bodie
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
 potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
 shortened twice at most. To the next place they are carried by the motion of their particles with the
-bodies, at rest, which the same elimination gives. A step is as long as one of time in which nothing passes
-through anything.
+bodies, at rest, which the same elimination gives; those stay whose segments it would stretch. A step
+is as long as one of time in which nothing passes through anything.
 
 A joint does not move beyond its limits. Where it is at one, and f points out of it, the limit holds it: it
 is left out of the residual and of the step. A step ends where the first joint comes to its limit.
@@ -412,20 +412,24 @@ class Equilibrium:
             room += [*(entry.limits - np.array(places)[:, None])] if entry.joints else []
         return np.transpose(room)
 
-    def _shortened(self, step: np.ndarray, at: _Terms) -> np.ndarray:
-        """The step, in which nothing passes through anything."""
-        return step * self._core.safe_share(self.slots, at.twists @ step, step @ at.motion, self._measure)
+    def _shortened(self, step: np.ndarray, at: _Terms) -> tuple[np.ndarray, np.ndarray]:
+        """The step, in which nothing passes through anything, and the motion of particles in it."""
+        motion = step @ at.motion
+        if self.tendons is not None:
+            motion = self._core.leave_stretched(motion)
+        share = self._core.safe_share(self.slots, at.twists @ step, motion, self._measure)
+        return share * step, share * motion
 
     def _advance(self, at: _Terms, place: list, step: np.ndarray) -> _Terms | None:
         """Move from a place by a share of the step that is small enough, and find the terms there."""
         before = None if self.tendons is None else self.tendons.checkpoint()
-        step = self._shortened(step, at)
+        step, motion = self._shortened(step, at)
         share, ahead, tries = 1.0, at.force @ step, 0
         while True:
             if self.tendons is not None:
                 if share < 1:
                     self.tendons.take_back(before)
-                self.tendons.carry(share * step @ at.motion)
+                self.tendons.carry(share * motion)
             self._put(place, share * step)
             if self._within is not None and not self._within():
                 self._put_back(place)

@@ -288,6 +288,11 @@ void bind_world_world(GuardedWorld& world) {
       .def("tendon_stiffness", [](const World& w) { return by_twists(w, w.stiffness.matrix); })
       .def("tendon_motion", [](const World& w) { return by_twists(w, w.stiffness.motion); })
       .def("safe_share", &safe_share)
+      .def("leave_stretched",
+           [](const World& w, Array motion) {
+             w.leave_stretched(motion.mutable_data());
+             return motion;
+           })
       .def("carry_tendons", [](World& w, const Array& motion) { w.carry_tendons(motion.data()); })
       .def("coarse_turn",
            [](World& w, int tendon) {

@@ -6,8 +6,12 @@
 // the solution. Its Schur complement (solver/body_schur.cpp), less the identity of y, is the second
 // derivative of the tendons' potential by the twists of the links, with all particles at rest. Inertia and
 // damping of that step are no part of it: they are those of a step of endless length. The same factors give
-// the motion of the particles, by which they are carried to the next place of the bodies.
+// the motion of the particles, by which they are carried to the next place of the bodies, if that does not
+// stretch segments much: where a tendon is nearly slack, nothing else does than the motion of its neighbours.
+#include <algorithm>
+#include <cmath>
 #include <utility>
+#include <vector>
 
 #include "solver/assembly.h"
 #include "solver/body_schur.h"
@@ -22,6 +26,18 @@ constexpr int kTwist = 6;
 // Inertia over its square is 1e-8 of the mass per s^2: enough to keep the matrix of a slack tendon regular
 // [s].
 constexpr double kEndless = 1e4;
+// Change of a segment's length, over its rest length, above which a tendon is not carried [-]. Larger: steps
+// are spent on the tension of segments that were slack. Smaller: a tendon is left behind that is taut.
+constexpr double kMostStretch = 0.02;
+
+bool stretches(const Tendon& c, const double* motion) {
+  for (int k = 0; k + 1 < c.n(); ++k, motion += 3) {
+    const Vec3 now = c.x.at(k + 1) - c.x.at(k);
+    const Vec3 then = now + Vec3{motion[3] - motion[0], motion[4] - motion[1], motion[5] - motion[2]};
+    if (std::fabs(norm(then) - norm(now)) > kMostStretch * c.rest[k]) return true;
+  }
+  return false;
+}
 
 GeneralizedBody body_of_one_link(int number) {
   GeneralizedBody body;
@@ -69,6 +85,13 @@ double World::safe_share(const std::vector<Twist>& of_links, const double* of_pa
   update_proximity(oracle);
   limit_motion();
   return step_.motion_limit;
+}
+
+void World::leave_stretched(double* motion) const {
+  for (auto [slot, c] : filled(scene.tendons)) {
+    if (stretches(c, motion)) std::fill_n(motion, 3 * c.n(), 0.0);
+    motion += 3 * c.n();
+  }
 }
 
 void World::carry_tendons(const double* motion) {

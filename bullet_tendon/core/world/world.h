@@ -269,6 +269,8 @@ class World {
   // Share of a motion of links, and of all particles, one after the other, in which nothing passes through
   // anything, as in a step of time. Without particles, that of elements alone.
   double safe_share(const std::vector<Twist>& of_links, const double* of_particles, DistanceOracle& oracle);
+  // Takes the motion of tendons out whose segments it would stretch.
+  void leave_stretched(double* motion) const;
   // Moves all particles, one after the other, with bodies that are put elsewhere next.
   void carry_tendons(const double* motion);
   // The last step that was not `whole`.
