@@ -108,7 +108,9 @@ class Relaxation:
         """Steps from rest until the residual is small: settled (None: take it back), iterations, residual.
 
         A step that leaps is taken back, and shortened. One that was not solved descends as well: it is kept,
-        but beside bodies that move, on which what it lets through a bone would act.
+        but beside bodies that move, on which what it lets through a bone would act. There, a step that goes
+        back is halved: contacts are those of where it began, and those of two places can lead to each other
+        for ever.
 
         first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then tendons
         move with them, however short a step is, and the residual does not count forces of damping.
@@ -117,6 +119,7 @@ class Relaxation:
         weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
         heaviest = {t: float(t.masses.max()) for t in start}
         iterations, residual, settled, before = 0, np.inf, not start, start
+        last_motion = np.zeros(sum(x.size for x in start.values()))
         for count in range(max_steps):
             self._last_dt = dt
             self.taken += 1
@@ -148,6 +151,7 @@ class Relaxation:
             residual = max([report.residual, *passing])
             own = max(forces.values(), default=0.0)
             residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
+            motion = np.concatenate([(now[t] - x).ravel() for t, x in before.items()] or [[]])
             before = now
             for t in start:
                 t._core.stop(t._slot)
@@ -156,6 +160,10 @@ class Relaxation:
             is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
             if is_at_rest and count > 0:
                 break
+            if follows and not is_at_rest and _goes_back(motion, last_motion):
+                self._core.carry_tendons(-0.5 * motion)
+                before, motion = {t: t.positions for t in start}, 0 * motion
+            last_motion = motion
             too_far = ratio > _FARTHEST and not self._alone
             if not report.converged or too_far:
                 dt /= _GROWTH
@@ -229,6 +237,11 @@ def _gaps_between(x, y) -> np.ndarray:
     halves, longest = (0.5 * np.linalg.norm(np.diff(at, axis=0), axis=1) for at in (x, y))
     nearest = cKDTree(y).query(x)[0]
     return np.minimum(nearest[:-1], nearest[1:]) - halves - longest.max()
+
+
+def _goes_back(motion, last) -> bool:
+    """Whether a motion (3 n) undoes most of the last one."""
+    return motion @ last < -0.5 * max(motion @ motion, last @ last)
 
 
 def _damping(tendon: Tendon, x, x_new, dt: float) -> float:
