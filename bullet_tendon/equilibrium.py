@@ -21,7 +21,8 @@ Their wrenches are added to f, and the Schur complement of their matrix to K. Wi
 potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
 shortened twice at most. To the next place they are carried by the motion of their particles with the
 bodies, at rest, which the same elimination gives; those stay whose segments it would stretch. A step
-is as long as one of time in which nothing passes through anything.
+is as long as one of time in which nothing passes through anything. Where elements alone give an f that points
+back, it is shortened before tendons are brought to rest, with their wrenches linear in it.
 
 A joint does not move beyond its limits. Where it is at one, and f points out of it, the limit holds it: it
 is left out of the residual and of the step. A step ends where the first joint comes to its limit.
@@ -103,7 +104,11 @@ class _Terms:
     matrix: np.ndarray
     largest: float
     twists: np.ndarray  # of the links in slots, by the coordinates (6 k, n)
-    motion: np.ndarray  # of the tendons' particles, by the coordinates (n, 3 particles)
+    of_elements: np.ndarray  # wrenches on these links (k, 6)
+    # Where tendons act: the motion of their particles, by the coordinates (n, 3 particles), and what they add
+    # to the matrix.
+    motion: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    of_tendons: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
 class HeldTendons:
@@ -288,22 +293,24 @@ class Equilibrium:
                 p.resetJointState(entry.body, joint, angle + change, 0, client)
         self._bodies.read()
 
-    def _terms(self) -> _Terms | None:
-        """Where the bodies are; None where the tendons do not come to rest."""
+    def _terms(self, elements: tuple | None = None) -> _Terms | None:
+        """Where the bodies are; None where the tendons do not come to rest.
+
+        elements: the core's terms there.
+        """
         slots, tendons = self.slots, self.tendons
-        potential, largest, wrenches, stiffness = self._core.element_terms(slots, False)
+        potential, largest, of_elements, stiffness = elements or self._core.element_terms(slots, False)
+        wrenches = of_elements
         largest = max(largest, self._given)
         if tendons is not None and not tendons.settle(self._tolerance, largest):
             return None
         if tendons is not None:
             wrenches = wrenches + tendons.wrenches()
-            stiffness = stiffness + tendons.stiffness()
             largest = max(largest, tendons.largest())
         size = sum(len(entry.columns) for entry in self._free)
         of_slots, matrix, first = np.zeros((6 * len(slots), size)), np.zeros((size, size)), 0
-        found = _Terms(
-            potential, np.zeros(size), np.zeros(size), matrix, largest, of_slots, np.zeros((size, 0))
-        )
+        force, following = np.zeros((2, size))
+        found = _Terms(potential, force, following, matrix, largest, of_slots, of_elements)
         for entry in self._free:
             where = slice(first, first + len(entry.columns))
             first += len(entry.columns)
@@ -324,6 +331,8 @@ class Equilibrium:
             matrix[where, where] += _core.jacobian_curvature(jacobians, on_links, entry.columns, floats)
         if tendons is not None:
             found.motion = of_slots.T @ tendons.motion()
+            found.of_tendons = of_slots.T @ tendons.stiffness() @ of_slots
+            matrix += found.of_tendons
         found.force += found.following
         matrix += of_slots.T @ stiffness @ of_slots
         return found
@@ -414,9 +423,7 @@ class Equilibrium:
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> tuple[np.ndarray, np.ndarray]:
         """The step, in which nothing passes through anything, and the motion of particles in it."""
-        motion = step @ at.motion
-        if self.tendons is not None:
-            motion = self._core.leave_stretched(motion)
+        motion = at.motion if self.tendons is None else self._core.leave_stretched(step @ at.motion)
         share = self._core.safe_share(self.slots, at.twists @ step, motion, self._measure)
         return share * step, share * motion
 
@@ -426,10 +433,6 @@ class Equilibrium:
         step, motion = self._shortened(step, at)
         share, ahead, tries = 1.0, at.force @ step, 0
         while True:
-            if self.tendons is not None:
-                if share < 1:
-                    self.tendons.take_back(before)
-                self.tendons.carry(share * motion)
             self._put(place, share * step)
             if self._within is not None and not self._within():
                 self._put_back(place)
@@ -437,11 +440,19 @@ class Equilibrium:
                     self.tendons.take_back(before)
                 self._has_left = True
                 return None
-            after = self._terms()
+            elements = self._core.element_terms(self.slots, False)
+            if self.tendons is not None:
+                back = self._foreseen(at, elements[2], step, share)
+                if back < -0.9 * ahead and share >= _SHORTEST:
+                    share *= max(0.1, ahead / (ahead - back))
+                    continue
+                self.tendons.carry(share * motion)
+            after = self._terms(elements)
             if after is None:
                 if share < _SHORTEST:
                     return None
                 share *= 0.25
+                self.tendons.take_back(before)
                 continue
             shortest = share < _SHORTEST or (self.tendons is not None and tries == _WITH_FRICTION)
             if shortest or self._is_enough(at, after, share * step):
@@ -449,6 +460,16 @@ class Equilibrium:
             back = after.force @ step
             tries += 1
             share *= max(0.1, min(0.5, ahead / (ahead - back))) if back < 0 else 0.5
+            if self.tendons is not None:
+                self.tendons.take_back(before)
+
+    def _foreseen(self, at: _Terms, of_elements: np.ndarray, step: np.ndarray, share: float) -> float:
+        """The force along a step at a share of it, where elements give these wrenches (k, 6).
+
+        Those of tendons, whose rest takes much longer to find, are linear in the share, and loads constant.
+        """
+        by_elements = (of_elements - at.of_elements).reshape(-1) @ (at.twists @ step)
+        return at.force @ step + by_elements - share * (step @ at.of_tendons @ step)
 
     def _is_enough(self, at: _Terms, after: _Terms, moved: np.ndarray) -> bool:
         """Whether the potential falls in this motion, or the force along it no longer points back."""
