@@ -1009,19 +1009,19 @@ class TendonWorld(NotCopied):
         attached = {h.link_slot for t in self.tendons for h in t.holds if isinstance(h, LinkAnchor)}
         solid = self._obstacles.link_slots() | {t.link_slot for t in self.tunnels}
         coupled = bool(self._tendons) and bool((attached | solid) & set(found.slots))
-        kept = self._states.capture() if coupled else None
+        kept = self._stepper.checkpoint() if coupled else None
         if coupled:
             found.tendons = HeldTendons(self._core, self.tendons, self._relaxation(), gravity)
         try:
             search = found.find(tolerance, max_steps)
         except BaseException:
             if coupled:
-                self._states.take_back(kept)
+                self._stepper.take_back(kept)
             raise
         if search.found or search.has_left:
             self._bodies.rest()
         elif coupled:
-            self._states.take_back(kept)
+            self._stepper.take_back(kept)
         self._stepper.forbid_resolve()
         report = self._stepper.report
         report.iterations, report.residual, report.tolerance = search.steps, search.residual, tolerance
