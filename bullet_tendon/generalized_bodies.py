@@ -190,19 +190,26 @@ class JointedBody:
 
 
 def can_be_hit(body: int, client: int) -> bool:
-    """Whether any other body is near, or there are constraints; whatever contacts pybullet still lists."""
+    """Whether any other body is near, or it has constraints; whatever contacts pybullet still lists."""
     others = {p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))}
-    return p.getNumConstraints(client) > 0 or _is_near(body, others - {body}, client)
+    return _has_constraints(body, client) or _is_near(body, others - {body}, client)
 
 
 def _can_be_held(body: int, client: int) -> bool:
-    """Whether another body touches it, or there are constraints.
+    """Whether another body touches it, or it has constraints.
 
     pybullet's restoreState leaves contacts of later times behind.
     """
-    if p.getNumConstraints(client):
+    if _has_constraints(body, client):
         return True
     return _is_near(body, {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=client)}, client)
+
+
+def _has_constraints(body: int, client: int) -> bool:
+    """Whether a constraint joins it to another body or to the world."""
+    ids = [p.getConstraintUniqueId(i, client) for i in range(p.getNumConstraints(client))]
+    infos = [p.getConstraintInfo(constraint, client) for constraint in ids]
+    return any(body in (info[0], info[2]) for info in infos)
 
 
 def _is_near(body: int, others: set[int], client: int) -> bool:

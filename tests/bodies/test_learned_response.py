@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import free_ball
+from link_scenes import free_ball, links_on_joints
 
 import bullet_tendon as bt
 
@@ -13,15 +13,15 @@ DT, MASS, K, LENGTH = 1 / 240, 5e4, 2e3, 0.1
 class Helped:
     """A heavy body on cords along x and y. A script resists the pull along y by half, and helps that along x.
 
-    Something in pybullet could hold a body: elsewhere there is a constraint.
+    Something in pybullet could hold it: a constraint, whose force is none.
     """
 
     def __init__(self, client, world, help_along_x):
         self.client, self.world, self.help = client, world, help_along_x
-        other = free_ball(client, 1.0, (5, 0, 0))
-        place = [p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [5, 0, 0]]
-        p.createConstraint(other, -1, -1, -1, *place, physicsClientId=client)
         self.body = free_ball(client, MASS)
+        place = [p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [0, 0, 0]]
+        loose = p.createConstraint(self.body, -1, -1, -1, *place, physicsClientId=client)
+        p.changeConstraint(loose, maxForce=0, physicsClientId=client)
         self.hands, self.ties, self.cords = [], [], []
         for along in np.eye(3)[:2]:
             cord = world.add_tendon([LENGTH * along, 0 * along], 0.002, bt.Material(stiffness=K), 3)
@@ -58,6 +58,37 @@ def test_a_body_is_never_taken_to_be_lighter_than_it_is(make_world, client, shar
     for k in range(4):
         missed = scene.step([40 * (-1) ** k, 100.0])
         np.testing.assert_allclose(missed, 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("stiffness", [300.0, 3e3, 1e4])
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_torque_controlled_joint_is_not_taken_for_a_held_one(make_world, client, stiffness, beside):
+    """A slider on a cord that is drawn, and on a spring that the user computes.
+
+    Nothing holds it, whatever holds another body: the plan of each step is off by what the user's force has
+    changed by since the lesser one of the last two steps.
+    """
+    world, mass, force = make_world(DT), 0.5, []
+    body = links_on_joints(client, p.JOINT_PRISMATIC, [mass], [(1, 0, 0)])
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    if beside:
+        other = free_ball(client, 1.0, (5, 0, 0))
+        place = [p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [5, 0, 0]]
+        p.createConstraint(other, -1, -1, -1, *place, physicsClientId=client)
+    cord = world.add_tendon([(-LENGTH, 0, 0), (0, 0, 0)], 0.002, bt.Material(stiffness=2e3, damping=5.0), 3)
+    hand = cord.grip(0)
+    cord.attach(-1, body, 0)
+    damping = 0.6 * np.sqrt(stiffness * mass)
+    for k in range(60):
+        hand.target = np.array([-LENGTH - 1e-4 * k * (1 + 0.5 * np.sin(k)), 0, 0])
+        place, rate = p.getJointState(body, 0, client)[:2]
+        force.append(-stiffness * place - damping * rate)
+        p.setJointMotorControl2(body, 0, p.TORQUE_CONTROL, force=force[k], physicsClientId=client)
+        world.step()
+        pushes = force[k - 2 : k] if k > 1 else [0.0, 0.0]
+        push = min(pushes, key=abs) if np.prod(pushes) > 0 else 0.0
+        missed = p.getJointState(body, 0, client)[0] - cord.positions[-1, 0]
+        np.testing.assert_allclose(missed, (force[k] - push) * DT**2 / mass, atol=1e-7)
 
 
 def free_finger(client, damped):

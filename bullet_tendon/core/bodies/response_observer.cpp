@@ -16,6 +16,10 @@ constexpr double kTrusted = 0.5;
 // [-].
 constexpr double kStale = 0.5;
 
+bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
+
+bool any_cut_off(const Numbers& rates) { return std::any_of(rates.begin(), rates.end(), is_cut_off); }
+
 }  // namespace
 
 using namespace dense;
@@ -31,7 +35,7 @@ void Observer::start(int n) {
 void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers& gravity,
                        const Circumstances& of) {
   if (n_ != static_cast<int>(rates.size())) start(static_cast<int>(rates.size()));
-  released_ = false;
+  released_ = hold_.begun = false;
   missed_.clear();
   if (has_acted()) {
     const Numbers& reached = this->reached(rates);
@@ -100,8 +104,8 @@ Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
   dense::solve(root_, missed_);  // generalized forces
   for (int i = 0; i < n_; ++i) {
     const double force = reported.now[i];
-    const bool cut_off = std::fabs(rates[i]) >= kCutOff * kMostRate;
-    const bool moved_without = cut_off || std::fabs(missed_[i] + force) < kStale * std::fabs(force);
+    const bool moved_without =
+        is_cut_off(rates[i]) || std::fabs(missed_[i] + force) < kStale * std::fabs(force);
     reported.off[i] = force == reported.before[i] && (reported.off[i] != 0 || moved_without);
     const bool held = std::fabs(rates[i] - reported.foreseen[i]) < kEvidence * kMostRate;
     forces[i] = reported.off[i] != 0 ? 0 : force;
@@ -135,14 +139,17 @@ void Observer::rest(const Numbers& tendons) {
 void Observer::set_free() {
   set_identity(n_, share_);
   set_identity(n_, share_root_);
-  hold_.acts = released_ = hold_.yields = hold_.limit_known = hold_.firm = false;
+  hold_.acts = hold_.begun = hold_.yields = hold_.limit_known = hold_.firm = released_ = false;
   hold_.withstood = 0;
   take_effective();
   push_.assign(n_, 0.0);
 }
 
 void Observer::let_go() {
+  const bool began_now = hold_.begun;
   set_free();
+  // Nothing held the body in the steps that this was learned from. What pushed it goes on.
+  if (began_now) return find_push();
   forces_.assign(n_, 0.0);
   samples_ = 0;
 }
@@ -246,8 +253,7 @@ void Observer::leave_out_cut() {
 bool Observer::note_cut(const Numbers& rates, bool thrown) {
   for (int i = 0; i < n_; ++i) {
     const double predicted = thrown ? rates[i] - dt_ * missed_[i] : 0;
-    if (std::max(std::fabs(rates[i]), std::fabs(predicted)) >= kCutOff * kMostRate)
-      work_.now.cut[i] = rates[i] > 0 ? 1 : -1;
+    if (is_cut_off(rates[i]) || is_cut_off(predicted)) work_.now.cut[i] = rates[i] > 0 ? 1 : -1;
   }
   return dot(work_.now.cut, work_.now.cut) > 0;
 }
@@ -303,7 +309,8 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
   limit_share();
   double least = 1;
   for (int i = 0; i < n_; ++i) least = std::min(least, share_[i * n_ + i]);
-  hold_.acts = least < 1 - kLeastNews;
+  const bool held = std::exchange(hold_.acts, least < 1 - kLeastNews);
+  hold_.begun = hold_.acts && !held && !any_cut_off(rates_);
   take_effective();
 }
 

@@ -74,7 +74,7 @@ class Observer {
   void rest(const Numbers& tendons);
   // Treats the body as free from this step on.
   void set_free();
-  // The same, and forgets the last steps.
+  // Treats a body that nothing can hold as free, and forgets the last steps if something held it in them.
   void let_go();
   // Lets it yield in a step in which it was released, at the force that its motion shows, as a motor of
   // limited force does. If pybullet cut off its rate, that is not known, and the body is free.
@@ -143,6 +143,7 @@ class Observer {
   // What holds the body.
   struct Hold {
     bool acts = false;         // R_eff is less than the free response
+    bool begun = false;        // it was learned from the last step, which no rate that was cut off preceded
     bool yields = false;       // the body was let yield in this step
     bool limit_known = false;  // it was seen to yield at `withstood`
     bool firm = false;         // it withstood what would throw the body at the rate that pybullet cuts off
