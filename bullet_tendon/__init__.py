@@ -15,6 +15,7 @@ __path__ = extend_path(__path__, __name__)
 from .anchors import Attachment, Grip, Line  # noqa: E402
 from .cartilage import Cartilage, Region  # noqa: E402
 from .errors import (  # noqa: E402
+    AttachmentWarning,
     CannotCopy,
     CartilageWarning,
     CaseFailed,
@@ -51,6 +52,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Attachment",
+    "AttachmentWarning",
     "Bundle",
     "CannotCopy",
     "Cartilage",

@@ -156,6 +156,20 @@ class InsideWarning(RuntimeWarning):
     """
 
 
+class AttachmentWarning(RuntimeWarning):
+    """A particle that is attached to a point farther away than its radius, to which the next step draws it.
+
+    It is given by Tendon.attach: `position` is in the link's URDF frame, not in that of its centre of mass.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as given:
+        ...     knot = tendon.attach(-1, ball, position=(0, 0, 0.05))
+        >>> print(given[0].message)
+        particle 10 of tendon 'tendon1' is 0.04 m away from its point on body 0, link -1: the next step ...
+    """
+
+
 class ResolutionWarning(RuntimeWarning):
     """A taut tendon that turns so far at one particle on a body that its tension is not exact.
 

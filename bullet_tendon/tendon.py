@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from . import _core, checks
 from .anchors import Attachment, Grip, Line, Numbers, clamp_direction
 from .bodies import Bodies
-from .errors import InvalidValue, NotCopied, UnknownId
+from .errors import AttachmentWarning, InvalidValue, NotCopied, UnknownId, warn
 from .fixation import Fixation, Tensioner, fix_at, fix_in
 from .material import Material
 from .placement import Placement
@@ -206,7 +206,8 @@ class Tendon(NotCopied):
             particle: its index, negative from the end. A particle can be held once.
             bodyUniqueId: the body.
             linkIndex: the link, -1 for the base.
-            position: (3,) in the link's URDF frame [m]; None: where the particle is now.
+            position: (3,) in the link's URDF frame [m]; None: where the particle is now. An
+                AttachmentWarning is given where that is farther away than the radius.
 
         Raises:
             InvalidType, InvalidValue, UnknownId: then nothing has changed.
@@ -221,11 +222,18 @@ class Tendon(NotCopied):
         index = self._free_particle(particle)
         bodies = self._bodies
         bodies.require(bodyUniqueId, linkIndex)
-        if position is None:
-            origin, axes = bodies.frame(bodyUniqueId, linkIndex)
-            local = axes.T @ (self.positions[index] - origin)
-        else:
-            local = checks.vector("position", position)
+        origin, axes = bodies.frame(bodyUniqueId, linkIndex)
+        now = axes.T @ (self.positions[index] - origin)
+        local = now if position is None else checks.vector("position", position)
+        away = np.linalg.norm(now - local)
+        if away > self.radius:
+            warn(
+                AttachmentWarning(
+                    f"particle {index} of tendon {self.name!r} is {away:.3g} m away from its point on body "
+                    f"{bodyUniqueId}, link {linkIndex}: the next step draws it there. `position` is in the "
+                    "link's URDF frame"
+                )
+            )
         link = bodies.slot(bodyUniqueId, linkIndex)
         number = self._numbers.next()
         self._core.add_attachment(self._slot, number, index, link, local)

@@ -1,6 +1,7 @@
 """Tendon: grips, forces, reeling in and paying out, read-outs, and what they refuse."""
 
 import math
+import warnings
 
 import numpy as np
 import pybullet as p
@@ -139,6 +140,46 @@ def test_soft_grip_yields_by_force_over_stiffness(world, damping):
     np.testing.assert_allclose(t.positions[0], [40.0 / 800, 0, -30.0 / 800], atol=1e-7)
     np.testing.assert_allclose(soft.force, [40.0, 0, -30.0], atol=1e-5)
     np.testing.assert_allclose(t.tension, 50.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("link", [-1, 0])
+@pytest.mark.parametrize("away", [0.0, 0.9 * RADIUS, 1.1 * RADIUS, 0.05])
+def test_an_attachment_tells_where_its_particle_is_far_from_its_point(world, client, link, away):
+    """Points are in the link's URDF frame: who takes that of the centre of mass is told."""
+    body = p.createMultiBody(
+        1.0,
+        basePosition=[LENGTH, 0.1, 0],
+        baseInertialFramePosition=[0, 0.02, 0],
+        linkMasses=[1.0],
+        linkCollisionShapeIndices=[-1],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[[0, -0.1, 0]],
+        linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0.05, 0, 0]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0],
+        linkJointTypes=[p.JOINT_REVOLUTE],
+        linkJointAxis=[[0, 0, 1]],
+        physicsClientId=client,
+    )
+    t = straight(world)
+    base = np.array(p.getBasePositionAndOrientation(body, client)[0]) - [0, 0.02, 0]
+    origin = base if link < 0 else np.array(p.getLinkState(body, 0, 0, 1, client)[4])
+    position = t.positions[-1] - origin + [0, 0, away]
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        t.attach(-1, body, link, position)
+    told = [str(w.message) for w in given if w.category is bt.AttachmentWarning]
+    assert len(told) == (away > RADIUS)
+    for message in told:
+        assert message.startswith(f"particle 15 of tendon {t.name!r} is {away:.3g} m away from its point on")
+
+
+def test_what_is_attached_where_it_is_is_not_told_of(world, client):
+    body = p.createMultiBody(1.0, basePosition=[LENGTH, 0.2, 0], physicsClientId=client)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        straight(world).attach(-1, body)
 
 
 def test_released_grips_let_go(make_world):
