@@ -221,6 +221,7 @@ class World:
     def add_body_force(
         self, slot: int, body: Articulated, link: int, force: tuple, point: tuple, /
     ) -> None: ...
+    def add_joint_force(self, slot: int, body: Articulated, dof: int, force: float, /) -> None: ...
     def add_shape(
         self,
         link: int,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pybullet as p
 
-from . import _core
+from . import _core, checks
 from .errors import InvalidValue, UnknownId
 from .generalized_bodies import (
     can_be_hit,
@@ -99,6 +99,7 @@ class Bodies:
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
+        self._joint_forces: list[tuple[int, int, float]] = []  # body, joint, force or torque
         self._awake: set[int] = set()  # bodies on which wrenches acted in the last step
         self._since_woken = 0.0  # [s]
         self.revision = 0  # of what slots mean
@@ -119,6 +120,15 @@ class Bodies:
         count = p.getNumJoints(int(body), self.client)
         if not isinstance(link, (int, np.integer)) or isinstance(link, bool) or not -1 <= link < count:
             raise UnknownId("linkIndex", link, f"an integer from -1 to {count - 1} for body {body}")
+
+    def require_joint(self, body: int, joint: int) -> None:
+        """Raise UnknownId unless the body has that joint, InvalidValue unless it is a hinge or a slider."""
+        self.require(body, -1)
+        count = p.getNumJoints(int(body), self.client)
+        if checks.integer("jointIndex", joint) not in range(count):
+            raise UnknownId("jointIndex", joint, f"an integer from 0 to {count - 1} for body {body}")
+        if p.getJointInfo(int(body), int(joint), self.client)[2] not in (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):
+            raise InvalidValue("jointIndex", joint, "a hinge or a slider")
 
     def slot(self, body: int, link: int) -> int:
         """The slot of a link, made where there is none."""
@@ -189,6 +199,9 @@ class Bodies:
             for body_id, link, force, point in self._external:
                 if body_id == body.body:
                     body.add_force(self._core, link, force, point)
+            for body_id, joint, force in self._joint_forces:
+                if body_id == body.body:
+                    body.add_joint_force(self._core, joint, force)
 
     def rest(self) -> None:
         """Tendons, or bodies, were put in equilibrium: the next step begins with the forces there.
@@ -310,6 +323,12 @@ class Bodies:
         p.applyExternalForce(body, link, force, point, p.WORLD_FRAME, self.client)
         self._external.append((body, link, force, point))
 
+    def apply_joint_force(self, body: int, joint: int, force: float) -> None:
+        """Put a force [N] or torque [N m] on a slider or hinge, and tell the next reads of it."""
+        mode = p.TORQUE_CONTROL
+        p.setJointMotorControl2(body, joint, mode, force=force, physicsClientId=self.client)
+        self._joint_forces.append((body, joint, force))
+
     @property
     def external_forces(self) -> tuple:
         """(body, link, force, point) of the forces that the user has told for the next step."""
@@ -318,6 +337,7 @@ class Bodies:
     def forget_external_forces(self) -> None:
         """The step that they were for has been solved."""
         self._external.clear()
+        self._joint_forces.clear()
 
     def unheld(self) -> list[int]:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""

@@ -94,6 +94,9 @@ class RigidBody:
         if link == self.link:
             core.add_link_force(self.slot, force, point)
 
+    def add_joint_force(self, core, joint: int, force: float) -> None:
+        """It has no joints that are known."""
+
     def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
@@ -114,6 +117,9 @@ class JointedBody:
         self.slot = next(iter(slots.values()))
         self._slots, self._links = list(slots.values()), [link + 1 for link in slots]
         self._joints = movable_joints(body, client, infos)
+        self._rates = [
+            info[4] for info in infos
+        ]  # of each joint, its place among the rates of a floating body
         self._trees = [tree_of(infos, floating) for floating in (False, True)]
         self._tree = self._trees[0]  # of these, the one that was read last
         # Of which pybullet reports no forces.
@@ -177,6 +183,12 @@ class JointedBody:
         """Tell the core of a force of the user on a link at a world point, once the body was read."""
         if self._yields[self._tree is self._trees[True]]:
             core.add_body_force(self.slot, self._tree, link + 1, force, point)
+
+    def add_joint_force(self, core, joint: int, force: float) -> None:
+        """Tell the core of a force [N] or torque [N m] of the user on a joint, once the body was read."""
+        floating = self._tree is self._trees[True]
+        if self._yields[floating]:
+            core.add_joint_force(self.slot, self._tree, self._rates[joint] - (0 if floating else 6), force)
 
     def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""

@@ -726,6 +726,33 @@ class TendonWorld(NotCopied):
         given = self._checked_force(bodyUniqueId, linkIndex, forceObj, posObj, flags)
         self._bodies.apply_external_force(*given)
 
+    def apply_joint_force(self, bodyUniqueId: int, jointIndex: int, force: float) -> None:
+        """p.setJointMotorControl2 with p.TORQUE_CONTROL, of which the tendons know before they are stepped.
+
+        pybullet does not report what a controller puts on joints. It is seen only by what it has done, a step
+        late. Tell the tendons of stiff controllers, and of torques that begin or end at once. `relax` does
+        not count them.
+
+        Args:
+            bodyUniqueId: the body.
+            jointIndex: a hinge or a slider of it, whose own motor is switched off or goes on.
+            force: during the next step, along or about the joint's axis [N], [N m].
+
+        Raises:
+            InvalidType, InvalidValue, UnknownId: then nothing has changed.
+
+        Example:
+            >>> path = bt.data_path("tendon_finger.urdf")
+            >>> finger = p.loadURDF(path, useFixedBase=True)
+            >>> p.setJointMotorControl2(finger, 0, p.VELOCITY_CONTROL, force=0)
+            >>> for _ in range(24):
+            ...     world.apply_joint_force(finger, 0, 0.02)
+            ...     world.step()
+        """
+        force = checks.number("force", force)
+        self._bodies.require_joint(bodyUniqueId, jointIndex)
+        self._bodies.apply_joint_force(int(bodyUniqueId), int(jointIndex), force)
+
     def relax(
         self,
         tolerance: float = 1e-6,

@@ -83,6 +83,74 @@ def test_a_sudden_force_is_no_surprise(make_world, client, mass, dt):
         assert k != 25 or t.tension.max() > 100
 
 
+def chain(client, kind, floating):
+    """Three links of 50 g on hinges or sliders, whose motors are off."""
+    pose, count = [0.0, 0.0, 0.0, 1.0], 3
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=client)
+    body = p.createMultiBody(
+        0.2 if floating else 0.0,
+        ball,
+        linkMasses=[0.05] * count,
+        linkCollisionShapeIndices=[ball] * count,
+        linkVisualShapeIndices=[-1] * count,
+        linkPositions=[[0.1, 0, 0]] * count,
+        linkOrientations=[pose] * count,
+        linkInertialFramePositions=[[0.05, 0, 0]] * count,
+        linkInertialFrameOrientations=[pose] * count,
+        linkParentIndices=list(range(count)),
+        linkJointTypes=[p.JOINT_FIXED, kind, kind],
+        linkJointAxis=[[0, 0, 1], [0, 1, 0], [0, 1, 0]],
+        physicsClientId=client,
+    )
+    for link in range(-1, count):
+        p.changeDynamics(body, link, **UNDAMPED, jointDamping=0, physicsClientId=client)
+    for joint in (1, 2):
+        p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    return body
+
+
+CHAINS = [(kind, floating) for kind in (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC) for floating in (False, True)]
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("kind, floating", CHAINS)
+def test_a_joint_moves_as_pybullet_alone_moves_it(make_world, client, kind, floating, joint):
+    world, ends = make_world(1 / 240), []
+    body = chain(client, kind, floating)
+    start = p.saveState(client)
+    for told in (False, True):
+        p.restoreState(start, physicsClientId=client)
+        for _ in range(10):
+            if told:
+                world.apply_joint_force(body, joint, 0.01)
+            else:
+                p.setJointMotorControl2(body, joint, p.TORQUE_CONTROL, force=0.01, physicsClientId=client)
+            world.step()
+        ends.append(motion(body, client))
+    np.testing.assert_array_equal(*ends)
+    assert np.abs(ends[0]).max() > 1e-3
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("kind, floating", CHAINS)
+def test_a_sudden_force_on_a_joint_is_no_surprise(make_world, client, kind, floating, joint):
+    """It begins between two steps, at a cord whose end stays on its link; a step later it is no news."""
+    world, force = make_world(1 / 240), -1.0 if kind == p.JOINT_PRISMATIC else -0.01
+    body = chain(client, kind, floating)
+    cord = world.add_tendon([(0.4, 0.1, 0), (0.4, 0, 0)], 1e-3, bt.Material(stiffness=1e4, damping=10.0), 8)
+    cord.grip(0)
+    knot = cord.attach(-1, body, 2)
+    world.step(3)
+    before = motion(body, client)
+    for _ in range(2):
+        world.apply_joint_force(body, joint, force)
+        world.step()
+        assert world.report.converged and not world.report.reasons.get("released", 0)
+        # Of the second order in how far the joints move; by a force that is not told it is of the first.
+        moved = np.abs(motion(body, client) - before)[[0, 1, 2, -4, -2]].max()  # base [m], joints [m], [rad]
+        assert misfit(cord, knot, client) <= 4e-3 * moved
+
+
 FAST = [  # kg, N, m, s, damping over stiffness [s]
     (0.00141, 660, 0.0058, 0.00412, 1e-5),
     (0.00451, 270, 0.0071, 0.00357, 1e-4),
@@ -163,3 +231,26 @@ def test_bad_forces_are_refused(make_world, client, what):
     assert caught.value.argument == name
     world.step()
     assert not np.any(p.getBaseVelocity(body, client))
+
+
+BAD_JOINTS = {
+    "no body": ((99, 1, 1.0), bt.UnknownId, "bodyUniqueId"),
+    "no joint": ((0, 3, 1.0), bt.UnknownId, "jointIndex"),
+    "a base": ((0, -1, 1.0), bt.UnknownId, "jointIndex"),
+    "a fixed joint": ((0, 0, 1.0), bt.InvalidValue, "jointIndex"),
+    "text": ((0, "1", 1.0), bt.InvalidType, "jointIndex"),
+    "not finite": ((0, 1, np.inf), bt.InvalidValue, "force"),
+    "a vector": ((0, 1, [0, 0, 1]), bt.InvalidType, "force"),
+}
+
+
+@pytest.mark.parametrize("what", BAD_JOINTS)
+def test_bad_forces_on_joints_are_refused(make_world, client, what):
+    arguments, error, name = BAD_JOINTS[what]
+    world = make_world(1 / 240)
+    body = chain(client, p.JOINT_REVOLUTE, False)
+    with pytest.raises(error) as caught:
+        world.apply_joint_force(*arguments)
+    assert caught.value.argument == name
+    world.step()
+    assert [p.getJointState(body, joint, client)[1] for joint in (1, 2)] == [0, 0]

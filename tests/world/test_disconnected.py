@@ -58,6 +58,7 @@ REFUSED = {
     "apply_external_force": lambda s: s.world.apply_external_force(
         s.body, -1, [0, 0, 1], [0, 0, 0], p.WORLD_FRAME
     ),
+    "apply_joint_force": lambda s: s.world.apply_joint_force(s.body, 0, 1.0),
     "relax": lambda s: s.world.relax(),
     "wrench": lambda s: s.world.wrench(s.body),
     "describe": lambda s: s.world.describe(),

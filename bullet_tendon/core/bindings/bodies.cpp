@@ -354,6 +354,15 @@ void add_body_force(World& w, int slot, const Articulated& tree, int link, Vec3 
   m.add_external(generalized);
 }
 
+// A force or torque of the user on a degree of freedom of a body, in this step. tree: as it was read.
+void add_joint_force(World& w, int slot, const Articulated& tree, int dof, double force) {
+  GeneralizedBody& m = w.scene.bodies[slot];
+  if (m.n() != tree.dofs() || dof < 0 || dof >= m.n()) return;
+  dense::Numbers generalized(m.n());
+  generalized[dof] = force;
+  m.add_external(generalized);
+}
+
 // J (links, 6, dofs), the mass matrix, and the generalized force of the motion itself (dofs).
 py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& motion,
                    const py::tuple& joints, const py::list& chosen) {
@@ -403,7 +412,8 @@ void bind_bodies(py::module_& m, GuardedWorld& world) {
   world.def("read_body", &read_body)
       .def("sample_body", &sample_body)
       .def("keep_motors", &keep_motors)
-      .def("add_body_force", &add_body_force);
+      .def("add_body_force", &add_body_force)
+      .def("add_joint_force", &add_joint_force);
   m.def("dynamics", &dynamics);
 }
 
