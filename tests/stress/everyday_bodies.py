@@ -702,6 +702,61 @@ def gripped(scene):
 
 
 @family
+def torque_controlled(scene):
+    """Cords through the bores of a block draw it along its slider, against a spring that the user computes.
+
+    The spring is explicit: alone, it is stable up to a stiffness of 4 m/dt^2. Where the tendons are not told
+    of its force, they learn it a step late.
+    """
+    scene.begin(gravity=False)
+    cords, pull, radius = scene.whole(1, 3), scene.log(1, 200), scene.flat(5e-4, 1.5e-3)
+    stiffness = rounded(2 * cords * pull / scene.flat(2, 8) / radius)
+    told = scene.coin()
+    mass = rounded(stiffness * scene.dt**2 / scene.log(0.02, 0.4 if told else 0.1))
+    damping = rounded(2 * scene.flat(0.2, 0.7) * math.sqrt(stiffness * mass))
+    thick, bore, mu = (
+        scene.flat(6, 12) * radius,
+        scene.flat(1.2, 2.5) * radius,
+        scene.pick(0.0, scene.flat(0, 0.3)),
+    )
+    edges = (40 * radius, 20 * cords * radius, thick)
+    kind = scene.raw.JOINT_PRISMATIC
+    block = jointed(scene, kind, [mass], scene.shape("box", edges), [[0, 0, 0]], [[1, 0, 0]])
+    scene.p.setJointMotorControl2(block, 0, scene.raw.VELOCITY_CONTROL, force=0)
+    scene.obstacle(block, 0, "box", edges, 1.0)
+    scene.energy, ends, hands = False, [], []
+    near, far, beside = -15 * radius, -55 * radius, thick / 2 + 3 * radius
+    for k in range(cords):
+        y = (k - (cords - 1) / 2) * 20 * radius
+        mouths = [near, y, -thick / 2], [near, y, thick / 2]
+        scene.world.add_tunnel(block, 0, *mouths, bore, friction=1.0)
+        line = [[far, y, -beside], [near, y, -beside], [near, y, beside], [far, y, beside]]
+        cord = scene.world.add_tendon(line, radius, scene.material(pull, friction=mu), scene.whole(40, 60))
+        hands.append(cord.grip(0))
+        ends.append(cord)
+    lines = [
+        f"x, v = p.getJointState({block.text}, 0)[:2]",
+        f"f = -{stiffness!r} * x - {damping!r} * v",
+        f"world.apply_joint_force({block.text}, 0, f)"
+        if told
+        else f"p.setJointMotorControl2({block.text}, 0, p.TORQUE_CONTROL, force=f)",
+    ]
+    for share in (0.25, 0.5, 0.75, 1.0):
+        for cord in ends:
+            cord.set_force(-1, (-rounded(share * pull), 0, 0))
+        scene.run(scene.steps // 6, *lines)
+    drawn, held = [], []
+
+    def watch():
+        held.append(-stiffness * scene.raw.getJointState(int(block), 0)[0])
+        drawn.append(sum(hand.force[0] + pull for hand in hands))
+
+    scene.run(scene.steps // 3, *lines, watch=watch)
+    scene.near("force of the spring [N]", np.mean(held[-20:]), np.mean(drawn[-20:]), rel=0.02)
+    scene.in_clearance()
+
+
+@family
 def stalled(scene):
     """A lever that a motor turns against a tendon comes to rest where the tension's torque is the motor's."""
     scene.begin(gravity=False)
