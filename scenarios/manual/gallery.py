@@ -32,6 +32,7 @@ RECIPES = (
     "tendon_over_pulley",
     "suture_and_knot",
     "finger_from_my_urdf",
+    "torque_controlled_arm",
     "forces_contact_tension",
     "record_and_replay",
     "saved_states",

@@ -134,6 +134,25 @@ def test_multi_strand_graft(run):
     assert forces == pytest.approx(slope * strains**2 / 0.06, rel=2e-3)  # within the toe of 3 %
 
 
+def test_torque_controlled_arm(run):
+    """The controller's springs carry the weight, by the mass matrix of two rods in closed form."""
+    got = run("torque_controlled_arm")
+    load = G * (1 + got["cord"].masses.sum())
+    m, length = 0.5, 0.3
+    inertia, square = m * (length**2 + 0.02**2) / 12, m * length**2
+    for rate, off in ((30, got["soft"]), (120, got["stiff"])):
+        first, second = np.radians(off) + got["aim"]
+        c = np.cos(second)
+        last = inertia + square / 4
+        both = last + square / 2 * c
+        mass = [[2 * both - last + inertia + 1.25 * square, both], [both, last]]
+        x = length * np.cos([first, first + second])  # a turn about y lowers what is at x > 0
+        held = np.array(mass) @ (rate**2 * -np.radians(off))
+        assert held == pytest.approx(-load * np.array([x.sum(), x[1]]), rel=5e-3)  # it swings by a little
+    assert got["told"] == pytest.approx(0, abs=0.01)
+    assert got["cord"].tension == pytest.approx(G, rel=2e-3)
+
+
 def test_tendon_over_pulley(run):
     got = run("tendon_over_pulley")
     assert got["loaded"] == pytest.approx(G, rel=1e-2)
