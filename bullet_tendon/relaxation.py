@@ -9,7 +9,7 @@ from rest. They are shortened where particles move by more than a share of the r
 they have before they could meet anything, or where a step does not converge. They are lengthened where
 particles move little (pseudo-transient continuation, Kelley and Keyes 1998). Where bodies come to rest as
 well, the steps grow from place to place: in short ones damping holds the tendons back, which Newton's matrix
-of the bodies' equilibrium does not know.
+of the bodies' equilibrium does not know. They begin short again where segments are slack.
 """
 
 from collections.abc import Callable
@@ -91,7 +91,9 @@ class Relaxation:
         beside it. Nothing is taken back. Raises what Stepper.hold raises.
         """
         start = {t: t.positions for t in self._tendons}
-        first = min(_ENDLESS, self._last_dt)
+        # Nothing but inertia holds segments that are slack.
+        is_slack = any(_has_slack(t, x) for t, x in start.items())
+        first = _FIRST if is_slack else min(_ENDLESS, self._last_dt)
         settled, *_ = self._descend(start, gravity, tolerance, max_steps, first, at_hand, follows=True)
         return bool(settled)
 
@@ -237,6 +239,12 @@ def _gaps_between(x, y) -> np.ndarray:
     halves, longest = (0.5 * np.linalg.norm(np.diff(at, axis=0), axis=1) for at in (x, y))
     nearest = cKDTree(y).query(x)[0]
     return np.minimum(nearest[:-1], nearest[1:]) - halves - longest.max()
+
+
+def _has_slack(tendon: Tendon, x) -> bool:
+    """Whether a segment is shorter than at rest, with the particles at x (n, 3)."""
+    ways = x[1:] - x[:-1]
+    return bool((np.einsum("ij,ij->i", ways, ways) < tendon._core.rest(tendon._slot) ** 2).any())
 
 
 def _goes_back(motion, last) -> bool:
