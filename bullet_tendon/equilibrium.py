@@ -72,12 +72,13 @@ class _Load:
     fixed: list = dataclasses.field(default_factory=list)
     following: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(6))
 
-    def wrenches(self, axes) -> tuple[np.ndarray, np.ndarray]:
-        """(6,) about the centre of mass, world axes: of the fixed and of the following forces."""
-        fixed = np.zeros(6)
+    def wrenches(self, axes) -> np.ndarray:
+        """(2, 6) about the centre of mass, world axes: of the fixed and of the following forces."""
+        out = np.zeros((2, 6))
         for force, local in self.fixed:
-            fixed += [*force, *_cross(axes @ local, force)]
-        return fixed, np.concatenate([axes @ self.following[:3], axes @ self.following[3:]])
+            out[0] += [*force, *_cross(axes @ local, force)]
+        out[1] = (self.following.reshape(2, 3) @ axes.T).reshape(-1)
+        return out
 
     def stiffness(self, axes) -> np.ndarray:
         """(3, 3) of the fixed forces' potential by rotation vectors."""
@@ -188,6 +189,7 @@ class _Free:
     links: list[int]  # -1 for the base, those that have mass or are touched
     masses: np.ndarray
     infos: tuple  # of joint_infos
+    dynamics: list  # p.getDynamicsInfo of `links`
     limits: np.ndarray  # (joints, 2) lower and upper, infinite where there are none
 
 
@@ -239,13 +241,14 @@ class Equilibrium:
         infos = joint_infos(body, client)
         movable = movable_joints(body, client, infos)
         links = list(range(-1, p.getNumJoints(body, client)))
-        masses = np.array([p.getDynamicsInfo(body, link, client)[0] for link in links])
+        dynamics = [p.getDynamicsInfo(body, link, client) for link in links]
+        masses = np.array([info[0] for info in dynamics])
         if not movable:
             if chosen is not None:
                 raise InvalidValue("bodies", entry, "a body with joints, or its id alone")
             if masses[0] == 0 or len(links) > 1:
                 raise InvalidValue("bodies", entry, "a single body with mass, or one with joints")
-            return _Free(body, list(range(6)), [], links, masses, infos, np.zeros((0, 2)))
+            return _Free(body, list(range(6)), [], links, masses, infos, dynamics, np.zeros((0, 2)))
         joints = movable if chosen is None else chosen
         if not isinstance(joints, (tuple, list)) or not set(joints) <= set(movable) or not joints:
             raise InvalidValue("bodies", entry, f"(bodyUniqueId, joints) with joints of {movable}")
@@ -259,7 +262,7 @@ class Equilibrium:
         p.syncBodyInfo(client)  # limits that changeDynamics has changed
         limits = np.array([p.getJointInfo(body, joint, client)[8:10] for joint in joints])
         limits[limits[:, 0] > limits[:, 1]] = -np.inf, np.inf
-        return _Free(body, columns, list(joints), links, masses, infos, limits)
+        return _Free(body, columns, list(joints), links, masses, infos, dynamics, limits)
 
     def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
         centre, turn = link_pose(body, link, self._client)
@@ -360,7 +363,7 @@ class Equilibrium:
     def _jacobians(self, entry: _Free) -> np.ndarray:
         if not entry.joints:
             return np.eye(6)[None]
-        found = jacobians_and_mass(entry.body, entry.links, self._client, entry.infos)
+        found = jacobians_and_mass(entry.body, entry.links, self._client, entry.infos, entry.dynamics)
         if found is None:
             raise InvalidType("bodies", entry.body, "a body on joints that are known")
         return found[0][:, :, entry.columns]

@@ -253,14 +253,15 @@ def movable_joints(body, client, infos=None) -> list[int]:
     return [joint for joint, info in enumerate(infos) if info[2] != p.JOINT_FIXED]
 
 
-def jacobians_and_mass(body, links, client, infos=None) -> tuple[np.ndarray, np.ndarray] | None:
+def jacobians_and_mass(body, links, client, infos=None, known=None) -> tuple[np.ndarray, np.ndarray] | None:
     """J (len(links), 6, dofs) and M (dofs, dofs) of a body where it is now.
 
-    links: indices, -1 for the base. infos: as of joint_infos, where they are known. Rows of J: velocity of
-    the link's centre of mass, then its spin, world axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all
+    links: indices, -1 for the base. infos: as of joint_infos, where they are known. known: p.getDynamicsInfo
+    of the base and of all links, where they are known. Rows of J: velocity of the link's centre of mass, then
+    its spin, world axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all
     links. None where a joint is of another kind than fixed, hinge, slider and spherical.
     """
-    parts = _dynamics(body, links, client, infos)
+    parts = _dynamics(body, links, client, infos, known)
     return parts and parts[:2]
 
 
@@ -274,15 +275,15 @@ def velocity_force(body, client) -> np.ndarray | None:
     return parts and parts[2]
 
 
-def _dynamics(body, links, client, infos=None) -> tuple | None:
+def _dynamics(body, links, client, infos=None, known=None) -> tuple | None:
     """J, M, and the force of the motion itself (dofs,)."""
     infos = joint_infos(body, client) if infos is None else infos
-    tree = tree_of(infos, not is_fixed(body, client))
+    dynamics = known or [p.getDynamicsInfo(body, link, client) for link in range(-1, len(infos))]
+    tree = tree_of(infos, dynamics[0][0] > 0)
     if tree is None:
         return None
     if tree.dofs == 0:
         return np.zeros((len(links), 6, 0)), np.zeros((0, 0)), np.zeros(0)
-    dynamics = [p.getDynamicsInfo(body, link, client) for link in range(-1, tree.links - 1)]
     base = p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
     joints = joint_states(body, movable_joints(body, client, infos), client)
     return _core.dynamics(tree, dynamics, *base, joints, [link + 1 for link in links])

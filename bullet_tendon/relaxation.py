@@ -12,6 +12,7 @@ well, the steps grow from place to place: in short ones damping holds the tendon
 of the bodies' equilibrium does not know. They begin short again where segments are slack.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -55,6 +56,8 @@ class Relaxation:
         self._core, self._stepper, self._states, self._bodies = core, stepper, states, bodies
         self._tendons, self._alone, self._surroundings = tendons, alone, surroundings
         self._around: Surroundings | None = None  # while `run` runs
+        self._masses = {t: t.masses for t in tendons}
+        self._heaviest = {t: float(masses.max()) for t, masses in self._masses.items()}  # particle [kg]
         self._last_dt = _FIRST  # of the last step of `follow` [s]
         self.taken = 0  # steps so far
 
@@ -118,8 +121,8 @@ class Relaxation:
         move with them, however short a step is, and the residual does not count forces of damping.
         """
         stepper, dt = self._stepper, first
-        weights = {t: t.masses.sum() * np.linalg.norm(gravity) for t in start}
-        heaviest = {t: float(t.masses.max()) for t in start}
+        pull = math.hypot(*gravity)
+        weights = {t: float(self._masses[t].sum()) * pull for t in start}
         iterations, residual, settled, before = 0, np.inf, not start, start
         last_motion = np.zeros(sum(x.size for x in start.values()))
         for count in range(max_steps):
@@ -147,14 +150,13 @@ class Relaxation:
             forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
             # What keeps it from equilibrium in this step alone: inertia and damping. Beside bodies that move,
             # the next step is a longer one in any case.
-            passing = [heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]
+            passing = [self._heaviest[t] * moved[t] / dt**2 / forces[t] for t in start]
             if not follows:
                 passing += [_damping(t, last, now[t], dt) / forces[t] for t, last in before.items()]
             residual = max([report.residual, *passing])
             own = max(forces.values(), default=0.0)
             residual *= min(1.0, own / at_hand) if at_hand > 0 else 1.0
-            motion = np.concatenate([(now[t] - x).ravel() for t, x in before.items()] or [[]])
-            before = now
+            last, before = before, now
             for t in start:
                 t._core.stop(t._slot)
             is_rounded = max(moved.values(), default=0.0) == 0.0 and dt >= _FIRST
@@ -162,10 +164,12 @@ class Relaxation:
             is_at_rest = settled and self._core.pressed_depth() <= _DEPTH
             if is_at_rest and count > 0:
                 break
-            if follows and not is_at_rest and _goes_back(motion, last_motion):
-                self._core.carry_tendons(-0.5 * motion)
-                before, motion = {t: t.positions for t in start}, 0 * motion
-            last_motion = motion
+            if follows and not is_at_rest:
+                motion = np.concatenate([(x - last[t]).ravel() for t, x in now.items()])
+                if _goes_back(motion, last_motion):
+                    self._core.carry_tendons(-0.5 * motion)
+                    before, motion = {t: t.positions for t in start}, 0 * motion
+                last_motion = motion
             too_far = ratio > _FARTHEST and not self._alone
             if not report.converged or too_far:
                 dt /= _GROWTH
