@@ -258,8 +258,8 @@ def jacobians_and_mass(body, links, client, infos=None, known=None) -> tuple[np.
 
     links: indices, -1 for the base. infos: as of joint_infos, where they are known. known: p.getDynamicsInfo
     of the base and of all links, where they are known. Rows of J: velocity of the link's centre of mass, then
-    its spin, world axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all
-    links. None where a joint is of another kind than fixed, hinge, slider and spherical.
+    its spin, world axes. M is the sum of J_l^T diag(m_l 1, I_l) J_l over all links. None where a joint is of
+    another kind than fixed, hinge, slider and spherical.
     """
     parts = _dynamics(body, links, client, infos, known)
     return parts and parts[:2]
