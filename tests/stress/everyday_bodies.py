@@ -745,14 +745,19 @@ def torque_controlled(scene):
         for cord in ends:
             cord.set_force(-1, (-rounded(share * pull), 0, 0))
         scene.run(scene.steps // 6, *lines)
-    drawn, held = [], []
+    given, drawn, rates, momenta = [], [], [], []
 
     def watch():
-        held.append(-stiffness * scene.raw.getJointState(int(block), 0)[0])
+        given.append(scene.space["f"])
         drawn.append(sum(hand.force[0] + pull for hand in hands))
+        rates.append(scene.raw.getJointState(int(block), 0)[1])
+        momenta.append(sum((cord.masses[:, None] * np.abs(cord.velocities)).sum() for cord in ends))
 
     scene.run(scene.steps // 3, *lines, watch=watch)
-    scene.near("force of the spring [N]", np.mean(held[-20:]), np.mean(drawn[-20:]), rel=0.02)
+    last, time = slice(-16, None), 16 * scene.dt
+    right = np.mean(drawn[last]) + mass * (rates[-1] - rates[-17]) / time
+    absolute = 2 * max(momenta) / time  # the cords' own
+    scene.near("force of the spring [N]", np.mean(given[last]), right, rel=0.005, absolute=absolute)
     scene.in_clearance()
 
 
