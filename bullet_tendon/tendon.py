@@ -221,8 +221,7 @@ class Tendon(NotCopied):
         """
         index = self._free_particle(particle)
         bodies = self._bodies
-        bodies.require(bodyUniqueId, linkIndex)
-        origin, axes = bodies.frame(bodyUniqueId, linkIndex)
+        origin, axes = bodies.checked_frame(bodyUniqueId, linkIndex)
         now = axes.T @ (self.positions[index] - origin)
         local = now if position is None else checks.vector("position", position)
         away = np.linalg.norm(now - local)
