@@ -56,8 +56,8 @@ class Relaxation:
         self._core, self._stepper, self._states, self._bodies = core, stepper, states, bodies
         self._tendons, self._alone, self._surroundings = tendons, alone, surroundings
         self._around: Surroundings | None = None  # while `run` runs
-        self._masses = {t: t.masses for t in tendons}
-        self._heaviest = {t: float(masses.max()) for t, masses in self._masses.items()}  # particle [kg]
+        self._mass = {t: float(t.masses.sum()) for t in tendons}  # [kg]
+        self._heaviest = {t: float(t.masses.max()) for t in tendons}  # particle [kg]
         self._last_dt = _FIRST  # of the last step of `follow` [s]
         self.taken = 0  # steps so far
 
@@ -122,7 +122,7 @@ class Relaxation:
         """
         stepper, dt = self._stepper, first
         pull = math.hypot(*gravity)
-        weights = {t: float(self._masses[t].sum()) * pull for t in start}
+        weights = {t: self._mass[t] * pull for t in start}
         iterations, residual, settled, before = 0, np.inf, not start, start
         last_motion = np.zeros(sum(x.size for x in start.values()))
         for count in range(max_steps):
