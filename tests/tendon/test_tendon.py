@@ -8,6 +8,7 @@ import pybullet as p
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from link_scenes import links_on_joints
 
 import bullet_tendon as bt
 
@@ -146,25 +147,14 @@ def test_soft_grip_yields_by_force_over_stiffness(world, damping):
 @pytest.mark.parametrize("away", [0.0, 0.9 * RADIUS, 1.1 * RADIUS, 0.05])
 def test_an_attachment_tells_where_its_particle_is_far_from_its_point(world, client, link, away):
     """Points are in the link's URDF frame: who takes that of the centre of mass is told."""
-    body = p.createMultiBody(
-        1.0,
-        basePosition=[LENGTH, 0.1, 0],
-        baseInertialFramePosition=[0, 0.02, 0],
-        linkMasses=[1.0],
-        linkCollisionShapeIndices=[-1],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[[0, -0.1, 0]],
-        linkOrientations=[[0, 0, 0, 1]],
-        linkInertialFramePositions=[[0.05, 0, 0]],
-        linkInertialFrameOrientations=[[0, 0, 0, 1]],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_REVOLUTE],
-        linkJointAxis=[[0, 0, 1]],
-        physicsClientId=client,
-    )
+    origin, centre = np.array([LENGTH, 0.1, 0]), np.array([0.05, 0, 0])
+    if link < 0:
+        frame = {"baseInertialFramePosition": centre}
+        body = p.createMultiBody(1.0, basePosition=origin, **frame, physicsClientId=client)
+    else:
+        axis = [(0, 0, 1)]
+        body = links_on_joints(client, p.JOINT_REVOLUTE, [1.0], axis, places=[origin], centre=centre)
     t = straight(world)
-    base = np.array(p.getBasePositionAndOrientation(body, client)[0]) - [0, 0.02, 0]
-    origin = base if link < 0 else np.array(p.getLinkState(body, 0, 0, 1, client)[4])
     position = t.positions[-1] - origin + [0, 0, away]
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
