@@ -11,11 +11,13 @@ differ from them by the inertial offset.
 import itertools
 import os
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 import pybullet as p
 
 from . import _core, checks
+from .constraints import Constraint, groups, read_constraints
 from .errors import InvalidValue, UnknownId
 from .generalized_bodies import (
     can_be_hit,
@@ -23,6 +25,7 @@ from .generalized_bodies import (
     exchange_wrench,
     generalized_bodies,
     link_pose,
+    moves,
     read_link,
 )
 
@@ -94,6 +97,8 @@ class Bodies:
         self.links: list[tuple[int, int]] = []
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
+        self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
+        self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
@@ -192,16 +197,23 @@ class Bodies:
         self.require_alive()
         for slot in self._unused:
             self._core.clear_link(slot)
+        self._read_constraints()
         for body in self._generalized():
-            if not body.read(self._core):
+            if not body.read(self._core, self._constraints):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
             for body_id, link, force, point in self._external:
-                if body_id == body.body:
-                    body.add_force(self._core, link, force, point)
+                if body_id in body.members:
+                    body.add_force(self._core, body_id, link, force, point)
             for body_id, joint, force in self._joint_forces:
-                if body_id == body.body:
-                    body.add_joint_force(self._core, joint, force)
+                if body_id in body.members:
+                    body.add_joint_force(self._core, body_id, joint, force)
+
+    def _read_constraints(self) -> None:
+        before = [(c.number, c.ends[0].body, c.ends[1].body) for c in self._constraints]
+        self._constraints = read_constraints(self.client)
+        if [(c.number, c.ends[0].body, c.ends[1].body) for c in self._constraints] != before:
+            self._bodies = None
 
     def rest(self) -> None:
         """Tendons, or bodies, were put in equilibrium: the next step begins with the forces there.
@@ -230,16 +242,26 @@ class Bodies:
         """The bodies of the links in use; slots do not change what they mean while they are."""
         if self._bodies is None:
             self._update_joints()
-            slots: dict[tuple[int, bytes], dict[int, int]] = {}
+            slots: dict[int, dict[int, int]] = {}
+            marks: dict[int, bytes] = {}
             for slot in self._used():
                 body, link = self.links[slot]
-                slots.setdefault((body, self._mark_of[slot][1]), {})[link] = slot
+                slots.setdefault(body, {})[link] = slot
+                marks[body] = self._mark_of[slot][1]
+            together = groups(slots, self._constraints, partial(moves, client=self.client))
             self._bodies = [
-                found
-                for (body, mark), links in slots.items()
-                for found in generalized_bodies(body, links, mark, self.client)
+                found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
+            self._forget_others()
         return self._bodies
+
+    def _forget_others(self) -> None:
+        """What was learned of a body is not that of another one, or of more bodies."""
+        members = {body.slot: body.members for body in self._bodies or ()}
+        for slot, known in self._members.items():
+            if members.get(slot, known) != known:
+                self._core.forget_body(slot)
+        self._members = members
 
     def _update_joints(self) -> None:
         """Make pybullet report joints as they are, where bodies are new; else it does as they were loaded."""
@@ -366,5 +388,6 @@ class Bodies:
         About its centre of mass, world frame [N], [N m]. dt: length of that step [s], whose displacement
         changes too. Degrees of freedom that a joint's limit kept from moving in it do not answer.
         """
-        response, stopped = self._core.response(slot), self._core.stopped(slot)
-        exchange_wrench(self.links[slot][0], *response, old, new, dt, self.client, stopped)
+        body = self.links[slot][0]
+        members = next(found.members for found in self._generalized() if body in found.members)
+        exchange_wrench(members, *self._core.response(slot), old, new, dt, self.client)

@@ -13,15 +13,20 @@ its own mass: the stable side.
 Degrees of freedom: of a floating base the velocity (3) of its centre of mass and its spin (3), world axes;
 then the joints in pybullet's order: the rate of a hinge or slider, the three rates of a spherical joint about
 the axes of its link's inertial frame.
+
+Bodies that constraints of the user join (constraints.py) are solved for as one, with the degrees of freedom
+of all bases before those of the joints, and the constraints as rows among them.
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 import pybullet as p
 
 from . import _core
+from .constraints import Constraint, moving_end, standing_end
 
 _KINDS = {
     p.JOINT_REVOLUTE: _core.HINGE,
@@ -29,21 +34,47 @@ _KINDS = {
     p.JOINT_SPHERICAL: _core.BALL,
     p.JOINT_FIXED: _core.FIXED,
 }
+_COUNTS = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3, p.JOINT_FIXED: 0}  # of rates
 _LIMITED = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 _NEEDS_CONTACTS = 2  # what the core answers where contacts may decide what a body is going to do
+_MOST_RATES = 64  # of bodies that are solved for as one: work grows with the cube
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
 
 def generalized_bodies(
-    body: int, slots: dict[int, int], mark: bytes, client: int
+    group: tuple[int, ...], slots: dict[int, dict[int, int]], marks: dict[int, bytes], client: int
 ) -> "list[RigidBody | JointedBody]":
-    """What the core solves for of a body. slots: by link; mark: what the body carries (bodies.Marks)."""
-    infos = joint_infos(body, client, mark)
-    if not infos:
-        return [RigidBody(slots[-1], body, -1, True, client)]
-    if tree_of(infos, False) is None:
-        return [RigidBody(slot, body, link, False, client) for link, slot in slots.items()]
-    return [JointedBody(body, slots, infos, client)]
+    """What the core solves for of bodies that move together.
+
+    slots: by body and link, of the links in use. marks: what bodies carry that have slots (bodies.Marks).
+    """
+    infos = {body: joint_infos(body, client, marks.get(body)) for body in group}
+    if len(group) > 1 and not _are_one(infos, client):
+        return [
+            found
+            for body in group
+            if body in slots
+            for found in generalized_bodies((body,), slots, marks, client)
+        ]
+    first = group[0]
+    if len(group) > 1:
+        return [JointedBody(slots, infos, client)]
+    if not infos[first]:
+        return [RigidBody(slots[first][-1], first, -1, True, client)]
+    if tree_of([infos[first]], (False,)) is None:
+        return [RigidBody(slot, first, link, False, client) for link, slot in slots[first].items()]
+    return [JointedBody(slots, infos, client)]
+
+
+def _are_one(infos: dict[int, tuple], client: int) -> bool:
+    """Whether the core knows the joints of all these bodies, and their rates are not too many."""
+    tree = tree_of(list(infos.values()), tuple(not is_fixed(body, client) for body in infos))
+    return tree is not None and tree.dofs <= _MOST_RATES
+
+
+def moves(body: int, client: int) -> bool:
+    """Whether a body has mass, or joints."""
+    return not is_fixed(body, client) or any(info[2] != p.JOINT_FIXED for info in joint_infos(body, client))
 
 
 def read_link(body: int, link: int, client: int) -> tuple:
@@ -68,14 +99,35 @@ class RigidBody:
 
     def __init__(self, slot: int, body: int, link: int, falls: bool, client: int):
         self.slot, self.body, self.link, self.falls, self.client = slot, body, link, falls, client
+        self.members = (body,)
 
-    def read(self, core) -> bool:
+    def read(self, core, constraints: list[Constraint]) -> bool:
         """Where it is, and how it answers, into the core; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
         found = core.read_link(self.slot, info, where, motion, True, self.falls)
+        if constraints:
+            core.set_link_constraints(self.slot, self._ends(constraints), where)
         if found == _NEEDS_CONTACTS:
             self._read_contacts(core, where, keep=False)
         return found > 0
+
+    def _ends(self, constraints: list[Constraint]) -> list[tuple]:
+        """Those of the constraints with what tendons do not move, as the core takes them."""
+        if not self.falls:
+            return []
+        return [
+            (c.kind, c.most, c.ratio, *(self._end(end) for end in c.ends))
+            for c in constraints
+            if c.kind != _core.GEAR_CONSTRAINT and self._is_held_by(c)
+        ]
+
+    def _is_held_by(self, constraint: Constraint) -> bool:
+        here = [end.body == self.body for end in constraint.ends]
+        others = [end.body for end in constraint.ends if end.body != self.body]
+        return any(here) and all(body < 0 or not moves(body, self.client) for body in others)
+
+    def _end(self, end) -> tuple:
+        return moving_end(end, 0) if end.body == self.body else standing_end(end, self.client)
 
     def keep_contacts(self, core) -> None:
         """Into the state that is going to be saved: after restoreState pybullet has later contacts."""
@@ -89,12 +141,12 @@ class RigidBody:
     def apply_joint_forces(self, core) -> None:
         """It has no joints."""
 
-    def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
+    def add_force(self, core, body: int, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user at a world point, once the body was read."""
         if link == self.link:
             core.add_link_force(self.slot, force, point)
 
-    def add_joint_force(self, core, joint: int, force: float) -> None:
+    def add_joint_force(self, core, body: int, joint: int, force: float) -> None:
         """It has no joints that are known."""
 
     def can_be_held(self, core) -> bool:
@@ -109,96 +161,168 @@ class RigidBody:
         core.set_contacts(self.slot, points, immovable, where[0], keep)
 
 
+class _Member:
+    """One of the bodies of a JointedBody: its joints, and its place among the links and rates."""
+
+    def __init__(self, body: int, infos: tuple, base: int, first_link: int, first_rate: int, client: int):
+        self.body, self.base, self._first_link, self._first_rate = body, base, first_link, first_rate
+        self.count = len(infos)  # of joints
+        self.joints = movable_joints(body, client, infos)
+        self._rates = [info[4] for info in infos]  # of each joint, among the rates of a floating body
+        self.rates = sum(_COUNTS[info[2]] for info in infos)  # of joints
+
+    def link(self, link: int) -> int:
+        """The number of a link in the tree, by pybullet's index of it."""
+        return self.base if link < 0 else self._first_link + link
+
+    def rate(self, joint: int) -> int:
+        """The place of a joint among the rates of all joints."""
+        return self._first_rate + self._rates[joint] - 6
+
+
 class JointedBody:
-    """Links of a body on joints, fixed or floating."""
+    """Links on joints, fixed or floating, of one body or of several that constraints join."""
 
-    def __init__(self, body: int, slots: dict[int, int], infos: tuple, client: int):
-        self.body, self.client = body, client
-        self.slot = next(iter(slots.values()))
-        self._slots, self._links = list(slots.values()), [link + 1 for link in slots]
-        self._joints = movable_joints(body, client, infos)
-        self._rates = [
-            info[4] for info in infos
-        ]  # of each joint, its place among the rates of a floating body
-        self._trees = [tree_of(infos, floating) for floating in (False, True)]
-        self._tree = self._trees[0]  # of these, the one that was read last
+    def __init__(self, slots: dict[int, dict[int, int]], infos: dict[int, tuple], client: int):
+        self.members, self.client = tuple(infos), client
+        self.body = self.members[0]
+        self._members: dict[int, _Member] = {}
+        links, count = len(infos), 0
+        for base, (body, of_joints) in enumerate(infos.items()):
+            member = _Member(body, of_joints, base, links, count, client)
+            self._members[body] = member
+            links, count = links + member.count, count + member.rates
+        used = [(b, link, slot) for b in self.members for link, slot in slots.get(b, {}).items()]
+        self.slot = used[0][2]
+        self._slots = [slot for _, _, slot in used]
+        self._links = [self._members[body].link(link) for body, link, _ in used]
+        self._used = [(body, link) for body, link, _ in used]
+        self._named = [(body, -1) for body in self.members]  # body and link of each link of the tree
+        self._named += [(m.body, link) for m in self._members.values() for link in range(m.count)]
+        self._infos = list(infos.values())
+        self._trees: dict[tuple, _core.Articulated] = {}  # by what floats
+        self._tree = self._tree_where((False,) * len(infos))  # that was read last
+        self._floating = 0  # bases of it that float
         # Of which pybullet reports no forces.
-        self._has_hidden_motors = any(info[2] == p.JOINT_SPHERICAL for info in infos)
-        self._yields = [any(tree.moves(link) for link in self._links) for tree in self._trees]
+        self._has_hidden_motors = any(i[2] == p.JOINT_SPHERICAL for of in self._infos for i in of)
 
-    def read(self, core) -> bool:
+    def _tree_where(self, floating: tuple[bool, ...]) -> _core.Articulated:
+        if floating not in self._trees:
+            self._trees[floating] = tree_of(self._infos, floating)
+        return self._trees[floating]
+
+    def _yields(self) -> bool:
+        return any(map(self._tree.moves, self._links))
+
+    def read(self, core, constraints: list[Constraint]) -> bool:
         """Where its links are, and how they answer, into the core; whether all of that is finite."""
-        body, client = self.body, self.client
-        info = p.getDynamicsInfo(body, -1, client)
-        floating = info[0] > 0
-        if not self._yields[floating]:
-            links = zip(self._slots, self._links, strict=True)
-            found = [core.read_link(s, *read_link(body, i - 1, client), False, False) for s, i in links]
+        client = self.client
+        infos = [p.getDynamicsInfo(body, -1, client) for body in self.members]
+        floating = tuple(info[0] > 0 for info in infos)
+        self._tree, self._floating = self._tree_where(floating), sum(floating)
+        if not self._yields():
+            links = zip(self._slots, self._used, strict=True)
+            found = [core.read_link(s, *read_link(*link, client), False, False) for s, link in links]
             return 0 not in found
-        self._tree = tree = self._trees[floating]
-        # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago, but
-        # for this.
-        p.getLinkState(body, 0, 0, 1, client)
-        base = p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
-        infos = [info, *[p.getDynamicsInfo(body, link, client) for link in range(tree.links - 1)]]
-        joints = joint_states(body, self._joints, client)
-        return core.read_body(tree, self._slots, self._links, infos, *base, joints)
+        bases = []
+        for body, member in self._members.items():
+            # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago,
+            # but for this.
+            if member.count:
+                p.getLinkState(body, 0, 0, 1, client)
+            bases.append((p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)))
+        infos += [p.getDynamicsInfo(body, link, client) for body, link in self._named[len(self.members) :]]
+        ends = self._ends(constraints)
+        return core.read_body(self._tree, self._slots, self._links, infos, bases, self._joint_states(), ends)
+
+    def _joint_states(self) -> tuple:
+        client = self.client
+        parts = [joint_states(body, m.joints, client) for body, m in self._members.items()]
+        return parts[0] if len(parts) == 1 else sum(parts, ())
+
+    def _ends(self, constraints: list[Constraint]) -> list[tuple]:
+        """The constraints among its links and with what tendons do not move, as the core takes them."""
+        found = []
+        for c in constraints:
+            here = [end.body in self._members for end in c.ends]
+            if any(here) and (all(here) or c.kind != _core.GEAR_CONSTRAINT):
+                ends = [self._end(c, end) for end in c.ends]
+                if None not in ends:
+                    found.append((c.kind, c.most, c.ratio, *ends))
+        return found
+
+    def _end(self, constraint: Constraint, end) -> tuple | None:
+        """An end as the core takes it; None where it is of a body or joint that is not known."""
+        member = self._members.get(end.body)
+        if member is None:
+            unknown = end.body >= 0 and moves(end.body, self.client)
+            return None if unknown else standing_end(end, self.client)
+        if constraint.kind != _core.GEAR_CONSTRAINT:
+            return moving_end(end, member.link(end.link))
+        if end.link not in member.joints:
+            return None
+        return moving_end(end, member.link(end.link), self._coordinate(member, end.link))
+
+    def _coordinate(self, member: _Member, joint: int) -> int:
+        """The place of a joint among all rates."""
+        return 6 * self._floating + member.rate(joint)
 
     def sample(self, core) -> bool:
         """Its rates right after pybullet's step; whether it seems to have been released."""
-        body, client = self.body, self.client
-        motion = p.getBaseVelocity(body, client)
-        return core.sample_body(self.slot, self._tree, motion, joint_states(body, self._joints, client))
+        bases = [(None, p.getBaseVelocity(body, self.client)) for body in self.members]
+        return core.sample_body(self.slot, self._tree, bases, self._joint_states())
 
     def apply_joint_forces(self, core) -> None:
         """Put on joints what stops them at limits in this step, and what the forces of the motion lack."""
         frame, client = p.WORLD_FRAME, self.client
         for link, parent, force, point, torque in core.joint_forces(self.slot, self._tree):
             for on, sign in ((link, 1), (parent, -1)):
-                if on < -1:  # the world, of which a floating base has its freedom
+                if on < 0:  # the world, of which a floating base has its freedom
                     continue
-                p.applyExternalForce(self.body, on, [sign * f for f in force], point, frame, client)
-                p.applyExternalTorque(self.body, on, [sign * t for t in torque], frame, client)
+                body, index = self._named[on]
+                p.applyExternalForce(body, index, [sign * f for f in force], point, frame, client)
+                p.applyExternalTorque(body, index, [sign * t for t in torque], frame, client)
         self._shift_joints(self.limit_shifts(core), 1)
 
-    def limit_shifts(self, core) -> list[tuple[int, float]]:
-        """(joint, change) of the joints that are moved to their limits before this step."""
-        return core.limit_shifts(self.slot, self._tree)
+    def limit_shifts(self, core) -> list[tuple[int, int, float]]:
+        """(body, joint, change) of the joints that are moved to their limits before this step."""
+        return [(*self._named[link], by) for link, by in core.limit_shifts(self.slot, self._tree)]
 
-    def _shift_joints(self, shifts: list[tuple[int, float]], sign: int) -> None:
-        for joint, change in shifts:
-            place, rate = p.getJointState(self.body, joint, self.client)[:2]
-            p.resetJointState(self.body, joint, place + sign * change, rate, self.client)
+    def _shift_joints(self, shifts: list[tuple[int, int, float]], sign: int) -> None:
+        for body, joint, change in shifts:
+            place, rate = p.getJointState(body, joint, self.client)[:2]
+            p.resetJointState(body, joint, place + sign * change, rate, self.client)
 
-    def set_rates(self, wanted: np.ndarray, dt: float, shifts: list[tuple[int, float]]) -> None:
+    def set_rates(self, wanted: np.ndarray, dt: float, shifts: list[tuple[int, int, float]]) -> None:
         """Change its motion as if it had ended the last step, of dt [s], with these rates (dofs,).
 
         shifts: limit_shifts of that step as it was taken.
         """
         self._shift_joints(shifts, -1)
-        now = rates(self.body, self.client)
-        _push(self.body, now, np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now, dt, self.client)
+        now = rates_of(self.members, self.client)
+        change = np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now
+        _push(self.members, now, change, dt, self.client)
 
-    def add_force(self, core, link: int, force: tuple, point: tuple) -> None:
+    def add_force(self, core, body: int, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user on a link at a world point, once the body was read."""
-        if self._yields[self._tree is self._trees[True]]:
-            core.add_body_force(self.slot, self._tree, link + 1, force, point)
+        if self._yields():
+            core.add_body_force(self.slot, self._tree, self._members[body].link(link), force, point)
 
-    def add_joint_force(self, core, joint: int, force: float) -> None:
+    def add_joint_force(self, core, body: int, joint: int, force: float) -> None:
         """Tell the core of a force [N] or torque [N m] of the user on a joint, once the body was read."""
-        floating = self._tree is self._trees[True]
-        if self._yields[floating]:
-            core.add_joint_force(self.slot, self._tree, self._rates[joint] - (0 if floating else 6), force)
+        if self._yields():
+            dof = self._coordinate(self._members[body], joint)
+            core.add_joint_force(self.slot, self._tree, dof, force)
 
     def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         moved = self._has_hidden_motors or core.has_motors(self.slot)
-        return moved or _can_be_held(self.body, self.client)
+        return moved or any(_can_be_held(body, self.client) for body in self.members)
 
     def keep_contacts(self, core) -> None:
         """What its motors give, into the state that is going to be saved: pybullet does not restore that."""
-        if self._yields[self._tree is self._trees[True]]:
-            core.keep_motors(self.slot, self._tree, joint_states(self.body, self._joints, self.client))
+        if self._yields():
+            core.keep_motors(self.slot, self._tree, self._joint_states())
 
 
 def can_be_hit(body: int, client: int) -> bool:
@@ -279,21 +403,28 @@ def _dynamics(body, links, client, infos=None, known=None) -> tuple | None:
     """J, M, and the force of the motion itself (dofs,)."""
     infos = joint_infos(body, client) if infos is None else infos
     dynamics = known or [p.getDynamicsInfo(body, link, client) for link in range(-1, len(infos))]
-    tree = tree_of(infos, dynamics[0][0] > 0)
+    tree = tree_of([infos], (dynamics[0][0] > 0,))
     if tree is None:
         return None
     if tree.dofs == 0:
         return np.zeros((len(links), 6, 0)), np.zeros((0, 0)), np.zeros(0)
     base = p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)
     joints = joint_states(body, movable_joints(body, client, infos), client)
-    return _core.dynamics(tree, dynamics, *base, joints, [link + 1 for link in links])
+    return _core.dynamics(tree, dynamics, [base], joints, [link + 1 for link in links])
 
 
 def rates(body, client) -> np.ndarray:
     """(dofs,) velocities of the degrees of freedom now, so that J @ rates is a link's velocity and spin."""
-    joints = joint_states(body, movable_joints(body, client), client)
-    base = [] if is_fixed(body, client) else p.getBaseVelocity(body, client)
-    return np.array([rate for part in (*base, *(state[1] for state in joints)) for rate in part])
+    return rates_of([body], client)
+
+
+def rates_of(bodies: Sequence[int], client) -> np.ndarray:
+    """(dofs,) the same of several bodies: of their bases, then of their joints."""
+    floating = [body for body in bodies if not is_fixed(body, client)]
+    parts = [part for body in floating for part in p.getBaseVelocity(body, client)]
+    for body in bodies:
+        parts += [state[1] for state in joint_states(body, movable_joints(body, client), client)]
+    return np.array([rate for part in parts for rate in part])
 
 
 def joint_states(body, joints, client) -> tuple:
@@ -306,52 +437,58 @@ def is_fixed(body, client) -> bool:
     return p.getDynamicsInfo(body, -1, client)[0] == 0
 
 
-def tree_of(infos, floating: bool) -> _core.Articulated | None:
-    """How a body's links hang on its joints, by its joint_infos; None where it has others than those."""
-    return _tree(
-        tuple([(info[2], info[16], *info[13:16], info[8:10], info[6:7]) for info in infos]), floating
-    )
+def tree_of(infos: Sequence, floating: tuple[bool, ...]) -> _core.Articulated | None:
+    """How the links of bodies hang on their joints, by their joint_infos; None where others than those."""
+    joints = [
+        tuple([(info[2], info[16], *info[13:16], info[8:10], info[6:7]) for info in of]) for of in infos
+    ]
+    return _tree(tuple(joints), floating)
 
 
 @lru_cache(maxsize=256)
-def _tree(joints: tuple, floating: bool) -> _core.Articulated | None:
-    """joints: of every link its joint's kind, parent link, axis, pivot, turn, limits and damping."""
-    if any(kind not in _KINDS for kind, *_ in joints):
-        return None
-    numbers = []
-    for kind, _, *places, limits, damping in joints:
-        parts = (*places, limits if kind in _LIMITED else (1, 0), damping)
-        numbers += [v for part in parts for v in part]
-    parents = [parent + 1 for _, parent, *_ in joints]
-    return _core.Articulated([_KINDS[joint[0]] for joint in joints], parents, numbers, floating)
+def _tree(bodies: tuple, floating: tuple[bool, ...]) -> _core.Articulated | None:
+    """bodies: by link its joint's kind, parent link, axis, pivot, turn, limits and damping."""
+    kinds, parents, numbers = [], [], []
+    for base, joints in enumerate(bodies):
+        first = len(bodies) + len(kinds)
+        for kind, parent, *places, limits, damping in joints:
+            if kind not in _KINDS:
+                return None
+            kinds.append(_KINDS[kind])
+            parents.append(base if parent < 0 else first + parent)
+            for part in (*places, limits if kind in _LIMITED else (1, 0), damping):
+                numbers += part
+    return _core.Articulated(kinds, parents, numbers, floating)
 
 
-def exchange_wrench(body, jacobian, response, old, new, dt, client, stopped=()) -> None:
-    """Change a body's motion as if the wrench `new` had acted on a link in the last step and not `old`.
+def exchange_wrench(bodies: Sequence[int], jacobian, response, old, new, dt, client) -> None:
+    """Change bodies' motion as if the wrench `new` had acted on a link in the last step and not `old`.
 
     Both (6,), about the link's centre of mass, world frame [N], [N m]. jacobian (6, n), response (n, n): of
-    that link and of the body at the start of that step, as jacobians_and_mass has them, M^-1. dt: length of
-    that step [s], whose displacement changes too. stopped: degrees of freedom that do not answer.
+    that link and of the bodies that move together at the start of that step, as jacobians_and_mass has them,
+    M^-1 without what was stopped. dt: length of that step [s], whose displacement changes too.
     Bodies on joints of other kinds than jacobians_and_mass knows stay as they are.
     """
-    if tree_of(joint_infos(body, client), not is_fixed(body, client)) is None:
+    infos = [joint_infos(body, client) for body in bodies]
+    if tree_of(infos, tuple(not is_fixed(body, client) for body in bodies)) is None:
         return
-    now = rates(body, client)
-    if len(stopped):
-        through = response[:, stopped]
-        response = response - through @ np.linalg.solve(response[np.ix_(stopped, stopped)], through.T)
+    now = rates_of(bodies, client)
     took, gives = dt * (response @ (jacobian.T @ np.transpose([old, new]))).T
     most = np.where(np.abs(now) > _core.CUT_OFF_RATE, np.abs(now), np.inf)
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     change = np.clip(now + change, -_core.MOST_RATE, _core.MOST_RATE) - now  # and so it does with the new one
-    _push(body, now, change, dt, client)
+    _push(bodies, now, change, dt, client)
 
 
-def _push(body, now, change, dt, client) -> None:
-    if not is_fixed(body, client):
-        _push_base(body, now[:6] + change[:6], change[:6], dt, client)
-        change = change[6:]
-    _push_joints(body, change, dt, client)
+def _push(bodies: Sequence[int], now, change, dt, client) -> None:
+    first = 0
+    for body in bodies:
+        if not is_fixed(body, client):
+            of_base = slice(first, first + 6)
+            _push_base(body, now[of_base] + change[of_base], change[of_base], dt, client)
+            first += 6
+    for body in bodies:
+        first += _push_joints(body, change[first:], dt, client)
 
 
 def change_rates(body, by, dt, client) -> None:
@@ -366,7 +503,8 @@ def _push_base(body, motion, change, dt, client) -> None:
     p.resetBaseVelocity(body, motion[:3].tolist(), motion[3:].tolist(), physicsClientId=client)
 
 
-def _push_joints(body, change, dt, client) -> None:
+def _push_joints(body, change, dt, client) -> int:
+    """The number of its joints' rates, which `change` begins with."""
     joints, first = movable_joints(body, client), 0
     for joint in joints:
         place, rate = p.getJointStateMultiDof(body, joint, client)[:2]
@@ -377,6 +515,7 @@ def _push_joints(body, change, dt, client) -> None:
         else:
             place = product(place, rotation_by(dt * by))
             p.resetJointStateMultiDof(body, joint, place, (rate + by).tolist(), client)
+    return first
 
 
 def rotation_by(vector) -> tuple:

@@ -193,7 +193,7 @@ def test_exchanged_wrenches_move_a_body_as_if_they_had_acted(client, count):
             apply(client, body, link, wrenches[0])
             p.stepSimulation(client)
             if len(wrenches) == 2:
-                exchange_wrench(body, *start, *wrenches, DT, client)
+                exchange_wrench([body], *start, *wrenches, DT, client)
             outcomes.append((*poses(client, body), rates(body, client)))
             p.restoreState(state, physicsClientId=client)
         *direct_poses, direct = outcomes[0]
@@ -255,5 +255,5 @@ def test_planar_joints_are_not_known(client, tmp_path):
     before = velocities(client, body)
     assert p.getJointInfo(body, 0, client)[2] == p.JOINT_PLANAR
     assert jacobians_and_mass(body, [0], client) is None
-    exchange_wrench(body, np.eye(6), np.eye(6), np.ones(6), np.zeros(6), DT, client)
+    exchange_wrench([body], np.eye(6), np.eye(6), np.ones(6), np.zeros(6), DT, client)
     np.testing.assert_array_equal(velocities(client, body), before)

@@ -71,6 +71,7 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   m.external.clear();
   m.history.possible = falls;
   m.stops.limits.clear();
+  m.stops.constraints.clear();
   m.gravity_response.clear();
   if (falls) m.gravity_response.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
@@ -165,10 +166,16 @@ void clear_link(World& w, int slot) {
   w.scene.filter.forget_link(slot);
 }
 
+// Forgets what was learned of the body in a slot.
+void forget_body(World& w, int slot) {
+  if (slot < static_cast<int>(w.scene.bodies.size())) w.scene.bodies[slot] = GeneralizedBody{};
+}
+
 }  // namespace
 
 void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
+      .def("forget_body", &forget_body)
       .def("read_link", &read_link)
       .def("sample_link", &sample_link)
       .def("set_contacts", &set_contacts)
@@ -183,12 +190,19 @@ void bind_links(py::module_& m, GuardedWorld& world) {
 
 namespace {
 
-// What pybullet returns about a body: p.getDynamicsInfo of all links, p.getBasePositionAndOrientation,
-// p.getBaseVelocity, p.getJointStatesMultiDof of the joints that move.
+// What pybullet returns about the bodies of a tree each: p.getDynamicsInfo of all links, in the order of the
+// trees' links, (p.getBasePositionAndOrientation, p.getBaseVelocity) of each base, and
+// p.getJointStatesMultiDof of the joints that move.
 struct Reading {
-  py::list infos;
-  py::tuple base, motion, joints;
+  py::list infos, bases;
+  py::tuple joints;
+  PyObject* place_of(int tree) const { return item(PyList_GET_ITEM(bases.ptr(), tree), 0); }
+  PyObject* motion_of(int tree) const { return item(PyList_GET_ITEM(bases.ptr(), tree), 1); }
 };
+
+void require_bases(const Articulated& body, const py::list& bases) {
+  if (static_cast<int>(bases.size()) != body.trees()) throw py::value_error("bases");
+}
 
 void take(PyObject* from, int count, std::vector<double>& numbers) {
   for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
@@ -197,22 +211,27 @@ void take(PyObject* from, int count, std::vector<double>& numbers) {
 void place(Articulated& body, const Reading& reading, const std::vector<double>& places) {
   if (static_cast<int>(reading.infos.size()) != body.links()) throw py::value_error("infos");
   std::vector<LinkInertia> inertias;
-  std::vector<double> base;
+  std::vector<double> bases;
   for (const py::handle& of : reading.infos) {
     PyObject* info = of.ptr();
     inertias.push_back(
         {number(info, 0), vector(item(info, 2)), vector(item(info, 3)), turn_of(item(info, 4))});
   }
-  for (int part = 0; part < 2; ++part) take(item(reading.base.ptr(), part), 3 + part, base);
-  body.place(inertias, base.data(), places.data());
+  for (int tree = 0; tree < body.trees(); ++tree)
+    for (int part = 0; part < 2; ++part) take(item(reading.place_of(tree), part), 3 + part, bases);
+  body.place(inertias, bases.data(), places.data());
 }
 
 // The rates of the degrees of freedom, and where the joints are.
-void read_joints(const Articulated& body, const py::tuple& motion, const py::tuple& joints,
-                 std::vector<double>& rates, std::vector<double>& places) {
+void read_joints(const Articulated& body, const Reading& reading, std::vector<double>& rates,
+                 std::vector<double>& places) {
+  const py::tuple& joints = reading.joints;
+  require_bases(body, reading.bases);
   rates.clear();
   places.clear();
-  for (int part = 0; part < 2 && body.floats(); ++part) take(item(motion.ptr(), part), 3, rates);
+  for (int tree = 0; tree < body.trees(); ++tree)
+    for (int part = 0; part < 2 && body.floats(tree); ++part)
+      take(item(reading.motion_of(tree), part), 3, rates);
   for (std::size_t j = 0; j < joints.size(); ++j) {
     PyObject* state = item(joints.ptr(), static_cast<int>(j));
     PyObject *place = item(state, 0), *rate = item(state, 1);
@@ -226,7 +245,7 @@ void read_joints(const Articulated& body, const py::tuple& motion, const py::tup
 // The forces of the motors of joints with one degree of freedom: those of others are in frames of pybullet's
 // own.
 void read_motors(const Articulated& body, const py::tuple& joints, std::vector<double>& motors) {
-  motors.assign(body.floats() ? 6 : 0, 0.0);
+  motors.assign(body.rates_of_bases(), 0.0);
   for (std::size_t j = 0; j < joints.size(); ++j) {
     PyObject* force = item(item(joints.ptr(), static_cast<int>(j)), 3);
     const int count = static_cast<int>(PyTuple_Size(item(item(joints.ptr(), static_cast<int>(j)), 1)));
@@ -255,7 +274,7 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
   const std::size_t n = body.dofs();
   std::vector<double> places, mass(n * n), weight(3 * n);
   const dense::Numbers before(m.rates);
-  read_joints(body, reading.motion, reading.joints, m.rates, places);
+  read_joints(body, reading, m.rates, places);
   read_motors(body, reading.joints, m.stops.motors.reports);
   if (!m.stops.motors.reported_known) m.stops.motors.reported = m.stops.motors.reports;
   place(body, reading, places);
@@ -279,12 +298,13 @@ void read_dynamics(GeneralizedBody& m, Articulated& body, const Reading& reading
 }
 
 // Sets velocity and spin of a link from the rates, and from the motion of a base that is not floating.
-void set_motion(Link& l, const Articulated& body, const Reading& reading, const std::vector<double>& rates) {
+void set_motion(Link& l, int tree, const Articulated& body, const Reading& reading,
+                const std::vector<double>& rates) {
   l.rates = {};
-  if (!body.floats()) {
-    const Vec3 spin = vector(item(reading.motion.ptr(), 1));
-    l.rates.linear =
-        vector(item(reading.motion.ptr(), 0)) + cross(spin, l.centre - vector(item(reading.base.ptr(), 0)));
+  if (!body.floats(tree)) {
+    PyObject *motion = reading.motion_of(tree), *base = reading.place_of(tree);
+    const Vec3 spin = vector(item(motion, 1));
+    l.rates.linear = vector(item(motion, 0)) + cross(spin, l.centre - vector(item(base, 0)));
     l.rates.angular = spin;
   }
   if (l.jacobian.empty()) return;
@@ -294,18 +314,70 @@ void set_motion(Link& l, const Articulated& body, const Reading& reading, const 
   l.rates.angular += Vec3{twist[3], twist[4], twist[5]};
 }
 
+// An end of a constraint: link, coordinate, and of the frame origin 3, axes 4, velocity 3, spin 3.
+ConstraintEnd constraint_end(PyObject* of) {
+  ConstraintEnd end;
+  end.link = static_cast<int>(number(of, 0));
+  end.coordinate = static_cast<int>(number(of, 1));
+  end.frame = {turn_of(item(of, 3)), vector(item(of, 2))};
+  end.velocity = vector(item(of, 4));
+  end.spin = vector(item(of, 5));
+  return end;
+}
+
+// Constraints: (kind, most, ratio, end, end) each.
+std::vector<LinkConstraint> constraints_of(const py::list& constraints, int links, int rates) {
+  std::vector<LinkConstraint> found;
+  for (const py::handle& of : constraints) {
+    PyObject* from = of.ptr();
+    const auto kind = static_cast<ConstraintKind>(static_cast<int>(number(from, 0)));
+    found.push_back({kind, constraint_end(item(from, 3)), constraint_end(item(from, 4)),
+                     std::min(number(from, 1), kUnlimited), number(from, 2)});
+    for (const ConstraintEnd* end : {&found.back().a, &found.back().b})
+      if (end->link >= links || end->coordinate >= rates ||
+          (kind == ConstraintKind::gear && end->coordinate < 0))
+        throw py::index_error("constraints");
+  }
+  return found;
+}
+
+void set_body_constraints(GeneralizedBody& m, const Articulated& body, const py::list& constraints) {
+  m.stops.constraints.clear();
+  for (const LinkConstraint& c : constraints_of(constraints, body.links(), m.n()))
+    add_constraint_rows(
+        c, m.n(),
+        [&](int link) {
+          ConstrainedLink at{body.inertial_frame(link), dense::Numbers(6 * m.n())};
+          body.jacobian(link, at.jacobian.data());
+          return at;
+        },
+        m.stops.constraints);
+}
+
+// Constraints of a rigid body, which is link 0, with what it does not move. where: as in read_link.
+void set_link_constraints(World& w, int slot, const py::list& constraints, const py::tuple& where) {
+  GeneralizedBody& m = w.scene.bodies[slot];
+  if (m.n() != 6) return;
+  ConstrainedLink link{{turn_of(item(where.ptr(), 1)), vector(item(where.ptr(), 0))}, {}};
+  dense::set_identity(6, link.jacobian);
+  for (const LinkConstraint& c : constraints_of(constraints, 1, 6))
+    add_constraint_rows(c, 6, [&](int) { return link; }, m.stops.constraints);
+}
+
 // Reads the links of one body. The first slot holds its GeneralizedBody. Returns false if a number is not
 // finite.
 bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const std::vector<int>& links,
-               const py::list& infos, const py::tuple& base, const py::tuple& motion,
-               const py::tuple& joints) {
-  const Reading reading{infos, base, motion, joints};
+               const py::list& infos, const py::list& bases, const py::tuple& joints,
+               const py::list& constraints) {
+  const Reading reading{infos, bases, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
+  if (m.n() != body.dofs()) m = GeneralizedBody{};
   m.external.clear();
   m.history.possible = true;
   const bool continues = is_second_order(w.options.integrator);
   read_dynamics(m, body, reading, continues);
+  set_body_constraints(m, body, constraints);
   for (std::size_t i = 0; i < slots.size(); ++i) {
     const int link = links[i];
     Link& l = w.scene.links[slots[i]];
@@ -316,8 +388,9 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
     l.body = body.moves(link) ? slots[0] : -1;
     l.jacobian.assign(body.moves(link) ? 6 * m.n() : 0, 0.0);
     if (body.moves(link)) body.jacobian(link, l.jacobian.data());
-    set_motion(l, body, reading, m.rates);
-    if (link == 0) note_standing(w, slots[i], base.ptr());
+    const int tree = body.tree_of(link);
+    set_motion(l, tree, body, reading, m.rates);
+    if (link == tree) note_standing(w, slots[i], reading.place_of(tree));
   }
   std::vector<Vec3> curvings;
   body.curvings(m.rates.data(), curvings);
@@ -325,11 +398,11 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   return std::all_of(slots.begin(), slots.end(), [&](int slot) { return is_finite(w, slot); });
 }
 
-// Takes its rates right after a step. Returns whether it was released.
-bool sample_body(World& w, int slot, const Articulated& body, const py::tuple& motion,
+// Takes its rates right after a step. bases: as in read_body. Returns whether it was released.
+bool sample_body(World& w, int slot, const Articulated& body, const py::list& bases,
                  const py::tuple& joints) {
   std::vector<double> rates, places, motors;
-  read_joints(body, motion, joints, rates, places);
+  read_joints(body, Reading{py::list(), bases, joints}, rates, places);
   read_motors(body, joints, motors);
   return w.scene.bodies[slot].sample(rates, motors);
 }
@@ -364,11 +437,12 @@ void add_joint_force(World& w, int slot, const Articulated& tree, int dof, doubl
 }
 
 // J (links, 6, dofs), the mass matrix, and the generalized force of the motion itself (dofs).
-py::tuple dynamics(Articulated& body, const py::list& infos, const py::tuple& base, const py::tuple& motion,
-                   const py::tuple& joints, const py::list& chosen) {
+py::tuple dynamics(Articulated& body, const py::list& infos, const py::list& bases, const py::tuple& joints,
+                   const py::list& chosen) {
   std::vector<double> rates, places;
-  read_joints(body, motion, joints, rates, places);
-  place(body, Reading{infos, base, motion, joints}, places);
+  const Reading reading{infos, bases, joints};
+  read_joints(body, reading, rates, places);
+  place(body, reading, places);
   const py::ssize_t n = body.dofs(), count = chosen.size();
   Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
   for (py::ssize_t i = 0; i < count; ++i) {
@@ -410,6 +484,7 @@ Numbers bounded_impulses(const Numbers& within, const Numbers& left, const Numbe
 void bind_bodies(py::module_& m, GuardedWorld& world) {
   m.def("bounded_impulses", &bounded_impulses);
   world.def("read_body", &read_body)
+      .def("set_link_constraints", &set_link_constraints)
       .def("sample_body", &sample_body)
       .def("keep_motors", &keep_motors)
       .def("add_body_force", &add_body_force)
@@ -423,7 +498,9 @@ namespace {
 
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
 // limits (2), damping.
-Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers, bool floating) {
+// floating: by tree.
+Articulated articulated(const Ints& kinds, const Ints& parents, const Array& numbers,
+                        const std::vector<bool>& floating) {
   std::vector<Joint> joints;
   for (py::ssize_t j = 0; j < kinds.size(); ++j) {
     const auto kind = static_cast<JointKind>(kinds.data()[j]);
@@ -449,9 +526,13 @@ void bind_articulated(py::module_& m) {
   m.attr("SLIDER") = static_cast<int>(JointKind::slider);
   m.attr("BALL") = static_cast<int>(JointKind::ball);
   m.attr("FIXED") = static_cast<int>(JointKind::fixed);
+  m.attr("POINT_CONSTRAINT") = static_cast<int>(ConstraintKind::point);
+  m.attr("FIXED_CONSTRAINT") = static_cast<int>(ConstraintKind::fixed);
+  m.attr("GEAR_CONSTRAINT") = static_cast<int>(ConstraintKind::gear);
   py::class_<Articulated>(m, "Articulated")
       .def(py::init(&articulated))
       .def_property_readonly("links", &Articulated::links)
+      .def_property_readonly("trees", &Articulated::trees)
       .def_property_readonly("dofs", &Articulated::dofs)
       .def("moves", &Articulated::moves);
   m.def("answer", &answer_of);
@@ -476,17 +557,19 @@ Wrench push_on(const World& w, const Link& l) {
   return l.wrench + Wrench{{f[0], f[1], f[2]}, {f[3], f[4], f[5]}};
 }
 
-// Jacobian of a link (6, n) and free response of its body (n, n), of the start of the last step.
+// Jacobian of a link (6, n), and response of its body (n, n) with the stops that acted in the last step.
 py::tuple response_of(const World& w, int link) {
   const Link& l = w.scene.links[link];
   const GeneralizedBody& body = w.scene.bodies[l.body];
   const py::ssize_t n = body.n();
-  Array jacobian({py::ssize_t{6}, n}), free({n, n});
-  std::copy(body.free.begin(), body.free.end(), free.mutable_data());
+  Array jacobian({py::ssize_t{6}, n}), response({n, n});
+  dense::Numbers stopped(body.free);
+  if (body.stops.act()) dense::product_transposed(body.n(), body.root, body.root, stopped);
+  std::copy(stopped.begin(), stopped.end(), response.mutable_data());
   std::copy(l.jacobian.begin(), l.jacobian.end(), jacobian.mutable_data());
   if (l.jacobian.empty())
     for (py::ssize_t k = 0; k < 6 * n; ++k) jacobian.mutable_data()[k] = k % (n + 1) == 0;
-  return py::make_tuple(jacobian, free);
+  return py::make_tuple(jacobian, response);
 }
 
 // Slot, force, point and torque about the point of every link that yields and is given a wrench. The torque
@@ -540,8 +623,6 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("let_go", &World::let_go)
       .def("has_motors",
            [](const World& w, int body) { return w.scene.bodies[body].stops.motors.any_reported(); })
-      .def("stopped", [](const World& w,
-                         int link) { return w.scene.bodies[w.scene.links[link].body].stops.coordinates(); })
       .def("missed", [](const World& w, int body) { return w.scene.bodies[body].observer.missed(); })
       .def("velocity_was_cut",
            [](const World& w, int body) { return w.scene.bodies[body].observer.velocity_was_cut(); })
@@ -566,7 +647,7 @@ void bind_world_bodies(GuardedWorld& world) {
              for (size_t dof = 0; dof < forces.size(); ++dof) {
                if (forces[dof] == 0) continue;
                const Articulated::JointForce f = tree.force_of(static_cast<int>(dof), forces[dof]);
-               out.append(py::make_tuple(f.link - 1, f.parent - 1, f.force, f.point, f.torque));
+               out.append(py::make_tuple(f.link, f.parent, f.force, f.point, f.torque));
              }
              return out;
            })
@@ -575,8 +656,7 @@ void bind_world_bodies(GuardedWorld& world) {
              py::list out;
              const dense::Numbers& shifts = w.scene.bodies[body].stops.shifts;
              for (std::size_t s = 0; s < shifts.size(); s += 2)
-               out.append(
-                   py::make_tuple(tree.force_of(static_cast<int>(shifts[s]), 0).link - 1, shifts[s + 1]));
+               out.append(py::make_tuple(tree.force_of(static_cast<int>(shifts[s]), 0).link, shifts[s + 1]));
              return out;
            })
       .def("finish_resolve", &World::finish_resolve)

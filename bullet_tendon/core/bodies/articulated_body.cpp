@@ -16,21 +16,27 @@ int count_of(JointKind kind) { return kind == JointKind::fixed ? 0 : kind == Joi
 
 }  // namespace
 
-Articulated::Articulated(const std::vector<Joint>& joints, bool floating)
-    : joints_(joints), links_(joints.size() + 1), base_(floating ? 6 : 0) {
-  for (int k = 0; k < base_; ++k) {
-    twists_.push_back({0, k < 3, unit_axis(k % 3), {}, {}, 1, 0, 0, 0});
-    links_[0].moved_by.push_back(k);
+Articulated::Articulated(const std::vector<Joint>& joints, const std::vector<bool>& floating)
+    : joints_(joints), floating_(floating), links_(floating.size() + joints.size()) {
+  for (int tree = 0; tree < trees(); ++tree) {
+    links_[tree].tree = tree;
+    for (int k = 0; k < 6 && floating[tree]; ++k) {
+      links_[tree].moved_by.push_back(dofs());
+      twists_.push_back({tree, k < 3, unit_axis(k % 3), {}, {}, 1, 0, 0, 0});
+    }
   }
+  base_ = dofs();
   for (int j = 0; j < static_cast<int>(joints.size()); ++j) {
     const Joint& joint = joints[j];
-    Placed& link = links_[j + 1];
+    Placed& link = links_[trees() + j];
     link.moved_by = links_[joint.parent].moved_by;
+    link.tree = links_[joint.parent].tree;
     for (int k = 0; k < count_of(joint.kind); ++k) {
       const Vec3 axis = joint.kind == JointKind::ball ? unit_axis(k) : joint.axis;
       const bool slides = joint.kind == JointKind::slider;
       link.moved_by.push_back(dofs());
-      twists_.push_back({j + 1, slides, axis, {}, {}, joint.lower, joint.upper, joint.damping, places_});
+      twists_.push_back(
+          {trees() + j, slides, axis, {}, {}, joint.lower, joint.upper, joint.damping, places_});
     }
     places_ += joint.kind == JointKind::ball ? 4 : count_of(joint.kind);
   }
@@ -41,18 +47,22 @@ void Articulated::place_inertia(Placed& link, const LinkInertia& inertia) {
   link.inertia = turned(link.turn, inertia.moments);
 }
 
-void Articulated::place(const std::vector<LinkInertia>& inertias, const double* base, const double* places) {
-  base_at_ = {base[0], base[1], base[2]};
-  Placed& root = links_[0];
-  root.turn = rotation_of(base + 3);
-  root.frame = root.turn * transposed(inertias[0].turn);
-  root.centre = {};
-  root.joint = -(root.frame * inertias[0].centre);
-  place_inertia(root, inertias[0]);
-  for (int j = 0; j + 1 < links(); ++j) {
+void Articulated::place(const std::vector<LinkInertia>& inertias, const double* bases, const double* places) {
+  base_at_ = {bases[0], bases[1], bases[2]};
+  for (int tree = 0; tree < trees(); ++tree) {
+    const double* base = bases + 7 * tree;
+    Placed& root = links_[tree];
+    root.turn = rotation_of(base + 3);
+    root.frame = root.turn * transposed(inertias[tree].turn);
+    root.centre = Vec3{base[0], base[1], base[2]} - base_at_;
+    root.joint = root.centre - root.frame * inertias[tree].centre;
+    place_inertia(root, inertias[tree]);
+  }
+  for (int j = 0; j < static_cast<int>(joints_.size()); ++j) {
     const Joint& joint = joints_[j];
     const Placed& parent = links_[joint.parent];
-    Placed& link = links_[j + 1];
+    const LinkInertia& inertia = inertias[trees() + j];
+    Placed& link = links_[trees() + j];
     link.turn = parent.turn * joint.turn;
     link.joint = parent.centre + parent.turn * joint.pivot;
     if (joint.kind == JointKind::hinge)
@@ -63,14 +73,14 @@ void Articulated::place(const std::vector<LinkInertia>& inertias, const double* 
       link.turn = link.turn * rotation_of(places);
       places += 4;
     }
-    link.frame = link.turn * transposed(inertias[j + 1].turn);
-    link.centre = link.joint + link.frame * inertias[j + 1].centre;
-    place_inertia(link, inertias[j + 1]);
+    link.frame = link.turn * transposed(inertia.turn);
+    link.centre = link.joint + link.frame * inertia.centre;
+    place_inertia(link, inertia);
   }
   for (int k = 0; k < dofs(); ++k) {
     Twist& t = twists_[k];
     const Placed& link = links_[t.carried];
-    const Vec3 axis = k < base_ ? t.axis : link.turn * t.axis, through = k < base_ ? Vec3{} : link.joint;
+    const Vec3 axis = k < base_ ? t.axis : link.turn * t.axis, through = k < base_ ? link.centre : link.joint;
     t.spin = t.slides ? Vec3{} : axis;
     t.velocity = t.slides ? axis : cross(through, axis);
   }
@@ -119,20 +129,24 @@ void Articulated::mass_matrix(double* out) const {
 std::vector<Articulated::Motion> Articulated::motions_at(const double* rates) const {
   std::vector<Motion> motions(links_.size());
   for (int k = 0; k < base_; ++k) {
-    motions[0].velocity += rates[k] * twists_[k].velocity;
-    motions[0].spin += rates[k] * twists_[k].spin;
+    Motion& base = motions[twists_[k].carried];
+    base.velocity += rates[k] * twists_[k].velocity;
+    base.spin += rates[k] * twists_[k].spin;
   }
-  // The base's rates are the velocity of its centre of mass, which moves away from the point of reference.
-  motions[0].acceleration = -cross(motions[0].spin, motions[0].velocity);
+  // The rates of a base are the velocity of its centre of mass, which moves away from the point of reference.
+  for (int tree = 0; tree < trees(); ++tree) {
+    Motion& base = motions[tree];
+    base.acceleration = -cross(base.spin, base.velocity + cross(base.spin, links_[tree].centre));
+  }
   int k = base_;
   for (size_t j = 0; j < joints_.size(); ++j) {
     const Motion& parent = motions[joints_[j].parent];
     Vec3 velocity, spin;  // across the joint
-    for (; k < dofs() && twists_[k].carried == static_cast<int>(j) + 1; ++k) {
+    Motion& link = motions[trees() + j];
+    for (; k < dofs() && twists_[k].carried == trees() + static_cast<int>(j); ++k) {
       velocity += rates[k] * twists_[k].velocity;
       spin += rates[k] * twists_[k].spin;
     }
-    Motion& link = motions[j + 1];
     link.velocity = parent.velocity + velocity;
     link.spin = parent.spin + spin;
     link.turning = parent.turning + cross(parent.spin, spin);
@@ -185,8 +199,9 @@ void Articulated::limits(const double* places, std::vector<double>& out) const {
 Articulated::JointForce Articulated::force_of(int dof, double amount) const {
   const Twist& t = twists_[dof];
   const Vec3 linear = t.slides ? t.velocity : Vec3{};
-  if (t.carried == 0) return {0, -1, amount * linear, base_at_, amount * t.spin};
-  return {t.carried, joints_[t.carried - 1].parent, amount * linear, base_at_ + links_[t.carried].joint,
+  const Placed& link = links_[t.carried];
+  if (dof < base_) return {t.carried, -1, amount * linear, centre(t.carried), amount * t.spin};
+  return {t.carried, joints_[t.carried - trees()].parent, amount * linear, base_at_ + link.joint,
           amount * t.spin};
 }
 

@@ -1,6 +1,7 @@
-// Jacobians and mass matrix of a tree of rigid links on joints (Featherstone 2008, chapters 4 and 6).
-// Link 0 is the base. Joint k carries link k + 1. Degrees of freedom: of a floating base, the velocity of its
-// centre of mass and its spin, in world axes; then those of the joints in order.
+// Jacobians and mass matrix of trees of rigid links on joints (Featherstone 2008, chapters 4 and 6).
+// The first links are the bases of the trees. With b of them, joint k carries link b + k. Degrees of freedom:
+// of each floating base, the velocity of its centre of mass and its spin, in world axes; then those of the
+// joints in order.
 #pragma once
 #include <vector>
 
@@ -37,17 +38,23 @@ struct LinkInertia {
 
 class Articulated {
  public:
-  Articulated(const std::vector<Joint>& joints, bool floating);
+  // floating: by tree, whether its base moves.
+  Articulated(const std::vector<Joint>& joints, const std::vector<bool>& floating);
+  int trees() const { return static_cast<int>(floating_.size()); }
   int links() const { return static_cast<int>(links_.size()); }
   int dofs() const { return static_cast<int>(twists_.size()); }
   int places() const { return places_; }
-  bool floats() const { return base_ > 0; }
+  bool floats(int tree) const { return floating_[tree]; }
+  // The tree of a link, which is also its base.
+  int tree_of(int link) const { return links_[link].tree; }
+  int rates_of_bases() const { return base_; }
   bool moves(int link) const { return !links_[link].moved_by.empty(); }
-  // inertias: of every link. base: its centre of mass 3 and inertial frame 4 in the world.
+  // inertias: of every link. bases: by tree, centre of mass 3 and inertial frame 4 of its base in the world.
   // places: of the joints that move, a ball's 4 (quaternion).
-  void place(const std::vector<LinkInertia>& inertias, const double* base, const double* places);
-  // Centre of mass and frame of a link, once it was placed.
+  void place(const std::vector<LinkInertia>& inertias, const double* bases, const double* places);
+  // Centre of mass, inertial frame and frame of a link, once it was placed.
   Vec3 centre(int link) const { return base_at_ + links_[link].centre; }
+  Pose inertial_frame(int link) const { return {links_[link].turn, centre(link)}; }
   Pose frame(int link) const { return {links_[link].frame, base_at_ + links_[link].joint}; }
   // out (6, dofs): velocity of the link's centre of mass, then its spin, world axes.
   void jacobian(int link, double* out) const;
@@ -77,19 +84,20 @@ class Articulated {
  private:
   struct Placed {
     std::vector<int> moved_by;  // degrees of freedom that move it
-    Vec3 centre;                // from the base's centre of mass: rounding does not grow with its place
-    Rot3 turn;                  // of the inertial frame
-    Vec3 joint;                 // origin of the link's own frame, from the base's centre of mass
-    Rot3 frame;                 // of that frame
+    int tree = 0;
+    Vec3 centre;  // from the first base's centre of mass: rounding does not grow with its place
+    Rot3 turn;    // of the inertial frame
+    Vec3 joint;   // origin of the link's own frame, from the first base's centre of mass
+    Rot3 frame;   // of that frame
     double mass = 0;
     Sym3 inertia;  // world axes
   };
-  // Velocity of a link, and its acceleration at constant rates: of the point of it that is at the base's
-  // centre of mass, and angular (spatial vectors, Featherstone 2008, chapter 2).
+  // Velocity of a link, and its acceleration at constant rates: of the point of it that is at the first
+  // base's centre of mass, and angular (spatial vectors, Featherstone 2008, chapter 2).
   struct Motion {
     Vec3 velocity, spin, acceleration, turning;
   };
-  // Motion by a unit rate: spin, and velocity of the point at the base's centre of mass.
+  // Motion by a unit rate: spin, and velocity of the point at the first base's centre of mass.
   struct Twist {
     int carried = 0;
     bool slides = false;
@@ -100,10 +108,11 @@ class Articulated {
   void place_inertia(Placed& link, const LinkInertia& inertia);
   std::vector<Motion> motions_at(const double* rates) const;
   std::vector<Joint> joints_;
+  std::vector<bool> floating_;
   std::vector<Placed> links_;
   std::vector<Twist> twists_;
-  Vec3 base_at_;
-  int base_ = 0;    // its degrees of freedom
+  Vec3 base_at_;    // the first one
+  int base_ = 0;    // degrees of freedom of all bases
   int places_ = 0;  // number of joint position values
 };
 

@@ -51,10 +51,12 @@ const Numbers& GeneralizedBody::unforced() {
 void GeneralizedBody::sense() {
   JointMotors& motors = stops.motors;
   motors.begin_step();
+  stops.begin_step();
   Numbers by_motors;
   if (observer.has_acted()) {
     stops.doubt(rates);
     const Numbers reached(observer.reached(rates));
+    stops.watch_constraints(reached);
     by_motors = explain_stops(motors.reported, reached);
     motors.reported_before = motors.reports;
     if (by_motors.size() == rates.size()) motors.thrown = motors.observe(reached, by_motors, observer.dt());
@@ -120,7 +122,8 @@ Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& r
 
 bool GeneralizedBody::sample(const Numbers& after, const Numbers& reported) {
   const Numbers by_motors = explain_stops(reported, after);
-  return observer.sample(after, unforced(), by_motors) || stops.motors.released(after, by_motors);
+  return observer.sample(after, unforced(), by_motors) || stops.motors.released(after, by_motors) ||
+         stops.broke(after);
 }
 
 const Numbers& GeneralizedBody::rates_at_end(double dt) {

@@ -91,11 +91,13 @@ struct GeneralizedBody {
   // Whether contacts may determine its motion.
   bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
-  // Whether it has joints: each has two limits, wherever they are.
-  bool is_jointed() const { return !stops.limits.empty(); }
-  // Number of rates that are of its base, whose velocity pybullet integrates: 6, or 0 where it is fixed.
+  // Whether it is more than a rigid body: joints have two limits each, wherever they are.
+  bool is_jointed() const { return !stops.limits.empty() || n() > 6; }
+  // Number of rates that are of its bases, whose velocity pybullet integrates: 6 each, or 0 where it is
+  // fixed.
   int base() const {
-    return gravity_response.empty() ? 0 : is_jointed() ? static_cast<int>(stops.limits[0]) : n();
+    if (gravity_response.empty()) return 0;
+    return stops.limits.empty() ? n() : static_cast<int>(stops.limits[0]);
   }
   // Learns from its motion since the last step.
   void sense();
@@ -120,13 +122,15 @@ struct GeneralizedBody {
     return (observer.held() && !observer.held_firmly()) || !stops.limits_are_known();
   }
   // Whether no force of tendons moves it.
-  bool is_held_firmly() const { return observer.held_firmly() || (n() > 0 && stops.hold_firmly(n())); }
+  bool is_held_firmly() const {
+    return observer.held_firmly() || (n() > 0 && stops.hold_firmly(root, observer.free_root()));
+  }
   // Whether these forces of the tendons (n) overpower a motor in a step of dt [s].
   bool overpowered(const Numbers& by, double dt) { return stops.overpowered(stopped(), by, dt); }
   // Whether what holds it may have released it in the last step.
-  bool may_be_released() const { return observer.held() || stops.motors.any(); }
+  bool may_be_released() const { return observer.held() || stops.motors.any() || stops.constraints_act(); }
   // Whether it did.
-  bool released() const { return observer.released() || stops.motors.thrown; }
+  bool released() const { return observer.released() || stops.motors.thrown || stops.broke(); }
   bool released_by_motor() const { return stops.motors.thrown && !observer.released(); }
   // The rates at the end of a step of dt [s] as it was solved (n).
   const Numbers& rates_at_end(double dt);

@@ -1,4 +1,4 @@
-// Joint limits and contacts that stop a body in this step, and motors that set rates of its joints.
+// Joint limits and contacts that stop a body in this step, and motors and constraints that set its rates.
 //
 // Without stops, the forces w of the tendons would change the rates to u = rates + change + dt R w, R = E
 // E^T. A stop along d adds the smallest impulse that keeps d u at or above its bound `wanted`:
@@ -6,14 +6,15 @@
 //   D u' - wanted >= 0,   lambda >= 0,   complementary,     u' = u + R D^T lambda.
 //
 // A motor holds its joint at a rate, D u' = wanted, by a lambda within +-dt times its limit. At a bound of
-// lambda the joint is short of that rate (bodies/joint_motors.h).
+// lambda the joint is short of that rate (bodies/joint_motors.h). So does a constraint that the user gave to
+// pybullet (bodies/link_constraints.h).
 //
 // Principal pivoting finds the active stops S: before the solution with the forces of the last step, after it
 // with its own forces (World::settle_stops). The solution treats S as rigid:
 //
 //   change += R S^T (S R S^T)^-1 missing,     E -= R S^T (S R S^T)^-1 S E,
 //
-// and motors at their limit as known forces.
+// and motors and constraints at their limit as known forces.
 //
 // pybullet acts on a joint limit only once the joint has passed it: what tendons throw would go on beyond it
 // for a whole step. A limit that the joint would pass in this step is therefore a stop as well. Its impulse
@@ -34,13 +35,15 @@
 #include <utility>
 
 #include "math/rounding.h"
+#include "math/soa_field.h"
 
 namespace bt {
 
 namespace {
 
-// Share of the depth behind a joint limit that pybullet corrects in a step (Bullet's erp) [-]. pybullet does
-// not report it. The effect of another value is learned as a push on the body.
+// Share of the depth behind a joint limit, or of the error of a constraint, that pybullet corrects in a step
+// (Bullet's erp) [-]. pybullet does not report it. The effect of another value is learned as a push on the
+// body.
 constexpr double kTakenBack = 0.2;
 // Depth of a contact that pybullet does not correct [m], and share of the remaining depth that it corrects in
 // a step [-] (the defaults of pybullet's slop and contactERP; it does not report them).
@@ -90,6 +93,8 @@ double rate_at_contact(double distance, double dt) {
   return room > 0 ? -room / dt : -kContactTakenBack * room / dt;
 }
 
+double largest_of(const Numbers& a) { return bt::largest_of(a.data(), static_cast<int>(a.size())); }
+
 }  // namespace
 
 void rates_under(const dense::Numbers& forces, const dense::Numbers& rates, const dense::Numbers& root,
@@ -106,7 +111,7 @@ void BodyStops::doubt(const Numbers& rates) {
   rested_ = false;
   for (size_t k = 0; k < all_.size(); ++k) {
     const Stop& s = all_[k];
-    if (!s.acts || s.motor) continue;
+    if (!s.acts || s.sets_rate()) continue;
     const bool went_on = along(directions_, k, rates) - s.wanted < -kLeastStopped * s.held_back;
     if (s.coordinate < 0) rested_ = !went_on || rested_;
     if (!went_on || s.wanted == -kFastest) continue;
@@ -115,25 +120,41 @@ void BodyStops::doubt(const Numbers& rates) {
   }
 }
 
+bool BodyStops::broke(const Numbers& reached) const {
+  double held = 0, free = 0;
+  for (size_t k = 0; k < all_.size(); ++k) {
+    const Stop& s = all_[k];
+    if (!s.constraint || !s.acts || s.given) continue;
+    const double rate = along(directions_, k, reached);
+    held += (rate - s.wanted) * (rate - s.wanted);
+    free += (rate - s.unstopped) * (rate - s.unstopped);
+  }
+  return held > kSolverNoise * kSolverNoise && free < kLeastStopped * kLeastStopped * held;
+}
+
+void BodyStops::watch_constraints(const Numbers& reached) {
+  broke_ = broke(reached);
+  ignored_ |= broke_;
+  bool kept = true;
+  for (size_t k = 0; k < all_.size(); ++k)
+    kept &= !all_[k].constraint || std::fabs(along(directions_, k, reached) - all_[k].wanted) <= kSolverNoise;
+  ignored_ &= !kept;
+}
+
+bool BodyStops::constraints_act() const {
+  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.constraint; });
+}
+
 bool BodyStops::act() const {
   return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts; });
 }
 
 bool BodyStops::limits_act() const {
-  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && !s.motor; });
+  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && !s.sets_rate(); });
 }
 
 bool BodyStops::motors_act() const {
   return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.motor; });
-}
-
-std::vector<int> BodyStops::coordinates() const {
-  std::vector<int> found;
-  for (const Stop& s : all_)
-    if (s.acts && s.coordinate >= 0) found.push_back(s.coordinate);
-  std::sort(found.begin(), found.end());
-  found.erase(std::unique(found.begin(), found.end()), found.end());
-  return found;
 }
 
 // Whether contacts or constraints hold the body along work_.direction: an impulse that is divided by nearly
@@ -204,12 +225,28 @@ void BodyStops::find_contacts(const Body& of, double dt) {
 }
 
 void BodyStops::find_spins(const Body& of, int base) {
-  for (int i = 3; i < base; ++i)
+  for (int i = 0; i < base; ++i)
     for (double side : {1, -1}) {
+      if (i % 6 < 3) continue;  // velocity
       work_.direction.assign(of.rates.size(), 0.0);
       work_.direction[i] = side;
       add_stop(of, -kFastest, i, kFastest);
     }
+}
+
+void BodyStops::find_constraints(const Body& of, double dt) {
+  for (const ConstraintRow& row : constraints) {
+    work_.direction = row.direction;
+    if (is_held(of, -1)) continue;
+    Stop s;
+    s.wanted = -row.standing - kTakenBack * row.error / dt;
+    s.constraint = true;
+    s.least = ignored_ ? 0 : -row.most;
+    s.most = ignored_ ? 0 : row.most;
+    s.side = ignored_ ? -1 : 0;
+    s.acts = !ignored_;
+    add_row(of, s);
+  }
 }
 
 // Where contacts or constraints hold a joint, or pybullet's sweeps do not solve the motors of the body, a
@@ -263,6 +300,7 @@ void BodyStops::find(const Body& of, int base, double dt) {
   find_contacts(of, dt);
   find_spins(of, base);
   find_motors(of, dt);
+  find_constraints(of, dt);
   unstopped_ = of.change;
   dense::product_transposed(static_cast<int>(of.rates.size()), work_.through, work_.through, work_.within);
   for (size_t a = 0; a < all_.size(); ++a) {
@@ -282,12 +320,10 @@ bool BodyStops::limits_are_known() const {
   return std::none_of(all_.begin(), all_.end(), [&](const Stop& s) { return may_yield(s); });
 }
 
-bool BodyStops::hold_firmly(int n) const {
-  for (int i = 0; i < n; ++i) {
-    auto holds = [i](const Stop& s) { return s.coordinate == i && s.acts && (!s.motor || s.firm); };
-    if (std::none_of(all_.begin(), all_.end(), holds)) return false;
-  }
-  return true;
+bool BodyStops::hold_firmly(const Numbers& root, const Numbers& free_root) const {
+  auto may_give_way = [](const Stop& s) { return s.acts && s.motor && !s.firm; };
+  if (std::any_of(all_.begin(), all_.end(), may_give_way)) return false;
+  return act() && largest_of(root) <= kRoundingShare * largest_of(free_root);
 }
 
 // Computes lambda, starting from the stops of the last lambda.
@@ -317,7 +353,7 @@ bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
   bool any = false;
   for (size_t a = 0; a < all_.size(); ++a) {
     Stop& s = all_[a];
-    s.admitted = s.motor || s.wanted > -kFastest || s.acts ||
+    s.admitted = s.sets_rate() || s.wanted > -kFastest || s.acts ||
                  (!s.dropped && along(directions_, a, work_.known) < -kFastest &&
                   along(directions_, a, of.rates) >= -kMostRate);
     any |= s.admitted;
@@ -329,7 +365,7 @@ bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
 // which a motor held its joint would throw this joint beyond other stops where it yields. Returns whether any
 // motor has changed.
 bool BodyStops::choose_motors(const Body& of, const Numbers& forces, double dt) {
-  for (Stop& s : all_) s.admitted = s.motor || s.acts;
+  for (Stop& s : all_) s.admitted = s.sets_rate() || s.acts;
   find_pushes(of, forces, dt);
   for (size_t a = 0; a < all_.size(); ++a)
     if (all_[a].motor && rows(dt).side_of(a, pushes_[a]) != all_[a].side) return true;
@@ -349,10 +385,10 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
     s.held_back = pushes_[a] * work_.within[a * m + a];
     const int side = rows(dt).side_of(a, pushes_[a]);
     // A stop acts if it changes the rate by more than rounding.
-    const bool acts = s.motor ? side == 0 : s.held_back > kRoundingShare * work_.whole[a];
+    const bool acts = s.sets_rate() ? side == 0 : s.held_back > kRoundingShare * work_.whole[a];
     s.dropped |= s.acts && !acts;
     s.yielded |= s.motor && s.acts && !acts;
-    other |= s.motor && side != s.side;
+    other |= s.sets_rate() && side != s.side;
     s.side = side;
     other |= std::exchange(s.acts, acts) != acts;
   }
@@ -372,27 +408,29 @@ bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
 void BodyStops::act_on(const Body& of, double dt) {
   of.change = unstopped_;
   of.root = of.observer.root();
-  push_by_motors(of, dt);
+  push_by_bounded(of, dt);
   work_.missing.clear();
   for (size_t a = 0; a < all_.size(); ++a)
     if (all_[a].acts) work_.missing.push_back(all_[a].missing - along(work_.within, a, work_.bounded));
   if (!work_.missing.empty()) take_away(of);
 }
 
-// Adds the impulses of the motors at their limit, and sets work_.bounded to them, by row.
-void BodyStops::push_by_motors(const Body& of, double dt) {
-  const size_t m = all_.size();
+// Adds the impulses of motors and constraints at their limit, and sets work_.bounded to them, by row.
+void BodyStops::push_by_bounded(const Body& of, double dt) {
+  const size_t m = all_.size(), n = of.rates.size();
   work_.bounded.assign(m, 0.0);
-  if (!motors.any()) return;
-  work_.direction.assign(of.rates.size(), 0.0);
+  work_.direction.assign(n, 0.0);
+  bool any = false;
   for (size_t a = 0; a < m; ++a) {
     const Stop& s = all_[a];
-    if (!s.motor || s.acts) continue;
+    if (!s.sets_rate() || s.acts) continue;
+    any = true;
     work_.bounded[a] = rows(dt).bound(a, s.side);
-    work_.direction[s.coordinate] = work_.bounded[a];
+    for (size_t i = 0; i < n; ++i) work_.direction[i] += work_.bounded[a] * directions_[a * n + i];
   }
+  if (!any) return;
   dense::respond(of.root, work_.direction, work_.half, work_.known);
-  for (size_t i = 0; i < of.rates.size(); ++i) of.change[i] += work_.known[i];
+  for (size_t i = 0; i < n; ++i) of.change[i] += work_.known[i];
 }
 
 // Collects S E in work_.half and S R S^T in work_.within_acting, of the active stops.
@@ -479,6 +517,14 @@ void BodyStops::note_motors(const Numbers& swept, double dt) {
   motors.soft |= whole > 0 && rows(dt).differs(pushes_, swept) > std::max(kNotSolved * whole, kNotSolvedRate);
 }
 
+// Notes the rates that constraints would have if pybullet did not keep any.
+void BodyStops::note_constraints(const Body& of, const Numbers& forces, double dt) {
+  if (constraints.empty()) return;
+  rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (all_[a].constraint) all_[a].unstopped = along(directions_, a, work_.known);
+}
+
 void BodyStops::rest(int n) {
   by_pybullet_.assign(n, 0.0);
   shifts.clear();
@@ -486,6 +532,7 @@ void BodyStops::rest(int n) {
 
 void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers& given) {
   if (!act() && !motors.any()) return;
+  note_constraints(of, forces, dt);
   find_pushes(of, forces, dt);
   const size_t m = all_.size(), n = of.rates.size();
   const bool answered = motors_act() || (of.observer.held() && motors.any());
@@ -496,7 +543,7 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
     if (!s.motor && is_given && s.ahead > 0 && pushes_[a] > 0) give(a, dt, given);
   }
   Numbers swept(pushes_);
-  if (act() && !limits.empty() && !of.observer.held()) {
+  if (act() && are_swept() && !of.observer.held()) {
     rows(dt).sweep_as_pybullet(pushes_, swept);
     work_.along = forces;
     for (size_t i = 0; i < n; ++i) work_.along[i] += given[i];
@@ -532,7 +579,8 @@ bool BodyStops::shift_to_limits(const Body& of, bool answered, double dt) {
 
 void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by_motors) {
   const size_t m = all_.size(), width = of.rates.size();
-  if (by_motors.size() != width || !act() || directions_.size() != m * width) return;
+  const bool known = by_motors.size() == width || (by_motors.empty() && broke_);
+  if (!known || !act() || directions_.size() != m * width) return;
   const double dt = of.observer.dt();
   const std::vector<Stop> foreseen(all_);
   const Numbers foreseen_pushes(pushes_);
@@ -544,6 +592,7 @@ void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by
     Stop& s = all_[a];
     if (s.motor) s.least = s.most = by_motors[s.coordinate];
     if (s.given) s.least = s.most = pushes_[a] / dt;
+    if (s.constraint && broke_) s.least = s.most = 0;
   }
   dense::product_transposed(static_cast<int>(width), work_.through, work_.through, work_.within);
   find_pushes(of, forces, dt);

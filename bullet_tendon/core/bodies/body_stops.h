@@ -1,12 +1,15 @@
-// What stops a body in a step: joint limits, contacts with bodies without mass, and motors of joints.
+// What stops a body in a step: joint limits, contacts with bodies without mass, motors of joints, and
+// constraints of the user.
 //
 // Where the rate along a direction d would violate a limit or a contact, pybullet sets a rate that corrects a
-// share of the depth. A motor sets the rate of its joint. These rows are predicted (bodies/body_stops.cpp).
+// share of the depth. A motor sets the rate of its joint, a constraint one that corrects its error. These
+// rows are predicted (bodies/body_stops.cpp).
 #pragma once
 #include <vector>
 
 #include "bodies/bounded_rows.h"
 #include "bodies/joint_motors.h"
+#include "bodies/link_constraints.h"
 #include "bodies/response_observer.h"
 
 namespace bt {
@@ -31,11 +34,22 @@ class BodyStops {
   Numbers contacts;             // direction (6) and distance, negative inside, of every contact
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   JointMotors motors;
+  std::vector<ConstraintRow> constraints;  // of this step
   // (coordinate, change) of every joint that is moved to just behind its limit before this step.
   Numbers shifts;
 
   // Determines which limits and contacts of the last step the body passed through. They are ignored.
   void doubt(const Numbers& rates);
+  // Whether rates that were reached (n) are nearer to those without the constraints that acted.
+  bool broke(const Numbers& reached) const;
+  // Notes whether they broke in the last step, in which these rates were reached (n). What pybullet did not
+  // keep is ignored until its rates are kept.
+  void watch_constraints(const Numbers& reached);
+  bool broke() const { return broke_; }
+  void begin_step() { broke_ = false; }
+  // Ignores the constraints in a step that is solved again.
+  void ignore_constraints() { ignored_ = true; }
+  bool constraints_act() const;
   // Finds the rows of a step of dt [s]. base: number of rates that are of the base.
   void find(const Body& of, int base, double dt);
   // Determines those that act under these forces of the tendons (n). Returns whether they changed.
@@ -48,6 +62,8 @@ class BodyStops {
   // Lets the motors yield to the end of the step that were within their limits before. Returns whether there
   // are any.
   bool let_motors_yield();
+  // Whether there are rows that pybullet solves by sweeps, but for contacts.
+  bool are_swept() const { return !limits.empty() || !constraints.empty(); }
   // Before any has acted in a step.
   void rest(int n);
   // Splits what they do in the step under these forces of the tendons (n) into what pybullet does by itself
@@ -62,14 +78,13 @@ class BodyStops {
   bool limits_act() const;
   // Whether the limits of the motors that hold joints are known, or too large to be found out (Stop::firm).
   bool limits_are_known() const;
-  // Whether limits, and motors whose limits are that large, hold all n rates.
-  bool hold_firmly(int n) const;
+  // Whether limits, constraints, and motors whose limits are that large, leave nothing (root) of the free
+  // response (n n).
+  bool hold_firmly(const Numbers& root, const Numbers& free_root) const;
   // Whether contacts are predicted to stop it.
   bool contacts_stop() const { return !contacts.empty() && !slipped_; }
   // Whether the body passed through contacts in the last step.
   bool slipped() const { return slipped_; }
-  // Coordinates that limits stop, or motors hold, in this step.
-  std::vector<int> coordinates() const;
   // Acceleration by those of pybullet in the last step (n); empty: not known.
   const Numbers& accelerates() const { return by_pybullet_; }
 
@@ -79,6 +94,8 @@ class BodyStops {
   void find_contacts(const Body& of, double dt);
   void find_spins(const Body& of, int base);
   void find_motors(const Body& of, double dt);
+  void find_constraints(const Body& of, double dt);
+  void note_constraints(const Body& of, const Numbers& forces, double dt);
   bool is_held(const Body& of, int coordinate);
   bool may_yield(const Stop& stop) const;
   void add_row(const Body& of, const Stop& stop);
@@ -96,7 +113,7 @@ class BodyStops {
   void give(size_t row, double dt, Numbers& given);
   void find_by_pybullet(const Body& of, double dt);
   void note_motors(const Numbers& swept, double dt);
-  void push_by_motors(const Body& of, double dt);
+  void push_by_bounded(const Body& of, double dt);
   void gather_acting(size_t width);
   void take_away(const Body& of);
 
@@ -107,6 +124,8 @@ class BodyStops {
   Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
   bool rested_ = false;   // contacts stopped the body in the last step
   bool slipped_ = false;  // it passed through contacts
+  bool broke_ = false;    // pybullet did not keep the constraints in the last step
+  bool ignored_ = false;  // the constraints are ignored
   bool steady_ = false;   // motors are taken to push as in the last step
   Numbers by_pybullet_;   // acceleration by pybullet's stops in the last step
   // Only `through` (D E) and `within` (D R D^T), of all stops, are valid for a whole step.

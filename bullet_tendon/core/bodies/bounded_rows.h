@@ -1,6 +1,6 @@
-// Rows of a body's complementarity problem: stops, whose impulses only push, and motors, whose impulses are
-// bounded on both sides (bodies/body_stops.cpp). With impulses x, a row lacks the rate left - W x of
-// what it wants, and
+// Rows of a body's complementarity problem: stops, whose impulses only push, and motors and constraints,
+// whose impulses are bounded on both sides (bodies/body_stops.cpp). With impulses x, a row lacks the rate
+// left - W x of what it wants, and
 //
 //   x within its bounds: it lacks nothing,     at the upper one: it lacks >= 0,     at the lower one: <= 0.
 #pragma once
@@ -19,13 +19,14 @@ namespace bt {
 constexpr double kSolverResidual = 3e-4;
 constexpr double kSolverNoise = 1e-3;
 
-// A constraint of a body along a direction d. A limit that is reached, or a contact, may bound the rate from
-// below in this step. A motor sets the rate, by a force that is bounded.
+// A row of a body along a direction d. A limit that is reached, or a contact, may bound the rate from below
+// in this step. A motor, or a constraint with another link, sets the rate, by a force that is bounded.
 struct Stop {
-  double wanted = 0;     // the bound of the rate, or the rate that a motor sets [m/s], [rad/s]
+  double wanted = 0;     // the bound of the rate, or the rate that is set [m/s], [rad/s]
   double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
   double held_back = 0;  // `wanted` less the rate predicted with the tendons and all other stops
-  int coordinate = -1;   // of a limit or motor; -1: a contact
+  double unstopped = 0;  // of a constraint: the rate with the tendons and no stops [m/s], [rad/s]
+  int coordinate = -1;   // of a limit or motor; -1: a contact or constraint
   bool acts = false;     // it sets the rate
   bool admitted = true;  // whether it may begin to act
   // Way to a limit that is not reached yet, so that pybullet does not act on it; negative: behind it [m],
@@ -35,10 +36,13 @@ struct Stop {
   double least = 0, most = kUnlimited;  // bounds of its force [N], [N m]
   int side = -1;  // its force is at the lower bound (-1) or at the upper one (1); 0: it acts
   bool motor = false;
+  bool constraint = false;
   bool yielded = false;  // of a motor: it was within its limit before in this step
   // Of a motor: it has given what would throw its joint at the rate that pybullet cuts off.
   bool firm = false;
   bool given = false;  // its force is applied as a known one
+
+  bool sets_rate() const { return motor || constraint; }
 };
 
 // A row of a matrix times a vector.

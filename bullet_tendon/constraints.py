@@ -1,0 +1,101 @@
+"""Constraints of the user: what p.createConstraint joins, as the core takes it.
+
+Owns: which bodies move together, and the ends of a constraint in the frames that the core knows. Points,
+fixed frames and gears are known; others (prismatic) are learned from the motion of the bodies. Goes with
+link_constraints in the core's room `bodies`.
+"""
+
+from collections.abc import Callable, Hashable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pybullet as p
+
+from . import _core
+
+_KINDS = {
+    p.JOINT_POINT2POINT: _core.POINT_CONSTRAINT,
+    p.JOINT_FIXED: _core.FIXED_CONSTRAINT,
+    p.JOINT_GEAR: _core.GEAR_CONSTRAINT,
+}
+_STILL = (0.0, 0.0, 0.0)
+_NO_TURN = (0.0, 0.0, 0.0, 1.0)
+# What pybullet reports of a constraint whose maxForce was not changed: an impulse [N s], of any step, beyond
+# what tendons give.
+_AS_CREATED = 500.0
+
+
+class End(NamedTuple):
+    """A side of a constraint: a link of a body (-1, -1: the world), and the frame in its inertial one."""
+
+    body: int
+    link: int
+    origin: tuple
+    turn: tuple
+
+
+class Constraint(NamedTuple):
+    """A constraint that the core knows. most: force of each row [N], [N m]. ratio: of a gear [-]."""
+
+    number: int
+    kind: int
+    ends: tuple[End, End]
+    most: float
+    ratio: float
+
+
+def read_constraints(client: int) -> list[Constraint]:
+    """The constraints of a client that the core knows."""
+    numbers = [p.getConstraintUniqueId(i, client) for i in range(p.getNumConstraints(client))]
+    infos = [(number, p.getConstraintInfo(number, client)) for number in numbers]
+    return [_constraint(number, info) for number, info in infos if info[4] in _KINDS]
+
+
+def _constraint(number: int, info: tuple) -> Constraint:
+    ends = (End(info[0], info[1], info[6], info[8]), End(info[2], info[3], info[7], info[9]))
+    most = np.finfo(float).max if info[10] == _AS_CREATED else abs(info[10])
+    return Constraint(number, _KINDS[info[4]], ends, most, info[11])
+
+
+def groups(bodies: Iterable[int], constraints: list[Constraint], moves: Callable) -> list[tuple[int, ...]]:
+    """These bodies and those that constraints join to them, in groups that move together.
+
+    moves: whether a body moves. The first of a group is one of `bodies`; their order is kept.
+    """
+    joined: dict[int, set[int]] = {}
+    for constraint in constraints:
+        a, b = (end.body for end in constraint.ends)
+        if a != b and a >= 0 and b >= 0 and moves(a) and moves(b):
+            joined.setdefault(a, set()).add(b)
+            joined.setdefault(b, set()).add(a)
+    found: list[tuple[int, ...]] = []
+    seen: set[Hashable] = set()
+    for body in bodies:
+        if body in seen:
+            continue
+        group = [body]
+        for member in group:
+            group += sorted(joined.get(member, set()) - set(group))
+        seen.update(group)
+        found.append(tuple(group))
+    return found
+
+
+def standing_end(end: End, client: int) -> tuple:
+    """An end on what the joined bodies do not move, as the core takes it: in the world, with its velocity."""
+    if end.body < 0:
+        return -1, -1, end.origin, end.turn, _STILL, _STILL
+    place = p.getBasePositionAndOrientation(end.body, client)
+    velocity, spin = p.getBaseVelocity(end.body, client)
+    if end.link < 0:
+        centre, turn = place
+    else:
+        centre, turn = p.getLinkState(end.body, end.link, 0, 1, client)[:2]
+    origin, turn = p.multiplyTransforms(centre, turn, end.origin, end.turn)
+    arm = np.subtract(origin, place[0])
+    return -1, -1, origin, turn, tuple(velocity + np.cross(spin, arm)), spin
+
+
+def moving_end(end: End, link: int, coordinate: int = -1) -> tuple:
+    """An end on a link of the joined bodies, by its number in the core, and the coordinate of its joint."""
+    return link, coordinate, end.origin, end.turn, _STILL, _STILL
