@@ -767,7 +767,8 @@ class TendonWorld(NotCopied):
         With `bodies`, these are put first where ligaments, cartilage, tendons, gravity, `forces` and those
         told by apply_external_force balance, by Newton's method, and are at rest there. Tendons that touch
         these bodies, or are attached to them, follow in small steps. Other bodies, and joints that
-        are not listed, stay where they are. Limits of joints act; motors and contacts of pybullet do not.
+        are not listed, stay where they are. Limits of joints act; motors, contacts and constraints of
+        pybullet do not.
         Where no equilibrium is found, nothing has moved, the report says that it did not converge, and an
         EquilibriumWarning says why. There may be none: a load can be more than what holds the bodies.
 

@@ -795,3 +795,57 @@ def stalled(scene):
     scene.run(scene.steps, watch=watch)
     # A light lever goes to and fro by a step's way at its speed.
     scene.near("torque of the tension [N m]", np.mean(torques[-10:]), torque, rel=0.01)
+
+
+def join(scene, a, b, kind, at_a, at_b, turn_b=(0, 0, 0, 1)):
+    """A constraint of free bodies, at points of their frames."""
+    scene.p.setCollisionFilterPair(a, b, -1, -1, 0)
+    number = scene.p.createConstraint(a, -1, b, -1, kind, [0, 0, 1], at_a, at_b, [0, 0, 0, 1], turn_b)
+    meant = [group for group in scene.joined if group & {int(a), int(b)}]
+    scene.joined = [group for group in scene.joined if group not in meant]
+    scene.joined.append(set().union({int(a), int(b)}, *meant))
+    return number
+
+
+@family
+def joined_bodies(scene):
+    """Bodies that constraints join swing on one or two cords; one more is taken up, and the last one let go.
+
+    Constraints that are made while bodies move only take energy.
+    """
+    scene.begin()
+    kind = scene.pick(scene.raw.JOINT_POINT2POINT, scene.raw.JOINT_FIXED)
+    masses = [scene.log(0.01, 2) for _ in range(scene.whole(2, 4))]
+    length, bodies, numbers = scene.flat(0.1, 0.5), [], []
+    for k, mass in enumerate(masses):
+        bodies.append(load(scene, mass, (scene.flat(-0.2, 0.2) * SIZE, 0, -length - 2 * SIZE * k)))
+        if k:
+            middle = 0.5 * (scene.place(bodies[k])[0] + scene.place(bodies[k - 1])[0])
+            at = [(middle - scene.place(bodies[i])[0]).tolist() for i in (k - 1, k)]
+            numbers.append(join(scene, bodies[k - 1], bodies[k], kind, *at))
+    for k in sorted({0, scene.pick(0, len(bodies) - 1)}):
+        at = scene.place(bodies[k])[0]
+        t = straight(
+            scene,
+            [(0.3 * length * bool(k), 0, 0), at],
+            scene.material(3 * G * sum(masses)),
+            scene.whole(2, 30),
+        )
+        t.grip(0)
+        t.attach(-1, bodies[k])
+    speed = scene.log(0.1, 3)
+    scene.p.resetBaseVelocity(bodies[-1], [speed, 0, 0], [0, 0, 0])
+    scene.run(scene.steps // 2)
+    if scene.coin():
+        place, turn = scene.raw.getBasePositionAndOrientation(bodies[-1])
+        beside = np.add(place, [4 * SIZE, 0, 0]).tolist()
+        more = load(scene, scene.log(0.01, 2), beside)
+        scene.energy = False  # it begins at rest, in another's motion
+        back = scene.raw.invertTransform(place, turn)
+        at, _ = scene.raw.multiplyTransforms(*back, beside, [0, 0, 0, 1])
+        fixed = scene.raw.JOINT_FIXED
+        join(scene, bodies[-1], more, fixed, list(at), [0, 0, 0], list(turn))
+    elif numbers and scene.coin():
+        scene.p.removeConstraint(numbers[-1])
+        scene.joined = [group - {int(bodies[-1])} for group in scene.joined]
+    scene.run(scene.steps - scene.steps // 2)

@@ -6,7 +6,8 @@ The laws use what a user can read, and share nothing with the package:
 
 - every value is finite;
 - momentum: what tendons gain in a step is what gravity, loads, hands and bodies give them;
-- a body without contacts of its own gains what gravity and the tendons' wrench give it;
+- bodies without contacts of their own gain what gravity and the tendons' wrench give them, those that
+  constraints join together;
 - energy: tendons and bodies have no more than they began with and were given, at one instant: by BDF2
   velocities are means over the step, half a step behind the positions;
 - centrelines keep their radius from every solid (formulas and triangles of brute_force.py).
@@ -148,6 +149,8 @@ class Scene:
         self.seconds, self.unconverged, self.told, self.begun = [], 0, [], False
         self.tendons, self.grips, self.links, self.solids, self.bores = [], [], set(), [], []
         self.free, self.pushed, self.energy = [], {}, True
+        self._settled = True  # the last step converged
+        self.joined = []  # sets of free bodies that constraints join
         self._loads = [np.zeros(3)]  # sums of what is pushed, of the last steps
         self.work = self.turnover = 0.0
         self._gained = None  # (step, energy gained without that of motion, that, what is allowed)
@@ -459,8 +462,10 @@ class Scene:
             self._finite(step)
             self._soft_hands(step)
             self._energy_bound(step)
-        # A step that is solved again changes what was read after the one before.
-        if look and report.converged and "released" not in report.reasons:
+        # A step that is solved again changes what was read after the one before. One that was left over budget
+        # owes motion to the next one.
+        settled, self._settled = self._settled and report.converged, report.converged
+        if look and settled and "released" not in report.reasons:
             self._momentum(step)
         if step % 40 == 0 or step == self.steps:
             self.no_overlap(step)
@@ -517,22 +522,23 @@ class Scene:
         loads = self._loads if self.options.get("integrator") == "bdf2" else self._loads[-1:]
         load = np.clip(total, np.min(loads, 0), np.max(loads, 0))
         self.near(f"step {step}: momentum of the tendons [N]", total, load, absolute=BALANCE * largest + 1e-7)
-        for body in self.free:
-            self._momentum_of(body, step, largest)
+        together = set().union(*self.joined)
+        for bodies in [*self.joined, *({b} for b in self.free if b not in together)]:
+            self._momentum_of(sorted(bodies), step, largest)
 
-    def _momentum_of(self, body, step, largest):
-        """Of a body on tendons alone; pybullet stops it at 100 m/s."""
-        if self.raw.getContactPoints(bodyA=body) or self.raw.getNumJoints(body):
+    def _momentum_of(self, bodies, step, largest):
+        """Of bodies on tendons alone; pybullet stops them at 100 m/s."""
+        if any(self.raw.getContactPoints(bodyA=b) or self.raw.getNumJoints(b) for b in bodies):
             return
-        speed, before = self.speed(body), self.rates_before[body][:3]
-        if max(np.abs(speed).max(), np.abs(before).max()) > 99:
+        speeds = np.array([[self.speed(b), self.rates_before[b][:3]] for b in bodies])
+        if np.abs(speeds).max() > 99:
             return
-        m = self.mass(body)
-        gained = m * (speed - before) / self.dt
-        given = self.world.wrench(body)[:3] + m * self.gravity + self.applied(body)
-        rounding = 1e-12 * m / self.dt * np.linalg.norm(speed)
-        allowed = 1e-5 * max(largest, m * G) + rounding
-        self.near(f"step {step}: momentum of body {body} [N]", gained, given, absolute=allowed)
+        masses = np.array([self.mass(b) for b in bodies])
+        gained = masses @ (speeds[:, 0] - speeds[:, 1]) / self.dt
+        given = sum(self.world.wrench(b)[:3] + self.applied(b) for b in bodies) + masses.sum() * self.gravity
+        rounding = 1e-12 * masses.sum() / self.dt * np.linalg.norm(speeds)
+        allowed = 1e-5 * max(largest, masses.sum() * G) + rounding
+        self.near(f"step {step}: momentum of body {bodies} [N]", gained, given, absolute=allowed)
 
     def applied(self, body):
         """External force of this step on a body; the scene's lines may set `applied` = {body: force}."""
