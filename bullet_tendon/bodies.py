@@ -210,9 +210,10 @@ class Bodies:
                     body.add_joint_force(self._core, body_id, joint, force)
 
     def _read_constraints(self) -> None:
-        before = [(c.number, c.ends[0].body, c.ends[1].body) for c in self._constraints]
-        self._constraints = read_constraints(self.client)
-        if [(c.number, c.ends[0].body, c.ends[1].body) for c in self._constraints] != before:
+        """Those of the user; bodies move together otherwise where there are others."""
+        before, now = self._constraints, read_constraints(self.client)
+        self._constraints = now
+        if (now or before) and [c.joins for c in now] != [c.joins for c in before]:
             self._bodies = None
 
     def rest(self) -> None:

@@ -43,10 +43,18 @@ class Constraint(NamedTuple):
     most: float
     ratio: float
 
+    @property
+    def joins(self) -> tuple[int, int, int]:
+        """Its number, and the bodies of both ends."""
+        return self.number, self.ends[0].body, self.ends[1].body
+
 
 def read_constraints(client: int) -> list[Constraint]:
     """The constraints of a client that the core knows."""
-    numbers = [p.getConstraintUniqueId(i, client) for i in range(p.getNumConstraints(client))]
+    count = p.getNumConstraints(client)
+    if count == 0:
+        return []
+    numbers = [p.getConstraintUniqueId(i, client) for i in range(count)]
     infos = [(number, p.getConstraintInfo(number, client)) for number in numbers]
     return [_constraint(number, info) for number, info in infos if info[4] in _KINDS]
 

@@ -197,47 +197,46 @@ class JointedBody:
         self._slots = [slot for _, _, slot in used]
         self._links = [self._members[body].link(link) for body, link, _ in used]
         self._used = [(body, link) for body, link, _ in used]
-        self._named = [(body, -1) for body in self.members]  # body and link of each link of the tree
-        self._named += [(m.body, link) for m in self._members.values() for link in range(m.count)]
+        self._carried = [(m.body, link) for m in self._members.values() for link in range(m.count)]
+        self._named = [(body, -1) for body in self.members] + self._carried  # body and link of each link
         self._infos = list(infos.values())
+        self._movable = [(m.body, m.joints) for m in self._members.values()]
+        self._with_joints = [m.body for m in self._members.values() if m.count]
         self._trees: dict[tuple, _core.Articulated] = {}  # by what floats
-        self._tree = self._tree_where((False,) * len(infos))  # that was read last
-        self._floating = 0  # bases of it that float
+        self._take_tree((False,) * len(infos))
         # Of which pybullet reports no forces.
         self._has_hidden_motors = any(i[2] == p.JOINT_SPHERICAL for of in self._infos for i in of)
 
-    def _tree_where(self, floating: tuple[bool, ...]) -> _core.Articulated:
+    def _take_tree(self, floating: tuple[bool, ...]) -> None:
+        """Take what floats (by member) for what is read from now on."""
         if floating not in self._trees:
             self._trees[floating] = tree_of(self._infos, floating)
-        return self._trees[floating]
-
-    def _yields(self) -> bool:
-        return any(map(self._tree.moves, self._links))
+        self._floating, self._tree = floating, self._trees[floating]
+        self._yields = any(map(self._tree.moves, self._links))
 
     def read(self, core, constraints: list[Constraint]) -> bool:
         """Where its links are, and how they answer, into the core; whether all of that is finite."""
         client = self.client
         infos = [p.getDynamicsInfo(body, -1, client) for body in self.members]
-        floating = tuple(info[0] > 0 for info in infos)
-        self._tree, self._floating = self._tree_where(floating), sum(floating)
-        if not self._yields():
+        floating = tuple([info[0] > 0 for info in infos])
+        if floating != self._floating:
+            self._take_tree(floating)
+        if not self._yields:
             links = zip(self._slots, self._used, strict=True)
             found = [core.read_link(s, *read_link(*link, client), False, False) for s, link in links]
             return 0 not in found
-        bases = []
-        for body, member in self._members.items():
-            # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago,
-            # but for this.
-            if member.count:
-                p.getLinkState(body, 0, 0, 1, client)
-            bases.append((p.getBasePositionAndOrientation(body, client), p.getBaseVelocity(body, client)))
-        infos += [p.getDynamicsInfo(body, link, client) for body, link in self._named[len(self.members) :]]
-        ends = self._ends(constraints)
+        # applyExternalForce takes its arm from where pybullet last computed the links to be: a step ago, but
+        # for this.
+        for body in self._with_joints:
+            p.getLinkState(body, 0, 0, 1, client)
+        place, motion = p.getBasePositionAndOrientation, p.getBaseVelocity
+        bases = [(place(body, client), motion(body, client)) for body in self.members]
+        infos += [p.getDynamicsInfo(body, link, client) for body, link in self._carried]
+        ends = self._ends(constraints) if constraints else []
         return core.read_body(self._tree, self._slots, self._links, infos, bases, self._joint_states(), ends)
 
     def _joint_states(self) -> tuple:
-        client = self.client
-        parts = [joint_states(body, m.joints, client) for body, m in self._members.items()]
+        parts = [joint_states(body, joints, self.client) for body, joints in self._movable]
         return parts[0] if len(parts) == 1 else sum(parts, ())
 
     def _ends(self, constraints: list[Constraint]) -> list[tuple]:
@@ -265,7 +264,7 @@ class JointedBody:
 
     def _coordinate(self, member: _Member, joint: int) -> int:
         """The place of a joint among all rates."""
-        return 6 * self._floating + member.rate(joint)
+        return 6 * sum(self._floating) + member.rate(joint)
 
     def sample(self, core) -> bool:
         """Its rates right after pybullet's step; whether it seems to have been released."""
@@ -305,12 +304,12 @@ class JointedBody:
 
     def add_force(self, core, body: int, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user on a link at a world point, once the body was read."""
-        if self._yields():
+        if self._yields:
             core.add_body_force(self.slot, self._tree, self._members[body].link(link), force, point)
 
     def add_joint_force(self, core, body: int, joint: int, force: float) -> None:
         """Tell the core of a force [N] or torque [N m] of the user on a joint, once the body was read."""
-        if self._yields():
+        if self._yields:
             dof = self._coordinate(self._members[body], joint)
             core.add_joint_force(self.slot, self._tree, dof, force)
 
@@ -321,7 +320,7 @@ class JointedBody:
 
     def keep_contacts(self, core) -> None:
         """What its motors give, into the state that is going to be saved: pybullet does not restore that."""
-        if self._yields():
+        if self._yields:
             core.keep_motors(self.slot, self._tree, self._joint_states())
 
 
