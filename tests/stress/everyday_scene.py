@@ -462,8 +462,8 @@ class Scene:
             self._finite(step)
             self._soft_hands(step)
             self._energy_bound(step)
-        # A step that is solved again changes what was read after the one before. One that was left over budget
-        # owes motion to the next one.
+        # A step that is solved again changes what was read after the one before. One that was left over
+        # budget owes motion to the next one.
         settled, self._settled = self._settled and report.converged, report.converged
         if look and settled and "released" not in report.reasons:
             self._momentum(step)
