@@ -123,3 +123,20 @@ def test_a_slack_tendon_is_pushed_together(
     assert shortest < 0.05
     assert solves < 20 * 200
     assert t.positions[:, 2].min() > 0.99 * radius
+
+
+@pytest.mark.parametrize("dt", [0.013, 0.01328, 0.0135, 0.014])
+def test_segments_in_a_row_do_not_stretch_a_tendon_that_turns(client, make_world, dt):
+    """A step carries it as far as it is long, and turns it. Its segments are shorter than it is thick."""
+    world = make_world(dt)
+    plate(world, client)
+    elastic = {"stiffness": 83.36611, "exponent": 1.389, "bending_stiffness": 1.875e-5}
+    material = bt.Material(**elastic, density=1329.0, friction=0.0)
+    line = [[0, 0, 0.00156765], [0.01826965, 0, 0.03160838]]
+    t = world.add_tendon(line, 1.493e-3, material, 23)
+    push = 0.01793
+    t.set_force(0, (0, 0, -push))
+    t.set_force(-1, (-0.009316693, 0, -0.0153194))
+    for _ in range(5):
+        world.step()
+        assert np.abs(t.tension).max() <= 3 * push

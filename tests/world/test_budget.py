@@ -114,7 +114,7 @@ def test_wall_time_is_bounded(make_world):
         assert np.isfinite(t.positions).all()
 
 
-@pytest.mark.parametrize("most", [4, 8, 16])
+@pytest.mark.parametrize("most", [2, 4, 8])
 def test_contacts_are_not_detected_again_and_again_after_the_budget(make_world, most):
     """Of ten tendons that cross each other in one point, and push each other apart."""
     world = make_world(gravity=(0, 0, -9.81), max_linear_solves=most)

@@ -74,8 +74,8 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
   PairParameters ends[2];
   const int count = touching_stretch(p.x.at(k), p.x.at(k + 1), q.x.at(m), q.x.at(m + 1), s.nearest.distance,
                                      kSag * (p.radius + q.radius), ends);
-  s.parallel = count > 0;
-  if (!s.parallel) s.points[s.count++] = s.nearest;
+  s.parallel = count > 1;
+  if (count == 0) s.points[s.count++] = s.nearest;
   auto is_pair = [&](int i, int j) { return !self || (!a.joins(i, j) && !p.is_overlaid(i, j)); };
   const bool next_a = k + 2 < p.n() && is_pair(k + 1, m), next_b = m + 2 < q.n() && is_pair(k, m + 1);
   for (int end = 0; end < count; ++end) {
