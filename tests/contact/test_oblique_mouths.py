@@ -139,8 +139,10 @@ def ended_half(steep, distance, lean, half, samples=20001):
 
 
 def distance_in_plane(x, points, tangent):
-    """Distance of x (2,) from these points, and from the straight lines that go on from both ends."""
-    least = np.linalg.norm(points - x, axis=1).min()
+    """Distance of x (2,) from the line through these points, which goes on straight from both ends."""
+    ways = np.diff(points, axis=0)
+    along = np.clip(((x - points[:-1]) * ways).sum(1) / (ways**2).sum(1), 0, 1)
+    least = np.linalg.norm(points[:-1] + along[:, None] * ways - x, axis=1).min()
     for end, way in ((points[0], tangent), (points[-1], tangent * [-1, 1])):
         beyond = max(0.0, (x - end) @ way)
         least = min(least, np.linalg.norm(x - end - beyond * way))
