@@ -20,9 +20,10 @@ _KINDS = {
 }
 _STILL = (0.0, 0.0, 0.0)
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
-# What pybullet reports of a constraint whose maxForce was not changed: an impulse [N s], of any step, beyond
-# what tendons give.
+# What pybullet reports as the largest force of a constraint until that is changed: an impulse [N s], of any
+# step, beyond what tendons give.
 _AS_CREATED = 500.0
+_AT_LIMIT = 1e-6  # share of a force by which one at its limit differs from that
 
 
 class End(NamedTuple):
@@ -56,13 +57,21 @@ def read_constraints(client: int) -> list[Constraint]:
         return []
     numbers = [p.getConstraintUniqueId(i, client) for i in range(count)]
     infos = [(number, p.getConstraintInfo(number, client)) for number in numbers]
-    return [_constraint(number, info) for number, info in infos if info[4] in _KINDS]
+    return [_constraint(number, info, client) for number, info in infos if info[4] in _KINDS]
 
 
-def _constraint(number: int, info: tuple) -> Constraint:
+def _constraint(number: int, info: tuple, client: int) -> Constraint:
     ends = (End(info[0], info[1], info[6], info[8]), End(info[2], info[3], info[7], info[9]))
-    most = np.finfo(float).max if info[10] == _AS_CREATED else abs(info[10])
+    most = abs(info[10])
+    if most == _AS_CREATED and not _was_at(most, number, client):
+        most = np.finfo(float).max
     return Constraint(number, _KINDS[info[4]], ends, most, info[11])
+
+
+def _was_at(most: float, number: int, client: int) -> bool:
+    """Whether a force of a constraint was at that limit in the last step."""
+    forces = p.getConstraintState(number, client)
+    return any(abs(abs(force) - most) <= _AT_LIMIT * most for force in forces)
 
 
 def groups(bodies: Iterable[int], constraints: list[Constraint], moves: Callable) -> list[tuple[int, ...]]:

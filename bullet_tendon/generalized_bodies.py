@@ -141,6 +141,14 @@ class RigidBody:
     def apply_joint_forces(self, core) -> None:
         """It has no joints."""
 
+    def limit_shifts(self, core) -> list:
+        """It has no joints."""
+        return []
+
+    def set_rates(self, wanted: np.ndarray, dt: float, shifts: list) -> None:
+        """Change its motion as if it had ended the last step, of dt [s], with these rates (6,)."""
+        _set_rates(self.members, wanted, dt, self.client)
+
     def add_force(self, core, body: int, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user at a world point, once the body was read."""
         if link == self.link:
@@ -298,9 +306,7 @@ class JointedBody:
         shifts: limit_shifts of that step as it was taken.
         """
         self._shift_joints(shifts, -1)
-        now = rates_of(self.members, self.client)
-        change = np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now
-        _push(self.members, now, change, dt, self.client)
+        _set_rates(self.members, wanted, dt, self.client)
 
     def add_force(self, core, body: int, link: int, force: tuple, point: tuple) -> None:
         """Tell the core of a force of the user on a link at a world point, once the body was read."""
@@ -477,6 +483,11 @@ def exchange_wrench(bodies: Sequence[int], jacobian, response, old, new, dt, cli
     change = gives - np.clip(took, -most, most)  # pybullet cut off what the old wrench gave
     change = np.clip(now + change, -_core.MOST_RATE, _core.MOST_RATE) - now  # and so it does with the new one
     _push(bodies, now, change, dt, client)
+
+
+def _set_rates(bodies: Sequence[int], wanted, dt, client) -> None:
+    now = rates_of(bodies, client)
+    _push(bodies, now, np.clip(wanted, -_core.MOST_RATE, _core.MOST_RATE) - now, dt, client)
 
 
 def _push(bodies: Sequence[int], now, change, dt, client) -> None:

@@ -65,6 +65,7 @@ bool is_finite(const World& w, int slot) {
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
+  if (m.n() != 6) m = GeneralizedBody{};
   const Vec3 v = l.rates.linear, w = l.rates.angular, inertia = vector(item(info, 2));
   const Vec3 before = m.rates.size() == 6 ? Vec3{m.rates[3], m.rates[4], m.rates[5]} : w;
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
@@ -630,7 +631,7 @@ void bind_world_bodies(GuardedWorld& world) {
       .def("thrown_bodies",
            [](const World& w) {
              return slots_where(w.scene.bodies,
-                                [](const GeneralizedBody& m) { return m.released_by_motor(); });
+                                [](const GeneralizedBody& m) { return m.released_at_limit(); });
            })
       .def("rates_at_end",
            [](World& w, int body) { return w.scene.bodies[body].rates_at_end(w.last_step().dt); })

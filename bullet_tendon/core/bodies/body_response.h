@@ -130,8 +130,11 @@ struct GeneralizedBody {
   // Whether what holds it may have released it in the last step.
   bool may_be_released() const { return observer.held() || stops.motors.any() || stops.constraints_act(); }
   // Whether it did.
-  bool released() const { return observer.released() || stops.motors.thrown || stops.broke(); }
-  bool released_by_motor() const { return stops.motors.thrown && !observer.released(); }
+  bool released() const { return observer.released() || stops.motors.thrown || stops.constraints_released(); }
+  // Whether it did at the limit of a motor or constraint, which the last step was not solved with.
+  bool released_at_limit() const {
+    return (stops.motors.thrown || stops.constraint_yielded()) && !observer.released();
+  }
   // The rates at the end of a step of dt [s] as it was solved (n).
   const Numbers& rates_at_end(double dt);
   // If what holds it is not trusted with the forces of the tendons in a step of dt [s], lets it yield.

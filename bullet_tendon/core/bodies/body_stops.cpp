@@ -124,7 +124,7 @@ bool BodyStops::broke(const Numbers& reached) const {
   double held = 0, free = 0;
   for (size_t k = 0; k < all_.size(); ++k) {
     const Stop& s = all_[k];
-    if (!s.constraint || !s.acts || s.given) continue;
+    if (s.constraint < 0 || !s.acts || s.given) continue;
     const double rate = along(directions_, k, reached);
     held += (rate - s.wanted) * (rate - s.wanted);
     free += (rate - s.unstopped) * (rate - s.unstopped);
@@ -134,15 +134,34 @@ bool BodyStops::broke(const Numbers& reached) const {
 
 void BodyStops::watch_constraints(const Numbers& reached) {
   broke_ = broke(reached);
+  yielded_ = !broke_ && yielded();
   ignored_ |= broke_;
   bool kept = true;
   for (size_t k = 0; k < all_.size(); ++k)
-    kept &= !all_[k].constraint || std::fabs(along(directions_, k, reached) - all_[k].wanted) <= kSolverNoise;
+    kept &=
+        all_[k].constraint < 0 || std::fabs(along(directions_, k, reached) - all_[k].wanted) <= kSolverNoise;
   ignored_ &= !kept;
 }
 
+// Whether any row was taken to give more than its limit, as it is known after the step.
+bool BodyStops::yielded() const {
+  bool any = false;
+  for (size_t k = 0; k < all_.size(); ++k) {
+    const Stop& s = all_[k];
+    if (s.constraint < 0 || s.constraint >= static_cast<int>(constraints.size()) || !s.acts) continue;
+    any |= s.force > (1 + kLeastNews) * constraints[s.constraint].most;
+  }
+  return any;
+}
+
+void BodyStops::correct_constraints(const BodyStops& seen) {
+  ignored_ |= seen.broke_;
+  if (!seen.yielded_ || constraints.size() != seen.constraints.size()) return;
+  for (size_t k = 0; k < constraints.size(); ++k) constraints[k].most = seen.constraints[k].most;
+}
+
 bool BodyStops::constraints_act() const {
-  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.constraint; });
+  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.constraint >= 0; });
 }
 
 bool BodyStops::act() const {
@@ -235,12 +254,13 @@ void BodyStops::find_spins(const Body& of, int base) {
 }
 
 void BodyStops::find_constraints(const Body& of, double dt) {
-  for (const ConstraintRow& row : constraints) {
+  for (size_t k = 0; k < constraints.size(); ++k) {
+    const ConstraintRow& row = constraints[k];
     work_.direction = row.direction;
     if (is_held(of, -1)) continue;
     Stop s;
     s.wanted = -row.standing - kTakenBack * row.error / dt;
-    s.constraint = true;
+    s.constraint = static_cast<int>(k);
     s.least = ignored_ ? 0 : -row.most;
     s.most = ignored_ ? 0 : row.most;
     s.side = ignored_ ? -1 : 0;
@@ -522,7 +542,7 @@ void BodyStops::note_constraints(const Body& of, const Numbers& forces, double d
   if (constraints.empty()) return;
   rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
   for (size_t a = 0; a < all_.size(); ++a)
-    if (all_[a].constraint) all_[a].unstopped = along(directions_, a, work_.known);
+    if (all_[a].constraint >= 0) all_[a].unstopped = along(directions_, a, work_.known);
 }
 
 void BodyStops::rest(int n) {
@@ -551,6 +571,8 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
       for (size_t a = 0; a < m; ++a)
         if (all_[a].acts && !all_[a].given) give(a, dt, given);
   }
+  for (size_t a = 0; a < m; ++a)
+    if (all_[a].constraint >= 0) all_[a].force = std::fabs(pushes_[a]) / dt;
   note_motors(swept, dt);
   find_by_pybullet(of, dt);
 }
@@ -579,7 +601,7 @@ bool BodyStops::shift_to_limits(const Body& of, bool answered, double dt) {
 
 void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by_motors) {
   const size_t m = all_.size(), width = of.rates.size();
-  const bool known = by_motors.size() == width || (by_motors.empty() && broke_);
+  const bool known = by_motors.size() == width || (by_motors.empty() && constraints_released());
   if (!known || !act() || directions_.size() != m * width) return;
   const double dt = of.observer.dt();
   const std::vector<Stop> foreseen(all_);
@@ -592,7 +614,11 @@ void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by
     Stop& s = all_[a];
     if (s.motor) s.least = s.most = by_motors[s.coordinate];
     if (s.given) s.least = s.most = pushes_[a] / dt;
-    if (s.constraint && broke_) s.least = s.most = 0;
+    if (s.constraint >= 0 && constraints_released()) {
+      const bool known = s.constraint < static_cast<int>(constraints.size());
+      s.most = broke_ || !known ? 0 : std::min(s.most, constraints[s.constraint].most);
+      s.least = -s.most;
+    }
   }
   dense::product_transposed(static_cast<int>(width), work_.through, work_.through, work_.within);
   find_pushes(of, forces, dt);

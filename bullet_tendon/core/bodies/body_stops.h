@@ -45,10 +45,12 @@ class BodyStops {
   // Notes whether they broke in the last step, in which these rates were reached (n). What pybullet did not
   // keep is ignored until its rates are kept.
   void watch_constraints(const Numbers& reached);
-  bool broke() const { return broke_; }
-  void begin_step() { broke_ = false; }
-  // Ignores the constraints in a step that is solved again.
-  void ignore_constraints() { ignored_ = true; }
+  // Whether they broke, or yielded where they were not expected to.
+  bool constraints_released() const { return broke_ || yielded_; }
+  bool constraint_yielded() const { return yielded_; }
+  void begin_step() { broke_ = yielded_ = false; }
+  // Takes for a step that is solved again what was seen of the constraints after it.
+  void correct_constraints(const BodyStops& seen);
   bool constraints_act() const;
   // Finds the rows of a step of dt [s]. base: number of rates that are of the base.
   void find(const Body& of, int base, double dt);
@@ -95,6 +97,7 @@ class BodyStops {
   void find_spins(const Body& of, int base);
   void find_motors(const Body& of, double dt);
   void find_constraints(const Body& of, double dt);
+  bool yielded() const;
   void note_constraints(const Body& of, const Numbers& forces, double dt);
   bool is_held(const Body& of, int coordinate);
   bool may_yield(const Stop& stop) const;
@@ -125,6 +128,7 @@ class BodyStops {
   bool rested_ = false;   // contacts stopped the body in the last step
   bool slipped_ = false;  // it passed through contacts
   bool broke_ = false;    // pybullet did not keep the constraints in the last step
+  bool yielded_ = false;  // a constraint gave no more than a limit that was not known before
   bool ignored_ = false;  // the constraints are ignored
   bool steady_ = false;   // motors are taken to push as in the last step
   Numbers by_pybullet_;   // acceleration by pybullet's stops in the last step

@@ -25,6 +25,7 @@ struct Stop {
   double wanted = 0;     // the bound of the rate, or the rate that is set [m/s], [rad/s]
   double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
   double held_back = 0;  // `wanted` less the rate predicted with the tendons and all other stops
+  double force = 0;      // of a constraint, in the last step [N], [N m]
   double unstopped = 0;  // of a constraint: the rate with the tendons and no stops [m/s], [rad/s]
   int coordinate = -1;   // of a limit or motor; -1: a contact or constraint
   bool acts = false;     // it sets the rate
@@ -36,13 +37,13 @@ struct Stop {
   double least = 0, most = kUnlimited;  // bounds of its force [N], [N m]
   int side = -1;  // its force is at the lower bound (-1) or at the upper one (1); 0: it acts
   bool motor = false;
-  bool constraint = false;
+  int constraint = -1;   // the row of one that it stands for; -1: none
   bool yielded = false;  // of a motor: it was within its limit before in this step
   // Of a motor: it has given what would throw its joint at the rate that pybullet cuts off.
   bool firm = false;
   bool given = false;  // its force is applied as a known one
 
-  bool sets_rate() const { return motor || constraint; }
+  bool sets_rate() const { return motor || constraint >= 0; }
 };
 
 // A row of a matrix times a vector.

@@ -87,7 +87,7 @@ void World::put_bodies_back() {
     scene.bodies[i].observer.expect(bodies[i].observer.forces());
     std::swap(scene.bodies[i].observer, bodies[i].observer);
     std::swap(scene.bodies[i].stops.motors, bodies[i].stops.motors);
-    if (scene.bodies[i].stops.broke()) bodies[i].stops.ignore_constraints();
+    bodies[i].stops.correct_constraints(scene.bodies[i].stops);
     scene.bodies[i] = bodies[i];
     predict(static_cast<int>(i));
   }
