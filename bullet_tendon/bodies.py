@@ -24,9 +24,11 @@ from .generalized_bodies import (
     change_rates,
     exchange_wrench,
     generalized_bodies,
+    is_rigid,
     link_pose,
     moves,
     read_link,
+    touching_bodies,
 )
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
@@ -98,6 +100,8 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
+        self._touching: list[tuple[int, int]] = []  # bodies without joints that touch each other
+        self._rigid: list[int] = []  # bodies without joints that are used
         self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
@@ -198,6 +202,7 @@ class Bodies:
         for slot in self._unused:
             self._core.clear_link(slot)
         self._read_constraints()
+        self._read_touching()
         for body in self._generalized():
             if not body.read(self._core, self._constraints):
                 allowed = "a body with finite pose, velocity and inertia"
@@ -214,6 +219,18 @@ class Bodies:
         before, now = self._constraints, read_constraints(self.client)
         self._constraints = now
         if (now or before) and [c.joins for c in now] != [c.joins for c in before]:
+            self._bodies = None
+
+    def _read_touching(self) -> None:
+        """The bodies that touch each other; bodies move together otherwise where these are others."""
+        self._generalized()
+        kept = self._core.kept_touching()
+        if kept is None:
+            found = touching_bodies(self._rigid, self.client) if self._rigid else []
+        else:
+            found = list(zip(kept[::2], kept[1::2], strict=True))
+        if found != self._touching:
+            self._touching = found
             self._bodies = None
 
     def rest(self) -> None:
@@ -235,6 +252,8 @@ class Bodies:
         if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
             for body in self._generalized():
                 body.keep_contacts(self._core)
+            touching = touching_bodies(self._rigid, self.client)
+            self._core.keep_touching([body for pair in touching for body in pair])
 
     def _used(self) -> list[int]:
         return [slot for slot in range(len(self.links)) if slot not in self._unused]
@@ -249,10 +268,13 @@ class Bodies:
                 body, link = self.links[slot]
                 slots.setdefault(body, {})[link] = slot
                 marks[body] = self._mark_of[slot][1]
-            together = groups(slots, self._constraints, partial(moves, client=self.client))
+            together = groups(
+                slots, self._constraints, self._touching, partial(moves, client=self.client)
+            )
             self._bodies = [
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
+            self._rigid = [body for body in slots if is_rigid(body, self.client)]
             self._forget_others()
         return self._bodies
 

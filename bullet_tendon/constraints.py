@@ -74,17 +74,23 @@ def _was_at(most: float, number: int, client: int) -> bool:
     return any(abs(abs(force) - most) <= _AT_LIMIT * most for force in forces)
 
 
-def groups(bodies: Iterable[int], constraints: list[Constraint], moves: Callable) -> list[tuple[int, ...]]:
-    """These bodies and those that constraints join to them, in groups that move together.
+def groups(
+    bodies: Iterable[int],
+    constraints: list[Constraint],
+    touching: Iterable[tuple[int, int]],
+    moves: Callable,
+) -> list[tuple[int, ...]]:
+    """These bodies and those that constraints join to them, or that touch them: what moves together.
 
-    moves: whether a body moves. The first of a group is one of `bodies`; their order is kept.
+    touching: pairs of bodies. moves: whether a body moves. The first of a group is one of `bodies`; their
+    order is kept.
     """
     joined: dict[int, set[int]] = {}
-    for constraint in constraints:
-        a, b = (end.body for end in constraint.ends)
-        if a != b and a >= 0 and b >= 0 and moves(a) and moves(b):
-            joined.setdefault(a, set()).add(b)
-            joined.setdefault(b, set()).add(a)
+    ends = [(c.ends[0].body, c.ends[1].body) for c in constraints]
+    pairs = [(a, b) for a, b in ends if a != b and a >= 0 and b >= 0 and moves(a) and moves(b)]
+    for a, b in [*pairs, *touching]:
+        joined.setdefault(a, set()).add(b)
+        joined.setdefault(b, set()).add(a)
     found: list[tuple[int, ...]] = []
     seen: set[Hashable] = set()
     for body in bodies:

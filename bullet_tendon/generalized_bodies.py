@@ -208,6 +208,7 @@ class JointedBody:
         self._carried = [(m.body, link) for m in self._members.values() for link in range(m.count)]
         self._named = [(body, -1) for body in self.members] + self._carried  # body and link of each link
         self._infos = list(infos.values())
+        self._rigid = [not m.count for m in self._members.values()]
         self._movable = [(m.body, m.joints) for m in self._members.values()]
         self._with_joints = [m.body for m in self._members.values() if m.count]
         self._trees: dict[tuple, _core.Articulated] = {}  # by what floats
@@ -241,7 +242,31 @@ class JointedBody:
         bases = [(place(body, client), motion(body, client)) for body in self.members]
         infos += [p.getDynamicsInfo(body, link, client) for body, link in self._carried]
         ends = self._ends(constraints) if constraints else []
-        return core.read_body(self._tree, self._slots, self._links, infos, bases, self._joint_states(), ends)
+        states = self._joint_states()
+        finite = core.read_body(self._tree, self._slots, self._links, infos, bases, states, ends)
+        self._read_contacts(core, keep=False)
+        return finite
+
+    def _read_contacts(self, core, keep: bool) -> None:
+        """Of its members without joints, with each other and with bodies without mass."""
+        if len(self.members) == 1 or not any(self._rigid):
+            return
+        client, pairs, first = self.client, [], {}
+        for body, floats in zip(self.members, self._floating, strict=True):
+            first[body] = 6 * sum(self._floating[: len(first)]) if floats else -1
+        rigid = [body for body, is_so in zip(self.members, self._rigid, strict=True) if is_so]
+        for body in rigid:
+            points = p.getContactPoints(bodyA=body, physicsClientId=client)
+            for other in {c[2]: None for c in points}:
+                free = other in rigid
+                if (free and other < body) or not (free or is_fixed(other, client)):
+                    continue
+                between = tuple([c for c in points if c[2] == other])
+                friction = _friction(body, client) * p.getDynamicsInfo(other, between[0][4], client)[1]
+                centres = [p.getBasePositionAndOrientation(b, client)[0] for b in (body, other)]
+                there = first[other] if free else -1
+                pairs.append((first[body], centres[0], there, centres[1], friction, between))
+        core.set_touching(self.slot, self._tree.dofs, pairs, keep)
 
     def _joint_states(self) -> tuple:
         parts = [joint_states(body, joints, self.client) for body, joints in self._movable]
@@ -328,6 +353,27 @@ class JointedBody:
         """What its motors give, into the state that is going to be saved: pybullet does not restore that."""
         if self._yields:
             core.keep_motors(self.slot, self._tree, self._joint_states())
+            self._read_contacts(core, keep=True)
+
+
+def is_rigid(body: int, client: int) -> bool:
+    """Whether a body has mass and no joints."""
+    return p.getNumJoints(body, client) == 0 and not is_fixed(body, client)
+
+
+def touching_bodies(bodies: list[int], client: int) -> list[tuple[int, int]]:
+    """Pairs of bodies without joints that touch: of these, and of what touches them, and so on."""
+    pairs: list[tuple[int, int]] = []
+    reached = list(bodies)
+    for body in reached:
+        points = p.getContactPoints(bodyA=body, physicsClientId=client)
+        for other in sorted({c[2] for c in points} - {body}):
+            pair = min(body, other), max(body, other)
+            if pair not in pairs and is_rigid(other, client):
+                pairs.append(pair)
+                if other not in reached:
+                    reached.append(other)
+    return pairs
 
 
 def can_be_hit(body: int, client: int) -> bool:
@@ -435,6 +481,11 @@ def rates_of(bodies: Sequence[int], client) -> np.ndarray:
 def joint_states(body, joints, client) -> tuple:
     """p.getJointStatesMultiDof of joints, of which there may be none."""
     return p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
+
+
+def _friction(body, client) -> float:
+    """Coefficient of a base [-]."""
+    return p.getDynamicsInfo(body, -1, client)[1]
 
 
 def is_fixed(body, client) -> bool:

@@ -150,6 +150,76 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
   }
 }
 
+// Two bodies that touch: the first of their rates and the centre of mass of each (-1: it has no rates), the
+// coefficient of friction, and p.getContactPoints of the first one with the second one.
+struct Touching {
+  int a, b;
+  Vec3 centre_a, centre_b;
+  double friction;
+  PyObject* points;
+
+  // Adds the row of a relative velocity along d, at the point p, or of a relative spin about it.
+  void add_row(Vec3 d, const Vec3* p, int n, double last, Numbers& rows) const {
+    const std::size_t first = rows.size();
+    rows.resize(first + n + 1);
+    for (const auto& [at, centre, sign] : {std::tuple{a, centre_a, 1.0}, std::tuple{b, centre_b, -1.0}}) {
+      if (at < 0) continue;
+      const Vec3 linear = p ? d : Vec3{}, angular = p ? cross(*p - centre, d) : d;
+      const double row[6] = {linear.x, linear.y, linear.z, angular.x, angular.y, angular.z};
+      for (int i = 0; i < 6; ++i) rows[first + at + i] += sign * row[i];
+    }
+    rows[first + n] = last;
+  }
+};
+
+// Adds the rows of the contact points of two bodies, and those of their friction: at the middle of the
+// forces of the last step, along two directions and about the normal.
+void add_touching(const Touching& pair, int n, Numbers& contacts, Numbers& frictions) {
+  Vec3 normal, middle;
+  double force = 0, arms = 0;
+  const auto count = PyTuple_Size(pair.points);
+  for (int pass : {0, 1})
+    for (int k = 0; k < count; ++k) {
+      PyObject* point = item(pair.points, k);
+      const Vec3 along = vector(item(point, 7)), at = vector(item(point, 5));
+      const double pushes = number(point, 9);
+      if (pass == 0) {
+        pair.add_row(along, &at, n, number(point, 8), contacts);
+        force += pushes;
+        normal += pushes * along;
+        middle += pushes * at;
+      } else {
+        arms += pushes * norm(at - (1 / force) * middle);
+      }
+    }
+  if (!(force > 0)) return;
+  middle = (1 / force) * middle;
+  normal = unit_or(normal, {0, 0, 1});
+  const Vec3 first = direction_across(std::fabs(normal.x) < 0.5 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}, normal);
+  for (const Vec3 along : {first, cross(normal, first)})
+    pair.add_row(along, &middle, n, pair.friction * force, frictions);
+  pair.add_row(normal, nullptr, n, pair.friction * arms, frictions);
+}
+
+// Sets the contacts among bodies that move together, and with bodies without mass: (first rate, centre of
+// mass; the same of the other one, or -1; friction, points) each. keep: as in set_contacts.
+void set_touching(World& w, int slot, int rates, const py::list& pairs, bool keep) {
+  if (slot >= static_cast<int>(w.scene.bodies.size())) return;
+  GeneralizedBody& m = w.scene.bodies[slot];
+  if (m.n() != rates || m.stops.contacts_known) return;
+  m.stops.contacts.clear();
+  m.stops.frictions.clear();
+  m.stops.contacts_known = keep;
+  for (const py::handle& of : pairs) {
+    PyObject* pair = of.ptr();
+    const int a = static_cast<int>(number(pair, 0)), b = static_cast<int>(number(pair, 2));
+    if (a < 0 || a + 6 > rates || b + 6 > rates) throw py::index_error("pairs");
+    const Touching touching{
+        a, b, vector(item(pair, 1)), vector(item(pair, 3)), number(pair, 4), item(pair, 5)};
+    add_touching(touching, rates, m.stops.contacts, m.stops.frictions);
+  }
+}
+
 // A force of the user at a world point of the link that a slot stands for, in this step.
 void add_link_force(World& w, int slot, Vec3 force, Vec3 point) {
   const Link& l = w.scene.links[slot];
@@ -180,6 +250,18 @@ void bind_links(py::module_& m, GuardedWorld& world) {
       .def("read_link", &read_link)
       .def("sample_link", &sample_link)
       .def("set_contacts", &set_contacts)
+      .def("set_touching", &set_touching)
+      .def("keep_touching",
+           [](World& w, const std::vector<int>& bodies) {
+             if (w.touching_known) return;
+             w.touching = bodies;
+             w.touching_known = true;
+           })
+      .def("kept_touching",
+           [](World& w) -> std::optional<std::vector<int>> {
+             if (!std::exchange(w.touching_known, false)) return {};
+             return w.touching;
+           })
       .def("add_link_force", &add_link_force);
   m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
     Link l;

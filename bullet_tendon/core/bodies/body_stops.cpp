@@ -235,11 +235,12 @@ void BodyStops::find_limits(const Body& of, double dt) {
 }
 
 void BodyStops::find_contacts(const Body& of, double dt) {
-  for (size_t c = 0; c < contacts.size() && contacts_stop(); c += 7) {
-    work_.direction.assign(&contacts[c], &contacts[c] + 6);
+  const size_t n = of.rates.size();
+  for (size_t c = 0; c + n < contacts.size() && contacts_stop(); c += n + 1) {
+    work_.direction.assign(&contacts[c], &contacts[c] + n);
     // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, of.rates);
-    add_stop(of, rested_ ? now : rate_at_contact(contacts[c + 6], dt), -1);
+    add_stop(of, rested_ ? now : rate_at_contact(contacts[c + n], dt), -1);
   }
 }
 
@@ -265,6 +266,21 @@ void BodyStops::find_constraints(const Body& of, double dt) {
     s.most = ignored_ ? 0 : row.most;
     s.side = ignored_ ? -1 : 0;
     s.acts = !ignored_;
+    add_row(of, s);
+  }
+}
+
+// By the normal forces of the last step, which those of this one are like where bodies rest on each other.
+void BodyStops::find_frictions(const Body& of) {
+  const size_t n = of.rates.size();
+  for (size_t c = 0; c + n < frictions.size() && contacts_stop(); c += n + 1) {
+    work_.direction.assign(&frictions[c], &frictions[c] + n);
+    if (is_held(of, -1)) continue;
+    Stop s;
+    s.friction = s.acts = true;
+    s.most = frictions[c + n];
+    s.least = -s.most;
+    s.side = 0;
     add_row(of, s);
   }
 }
@@ -321,6 +337,7 @@ void BodyStops::find(const Body& of, int base, double dt) {
   find_spins(of, base);
   find_motors(of, dt);
   find_constraints(of, dt);
+  find_frictions(of);
   unstopped_ = of.change;
   dense::product_transposed(static_cast<int>(of.rates.size()), work_.through, work_.through, work_.within);
   for (size_t a = 0; a < all_.size(); ++a) {
@@ -494,13 +511,11 @@ bool BodyStops::let_motors_yield() {
   return any;
 }
 
-// Whether pybullet's own stops would not stop the joints, under the tendons and what it is given: it would
-// cut off a rate before they act, or end its sweeps, with these impulses, too early.
-bool BodyStops::pybullet_falls_short(const Body& of, const Numbers& forces, const Numbers& swept, double dt) {
+// Whether pybullet cuts off a rate under the tendons and what it is given, before its stops act.
+bool BodyStops::pybullet_cuts_off(const Body& of, const Numbers& forces, double dt) {
   rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
-  for (double rate : work_.known)
-    if (std::fabs(rate) >= kMostRate) return true;
-  return rows(dt).differs(pushes_, swept) > kSolverNoise;
+  return std::any_of(work_.known.begin(), work_.known.end(),
+                     [](double rate) { return std::fabs(rate) >= kMostRate; });
 }
 
 // Gives pybullet the impulse of a row as a known force.
@@ -563,13 +578,15 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
     if (!s.motor && is_given && s.ahead > 0 && pushes_[a] > 0) give(a, dt, given);
   }
   Numbers swept(pushes_);
-  if (act() && are_swept() && !of.observer.held()) {
+  if (act() && are_swept(static_cast<int>(n)) && !of.observer.held()) {
     rows(dt).sweep_as_pybullet(pushes_, swept);
     work_.along = forces;
     for (size_t i = 0; i < n; ++i) work_.along[i] += given[i];
-    if (!answered && pybullet_falls_short(of, work_.along, swept, dt))
-      for (size_t a = 0; a < m; ++a)
-        if (all_[a].acts && !all_[a].given) give(a, dt, given);
+    // pybullet's own stops would not stop the body, or end their sweeps, with these impulses, too early.
+    const bool cut = !answered && pybullet_cuts_off(of, work_.along, dt);
+    const bool early = !answered && rows(dt).differs(pushes_, swept) > kSolverNoise;
+    for (size_t a = 0; a < m && (cut || early); ++a)
+      if (all_[a].acts && !all_[a].given && (cut || !all_[a].is_of_contact())) give(a, dt, given);
   }
   for (size_t a = 0; a < m; ++a)
     if (all_[a].constraint >= 0) all_[a].force = std::fabs(pushes_[a]) / dt;

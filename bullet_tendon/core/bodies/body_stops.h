@@ -29,9 +29,10 @@ class BodyStops {
     Numbers &root, &change;
   };
 
-  // Of joints. The contacts are those of a rigid body.
+  // Of joints. The contacts are those of a rigid body, or of bodies that move together.
   Numbers limits;               // (coordinate, side, depth) of every limit; side 1: it pushes upwards
-  Numbers contacts;             // direction (6) and distance, negative inside, of every contact
+  Numbers contacts;             // direction (n) and distance, negative inside, of every contact
+  Numbers frictions;            // direction (n) and largest force of every row of friction
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   JointMotors motors;
   std::vector<ConstraintRow> constraints;  // of this step
@@ -64,8 +65,8 @@ class BodyStops {
   // Lets the motors yield to the end of the step that were within their limits before. Returns whether there
   // are any.
   bool let_motors_yield();
-  // Whether there are rows that pybullet solves by sweeps, but for contacts.
-  bool are_swept() const { return !limits.empty() || !constraints.empty(); }
+  // Whether there are rows, of n rates, that pybullet solves by sweeps, but for those of a rigid body.
+  bool are_swept(int n) const { return !limits.empty() || !constraints.empty() || n > 6; }
   // Before any has acted in a step.
   void rest(int n);
   // Splits what they do in the step under these forces of the tendons (n) into what pybullet does by itself
@@ -97,6 +98,7 @@ class BodyStops {
   void find_spins(const Body& of, int base);
   void find_motors(const Body& of, double dt);
   void find_constraints(const Body& of, double dt);
+  void find_frictions(const Body& of);
   bool yielded() const;
   void note_constraints(const Body& of, const Numbers& forces, double dt);
   bool is_held(const Body& of, int coordinate);
@@ -110,7 +112,7 @@ class BodyStops {
   BoundedRows rows(double dt) const;
   bool admit(const Body& of, const Numbers& forces, double dt);
   bool choose_motors(const Body& of, const Numbers& forces, double dt);
-  bool pybullet_falls_short(const Body& of, const Numbers& forces, const Numbers& swept, double dt);
+  bool pybullet_cuts_off(const Body& of, const Numbers& forces, double dt);
   bool motors_act() const;
   bool shift_to_limits(const Body& of, bool answered, double dt);
   void give(size_t row, double dt, Numbers& given);

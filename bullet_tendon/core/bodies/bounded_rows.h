@@ -37,13 +37,16 @@ struct Stop {
   double least = 0, most = kUnlimited;  // bounds of its force [N], [N m]
   int side = -1;  // its force is at the lower bound (-1) or at the upper one (1); 0: it acts
   bool motor = false;
-  int constraint = -1;   // the row of one that it stands for; -1: none
-  bool yielded = false;  // of a motor: it was within its limit before in this step
+  bool friction = false;  // of bodies that touch: it sets their relative rate to zero
+  int constraint = -1;    // the row of one that it stands for; -1: none
+  bool yielded = false;   // of a motor: it was within its limit before in this step
   // Of a motor: it has given what would throw its joint at the rate that pybullet cuts off.
   bool firm = false;
   bool given = false;  // its force is applied as a known one
 
-  bool sets_rate() const { return motor || constraint >= 0; }
+  // pybullet's friction needs normal forces of its own.
+  bool is_of_contact() const { return friction || (coordinate < 0 && constraint < 0); }
+  bool sets_rate() const { return motor || friction || constraint >= 0; }
 };
 
 // A row of a matrix times a vector.

@@ -30,6 +30,8 @@ void World::each_part(W& world, C& checkpoint, Copy copy) {
     copy(static_cast<CartilageState&>(cartilage), checkpoint.elements.cartilages[slot]);
   copy(world.scene.links, checkpoint.links);
   copy(world.scene.bodies, checkpoint.bodies);
+  copy(world.touching, checkpoint.touching);
+  copy(world.touching_known, checkpoint.touching_known);
   copy(world.contacts_.memory, checkpoint.memory);
   copy(world.contacts_.all, checkpoint.contacts);
   copy(world.contacts_.asleep, checkpoint.sleeping_contacts);
@@ -172,8 +174,8 @@ struct SizesOfBody {
         fit &= size % 3 == 0;
       else if (field == "shifts")
         fit &= size % 2 == 0;
-      else if (field == "contacts")
-        fit &= size % 7 == 0;
+      else if (field == "contacts" || field == "frictions")
+        fit &= size % (n + 1) == 0;
       else if (field == "directions_")
         fit &= size == stops * n;
       else if (field == "external" || field == "motors.reported" || field == "motors.reported_before" ||

@@ -38,6 +38,8 @@ struct Checkpoint {
   std::vector<TendonCheckpoint> tendons;  // by slot
   std::vector<Link> links;
   std::vector<GeneralizedBody> bodies;
+  std::vector<int> touching;  // see World::touching
+  bool touching_known = false;
   std::vector<ContactMemory> memory;
   std::vector<Contact> contacts, sleeping_contacts;
   Vec3 rest_gravity;  // when the last tendon fell asleep [m/s^2]

@@ -43,13 +43,13 @@ struct StateFields {
   BT_FIELDS(SpringState, lambda, elastic, slope, unrelaxed, memory)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, force, unstopped, coordinate, acts, admitted, ahead, dropped,
-            least, most, side, motor, constraint, yielded, given)
+            least, most, side, motor, friction, constraint, yielded, given)
   BT_FIELDS(JointMotor, aim, gained, trend, leap, foreseen, needed, force, limit, greatest, side, lets,
             solved, known, doubtful)
   BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, slipped_, broke_, yielded_,
-            ignored_, by_pybullet_, limits, contacts, contacts_known, shifts, motors.all, motors.again,
-            motors.soft, motors.reported, motors.reported_known, motors.reported_before, motors.off,
-            motors.thrown)
+            ignored_, by_pybullet_, limits, contacts, frictions, contacts_known, shifts, motors.all,
+            motors.again, motors.soft, motors.reported, motors.reported_known, motors.reported_before,
+            motors.off, motors.thrown)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, released_, hold_.acts, hold_.yields,
@@ -89,8 +89,8 @@ struct StateFields {
   BT_FIELDS(CartilageState, regions)
   BT_FIELDS(ElementCheckpoint, ligaments, cartilages)
   // The elements are stored beside the other fields, where there are any.
-  BT_FIELDS(Checkpoint, valid, tendons, links, bodies, memory, contacts, sleeping_contacts, rest_gravity,
-            last_step, may_resolve, sensed_links, sensed_bodies)
+  BT_FIELDS(Checkpoint, valid, tendons, links, bodies, touching, touching_known, memory, contacts,
+            sleeping_contacts, rest_gravity, last_step, may_resolve, sensed_links, sensed_bodies)
 };
 
 template <class Archive, class Struct>

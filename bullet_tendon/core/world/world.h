@@ -277,6 +277,10 @@ class World {
   const StepRecord& last_step() const { return history_.last_step; }
   // By slot, position and orientation of links that pybullet's step did not move, as they were last read.
   std::vector<std::optional<std::array<double, 7>>> standing;
+  // Pairs of bodies that touch, and whether they are those of the next step (pybullet does not restore its
+  // contacts).
+  std::vector<int> touching;
+  bool touching_known = false;
   // Called after every substep, and after every solution of an island, for tests.
   std::function<void()> after_substep;
   std::function<void(Island&, const StepContext&)> after_solution;
