@@ -226,9 +226,10 @@ class Bodies:
         self._generalized()
         kept = self._core.kept_touching()
         if kept is None:
-            found = touching_bodies(self._rigid, self.client) if self._rigid else []
+            found = touching_bodies(self._rigid, self.client)
         else:
             found = list(zip(kept[::2], kept[1::2], strict=True))
+            self._members.clear()  # what the core has learned is of these
         if found != self._touching:
             self._touching = found
             self._bodies = None
@@ -268,9 +269,7 @@ class Bodies:
                 body, link = self.links[slot]
                 slots.setdefault(body, {})[link] = slot
                 marks[body] = self._mark_of[slot][1]
-            together = groups(
-                slots, self._constraints, self._touching, partial(moves, client=self.client)
-            )
+            together = groups(slots, self._constraints, self._touching, partial(moves, client=self.client))
             self._bodies = [
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]

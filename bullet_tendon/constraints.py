@@ -1,8 +1,8 @@
 """Constraints of the user: what p.createConstraint joins, as the core takes it.
 
-Owns: which bodies move together, and the ends of a constraint in the frames that the core knows. Points,
-fixed frames and gears are known; others (prismatic) are learned from the motion of the bodies. Goes with
-link_constraints in the core's room `bodies`.
+Owns: which bodies move together, by constraints and contacts, and the ends of a constraint in the frames that
+the core knows. Points, fixed frames and gears are known; others (prismatic) are learned from the motion of
+the bodies. Goes with link_constraints in the core's room `bodies`.
 """
 
 from collections.abc import Callable, Hashable, Iterable

@@ -367,6 +367,8 @@ def touching_bodies(bodies: list[int], client: int) -> list[tuple[int, int]]:
     reached = list(bodies)
     for body in reached:
         points = p.getContactPoints(bodyA=body, physicsClientId=client)
+        if not points:
+            continue
         for other in sorted({c[2] for c in points} - {body}):
             pair = min(body, other), max(body, other)
             if pair not in pairs and is_rigid(other, client):

@@ -280,3 +280,74 @@ def test_a_saved_state_of_joined_bodies_goes_on_with_the_same_bits(make_world, c
     p.restoreState(bullet, physicsClientId=client)
     world.step(30)
     assert world.state_hash() == after
+
+
+def tray(world, client, mass, at=-0.3):
+    """A tray on four tendons, whose upper face is 5 mm above its centre; the tray and the tendons."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.005], physicsClientId=client)
+    body = p.createMultiBody(mass, shape, basePosition=[0, 0, at], physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, physicsClientId=client)
+    tendons = []
+    for x, y in ((-0.09, -0.09), (-0.09, 0.09), (0.09, -0.09), (0.09, 0.09)):
+        t = world.add_tendon([[1.2 * x, 1.2 * y, 0], [x, y, at + 0.005]], 1e-3, ROPE, 8)
+        t.grip(0)
+        t.attach(-1, body)
+        tendons.append(t)
+    return body, tendons
+
+
+def carried(tendons):
+    """Vertical force of tendons at their upper ends [N]."""
+    ways = [t.positions[0] - t.positions[1] for t in tendons]
+    return sum(t.tension[0] * way[2] / np.linalg.norm(way) for t, way in zip(tendons, ways, strict=True))
+
+
+@STEPS
+@pytest.mark.parametrize("drop", [0.0, 0.03])
+@pytest.mark.parametrize(("mass", "load"), [(0.1, 0.1), (0.1, 2.0), (0.02, 2.0), (1.0, 0.05)])
+def test_a_tray_carries_what_stands_on_it(make_world, client, mass, load, drop, dt):
+    world = make_world(dt, (0, 0, -G))
+    body, tendons = tray(world, client, mass)
+    stands = box(client, load, [0, 0, -0.275 + drop])
+    world.step(round(1.5 / dt))
+    assert world.report.converged
+    above = np.subtract(*(p.getBasePositionAndOrientation(b, client)[0] for b in (stands, body)))
+    np.testing.assert_allclose(above, [0, 0, 0.025], atol=1e-3)
+    own = sum(t.masses.sum() for t in tendons)
+    np.testing.assert_allclose(carried(tendons), G * (mass + load + own), rtol=5e-3)
+
+
+@STEPS
+def test_a_tray_swings_with_what_stands_on_it(make_world, client, dt):
+    """Friction keeps the box in its place; nothing gains energy."""
+    world = make_world(dt, (0, 0, -G))
+    body, tendons = tray(world, client, 0.1)
+    bodies = body, box(client, 2.0, [0, 0, -0.275])
+    for one in bodies:
+        p.changeDynamics(one, -1, lateralFriction=1.0, physicsClientId=client)
+        p.resetBaseVelocity(one, [0.5, 0, 0], [0, 0, 0], client)
+    given = energy(client, bodies)
+    for _ in range(round(2 / dt)):
+        world.step()
+        assert world.report.converged
+        assert energy(client, bodies) + sum(t.energy for t in tendons) <= given + 0.01
+    above = np.subtract(*(p.getBasePositionAndOrientation(b, client)[0] for b in bodies[::-1]))
+    assert np.linalg.norm(above[:2]) < 0.005
+
+
+@STEPS
+def test_a_saved_state_of_bodies_that_touch_goes_on_with_the_same_bits(make_world, client, dt):
+    """pybullet does not restore its contacts: the saved ones are used, after the load has been taken off."""
+    world = make_world(dt, (0, 0, -G))
+    body, _ = tray(world, client, 0.1)
+    load = box(client, 2.0, [0, 0, -0.275])
+    world.step(30)
+    state, bullet = world.save_state(), p.saveState(client)
+    world.step()
+    after = world.state_hash()
+    p.resetBasePositionAndOrientation(load, [0, 0, 1], [0, 0, 0, 1], client)
+    world.step(5)
+    world.restore_state(state)
+    p.restoreState(bullet, physicsClientId=client)
+    world.step()
+    assert world.state_hash() == after

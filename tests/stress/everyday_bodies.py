@@ -849,3 +849,47 @@ def joined_bodies(scene):
         scene.p.removeConstraint(numbers[-1])
         scene.joined = [group - {int(bodies[-1])} for group in scene.joined]
     scene.run(scene.steps - scene.steps // 2)
+
+
+@family
+def loaded_tray(scene):
+    """A tray on four cords, with boxes that stand on it or drop onto it: the cords carry all of them.
+
+    At steps of more than 1/100 s pybullet lets boxes sink deep into a light tray that they strike.
+    """
+    scene.begin(scene.log(1 / 1000, 1 / 100))
+    mass, wide, length = scene.log(0.02, 2), 0.2, scene.flat(0.2, 0.5)
+    loads = [scene.log(0.02, 2) for _ in range(scene.whole(1, 3))]
+    weight = G * (mass + sum(loads))
+    scene.energy = False  # pybullet pushes bodies apart that touch
+    tray = scene.body("box", (wide, wide, 0.01), mass, (0, 0, -length))
+    material = scene.material(weight, damping=rounded(weight * scene.log(1, 10)))
+    spread, cords = scene.flat(1.0, 1.3), []
+    for x in (-0.45 * wide, 0.45 * wide):
+        for y in (-0.45 * wide, 0.45 * wide):
+            ends = (spread * x, spread * y, 0), (x, y, 0.005 - length)
+            cords.append(straight(scene, ends, material, scene.whole(2, 12), 1e-3))
+            cords[-1].grip(0)
+            cords[-1].attach(-1, tray)
+    drop, boxes = scene.pick(0.0, scene.log(1e-3, 0.02)), []
+    for k, load_mass in enumerate(loads):
+        at = (scene.flat(-0.02, 0.02), 0.06 * (k - (len(loads) - 1) / 2), 0.025 - length + drop)
+        boxes.append(scene.body("box", (0.04, 0.04, 0.04), load_mass, at))
+    scene.joined = [{int(body) for body in (tray, *boxes)}]
+    given, heights = [], []
+
+    def watch():
+        up = [(cord.positions[0] - cord.positions[1])[2] for cord in cords]
+        slopes = np.array(up) / [np.linalg.norm(cord.positions[0] - cord.positions[1]) for cord in cords]
+        given.append(sum(cord.tension[0] * slope for cord, slope in zip(cords, slopes, strict=True)))
+        heights.append(min(scene.place(box)[0][2] for box in boxes) - scene.place(tray)[0][2])
+
+    scene.run(scene.steps, watch=watch)
+    scene.check(min(heights) > 0.015, f"a box is {min(heights):.4g} m above the middle of the tray")
+    rates = np.mean([scene.speed(body)[2] * scene.mass(body) for body in (tray, *boxes)])
+    half = scene.steps // 2
+    carried = np.mean(given[half:])
+    own = sum(cord._target.masses.sum() for cord in cords) * G
+    scene.near(
+        "what the cords carry [N]", carried, weight, rel=0.05, absolute=own + abs(rates) / scene.dt / half
+    )

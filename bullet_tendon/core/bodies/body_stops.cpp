@@ -55,6 +55,9 @@ constexpr double kContactTakenBack = 0.08;
 constexpr double kNotSolved = 0.1;
 constexpr double kNotSolvedRate = 10 * kSolverNoise;
 
+// Response of a contact itself, as a share of that of the bodies along it [-]. Larger: bodies sink in.
+// Smaller: rounding decides which contacts of a face bear.
+constexpr double kContactYield = 1e-8;
 // Response along a contact, as a share of the free one, that the observer can tell from none [-].
 constexpr double kLeastYield = 1e-3;
 // Response of a joint, as a share of that with all other joints held, below which contacts or constraints
@@ -107,17 +110,30 @@ void rates_under(const dense::Numbers& forces, const dense::Numbers& rates, cons
 // exist. A limit or contact that the body passed through is ignored.
 void BodyStops::doubt(const Numbers& rates) {
   doubted_.resize(rates.size());
-  if (contacts.empty()) slipped_ = false;
+  // Of several bodies, others rest on each other all the same.
+  if (contacts.empty() || rates.size() > 6) slipped_ = false;
   rested_ = false;
+  // Of contacts together, weighted by their impulses: of those that bear a body, any may bear nothing.
+  double lost = 0, kept = 0, pushed = 0;
   for (size_t k = 0; k < all_.size(); ++k) {
     const Stop& s = all_[k];
     if (!s.acts || s.sets_rate()) continue;
+    if (s.coordinate < 0) {
+      const double rate = along(directions_, k, rates);
+      pushed += pushes_[k];
+      lost += pushes_[k] * (s.wanted - rate);
+      kept += pushes_[k] * (rate - s.unstopped);
+      continue;
+    }
     const bool went_on = along(directions_, k, rates) - s.wanted < -kLeastStopped * s.held_back;
-    if (s.coordinate < 0) rested_ = !went_on || rested_;
     if (!went_on || s.wanted == -kFastest) continue;
     by_pybullet_.clear();
-    (s.coordinate >= 0 ? doubted_[s.coordinate] = 1 : slipped_ = true);
+    doubted_[s.coordinate] = 1;
   }
+  rested_ = kept > lost;
+  if (lost <= std::max(kept, kSolverNoise * pushed)) return;
+  by_pybullet_.clear();
+  slipped_ = true;
 }
 
 bool BodyStops::broke(const Numbers& reached) const {
@@ -326,6 +342,13 @@ void BodyStops::push_steadily(const Body& of, const std::vector<int>& coordinate
   for (size_t a = 0; a < all_.size(); ++a) all_[a].missing -= dt * along(directions_, a, work_.known);
 }
 
+// Sets W = D R D^T. Contacts of one face depend on each other: they yield by a little.
+void BodyStops::find_within(size_t width) {
+  dense::product_transposed(static_cast<int>(width), work_.through, work_.through, work_.within);
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (all_[a].is_of_contact()) work_.within[a * all_.size() + a] *= 1 + kContactYield;
+}
+
 void BodyStops::find(const Body& of, int base, double dt) {
   all_.clear();
   directions_.clear();
@@ -339,7 +362,7 @@ void BodyStops::find(const Body& of, int base, double dt) {
   find_constraints(of, dt);
   find_frictions(of);
   unstopped_ = of.change;
-  dense::product_transposed(static_cast<int>(of.rates.size()), work_.through, work_.through, work_.within);
+  find_within(of.rates.size());
   for (size_t a = 0; a < all_.size(); ++a) {
     if (!all_[a].motor) continue;
     const JointMotor& m = motors.all[all_[a].coordinate];
@@ -552,12 +575,13 @@ void BodyStops::note_motors(const Numbers& swept, double dt) {
   motors.soft |= whole > 0 && rows(dt).differs(pushes_, swept) > std::max(kNotSolved * whole, kNotSolvedRate);
 }
 
-// Notes the rates that constraints would have if pybullet did not keep any.
-void BodyStops::note_constraints(const Body& of, const Numbers& forces, double dt) {
-  if (constraints.empty()) return;
+// Notes the rates that rows would have if pybullet stopped nothing.
+void BodyStops::note_unstopped(const Body& of, const Numbers& forces, double dt) {
+  if (constraints.empty() && contacts.empty()) return;
   rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
   for (size_t a = 0; a < all_.size(); ++a)
-    if (all_[a].constraint >= 0) all_[a].unstopped = along(directions_, a, work_.known);
+    if (all_[a].constraint >= 0 || all_[a].is_of_contact())
+      all_[a].unstopped = along(directions_, a, work_.known);
 }
 
 void BodyStops::rest(int n) {
@@ -567,7 +591,7 @@ void BodyStops::rest(int n) {
 
 void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers& given) {
   if (!act() && !motors.any()) return;
-  note_constraints(of, forces, dt);
+  note_unstopped(of, forces, dt);
   find_pushes(of, forces, dt);
   const size_t m = all_.size(), n = of.rates.size();
   const bool answered = motors_act() || (of.observer.held() && motors.any());
@@ -637,7 +661,7 @@ void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by
       s.least = -s.most;
     }
   }
-  dense::product_transposed(static_cast<int>(width), work_.through, work_.through, work_.within);
+  find_within(width);
   find_pushes(of, forces, dt);
   find_by_pybullet(of, dt);
   all_ = foreseen;

@@ -99,8 +99,9 @@ class BodyStops {
   void find_motors(const Body& of, double dt);
   void find_constraints(const Body& of, double dt);
   void find_frictions(const Body& of);
+  void find_within(size_t width);
   bool yielded() const;
-  void note_constraints(const Body& of, const Numbers& forces, double dt);
+  void note_unstopped(const Body& of, const Numbers& forces, double dt);
   bool is_held(const Body& of, int coordinate);
   bool may_yield(const Stop& stop) const;
   void add_row(const Body& of, const Stop& stop);

@@ -8,7 +8,7 @@ namespace bt {
 namespace {
 
 // Maximum number of pivots, per row, and violation, as a share of the rates involved, that is rounding [-].
-constexpr size_t kPivotsPerRow = 4;
+constexpr size_t kPivotsPerRow = 10;
 constexpr double kSettled = 1e-11;
 
 // Sweeps of pybullet's own solver (its default), backwards and forwards in turn. It also ends them when no
