@@ -216,6 +216,10 @@ bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& li
   return together || (stays(h, links) && stays(g, links));
 }
 
+bool keep_distance(const Anchor& h, int link, const std::vector<Link>& links) {
+  return h.link == link || (stays(h, links) && !links[link].yields());
+}
+
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
                         const std::vector<Link>& links) {
   double apart = a.radius + b.radius;

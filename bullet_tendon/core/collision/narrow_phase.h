@@ -29,6 +29,8 @@ struct SegmentPair {
 
 // Whether no force changes the distance of two anchors: they are on one link, or neither moves.
 bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& links);
+// The same of an anchor and a link.
+bool keep_distance(const Anchor& h, int link, const std::vector<Link>& links);
 // Distance of the centrelines of a pair in contact [m]: the sum of the radii, or less near anchors that are
 // nearer to each other than that (collision/broad_phase.cpp).
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,

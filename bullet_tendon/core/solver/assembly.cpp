@@ -422,33 +422,22 @@ void fix_in_matrix(Island& island) {
       island.at(contact->a).matrix.hold(particle_of(*contact), outer(contact->geometry.normal));
 }
 
-namespace {
-
-// The anchor of a particle, if it is an attachment or a rigid grip.
 const Anchor* fixed_anchor(const Tendon& c, int particle) {
   for (const Anchor& h : c.anchors)
     if ((h.rigid || h.link >= 0) && !h.is_line && h.particle == particle) return &h;
   return nullptr;
 }
 
-}  // namespace
-
-// Such a contact has only anchored particles (or weights of free particles so small that these would have to
-// move far), or its gap is negative at the target of an anchor. Attachments to bodies count like rigid
-// anchors, because they stay near their target.
-bool overruled(const Contact& contact, const Tendon& c) {
-  bool any_free = false;
+// A particle at an anchor touches nothing by itself: what it is attached to is there. Between two anchors a
+// segment does, where they can part from the body.
+bool overruled(const Contact& contact, const Tendon& c, const std::vector<Link>& links) {
+  const bool within = contact.a.w0 > 0 && contact.a.w1 > 0;
   for (int e : {0, 1}) {
-    const double weight = e ? contact.a.w1 : contact.a.w0;
-    if (weight == 0) continue;
+    if ((e ? contact.a.w1 : contact.a.w0) < kLeastEndWeight) continue;
     const Anchor* anchor = fixed_anchor(c, contact.a.first + e);
-    any_free |= !anchor && weight >= kLeastEndWeight;
-    if (!anchor) continue;
-    Contact at_hold = contact;
-    at_hold.evaluate(anchor->target.aim, true);
-    if (at_hold.geometry.gap < 0) return true;
+    if (!anchor || (within && !keep_distance(*anchor, contact.link, links))) return false;
   }
-  return !any_free;
+  return true;
 }
 
 bool overruled(const Contact& contact, const Tendon& a, const Tendon& b, const std::vector<Link>& links) {

@@ -63,8 +63,11 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
 void project_anchors(Island& island, Field Tendon::* what);
 // Constrains the same components in the matrices.
 void fix_in_matrix(Island& island);
-// Whether a rigid anchor contradicts a contact with a body. Such a contact has no solution and is left out.
-bool overruled(const Contact& contact, const Tendon& c);
+// The anchor of a particle, if it is an attachment or a rigid grip; else null.
+const Anchor* fixed_anchor(const Tendon& c, int particle);
+// Whether a contact with a body has only anchored particles (or weights of others so small that these would
+// have to move far), whose distances from the body no force changes. It has no solution and is left out.
+bool overruled(const Contact& contact, const Tendon& c, const std::vector<Link>& links);
 // The same of a contact of two tendons: all its particles that count are anchored, and keep their distances.
 bool overruled(const Contact& contact, const Tendon& a, const Tendon& b, const std::vector<Link>& links);
 // Reads the force of the tendon on each rigid anchor [N] from residuals that still include it.

@@ -480,10 +480,41 @@ void World::set_arm(Contact& contact) const {
   contact.rim_arm = transposed_times(link.foreseen.turn, contact.rim_arm);
 }
 
+// Whether an anchor is where a contact with a body forbids it. Such a contact has no solution. Attachments
+// count like rigid anchors, because they stay near their target.
+bool World::is_contradicted(const Contact& contact) const {
+  const Tendon& c = *step_.slots[contact.a.tendon];
+  for (int e : {0, 1}) {
+    if ((e ? contact.a.w1 : contact.a.w0) == 0) continue;
+    const Anchor* anchor = fixed_anchor(c, contact.a.first + e);
+    if (!anchor) continue;
+    Contact at_hold = contact;
+    at_hold.evaluate(anchor->target.aim, true);
+    if (at_hold.geometry.gap < 0 && !is_beside(*anchor, contact)) return true;
+  }
+  return false;
+}
+
+// Whether an anchor that is beneath the plane of a contact of its segment clears the shape: the plane goes on
+// beyond the face that the segment touches.
+bool World::is_beside(const Anchor& anchor, const Contact& contact) const {
+  const ContactKey& key = contact.key;
+  if (key.kind != ContactKind::bone) return false;
+  const Shape& shape = *scene.shapes[key.other];
+  if (shape.half_space || anchor.link == shape.link) return false;
+  const NearCache& cache = detection_.caches[key.tendon][key.other];
+  const Entry& held = cache.entries[anchor.particle];
+  // Within a mesh its surface can be out of reach.
+  if (!held.wanted) return shape.primitive || !cache.entries[key.feature].inside;
+  const Link& link = scene.links[shape.link];
+  const Vec3 aim = to_local(foreseen_pose(in_world(shape, link), link), anchor.target.aim);
+  return dot(held.now.normal, aim - held.now.point) >= contact.geometry.margin + contact.geometry.radius;
+}
+
 void World::add_contact(const Contact& contact) {
   const Tendon& a = *step_.slots[contact.a.tendon];
   const bool leave_out = contact.b.tendon < 0
-                             ? overruled(contact, a)
+                             ? overruled(contact, a, scene.links) || is_contradicted(contact)
                              : overruled(contact, a, *step_.slots[contact.b.tendon], scene.links);
   if (!leave_out) contacts_.all.push_back(contact);
 }

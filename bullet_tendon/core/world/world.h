@@ -425,6 +425,8 @@ class World {
   bool turns_far(const Link& link) const;
   void set_arm(Contact& contact) const;
   void add_contact(const Contact& contact);
+  bool is_contradicted(const Contact& contact) const;
+  bool is_beside(const Anchor& anchor, const Contact& contact) const;
   void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came);
   template <class WillBulge>
   int came_from(const ContactKey& key, int segment, WillBulge will_bulge) const;
