@@ -151,12 +151,11 @@ class Surroundings:
         return np.min([np.full(len(line) - 1, np.inf), self._bores.gaps(line), *found], axis=0)
 
     def penetrated(self, a, b) -> list[tuple[Obstacle, Penetrations]]:
-        """By segments a -> b (k, 3), world frame, without an end in a bore, and of which obstacles."""
+        """By segments a -> b (k, 3), world frame, of which no bore has a part, and of which obstacles."""
         found = []
         for obstacle in self._obstacles:
             link = obstacle.bodyUniqueId, obstacle.linkIndex
-            drilled = self._bores.contain(*link, a) | self._bores.contain(*link, b)
-            asked = np.flatnonzero(~drilled)
+            asked = np.flatnonzero(~self._bores.hold(*link, a, b))
             rows = obstacle.penetrated(a[asked], b[asked])
             if len(rows.segment):
                 found.append((obstacle, rows._replace(segment=asked[rows.segment])))

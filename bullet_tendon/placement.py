@@ -56,9 +56,13 @@ class Placement:
 
     def changed_obstacles(self, body: int) -> None:
         """Shapes of a body have been added."""
+        self.filled(body)
+        self.find_mouths(body)
+
+    def filled(self, body: int) -> None:
+        """There is bone of a body where there was none: tell of what is inside of it now."""
         self._told = {told for told in self._told if told[1] != body}
         self.new.update(self._tendons)
-        self.find_mouths(body)
 
     def find_mouths(self, body: int) -> None:
         """Shapes of a body have been added or removed: see where its tunnels meet the surface now."""

@@ -97,6 +97,15 @@ class Bores:
                 found |= tunnel._drills((points - origin) @ axes)
         return found
 
+    def hold(self, bodyUniqueId: int, linkIndex: int, a, b) -> np.ndarray:
+        """(k,) whether a bore of that link has an end or a part of segments a -> b (k, 3), world frame."""
+        found = self.contain(bodyUniqueId, linkIndex, a) | self.contain(bodyUniqueId, linkIndex, b)
+        for tunnel, origin, axes in self._bores:
+            if (tunnel.bodyUniqueId, tunnel.linkIndex) == (bodyUniqueId, linkIndex):
+                ends = (a - origin) @ axes, (b - origin) @ axes
+                found |= passing(tunnel.start, tunnel.end, tunnel.radius, *ends)
+        return found
+
     def gaps(self, line) -> np.ndarray:
         """(n-1,) bounds from below of the distances of a line's (n, 3) segments from all bores [m]."""
         half = 0.5 * np.linalg.norm(np.diff(line, axis=0), axis=1)
@@ -118,12 +127,15 @@ class Bores:
 
 def passes(start, end, radius: float, line) -> bool:
     """Whether a part of a centreline (n, 3) is in a bore, not only on its mouths or wall; one frame [m]."""
+    return bool(passing(start, end, radius, line[:-1], line[1:]).any())
+
+
+def passing(start, end, radius: float, a, b) -> np.ndarray:
+    """(k,) which of the segments a -> b (k, 3) a bore has a part of: see passes."""
     length, slack = np.linalg.norm(end - start), ROUNDING * radius
     axis = (end - start) / length
-    along = (line - start) @ axis
-    aside = line - start - along[:, None] * axis
-    z, x = along[:-1], aside[:-1]
-    dz, dx = np.diff(along), np.diff(aside, axis=0)
+    z, dz = (a - start) @ axis, (b - a) @ axis
+    x, dx = a - start - z[:, None] * axis, b - a - dz[:, None] * axis
     # The part u in [first, last] of each segment that is between the mouths.
     flat = dz == 0.0
     between = (z > slack) & (z < length - slack)
@@ -136,4 +148,4 @@ def passes(start, end, radius: float, line) -> bool:
     nearest = -np.einsum("ij,ij->i", x, dx) / np.where(square > 0.0, square, 1.0)
     nearest = np.maximum(np.minimum(nearest, last), first)
     off = np.linalg.norm(x + nearest[:, None] * dx, axis=1)
-    return bool(((first < last) & (off < radius - slack)).any())
+    return (first < last) & (off < radius - slack)

@@ -308,6 +308,8 @@ class TendonWorld(NotCopied):
             return
         for link in self._solid_slots("b", b):
             self._core.set_link_collides(one, link, enabled)
+        if enabled:
+            self._placement.new.add(one)
 
     def add_tunnel(
         self,
@@ -365,7 +367,7 @@ class TendonWorld(NotCopied):
         return tunnel
 
     def remove_tunnel(self, tunnel: Tunnel) -> None:
-        """Fill a bore up again.
+        """Fill a bore up again. The next step gives an InsideWarning of a tendon that lies in it.
 
         Raises:
             InvalidType, UnknownId: where it is not one of this world's tunnels.
@@ -379,6 +381,7 @@ class TendonWorld(NotCopied):
         slot = self._slot_of("tunnel", tunnel, Tunnel, self._tunnels)
         del self._tunnels[slot]
         self._core.remove_tunnel(slot)
+        self._placement.filled(tunnel.bodyUniqueId)
 
     def add_wrap(
         self,

@@ -124,6 +124,45 @@ def test_what_is_outside_or_in_a_bore_is_not_told(world, client):
     assert quiet(world)
 
 
+@pytest.mark.parametrize("n", [2, 3, 4, 7])
+def test_a_segment_through_a_whole_bore_is_not_told(world, client, n):
+    """With no end in the bore, its middle is there; beside the bore it is told, and refused, as ever."""
+    body = body_of(client, "box")
+    world.add_obstacle(body)
+    world.add_tunnel(body, -1, [0, 0, -HALF], [0, 0, HALF], 0.006, 0.1)
+    line = np.array([[0, 0, -0.2], [0, 0, 0.2]])
+    for inside in ("allow", "error", "push_out"):
+        t = world.add_tendon(line + [0, 0.002, 0], RADIUS, ROPE, n, inside=inside, collides=inside == "allow")
+        np.testing.assert_allclose(t.positions[:, :2], np.tile([0, 0.002], (n, 1)), atol=1e-12)
+    assert len(world.penetrations()) == 0
+    assert quiet(world)
+    with pytest.raises(bt.InvalidValue, match="outside all obstacles"):
+        world.add_tendon(line + [0, 0.01, 0], RADIUS, ROPE, n, inside="error")
+    world.add_tendon(line + [0, 0.01, 0], RADIUS, ROPE, n)
+    assert len(told(world)) == 1
+
+
+def test_what_lies_in_a_bore_that_is_filled_up_is_told(world, client):
+    body = body_of(client, "box")
+    world.add_obstacle(body)
+    bore = world.add_tunnel(body, -1, [0, 0, -HALF], [0, 0, HALF], 0.006, 0.1)
+    world.add_tendon([[0, 0, -0.1], [0, 0, 0.1]], RADIUS, ROPE, 41).grip(-1)
+    assert quiet(world)
+    world.remove_tunnel(bore)
+    assert len(told(world)) == 1
+
+
+def test_what_is_inside_when_it_is_let_collide_is_told(world, client):
+    body = body_of(client, "box")
+    world.add_obstacle(body)
+    t = world.add_tendon([[0, 0, -0.1], [0, 0, 0.1]], RADIUS, ROPE, 41)
+    t.grip(-1)
+    world.set_collision(t, body, False)
+    assert quiet(world)
+    world.set_collision(t, body, True)
+    assert len(told(world)) == 1
+
+
 def test_pushed_out_is_not_told(world, client):
     world.add_obstacle(body_of(client, "sphere"))
     through(world, 0.004, inside="push_out")
