@@ -301,9 +301,7 @@ def fix_in(tendon, tunnel, kind, length, stiffness, slip_load) -> Fixation:
     inside = np.flatnonzero((height >= 0) & (height <= span) & (beside <= tunnel.radius))
     if not len(inside):
         raise InvalidValue("tunnel", tunnel.name, "one that particles of the tendon are in")
-    # The screw begins at the mouth that is nearer to an end of the tendon, along the tendon.
-    to_an_end = np.minimum(inside, tendon.particles - 1 - inside)
-    outer = 0.0 if height[inside[to_an_end.argmin()]] < span / 2 else span
+    outer = _outer_mouth(tendon.positions, height, inside[0], inside[-1], span)
     outward = -axis if outer == 0.0 else axis
     held = [i for i in inside.tolist() if abs(height[i] - outer) <= length and i not in tendon._anchors]
     if not held:
@@ -311,6 +309,21 @@ def fix_in(tendon, tunnel, kind, length, stiffness, slip_load) -> Fixation:
     points = {i: tunnel.start + local[i] + BEARING * outward for i in held}
     bone = tunnel.bodyUniqueId, tunnel.linkIndex
     return Fixation(tendon, kind, stiffness, slip_load, bone, points)
+
+
+def _outer_mouth(positions, height, first: int, last: int, span: float) -> float:
+    """Height of the mouth of a bore that is nearer to an end of the tendon, along the tendon [m].
+
+    positions (n, 3); height (n,): of its particles over the first mouth; first, last: of those in the bore;
+    span: height of the other mouth.
+    """
+    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
+    rises = height[min(last + 1, len(height) - 1)] > height[max(first - 1, 0)]
+    mouths = (0.0, span) if rises else (span, 0.0)
+    beyond = arc[first] - abs(height[first] - mouths[0]), arc[-1] - arc[last] - abs(height[last] - mouths[1])
+    # An end in the bore is nearest, and of two such ends that which is less deep.
+    before, behind = ((max(0.0, way), abs(way)) for way in beyond)
+    return mouths[0] if before <= behind else mouths[1]
 
 
 def _listed(particles: tuple) -> str:

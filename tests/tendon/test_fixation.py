@@ -183,6 +183,23 @@ def test_drawn_on_it_slips_at_its_load_too(client, kind):
     assert 1e-3 < fixed.slip < 6e-3
 
 
+@pytest.mark.parametrize("particles", [6, 7, 8, 25, 60])
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("tail", [0.017, 0.022])
+def test_a_screw_begins_at_the_mouth_with_the_tail(client, particles, turned, tail):
+    """However coarse the graft, and whichever end of it the tail is."""
+    world = bt.TendonWorld(client)
+    bone = block(client, 0, (0, 0, 0))
+    tunnel = world.add_tunnel(bone, -1, (0, 0, -0.015), (0, 0, 0.015), 0.004, friction=0.0)
+    way = np.array([(0, 0, -0.12), (0, 0, tail)])[:: -1 if turned else 1]
+    tendon = world.add_tendon(way, 0.003, GRAFT, particles)
+    screw = tendon.fix(tunnel, "screw", stiffness=1e5, slip_load=50.0)
+    hand = tendon.grip(-1 if turned else 0)
+    felt = draw(world, hand, 0.004, 1.0)
+    assert screw.force == pytest.approx(50.0, rel=1e-3)
+    assert felt.max() <= 50.0 * (1 + 1e-3)
+
+
 def swung(client, hold, velocity) -> list[int]:
     """A bone of 20 g that a graft holds, hold(tendon, bone), and that a weight of 30 g swings; iterations."""
     p.resetSimulation(physicsClientId=client)
