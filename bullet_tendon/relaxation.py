@@ -6,8 +6,9 @@ Equilibrium is where an implicit step of endless length would end: without inert
 residual is the static one. A tendon that can touch nothing is taken there at once. Where there is
 something to touch, positions must not jump over it: then steps of growing length are taken, each
 from rest. They are shortened where particles move by more than a share of the radius, and of the room that
-they have before they could meet anything, or where a step does not converge. They are lengthened where
-particles move little (pseudo-transient continuation, Kelley and Keyes 1998). Where bodies come to rest as
+they have before they could meet anything, or where a step does not converge, and taken back where particles
+could have passed through something. They are lengthened where particles move little (pseudo-transient
+continuation, Kelley and Keyes 1998). Where bodies come to rest as
 well, the steps grow from place to place: in short ones damping holds the tendons back, which Newton's matrix
 of the bodies' equilibrium does not know. They begin short again where segments are slack.
 """
@@ -29,8 +30,8 @@ from .tendon import Tendon
 _ENDLESS = 1e4  # s: inertia M/dt^2 is then 1e-8 of M g per metre
 _FOLLOWING = 1.0  # s: the longest step beside bodies that move; in longer ones nothing holds a slack tendon
 _FIRST = 1 / 240  # s
-# Of the radius, or of the room, moved in a step: taken back above, shorter above, longer below.
-_LEAP, _FARTHEST, _NEAREST = 2.0, 0.5, 0.1
+# Of the radius, or of the room, moved in a step: shorter above, longer below; what the next is to move by.
+_FARTHEST, _NEAREST, _AIM = 0.5, 0.1, 0.35
 _GROWTH = 4.0
 _DEPTH = 2.5e-4  # of the radius, of contacts at rest: half of what a step may leave
 _LOST = 1e4  # of its length, from where it was: nothing holds the tendon
@@ -124,6 +125,7 @@ class Relaxation:
         pull = math.hypot(*gravity)
         weights = {t: self._mass[t] * pull for t in start}
         iterations, residual, settled, before = 0, np.inf, not start, start
+        leapt = np.inf  # of the last step, if that was taken back
         last_motion = np.zeros(sum(x.size for x in start.values()))
         for count in range(max_steps):
             self._last_dt = dt
@@ -136,15 +138,16 @@ class Relaxation:
             now = {t: t.positions for t in start}
             moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
             # Contacts are those of where the step began.
-            ratio = max((moved[t] / t.radius for t in start), default=0.0)
+            leap = ratio = max((moved[t] / t.radius for t in start), default=0.0)
             is_near = ratio <= _FARTHEST
             if ratio > _NEAREST and not follows:
-                ratio = self._share_of_room(before, now)
-            if self._goes_astray(report.converged, ratio, dt, follows):
+                ratio, leap = self._shares_of_room(before, now)
+            if self._goes_astray(report.converged, leap, dt, follows, leapt):
                 stepper.take_back(before_it)
-                settled = False
+                settled, leapt = False, leap
                 dt = min(_FIRST, dt / _GROWTH) if follows else dt / _GROWTH
                 continue
+            leapt = np.inf
             if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
                 return None, iterations, residual
             forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
@@ -170,41 +173,56 @@ class Relaxation:
                     self._core.carry_tendons(-0.5 * motion)
                     before, motion = {t: t.positions for t in start}, 0 * motion
                 last_motion = motion
-            too_far = ratio > _FARTHEST and not self._alone
-            if not report.converged or too_far:
-                dt /= _GROWTH
-            elif ratio < _NEAREST or self._alone:
-                dt = min(dt * _GROWTH, _FOLLOWING if follows else _ENDLESS)
+            dt = self._next_step(dt, report.converged, ratio, follows)
             if is_at_rest:  # after one step: `follow` begins with a longer one, in which less is damped
                 self._last_dt = dt
                 break
         return settled, iterations, residual
 
-    def _goes_astray(self, converged: bool, ratio: float, dt: float, follows: bool) -> bool:
-        """Whether a step has to be taken back, that moved a tendon by this share of its room."""
+    def _goes_astray(self, converged: bool, leap: float, dt: float, follows: bool, leapt: float) -> bool:
+        """Whether a step has to be taken back, in which something could have passed through something.
+
+        leap: share of the way by which that could be. leapt: that of a longer step from there which was taken
+        back, else infinite. A hold that is led away takes its particles along however short a step is.
+        """
         if follows:
             return not converged
-        is_free = converged and (self._alone or dt <= _FIRST)
-        return ratio > _LEAP and not is_free
+        is_led = dt <= _FIRST and leap > 0.5 * leapt
+        return leap > 1 and not (converged and (self._alone or is_led))
 
-    def _share_of_room(self, before: dict, now: dict) -> float:
-        """Largest motion of a particle, over what it may move by: a radius, or as far as it meets nothing.
+    def _next_step(self, dt: float, converged: bool, ratio: float, follows: bool) -> float:
+        """Length of the step [s] after one of dt that moved a tendon by this share of its room."""
+        if not converged:
+            return dt / _GROWTH
+        if _NEAREST <= ratio <= _FARTHEST and not self._alone:
+            return dt
+        change = 1 / _GROWTH if ratio > _FARTHEST and not self._alone else _GROWTH
+        if not (self._alone or follows):  # from rest, the way grows with the square of the time
+            aimed = math.sqrt(_AIM / max(ratio, 1e-300))
+            change = min(max(aimed, 1 / _GROWTH), _GROWTH)
+        return min(dt * change, _FOLLOWING if follows else _ENDLESS)
 
-        The room of a tendon that is alone is its length.
+    def _shares_of_room(self, before: dict, now: dict) -> tuple[float, float]:
+        """Largest motion of a particle over its room, and over the way by which it could pass something.
+
+        The room is a radius, or as far as it meets nothing. What it could pass is farther away than a radius.
+        The room of a tendon that is alone is its length, and the way twice that.
         """
         if self._alone:
-            return max(np.abs(now[t] - x).max() / t.rest_length for t, x in before.items())
-        most = 0.0
+            share = max(np.abs(now[t] - x).max() / t.rest_length for t, x in before.items())
+            return share, 0.5 * share
+        most = leap = 0.0
         for t, x in before.items():
             motion = np.linalg.norm(now[t] - x, axis=1)
             gaps = self._around.gaps(x, 10 * motion.max())
             for other, y in before.items():
                 if other is not t:
                     gaps = np.minimum(gaps, _gaps_between(x, y) - other.radius)
-            free = 0.5 * (gaps - t.radius)  # others move, too
-            room = np.minimum(np.append(free, np.inf), np.append(np.inf, free))
-            most = max(most, float((motion / np.maximum(room, t.radius)).max()))
-        return most
+            between = gaps - t.radius
+            room = np.minimum(np.append(between, np.inf), np.append(np.inf, between))
+            most = max(most, float((motion / np.maximum(0.5 * room, t.radius)).max()))  # others move, too
+            leap = max(leap, float((motion / np.maximum(room, t.radius)).max()))
+        return most, leap
 
     def _lay_out(self, tendon: Tendon, gravity) -> None:
         """Put a tendon that touches nothing where its segments have their rest lengths, hanging.

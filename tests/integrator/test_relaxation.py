@@ -149,3 +149,46 @@ def test_a_world_without_tendons_is_at_rest(make_world):
     world.remove_tendon(t)
     world.relax()
     assert world.report.converged
+
+
+@pytest.mark.parametrize("bending_stiffness", [0.0, 2e-4])
+@pytest.mark.parametrize("n", [30, 100, 400])
+def test_drawn_taut_through_two_plates(make_world, client, n, bending_stiffness):
+    """By forces that draw a light cord by many radii at once. Friction holds it in the bores it began in.
+
+    The ends carry 10 and 10.5 N, of which friction can make 10 e^(0.1 phi), more than 18 N.
+    """
+    world = make_world(1 / 240, (0, 0, -G))
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.02, 0.02, 0.01), physicsClientId=client)
+    for at in (0, 0, 0), (0.06, 0, 0.03):
+        plate = p.createMultiBody(0, shape, -1, at, physicsClientId=client)
+        world.add_obstacle(plate, friction=0.5)
+        world.add_tunnel(plate, -1, (0, 0, -0.01), (0, 0, 0.01), 0.004, friction=0.5, chamfer=0.001)
+    line = [(0, 0, -0.08), (0, 0, 0.015), (0.03, 0, 0.06), (0.06, 0, 0.045), (0.06, 0, -0.05)]
+    material = bt.Material(stiffness=1e4, damping=5.0, bending_stiffness=bending_stiffness, friction=0.2)
+    t = world.add_tendon(line, 0.0025, material, n)
+    t.set_force(0, (0, 0, -10.0)), t.set_force(-1, (0, 0, -10.5))
+    world.relax()
+    assert world.report.converged
+    assert len(world.penetrations()) == 0
+    assert world.contacts["distance"].min() > -1e-3 * t.radius
+    ends = np.array([10.0, 10.5]) + G * t.masses[[0, -1]]
+    np.testing.assert_allclose(t.tension[[0, -1]], ends, rtol=1e-5)
+    # What is taut between the bores passes 0.03 m below its slack way.
+    assert t.positions[np.abs(t.positions[:, 0] - 0.03) < 0.02, 2].max() < 0.045
+    x = t.positions
+    world.step(60)
+    assert np.abs(t.positions - x).max() < 1e-3 * t.radius
+
+
+@pytest.mark.parametrize("far", [0.01, 0.05])
+def test_led_by_a_hand_that_is_far(make_world, client, far):
+    """Shorter steps do not bring it nearer to where it was."""
+    world = make_world(1 / 240, (0, 0, -G))
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, -1, (0.1, 0, -0.2), physicsClientId=client))
+    t = rope(world, 40)
+    t.grip(0), t.grip(-1, target=(LENGTH - 0.02, far, far))
+    world.relax()
+    assert world.report.converged
+    np.testing.assert_allclose(t.positions[-1], (LENGTH - 0.02, far, far), atol=1e-12)
