@@ -352,3 +352,107 @@ def test_a_body_in_use_is_missed(make_world, client):
     p.removeBody(b, client)
     with pytest.raises(bt.UnknownId):
         world.step()
+
+
+MEETING = 1e-4  # share of the rest length below which a segment is held together
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.004])
+@pytest.mark.parametrize("mass", [0.05, 0.5, 2.0])
+@pytest.mark.parametrize("collide", [False, True])
+def test_a_muscle_holds_what_it_has_drawn_together(make_world, client, collide, mass, beside):
+    """A force has no direction where its two points meet. There it holds up to 10 N, in any direction."""
+    world = make_world(gravity=(0, 0, 0))
+    half = (0.02, 0.02, 0.02)
+    ground, body = block(client, 0, half=half), block(client, mass, (0.05, beside, beside / 2), half=half)
+    p.setCollisionFilterPair(ground, body, -1, -1, int(collide), client)
+    line = world.add_ligament([(ground, -1, (0.02, 0, 0)), (body, -1, (-0.02, 0, 0))], LAWS["linear"])
+    rest = line.rest_length
+    line.set_tension(10.0)
+    for _ in range(480):
+        world.step()
+        assert world.report.converged and world.report.counts["linear_solves"] < 100
+        assert line.force == 10.0
+    assert line.length < 0.01 * rest
+    for sense in ((0, 0.6, 0.8), (0, -0.8, 0.6)):
+        for load, leaves in ((4.0, False), (11.0, True)):
+            state, bodies = world.save_state(), p.saveState(physicsClientId=client)
+            for _ in range(120):
+                at = line.points[-1]
+                world.apply_external_force(body, -1, load * np.array(sense), at, p.WORLD_FRAME)
+                world.step()
+                assert world.report.converged
+            assert line.length > 0.2 * rest if leaves else line.length < 0.05 * rest
+            world.restore_state(state), p.restoreState(bodies, physicsClientId=client)
+
+
+@pytest.mark.parametrize("rest", [1e-6, 0.01, 0.1])
+@pytest.mark.parametrize("load", [0.0, 2.0, 8.0])
+def test_it_holds_by_a_spring_up_to_its_tension(make_world, client, load, rest):
+    """Of a point mass: e load / T from the point, e = 1e-4 rest lengths, and 1e-7 m at least."""
+    world = make_world(gravity=(0, 0, 0))
+    ground, body = block(client, 0), block(client, 1.0, (0.03, 0.01, 0))
+    path = [(ground, -1, (0, 0, 0)), (body, -1, (0, 0, 0))]
+    line = world.add_ligament(path, bt.Material(stiffness=1e3, tension_only=True))
+    line.rest_length = rest
+    line.set_tension(10.0)
+    for k in range(720):
+        at = p.getBasePositionAndOrientation(body, client)[0]
+        world.apply_external_force(body, -1, (0, 0, load if k > 360 else 0), at, p.WORLD_FRAME)
+        world.step()
+        assert world.report.converged
+    place = p.getBasePositionAndOrientation(body, client)[0]
+    least = max(MEETING * rest, 1e-7)
+    np.testing.assert_allclose(place, (0, 0, least * load / 10.0), atol=1e-3 * least)
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.3, 0.9, 1.1])
+def test_derivatives_where_two_points_nearly_meet(make_world, client, apart):
+    world = make_world()
+    first, other = block(client, 1.0), block(client, 2.0, (0.1, 0, 0))
+    rest, way = 0.2, np.array([2, -1, 2]) / 3
+    at = np.array([0.05, 0.01, 0.02])
+    path = [(first, -1, at), (other, -1, at - (0.1, 0, 0) + apart * MEETING * rest * way)]
+    line = world.add_ligament(path, LAWS["linear"], rest_length=rest)
+    line.set_tension(7.0)
+    world.step(), world.relax()
+    p.resetBasePositionAndOrientation(first, (0, 0, 0), (0, 0, 0, 1), client)
+    p.resetBasePositionAndOrientation(other, (0.1, 0, 0), (0, 0, 0, 1), client)
+    world._bodies.read()
+
+    def term(by):
+        return _core.testing.ligament_term(world._core, line.slot, by.reshape(2, 6), 1 / 240)
+
+    _, gradient, hessian = term(np.zeros(12))
+    step = 1e-9
+    for k in range(12):
+        by = step * np.eye(12)[k]
+        ahead, behind = term(by), term(-by)
+        assert (ahead[0] - behind[0]) / (2 * step) == pytest.approx(gradient[k], abs=1e-4 * 7.0)
+        if k < 3 or 6 <= k < 9:  # the arms do not turn
+            np.testing.assert_allclose(
+                ((ahead[1] - behind[1]) / (2 * step))[[0, 1, 2, 6, 7, 8]],
+                hessian[k][[0, 1, 2, 6, 7, 8]],
+                atol=1e-3 * np.abs(hessian).max() + 1e-6,
+            )
+
+
+@pytest.mark.parametrize("tension", [50.0, 300.0])
+def test_an_equilibrium_where_two_points_meet(make_world, client, tension):
+    """Of a block on springs, which a muscle draws to a point beside their equilibrium and holds there."""
+    world = make_world(gravity=(0, 0, -G))
+    ground, body = block(client, 0), block(client, 0.5, (0.03, 0.01, -0.1))
+    spring = bt.Material(stiffness=200.0, damping=5.0, tension_only=True)
+    for way in ((0.3, 0, 0), (-0.3, 0, 0), (0, 0.3, 0), (0, -0.3, 0), (0, 0, 0.3)):
+        for at in ((0.02, 0, 0), (-0.02, 0, 0), (0, 0.02, 0)):
+            world.add_ligament([(ground, -1, way), (body, -1, at)], spring, rest_length=0.2)
+    muscle = world.add_ligament([(ground, -1, (0.004, 0, 0.03)), (body, -1, (0, 0, 0))], spring)
+    muscle.set_tension(tension)
+    world.relax(bodies=[body])
+    assert world.report.converged
+    assert 0 < muscle.length < MEETING * muscle.rest_length
+    place = p.getBasePositionAndOrientation(body, client)[0]
+    for _ in range(240):
+        world.step()
+        assert world.report.converged
+    np.testing.assert_allclose(p.getBasePositionAndOrientation(body, client)[0], place, atol=1e-8)

@@ -5,11 +5,19 @@
 #include <cstddef>
 #include <utility>
 
-#include "math/rounding.h"
-
 namespace bt {
 
 namespace {
+
+// Length below which a segment is held together [rest lengths], and the least [m]. Larger: points that are
+// drawn together stay farther apart. Smaller: stiffer, where they meet, until rounding is felt as force.
+constexpr double kMeeting = 1e-4;
+constexpr double kLeastMeeting = 1e-7;
+
+// Of a segment, of which `least` is what it is held together below [m].
+double counted(double length, double least) {
+  return length < least ? 0.5 * (length * length / least + least) : length;
+}
 
 std::vector<int> links_of(const std::vector<PathPoint>& path, const std::vector<Wrap>& wraps) {
   std::vector<int> links;
@@ -72,9 +80,10 @@ double Ligament::measure(const std::vector<Link>& links, std::vector<Geodesic>& 
   near.assign(wraps_.size() * (path_.size() - 1), {});
   if (points) points->push_back(node(0).point);
   double sum = 0;
+  auto straight = [&](Vec3 from, Vec3 to) { return counted(norm(to - from), points ? 0 : least()); };
   each_part(node, frame, near, [&](size_t, const Node& from, const Node& to, const Wrapped& way) {
     const Vec3 p = from.point, q = to.point;
-    sum += way.touches ? norm(way.first - p) + way.arc + norm(q - way.last) : norm(q - p);
+    sum += way.touches ? straight(p, way.first) + way.arc + straight(way.last, q) : straight(p, q);
     if (points && way.touches) points->insert(points->end(), {way.first, way.last});
     if (points) points->push_back(q);
   });
@@ -157,33 +166,34 @@ void Ligament::find_tension() {
   if (law.tension_only && tension_now_ < 0) tension_now_ = slope_ = 0;
 }
 
+double Ligament::least() const { return std::max(kMeeting * rest, kLeastMeeting); }
+
 // A part that turns about one of its ends moves the other end across it.
-void Ligament::add_across(const Straight& part, double inverse) {
-  const Vec3 first = any_perpendicular(part.direction), second = cross(part.direction, first);
-  for (const Vec3 e : {first, second}) {
-    Across term{part.first.touched, part.last.touched, twist_along(part.first.arm, -e),
-                twist_along(part.last.arm, e), inverse};
-    if (term.one > term.other) {
-      std::swap(term.one, term.other);
-      std::swap(term.by_one, term.by_other);
-    }
-    across_.push_back(term);
+void Ligament::add_across(const Straight& part, Vec3 across, double inverse) {
+  Across term{part.first.touched, part.last.touched, twist_along(part.first.arm, -across),
+              twist_along(part.last.arm, across), inverse};
+  if (term.one > term.other) {
+    std::swap(term.one, term.other);
+    std::swap(term.by_one, term.by_other);
   }
+  across_.push_back(term);
 }
 
 void Ligament::add_straight(const Node& first, const Node& last) {
   const Vec3 d = last.point - first.point;
-  const double length = norm(d);
-  length_now_ += length;
-  if (first.touched == last.touched) return;   // a part within a link does not change
-  if (length < kRoundingShare * rest) return;  // no direction but noise
-  straights_.push_back({first, last, (1 / length) * d});
+  const double length = norm(d), inverse = 1 / std::max(length, least());
+  length_now_ += counted(length, least());
+  if (first.touched == last.touched) return;  // a part within a link does not change
+  straights_.push_back({first, last, inverse * d});
   const Straight& part = straights_.back();
   for (const auto& [node, side] : {std::pair{&part.first, -1.0}, std::pair{&part.last, 1.0}}) {
     const Twists t = twist_along(node->arm, side * part.direction);
     for (int k = 0; k < 6; ++k) gradient_[node->touched][k] += t[k];
   }
-  add_across(part, 1 / length);
+  const bool meets = length < least();
+  const Vec3 along = meets ? Vec3{1, 0, 0} : part.direction, across = any_perpendicular(along);
+  for (const Vec3 e : {across, cross(along, across)}) add_across(part, e, inverse);
+  if (meets) add_across(part, along, inverse);
 }
 
 void Ligament::find_length(const std::vector<LinkEnd>& ends) {

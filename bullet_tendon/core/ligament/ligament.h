@@ -14,7 +14,13 @@
 //   dU/dp_i = T g_i,   g_i = dL/dp_i,      d2U/dp_i dp_j = T' g_i g_j^T + T d2L/dp_i dp_j,
 //
 // and d2L is that of its straight segments, (I - u u^T)/|segment| with u along the segment, which is positive
-// semidefinite. A compressed ligament, which only a material that can push allows, makes the second term
+// semidefinite.
+//
+// A force T between two points has no direction where they meet, as those of a muscle do that has drawn two
+// bones together. There they are held together by up to T: below the length e, that of a segment d counts as
+// d^2/(2 e) + e/2, which is smooth and convex, with the derivatives d/e and I/e.
+//
+// A compressed ligament, which only a material that can push allows, makes the second term
 // negative.
 #pragma once
 #include <array>
@@ -78,6 +84,7 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
   void find_length(const std::vector<LinkEnd>& ends);
   template <class NodeAt, class FrameAt, class Visit>
   void each_part(NodeAt node, FrameAt frame, std::vector<Geodesic>& near, Visit visit) const;
+  // Length of the path where the links are now [m]: with its points the true one, else as it counts.
   double measure(const std::vector<Link>& links, std::vector<Geodesic>& near,
                  std::vector<Vec3>* points) const;
   // A point of the path, or one where it meets a wrap.
@@ -85,7 +92,8 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
     int touched;
     Vec3 arm, point;
   };
-  // A straight part of the path between two links; the direction is from the first node to the last.
+  // A straight part of the path between two links; the direction is from the first node to the last. It is
+  // shorter than 1 where they nearly meet.
   struct Straight {
     Node first, last;
     Vec3 direction;
@@ -98,7 +106,8 @@ class Ligament : public Element, public LigamentModel, public LigamentState {
     Node first, last;
   };
   void add_straight(const Node& first, const Node& last);
-  void add_across(const Straight& part, double inverse);
+  void add_across(const Straight& part, Vec3 across, double inverse);
+  double least() const;
   int place_of(int link) const;
 
   std::vector<PathPoint> path_;
