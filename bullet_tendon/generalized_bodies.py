@@ -362,20 +362,37 @@ def is_rigid(body: int, client: int) -> bool:
 
 
 def touching_bodies(bodies: list[int], client: int) -> list[tuple[int, int]]:
-    """Pairs of bodies without joints that touch: of these, and of what touches them, and so on."""
+    """Pairs of bodies without joints that touch: of these, and of what touches them, and so on.
+
+    Heaps with more rates than are solved for as one are left out.
+    """
     pairs: list[tuple[int, int]] = []
-    reached = list(bodies)
-    for body in reached:
-        points = p.getContactPoints(bodyA=body, physicsClientId=client)
+    seen: set[int] = set()
+    for body in bodies:
+        if body not in seen:
+            heap, among = _heap_of(body, client)
+            seen.update(heap)
+            pairs += among
+    return pairs
+
+
+def _heap_of(body: int, client: int) -> tuple[list[int], list[tuple[int, int]]]:
+    """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
+    heap, pairs = [body], []
+    for one in heap:
+        points = p.getContactPoints(bodyA=one, physicsClientId=client)
         if not points:
             continue
-        for other in sorted({c[2] for c in points} - {body}):
-            pair = min(body, other), max(body, other)
-            if pair not in pairs and is_rigid(other, client):
-                pairs.append(pair)
-                if other not in reached:
-                    reached.append(other)
-    return pairs
+        for other in sorted({c[2] for c in points} - {one}):
+            pair = min(one, other), max(one, other)
+            if pair in pairs or not is_rigid(other, client):
+                continue
+            pairs.append(pair)
+            if other not in heap:
+                heap.append(other)
+        if 6 * len(heap) > _MOST_RATES:
+            return heap, []
+    return heap, pairs
 
 
 def can_be_hit(body: int, client: int) -> bool:
