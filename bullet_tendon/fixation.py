@@ -5,8 +5,7 @@ solves with the step. The bone gets the exact opposite of what the tendon gets. 
 far it has slipped: it is part of the saved state. Goes with the core's room `tendon`.
 
 A fixation is elastic up to its load F, and then slips under F: its line pulls with F while it gets longer,
-and is elastic again from where it began to get shorter. The same holds where it pushes, as a screw does when
-the tail of a graft is drawn on.
+and is elastic again from where it began to get shorter.
 """
 
 from typing import NamedTuple
@@ -157,7 +156,7 @@ class Fixation(NotCopied):
 
     @property
     def force(self) -> float:
-        """Force of the tendon on the bone through it at the end of the last step [N]; negative: it pushes."""
+        """Force of the tendon on the bone through it at the end of the last step [N]."""
         return float(sum(self.forces))
 
     @property
@@ -167,7 +166,7 @@ class Fixation(NotCopied):
 
     @property
     def slip(self) -> float:
-        """How far it has slipped in all: the mean over its particles [m], less what it slipped back."""
+        """How far it has slipped in all: the mean over its particles [m]."""
         return float(np.mean([line.slip for line in self._lines]))
 
     def release(self) -> None:

@@ -87,12 +87,7 @@ struct Anchor {
   }
   // Decides from the last evaluation, or from the R that a linear solution predicts, whether the next
   // linearisation slips.
-  void slip_if_beyond() {
-    if (is_line)
-      line.slip_if_beyond();
-    else
-      slips = exceeds_limit(raw);
-  }
+  void slip_if_beyond() { (is_line ? line.slips : slips) = is_line ? line.is_beyond() : exceeds_limit(raw); }
   void predict(Vec3 r) { slips = exceeds_limit(r) && !(slips && dot(r, raw) < 0); }
 };
 
