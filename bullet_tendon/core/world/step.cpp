@@ -26,6 +26,10 @@ namespace bt {
 
 namespace {
 
+// Largest slack of a particle that left its predicted region [radii]. Larger: after a solution that went far,
+// everything is near everything. Smaller: contacts are detected again more often.
+constexpr double kMostSlack = 8;
+
 // BDF2 divides a step in which a segment is predicted to turn by more than this sine [-]. Larger: the fast
 // motion of a whip's end is lost. Smaller: fast rotation costs more.
 constexpr double kTurn = 0.6;
@@ -277,7 +281,7 @@ bool World::predict_at_solution() {
     for (int i = 0; i < c.n(); ++i) {
       const double off = norm(c.x_new.at(i) - c.predicted.at(i));
       if (!(off > c.slack[i])) continue;
-      c.slack[i] = kSlack * c.radius + 0.5 * off;
+      c.slack[i] = kSlack * c.radius + std::min(0.5 * off, kMostSlack * c.radius);
       c.most_slack = std::max(c.most_slack, c.slack[i]);
       c.predicted.set(i, c.x_new.at(i));
     }
