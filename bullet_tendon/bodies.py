@@ -20,6 +20,7 @@ from . import _core, checks
 from .constraints import Constraint, groups, read_constraints
 from .errors import InvalidValue, UnknownId
 from .generalized_bodies import (
+    bodies_of,
     can_be_hit,
     change_rates,
     exchange_wrench,
@@ -50,7 +51,7 @@ def client_of(physicsClientId) -> int:
 
 def checked_body(body, client: int, argument: str = "bodyUniqueId") -> int:
     """The id of a body of a connected client. Raises UnknownId for anything else."""
-    known = [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
+    known = bodies_of(client)
     if not isinstance(body, (int, np.integer)) or isinstance(body, bool) or body not in known:
         raise UnknownId(argument, body, f"the id of a body of this client: {known}")
     return int(body)
@@ -228,7 +229,8 @@ class Bodies:
         if kept is None:
             found = touching_bodies(self._rigid, self.client)
         else:
-            found = list(zip(kept[::2], kept[1::2], strict=True))
+            pairs = zip(kept[::2], kept[1::2], strict=True)
+            found = [pair for pair in pairs if set(pair) <= set(bodies_of(self.client))]
             self._members.clear()  # what the core has learned is of these
         if found != self._touching:
             self._touching = found

@@ -19,7 +19,6 @@ _KINDS = {
     p.JOINT_GEAR: _core.GEAR_CONSTRAINT,
 }
 _STILL = (0.0, 0.0, 0.0)
-_NO_TURN = (0.0, 0.0, 0.0, 1.0)
 # What pybullet reports as the largest force of a constraint until that is changed: an impulse [N s], of any
 # step, beyond what tendons give.
 _AS_CREATED = 500.0

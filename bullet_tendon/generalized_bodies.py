@@ -164,7 +164,7 @@ class RigidBody:
     def _read_contacts(self, core, where, keep: bool) -> None:
         """What it rests on: contacts with bodies without mass."""
         client = self.client
-        points = p.getContactPoints(bodyA=self.body, physicsClientId=client)
+        points = tuple(contact_points(self.body, client))
         immovable = [other for other in {(c[2], c[4]): None for c in points} if _has_no_mass(other, client)]
         core.set_contacts(self.slot, points, immovable, where[0], keep)
 
@@ -256,7 +256,7 @@ class JointedBody:
             first[body] = 6 * sum(self._floating[: len(first)]) if floats else -1
         rigid = [body for body, is_so in zip(self.members, self._rigid, strict=True) if is_so]
         for body in rigid:
-            points = p.getContactPoints(bodyA=body, physicsClientId=client)
+            points = contact_points(body, client)
             for other in {c[2]: None for c in points}:
                 free = other in rigid
                 if (free and other < body) or not (free or is_fixed(other, client)):
@@ -380,10 +380,7 @@ def _heap_of(body: int, client: int) -> tuple[list[int], list[tuple[int, int]]]:
     """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
     heap, pairs = [body], []
     for one in heap:
-        points = p.getContactPoints(bodyA=one, physicsClientId=client)
-        if not points:
-            continue
-        for other in sorted({c[2] for c in points} - {one}):
+        for other in sorted({c[2] for c in contact_points(one, client)} - {one}):
             pair = min(one, other), max(one, other)
             if pair in pairs or not is_rigid(other, client):
                 continue
@@ -395,9 +392,23 @@ def _heap_of(body: int, client: int) -> tuple[list[int], list[tuple[int, int]]]:
     return heap, pairs
 
 
+def bodies_of(client: int) -> list[int]:
+    """The ids of all bodies of a client."""
+    return [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
+
+
+def contact_points(body: int, client: int) -> list[tuple]:
+    """p.getContactPoints of a body; pybullet lists some with bodies that were removed since."""
+    points = p.getContactPoints(bodyA=body, physicsClientId=client)
+    if not points:
+        return []
+    there = set(bodies_of(client))
+    return [point for point in points if point[2] in there]
+
+
 def can_be_hit(body: int, client: int) -> bool:
     """Whether any other body is near, or it has constraints; whatever contacts pybullet still lists."""
-    others = {p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))}
+    others = set(bodies_of(client))
     return _has_constraints(body, client) or _is_near(body, others - {body}, client)
 
 
@@ -408,7 +419,7 @@ def _can_be_held(body: int, client: int) -> bool:
     """
     if _has_constraints(body, client):
         return True
-    return _is_near(body, {c[2] for c in p.getContactPoints(bodyA=body, physicsClientId=client)}, client)
+    return _is_near(body, {c[2] for c in contact_points(body, client)}, client)
 
 
 def _has_constraints(body: int, client: int) -> bool:

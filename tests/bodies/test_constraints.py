@@ -351,3 +351,20 @@ def test_a_saved_state_of_bodies_that_touch_goes_on_with_the_same_bits(make_worl
     p.restoreState(bullet, physicsClientId=client)
     world.step()
     assert world.state_hash() == after
+
+
+@pytest.mark.parametrize("restored", [False, True])
+@pytest.mark.parametrize("ground", [False, True])
+def test_what_stood_on_a_tray_is_removed(make_world, client, restored, ground):
+    """pybullet lists contacts with it for a while, and so do saved states."""
+    world = make_world(1 / 240, (0, 0, -G))
+    body, tendons = tray(world, client, 0.1)
+    load = box(client, 0 if ground else 2.0, [0, 0, -0.275])
+    world.step(30)
+    state = world.save_state()
+    p.removeBody(load, client)
+    if restored:
+        world.restore_state(state)
+    world.step(240)
+    own = sum(t.masses.sum() for t in tendons)
+    np.testing.assert_allclose(carried(tendons), G * (0.1 + own), rtol=1e-2)
