@@ -119,6 +119,7 @@ void BodyStops::doubt(const Numbers& rates) {
     const Stop& s = all_[k];
     if (!s.acts || s.sets_rate()) continue;
     if (s.coordinate < 0) {
+      if (pushes_.size() != all_.size()) continue;  // of a crafted snapshot
       const double rate = along(directions_, k, rates);
       pushed += pushes_[k];
       lost += pushes_[k] * (s.wanted - rate);
