@@ -177,23 +177,19 @@ struct Touching {
 void add_touching(const Touching& pair, int n, Numbers& contacts, Numbers& frictions) {
   Vec3 normal, middle;
   double force = 0, arms = 0;
-  const auto count = PyTuple_Size(pair.points);
-  for (int pass : {0, 1})
-    for (int k = 0; k < count; ++k) {
-      PyObject* point = item(pair.points, k);
-      const Vec3 along = vector(item(point, 7)), at = vector(item(point, 5));
-      const double pushes = number(point, 9);
-      if (pass == 0) {
-        pair.add_row(along, &at, n, number(point, 8), contacts);
-        force += pushes;
-        normal += pushes * along;
-        middle += pushes * at;
-      } else {
-        arms += pushes * norm(at - (1 / force) * middle);
-      }
-    }
+  std::vector<std::pair<Vec3, double>> pushes;  // places and forces
+  for (int k = 0; k < PyTuple_Size(pair.points); ++k) {
+    PyObject* point = item(pair.points, k);
+    const Vec3 along = vector(item(point, 7)), at = vector(item(point, 5));
+    pair.add_row(along, &at, n, number(point, 8), contacts);
+    pushes.push_back({at, number(point, 9)});
+    force += pushes.back().second;
+    normal += pushes.back().second * along;
+    middle += pushes.back().second * at;
+  }
   if (!(force > 0)) return;
   middle = (1 / force) * middle;
+  for (const auto& [at, push] : pushes) arms += push * norm(at - middle);
   normal = unit_or(normal, {0, 0, 1});
   const Vec3 first = direction_across(std::fabs(normal.x) < 0.5 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}, normal);
   for (const Vec3 along : {first, cross(normal, first)})

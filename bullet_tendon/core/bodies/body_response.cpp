@@ -56,7 +56,7 @@ void GeneralizedBody::sense() {
   if (observer.has_acted()) {
     stops.doubt(rates);
     const Numbers reached(observer.reached(rates));
-    stops.watch_constraints(reached);
+    stops.watch_constraints(reached, observer.dt());
     by_motors = explain_stops(motors.reported, reached);
     motors.reported_before = motors.reports;
     if (by_motors.size() == rates.size()) motors.thrown = motors.observe(reached, by_motors, observer.dt());

@@ -149,9 +149,9 @@ bool BodyStops::broke(const Numbers& reached) const {
   return held > kSolverNoise * kSolverNoise && free < kLeastStopped * kLeastStopped * held;
 }
 
-void BodyStops::watch_constraints(const Numbers& reached) {
+void BodyStops::watch_constraints(const Numbers& reached, double dt) {
   broke_ = broke(reached);
-  yielded_ = !broke_ && yielded();
+  yielded_ = !broke_ && yielded(dt);
   ignored_ |= broke_;
   bool kept = true;
   for (size_t k = 0; k < all_.size(); ++k)
@@ -161,12 +161,12 @@ void BodyStops::watch_constraints(const Numbers& reached) {
 }
 
 // Whether any row was taken to give more than its limit, as it is known after the step.
-bool BodyStops::yielded() const {
+bool BodyStops::yielded(double dt) const {
   bool any = false;
-  for (size_t k = 0; k < all_.size(); ++k) {
+  for (size_t k = 0; k < std::min(all_.size(), pushes_.size()); ++k) {
     const Stop& s = all_[k];
     if (s.constraint < 0 || s.constraint >= static_cast<int>(constraints.size()) || !s.acts) continue;
-    any |= s.force > (1 + kLeastNews) * constraints[s.constraint].most;
+    any |= std::fabs(pushes_[k]) / dt > (1 + kLeastNews) * constraints[s.constraint].most;
   }
   return any;
 }
@@ -613,8 +613,6 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
     for (size_t a = 0; a < m && (cut || early); ++a)
       if (all_[a].acts && !all_[a].given && (cut || !all_[a].is_of_contact())) give(a, dt, given);
   }
-  for (size_t a = 0; a < m; ++a)
-    if (all_[a].constraint >= 0) all_[a].force = std::fabs(pushes_[a]) / dt;
   note_motors(swept, dt);
   find_by_pybullet(of, dt);
 }

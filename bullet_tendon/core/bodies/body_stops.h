@@ -43,9 +43,9 @@ class BodyStops {
   void doubt(const Numbers& rates);
   // Whether rates that were reached (n) are nearer to those without the constraints that acted.
   bool broke(const Numbers& reached) const;
-  // Notes whether they broke in the last step, in which these rates were reached (n). What pybullet did not
-  // keep is ignored until its rates are kept.
-  void watch_constraints(const Numbers& reached);
+  // Notes whether they broke in the last step, of dt [s], in which these rates were reached (n). What
+  // pybullet did not keep is ignored until its rates are kept.
+  void watch_constraints(const Numbers& reached, double dt);
   // Whether they broke, or yielded where they were not expected to.
   bool constraints_released() const { return broke_ || yielded_; }
   bool constraint_yielded() const { return yielded_; }
@@ -100,7 +100,7 @@ class BodyStops {
   void find_constraints(const Body& of, double dt);
   void find_frictions(const Body& of);
   void find_within(size_t width);
-  bool yielded() const;
+  bool yielded(double dt) const;
   void note_unstopped(const Body& of, const Numbers& forces, double dt);
   bool is_held(const Body& of, int coordinate);
   bool may_yield(const Stop& stop) const;
