@@ -202,10 +202,11 @@ class Bodies:
         self.require_alive()
         for slot in self._unused:
             self._core.clear_link(slot)
+        points: dict[int, list] = {}  # of contacts, by body
         self._read_constraints()
-        self._read_touching()
+        self._read_touching(points)
         for body in self._generalized():
-            if not body.read(self._core, self._constraints):
+            if not body.read(self._core, self._constraints, points):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
             for body_id, link, force, point in self._external:
@@ -222,15 +223,15 @@ class Bodies:
         if (now or before) and [c.joins for c in now] != [c.joins for c in before]:
             self._bodies = None
 
-    def _read_touching(self) -> None:
+    def _read_touching(self, points: dict[int, list]) -> None:
         """The bodies that touch each other; bodies move together otherwise where these are others."""
         self._generalized()
         kept = self._core.kept_touching()
         if kept is None:
-            found = touching_bodies(self._rigid, self.client)
+            found = touching_bodies(self._rigid, points, self.client)
         else:
-            pairs = zip(kept[::2], kept[1::2], strict=True)
-            found = [pair for pair in pairs if set(pair) <= set(bodies_of(self.client))]
+            there = set(bodies_of(self.client))
+            found = [pair for pair in zip(kept[::2], kept[1::2], strict=True) if there.issuperset(pair)]
             self._members.clear()  # what the core has learned is of these
         if found != self._touching:
             self._touching = found
@@ -253,9 +254,10 @@ class Bodies:
     def keep_contacts(self) -> None:
         """What free bodies rest on becomes part of the core's state."""
         if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
+            points: dict[int, list] = {}  # of contacts, by body
             for body in self._generalized():
-                body.keep_contacts(self._core)
-            touching = touching_bodies(self._rigid, self.client)
+                body.keep_contacts(self._core, points)
+            touching = touching_bodies(self._rigid, points, self.client)
             self._core.keep_touching([body for pair in touching for body in pair])
 
     def _used(self) -> list[int]:
@@ -403,7 +405,7 @@ class Bodies:
         change_rates(self.links[slot][0], by, dt, self.client)
 
     def jointed(self, slot: int):
-        """The body on joints in this slot."""
+        """The body that the core solves for in this slot."""
         return next(body for body in self._generalized() if body.slot == slot)
 
     def exchange_wrench(self, slot: int, old: np.ndarray, new: np.ndarray, dt: float) -> None:

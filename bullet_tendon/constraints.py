@@ -1,11 +1,11 @@
 """Constraints of the user: what p.createConstraint joins, as the core takes it.
 
-Owns: which bodies move together, by constraints and contacts, and the ends of a constraint in the frames that
-the core knows. Points, fixed frames and gears are known; others (prismatic) are learned from the motion of
-the bodies. Goes with link_constraints in the core's room `bodies`.
+Owns: the constraints of a client, and which bodies move together, by these and by contacts. Points, fixed
+frames and gears are known; others (prismatic) are learned from the motion of the bodies. Goes with
+link_constraints in the core's room `bodies`.
 """
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,6 @@ _KINDS = {
     p.JOINT_FIXED: _core.FIXED_CONSTRAINT,
     p.JOINT_GEAR: _core.GEAR_CONSTRAINT,
 }
-_STILL = (0.0, 0.0, 0.0)
 # What pybullet reports as the largest force of a constraint until that is changed: an impulse [N s], of any
 # step, beyond what tendons give.
 _AS_CREATED = 500.0
@@ -91,7 +90,7 @@ def groups(
         joined.setdefault(a, set()).add(b)
         joined.setdefault(b, set()).add(a)
     found: list[tuple[int, ...]] = []
-    seen: set[Hashable] = set()
+    seen: set[int] = set()
     for body in bodies:
         if body in seen:
             continue
@@ -101,23 +100,3 @@ def groups(
         seen.update(group)
         found.append(tuple(group))
     return found
-
-
-def standing_end(end: End, client: int) -> tuple:
-    """An end on what the joined bodies do not move, as the core takes it: in the world, with its velocity."""
-    if end.body < 0:
-        return -1, -1, end.origin, end.turn, _STILL, _STILL
-    place = p.getBasePositionAndOrientation(end.body, client)
-    velocity, spin = p.getBaseVelocity(end.body, client)
-    if end.link < 0:
-        centre, turn = place
-    else:
-        centre, turn = p.getLinkState(end.body, end.link, 0, 1, client)[:2]
-    origin, turn = p.multiplyTransforms(centre, turn, end.origin, end.turn)
-    arm = np.subtract(origin, place[0])
-    return -1, -1, origin, turn, tuple(velocity + np.cross(spin, arm)), spin
-
-
-def moving_end(end: End, link: int, coordinate: int = -1) -> tuple:
-    """An end on a link of the joined bodies, by its number in the core, and the coordinate of its joint."""
-    return link, coordinate, end.origin, end.turn, _STILL, _STILL

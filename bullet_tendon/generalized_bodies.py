@@ -19,14 +19,14 @@ of all bases before those of the joints, and the constraints as rows among them.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 
 import numpy as np
 import pybullet as p
 
 from . import _core
-from .constraints import Constraint, moving_end, standing_end
+from .constraints import Constraint, End
 
 _KINDS = {
     p.JOINT_REVOLUTE: _core.HINGE,
@@ -37,6 +37,7 @@ _KINDS = {
 _COUNTS = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3, p.JOINT_FIXED: 0}  # of rates
 _LIMITED = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 _NEEDS_CONTACTS = 2  # what the core answers where contacts may decide what a body is going to do
+_STILL = (0.0, 0.0, 0.0)
 _MOST_RATES = 64  # of bodies that are solved for as one: work grows with the cube
 _TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
@@ -56,13 +57,11 @@ def generalized_bodies(
             if body in slots
             for found in generalized_bodies((body,), slots, marks, client)
         ]
-    first = group[0]
-    if len(group) > 1:
-        return [JointedBody(slots, infos, client)]
-    if not infos[first]:
-        return [RigidBody(slots[first][-1], first, -1, True, client)]
-    if tree_of([infos[first]], (False,)) is None:
-        return [RigidBody(slot, first, link, False, client) for link, slot in slots[first].items()]
+    body = group[0]
+    if len(group) == 1 and not infos[body]:
+        return [RigidBody(slots[body][-1], body, -1, True, client)]
+    if len(group) == 1 and tree_of([infos[body]], (False,)) is None:
+        return [RigidBody(slot, body, link, False, client) for link, slot in slots[body].items()]
     return [JointedBody(slots, infos, client)]
 
 
@@ -94,6 +93,44 @@ def link_pose(body: int, link: int, client: int) -> tuple:
     return p.getLinkState(body, link, 0, 1, client)[:2]
 
 
+def _joining(
+    constraints: list[Constraint], bodies: Collection[int], end_of: Callable, client: int
+) -> list[tuple]:
+    """Constraints among bodies that move together, and with what they do not move, as the core takes them.
+
+    end_of: a function of a constraint and an end of it on one of the bodies: that end as the core takes it,
+    or None where the core does not know it.
+    """
+    found = []
+    for c in constraints:
+        here = [end.body in bodies for end in c.ends]
+        if any(here) and (all(here) or c.kind != _core.GEAR_CONSTRAINT):
+            ends = [
+                end_of(c, end) if moved else _standing_end(end, client)
+                for end, moved in zip(c.ends, here, strict=True)
+            ]
+            if None not in ends:
+                found.append((c.kind, c.most, c.ratio, *ends))
+    return found
+
+
+def _moving_end(end: End, link: int, coordinate: int = -1) -> tuple:
+    """An end on a link of the joined bodies, by its number in the core, and the coordinate of its joint."""
+    return link, coordinate, end.origin, end.turn, _STILL, _STILL
+
+
+def _standing_end(end: End, client: int) -> tuple | None:
+    """An end in the world, or on a body that nothing moves, with its velocity; None: the body moves."""
+    if end.body < 0:
+        return -1, -1, end.origin, end.turn, _STILL, _STILL
+    if moves(end.body, client):
+        return None
+    velocity, spin = p.getBaseVelocity(end.body, client)
+    origin, turn = p.multiplyTransforms(*link_pose(end.body, end.link, client), end.origin, end.turn)
+    arm = np.subtract(origin, p.getBasePositionAndOrientation(end.body, client)[0])
+    return -1, -1, origin, turn, tuple(velocity + np.cross(spin, arm)), spin
+
+
 class RigidBody:
     """A link that moves by itself, where it has mass: a body without joints, or on joints not known."""
 
@@ -101,38 +138,25 @@ class RigidBody:
         self.slot, self.body, self.link, self.falls, self.client = slot, body, link, falls, client
         self.members = (body,)
 
-    def read(self, core, constraints: list[Constraint]) -> bool:
+    def read(self, core, constraints: list[Constraint], points: dict[int, list]) -> bool:
         """Where it is, and how it answers, into the core; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
         found = core.read_link(self.slot, info, where, motion, True, self.falls)
-        if constraints:
-            core.set_link_constraints(self.slot, self._ends(constraints), where)
+        if constraints and self.falls:
+            joining = _joining(constraints, self.members, self._end, self.client)
+            core.set_link_constraints(self.slot, joining, where)
         if found == _NEEDS_CONTACTS:
-            self._read_contacts(core, where, keep=False)
+            self._read_contacts(core, where, points, keep=False)
         return found > 0
 
-    def _ends(self, constraints: list[Constraint]) -> list[tuple]:
-        """Those of the constraints with what tendons do not move, as the core takes them."""
-        if not self.falls:
-            return []
-        return [
-            (c.kind, c.most, c.ratio, *(self._end(end) for end in c.ends))
-            for c in constraints
-            if c.kind != _core.GEAR_CONSTRAINT and self._is_held_by(c)
-        ]
+    def _end(self, constraint: Constraint, end: End) -> tuple | None:
+        return None if constraint.kind == _core.GEAR_CONSTRAINT else _moving_end(end, 0)
 
-    def _is_held_by(self, constraint: Constraint) -> bool:
-        here = [end.body == self.body for end in constraint.ends]
-        others = [end.body for end in constraint.ends if end.body != self.body]
-        return any(here) and all(body < 0 or not moves(body, self.client) for body in others)
-
-    def _end(self, end) -> tuple:
-        return moving_end(end, 0) if end.body == self.body else standing_end(end, self.client)
-
-    def keep_contacts(self, core) -> None:
+    def keep_contacts(self, core, points: dict[int, list]) -> None:
         """Into the state that is going to be saved: after restoreState pybullet has later contacts."""
         if self.falls:
-            self._read_contacts(core, read_link(self.body, self.link, self.client)[1], keep=True)
+            where = read_link(self.body, self.link, self.client)[1]
+            self._read_contacts(core, where, points, keep=True)
 
     def sample(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been released."""
@@ -161,12 +185,11 @@ class RigidBody:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
 
-    def _read_contacts(self, core, where, keep: bool) -> None:
+    def _read_contacts(self, core, where, points: dict[int, list], keep: bool) -> None:
         """What it rests on: contacts with bodies without mass."""
-        client = self.client
-        points = tuple(contact_points(self.body, client))
-        immovable = [other for other in {(c[2], c[4]): None for c in points} if _has_no_mass(other, client)]
-        core.set_contacts(self.slot, points, immovable, where[0], keep)
+        own = contact_points(self.body, self.client, points)
+        immovable = [link for link in {(c[2], c[4]): None for c in own} if _has_no_mass(link, self.client)]
+        core.set_contacts(self.slot, tuple(own), immovable, where[0], keep)
 
 
 class _Member:
@@ -223,7 +246,7 @@ class JointedBody:
         self._floating, self._tree = floating, self._trees[floating]
         self._yields = any(map(self._tree.moves, self._links))
 
-    def read(self, core, constraints: list[Constraint]) -> bool:
+    def read(self, core, constraints: list[Constraint], points: dict[int, list]) -> bool:
         """Where its links are, and how they answer, into the core; whether all of that is finite."""
         client = self.client
         infos = [p.getDynamicsInfo(body, -1, client) for body in self.members]
@@ -241,59 +264,43 @@ class JointedBody:
         place, motion = p.getBasePositionAndOrientation, p.getBaseVelocity
         bases = [(place(body, client), motion(body, client)) for body in self.members]
         infos += [p.getDynamicsInfo(body, link, client) for body, link in self._carried]
-        ends = self._ends(constraints) if constraints else []
+        joining = _joining(constraints, self.members, self._end, client) if constraints else []
         states = self._joint_states()
-        finite = core.read_body(self._tree, self._slots, self._links, infos, bases, states, ends)
-        self._read_contacts(core, keep=False)
+        finite = core.read_body(self._tree, self._slots, self._links, infos, bases, states, joining)
+        self._read_contacts(core, points, keep=False)
         return finite
 
-    def _read_contacts(self, core, keep: bool) -> None:
+    def _read_contacts(self, core, points: dict[int, list], keep: bool) -> None:
         """Of its members without joints, with each other and with bodies without mass."""
         if len(self.members) == 1 or not any(self._rigid):
             return
-        client, pairs, first = self.client, [], {}
-        for body, floats in zip(self.members, self._floating, strict=True):
-            first[body] = 6 * sum(self._floating[: len(first)]) if floats else -1
-        rigid = [body for body, is_so in zip(self.members, self._rigid, strict=True) if is_so]
-        for body in rigid:
-            points = contact_points(body, client)
-            for other in {c[2]: None for c in points}:
-                free = other in rigid
-                if (free and other < body) or not (free or is_fixed(other, client)):
+        client, pairs = self.client, []
+        floating = [is_so and floats for is_so, floats in zip(self._rigid, self._floating, strict=True)]
+        rates = [6 * sum(self._floating[:base]) for base in range(len(floating))]
+        first = {b: rate for b, rate, is_so in zip(self.members, rates, floating, strict=True) if is_so}
+        for body, rate in first.items():
+            own = contact_points(body, client, points)
+            for other in {c[2]: None for c in own}:
+                if (other in first and other < body) or not (other in first or is_fixed(other, client)):
                     continue
-                between = tuple([c for c in points if c[2] == other])
-                friction = _friction(body, client) * p.getDynamicsInfo(other, between[0][4], client)[1]
+                between = tuple([c for c in own if c[2] == other])
+                sides = (body, -1), (other, between[0][4])
+                friction = np.prod([p.getDynamicsInfo(*side, client)[1] for side in sides])
                 centres = [p.getBasePositionAndOrientation(b, client)[0] for b in (body, other)]
-                there = first[other] if free else -1
-                pairs.append((first[body], centres[0], there, centres[1], friction, between))
+                pairs.append((rate, centres[0], first.get(other, -1), centres[1], friction, between))
         core.set_touching(self.slot, self._tree.dofs, pairs, keep)
 
     def _joint_states(self) -> tuple:
         parts = [joint_states(body, joints, self.client) for body, joints in self._movable]
         return parts[0] if len(parts) == 1 else sum(parts, ())
 
-    def _ends(self, constraints: list[Constraint]) -> list[tuple]:
-        """The constraints among its links and with what tendons do not move, as the core takes them."""
-        found = []
-        for c in constraints:
-            here = [end.body in self._members for end in c.ends]
-            if any(here) and (all(here) or c.kind != _core.GEAR_CONSTRAINT):
-                ends = [self._end(c, end) for end in c.ends]
-                if None not in ends:
-                    found.append((c.kind, c.most, c.ratio, *ends))
-        return found
-
-    def _end(self, constraint: Constraint, end) -> tuple | None:
-        """An end as the core takes it; None where it is of a body or joint that is not known."""
-        member = self._members.get(end.body)
-        if member is None:
-            unknown = end.body >= 0 and moves(end.body, self.client)
-            return None if unknown else standing_end(end, self.client)
+    def _end(self, constraint: Constraint, end: End) -> tuple | None:
+        member = self._members[end.body]
         if constraint.kind != _core.GEAR_CONSTRAINT:
-            return moving_end(end, member.link(end.link))
+            return _moving_end(end, member.link(end.link))
         if end.link not in member.joints:
             return None
-        return moving_end(end, member.link(end.link), self._coordinate(member, end.link))
+        return _moving_end(end, member.link(end.link), self._coordinate(member, end.link))
 
     def _coordinate(self, member: _Member, joint: int) -> int:
         """The place of a joint among all rates."""
@@ -349,11 +356,11 @@ class JointedBody:
         moved = self._has_hidden_motors or core.has_motors(self.slot)
         return moved or any(_can_be_held(body, self.client) for body in self.members)
 
-    def keep_contacts(self, core) -> None:
-        """What its motors give, into the state that is going to be saved: pybullet does not restore that."""
+    def keep_contacts(self, core, points: dict[int, list]) -> None:
+        """Its contacts and what its motors give, into the state that is saved: pybullet restores neither."""
         if self._yields:
             core.keep_motors(self.slot, self._tree, self._joint_states())
-            self._read_contacts(core, keep=True)
+            self._read_contacts(core, points, keep=True)
 
 
 def is_rigid(body: int, client: int) -> bool:
@@ -361,7 +368,7 @@ def is_rigid(body: int, client: int) -> bool:
     return p.getNumJoints(body, client) == 0 and not is_fixed(body, client)
 
 
-def touching_bodies(bodies: list[int], client: int) -> list[tuple[int, int]]:
+def touching_bodies(bodies: list[int], points: dict[int, list], client: int) -> list[tuple[int, int]]:
     """Pairs of bodies without joints that touch: of these, and of what touches them, and so on.
 
     Heaps with more rates than are solved for as one are left out.
@@ -370,17 +377,17 @@ def touching_bodies(bodies: list[int], client: int) -> list[tuple[int, int]]:
     seen: set[int] = set()
     for body in bodies:
         if body not in seen:
-            heap, among = _heap_of(body, client)
+            heap, among = _heap_of(body, points, client)
             seen.update(heap)
             pairs += among
     return pairs
 
 
-def _heap_of(body: int, client: int) -> tuple[list[int], list[tuple[int, int]]]:
+def _heap_of(body: int, points: dict[int, list], client: int) -> tuple[list[int], list[tuple[int, int]]]:
     """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
     heap, pairs = [body], []
     for one in heap:
-        for other in sorted({c[2] for c in contact_points(one, client)} - {one}):
+        for other in sorted({c[2] for c in contact_points(one, client, points)} - {one}):
             pair = min(one, other), max(one, other)
             if pair in pairs or not is_rigid(other, client):
                 continue
@@ -397,13 +404,16 @@ def bodies_of(client: int) -> list[int]:
     return [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
 
 
-def contact_points(body: int, client: int) -> list[tuple]:
-    """p.getContactPoints of a body; pybullet lists some with bodies that were removed since."""
-    points = p.getContactPoints(bodyA=body, physicsClientId=client)
-    if not points:
-        return []
-    there = set(bodies_of(client))
-    return [point for point in points if point[2] in there]
+def contact_points(body: int, client: int, known: dict[int, list]) -> list[tuple]:
+    """p.getContactPoints of a body; pybullet lists some with bodies that were removed since.
+
+    known: those that were asked for before, by body; these are added.
+    """
+    if body not in known:
+        points = p.getContactPoints(bodyA=body, physicsClientId=client)
+        there = set(bodies_of(client)) if points else ()
+        known[body] = [point for point in points if point[2] in there]
+    return known[body]
 
 
 def can_be_hit(body: int, client: int) -> bool:
@@ -419,7 +429,7 @@ def _can_be_held(body: int, client: int) -> bool:
     """
     if _has_constraints(body, client):
         return True
-    return _is_near(body, {c[2] for c in contact_points(body, client)}, client)
+    return _is_near(body, {c[2] for c in contact_points(body, client, {})}, client)
 
 
 def _has_constraints(body: int, client: int) -> bool:
@@ -511,11 +521,6 @@ def rates_of(bodies: Sequence[int], client) -> np.ndarray:
 def joint_states(body, joints, client) -> tuple:
     """p.getJointStatesMultiDof of joints, of which there may be none."""
     return p.getJointStatesMultiDof(body, joints, physicsClientId=client) if joints else ()
-
-
-def _friction(body, client) -> float:
-    """Coefficient of a base [-]."""
-    return p.getDynamicsInfo(body, -1, client)[1]
 
 
 def is_fixed(body, client) -> bool:
