@@ -37,13 +37,14 @@ from .visuals import (
     mesh_body,
     paint,
     tunnel_mesh,
+    update_visuals,
 )
 from .world import TendonWorld
 
 _FIRST_TENDON = -2  # in segmentations
 _SAGITTA = 0.25  # pixels that a tendon's polygonal cross-section may be off its circle
 _SIDES = (6, 32)  # of that polygon, at least and at most
-_PIECE = 2  # pixels that a straight piece of a tendon may be long, where that is more than the radius
+_PIECE = 4  # pixels that a straight piece of a tendon may be long, where that is more than the radius
 _LINKS = p.ER_SEGMENTATION_MASK_OBJECT_AND_LINKINDEX
 
 
@@ -226,8 +227,7 @@ class _Layer:
             raise UnknownId("camera", "closed", "a camera that was not closed")
         if [visual.tendon for visual in self._visuals] != list(tendons):
             self._replace(tendons, scale)
-        for visual in self._visuals:
-            visual.update()
+        update_visuals(self._visuals)
 
     def add_mesh(self, mesh, color) -> None:
         """Show a mesh too (vertices, normals, triangles) [m], world frame."""

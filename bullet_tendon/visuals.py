@@ -89,19 +89,7 @@ class TendonVisual:
             >>> from bullet_tendon import view
             >>> view.TendonVisual(tendon).update()
         """
-        points = np.asarray(self.tendon.positions, dtype=float)
-        if len(points) != self._particles:
-            raise InvalidValue("tendon.positions", points, f"of shape ({self._particles}, 3)")
-        points = points[self._ends]
-        chords = np.diff(points, axis=0)
-        self._fit(np.linalg.norm(chords, axis=1))
-        turns, client = _turns_from_x(chords).tolist(), self._client
-        places = points.tolist()
-        for body, place, turn in zip(self._pieces, places[:-1], turns, strict=True):
-            p.resetBasePositionAndOrientation(body, place, turn, physicsClientId=client)
-        p.resetBasePositionAndOrientation(self._start, places[0], turns[0], physicsClientId=client)
-        if self.full_tension is not None:
-            self._recolour(np.asarray(self.tendon.tension, dtype=float))
+        update_visuals([self])
 
     def remove(self):
         """Take the pieces away; a second call does nothing.
@@ -117,6 +105,23 @@ class TendonVisual:
         for body in [*self.bodies, *spare]:
             p.removeBody(body, physicsClientId=self._client)
         self._spare, self._start = {}, None
+
+    def points(self) -> np.ndarray:
+        """Where the pieces end now, (k, 3) [m]. Raises InvalidValue if the tendon has other particles."""
+        points = np.asarray(self.tendon.positions, dtype=float)
+        if len(points) != self._particles:
+            raise InvalidValue("tendon.positions", points, f"of shape ({self._particles}, 3)")
+        return points[self._ends]
+
+    def place(self, points, lengths, turns) -> None:
+        """Let the pieces end at `points`, of `lengths` (k-1,) [m] and quaternions `turns` (k-1, 4)."""
+        self._fit(lengths)
+        places, turns = points.tolist(), turns.tolist()
+        for body, place, turn in zip(self._pieces, places[:-1], turns, strict=True):
+            p.resetBasePositionAndOrientation(body, place, turn, physicsClientId=self._client)
+        p.resetBasePositionAndOrientation(self._start, places[0], turns[0], physicsClientId=self._client)
+        if self.full_tension is not None:
+            self._recolour(np.asarray(self.tendon.tension, dtype=float))
 
     def _fit(self, lengths) -> None:
         """Exchange the pieces that have another length than they should."""
@@ -149,6 +154,20 @@ class TendonVisual:
             if i == 0:
                 paint(self._start, -1, color, self._client)
         self._shown = share
+
+
+def update_visuals(visuals) -> None:
+    """Move the pieces of TendonVisuals to where their tendons are: the turns of all in one calculation."""
+    if not visuals:
+        return
+    points = [visual.points() for visual in visuals]
+    chords = np.concatenate([np.diff(line, axis=0) for line in points])
+    lengths = np.linalg.norm(chords, axis=1)
+    turns = _turns_from_x(chords, lengths)
+    end = 0
+    for visual, line in zip(visuals, points, strict=True):
+        start, end = end, end + len(line) - 1
+        visual.place(line, lengths[start:end], turns[start:end])
 
 
 class LigamentLine:
@@ -305,9 +324,9 @@ def _turned(x, radii, slope, sides, tip) -> SimpleNamespace:
     )
 
 
-def _turns_from_x(vectors) -> np.ndarray:
-    """Quaternions (n, 4) that turn x the short way onto the vectors (n, 3)."""
-    length = np.linalg.norm(vectors, axis=1)[:, None]
+def _turns_from_x(vectors, lengths) -> np.ndarray:
+    """Quaternions (n, 4) that turn x the short way onto the vectors (n, 3), whose lengths are (n,)."""
+    length = lengths[:, None]
     x, y, z = np.where(length > 0, vectors / np.where(length > 0, length, 1.0), [1.0, 0.0, 0.0]).T
     turns = np.stack([0 * x, -z, y, 1 + x], axis=1)
     turns[x < -1 + 1e-12] = [0.0, 0.0, 1.0, 0.0]

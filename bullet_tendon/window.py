@@ -11,7 +11,15 @@ import pybullet as p
 from . import checks
 from .errors import InvalidType, NotCopied
 from .tendon import Tendon
-from .visuals import LIGAMENT_COLOR, PALETTE, LigamentLine, Lines, TendonVisual, checked_colors
+from .visuals import (
+    LIGAMENT_COLOR,
+    PALETTE,
+    LigamentLine,
+    Lines,
+    TendonVisual,
+    checked_colors,
+    update_visuals,
+)
 from .world import TendonWorld
 
 PAUSE, STEP = p.B3G_SPACE, p.B3G_RIGHT_ARROW
@@ -121,10 +129,9 @@ class Window(NotCopied):
         if self._colored:
             tensions = [float(tendon.tension.max()) for tendon in tendons]
             self._highest = max([self._highest, *tensions])
-        for visual in self._visuals.values():
-            if self._colored:
+            for visual in self._visuals.values():
                 visual.full_tension = self._full()
-            visual.update()
+        update_visuals(self._visuals.values())
 
     def _visual(self, k: int, tendon: Tendon | LigamentLine) -> TendonVisual:
         full = self._full() if self._colored else None
