@@ -483,7 +483,9 @@ def moving_post(scene):
     scene.energy = False  # whoever moves the post does work
     tendon.set_force(0, (force, 0, 0))
     tendon.grip(-1)
-    speed = scene.direction() * scene.flat(0.1, 0.5) * 0.02 / (scene.steps * scene.dt)
+    to_hand = np.linalg.norm(np.diff(tendon.positions[-2:], axis=0))
+    most = min(0.02, to_hand)
+    speed = scene.direction() * scene.flat(0.1, 0.5) * most / (scene.steps * scene.dt)
     speed[1] = 0
     spin = scene.pick(0.0, scene.flat(-1, 1) / (scene.steps * scene.dt))
     line = "p.resetBasePositionAndOrientation({0}, np.multiply({1}, k * {2}), q)"
