@@ -242,7 +242,8 @@ class JointedBody:
     def _take_tree(self, floating: tuple[bool, ...]) -> None:
         """Take what floats (by member) for what is read from now on."""
         if floating not in self._trees:
-            self._trees[floating] = tree_of(self._infos, floating)
+            # Its own: a tree holds where its links are, from a read to the end of the step.
+            self._trees[floating] = tree_of(self._infos, floating).copy()
         self._floating, self._tree = floating, self._trees[floating]
         self._yields = any(map(self._tree.moves, self._links))
 

@@ -682,3 +682,52 @@ def test_an_arm_that_a_load_pulls_onto_its_stop_gains_no_energy(make_world, clie
         assert world.report.converged
         assert energy() < most + 1e-2
     assert p.getJointState(arm, 1, client)[0] == pytest.approx(2.094, abs=0.02)
+
+
+CHAIN = """<robot name="chain"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.1 0 0"/><mass value="0.3"/>
+<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0.1 0 0"/><mass value="0.2"/>
+<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="first" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-0.5" upper="0.5" effort="100" velocity="100"/></joint>
+<joint name="second" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.2 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-0.4" upper="0.4" effort="100" velocity="100"/></joint></robot>"""
+
+
+def test_an_arm_moves_as_it_does_without_an_equal_one(tmp_path):
+    """Two arms of one URDF, turned differently, are drawn onto their limits: neither feels the other."""
+    path = tmp_path / "chain.urdf"
+    path.write_text(CHAIN)
+
+    def angles(chosen):
+        client = p.connect(p.DIRECT)
+        p.setTimeStep(1 / 240, physicsClientId=client)
+        p.setGravity(0, 0, -9.81, physicsClientId=client)
+        world = bt.TendonWorld(client)
+        arms, grips = [], []
+        for k in chosen:
+            place, turn = [0, 1.0 * k, 1], p.getQuaternionFromEuler((0, 0, 1.2 * k))
+            arm = p.loadURDF(str(path), place, turn, useFixedBase=True, physicsClientId=client)
+            for joint in (0, 1):
+                p.setJointMotorControl2(arm, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+            tip = np.array(p.multiplyTransforms(place, turn, (0.35, 0, 0), (0, 0, 0, 1))[0])
+            up = np.array([0, 0, 1.0 - 2 * k])
+            cord = world.add_tendon([tip + 0.3 * up, tip], 1e-3, bt.Material(stiffness=5e3, damping=5.0), 6)
+            cord.attach(-1, arm, 1)
+            grips.append((cord.grip(0), tip + 0.3 * up, 0.002 * up))
+            arms.append(arm)
+        found = []
+        for step in range(150):
+            for grip, start, way in grips:
+                grip.target = start + min(step, 100) * way
+            world.step()
+            found.append([[p.getJointState(arm, j, client)[0] for j in (0, 1)] for arm in arms])
+        p.disconnect(client)
+        return np.array(found)
+
+    both = angles([0, 1])
+    for k in (0, 1):
+        alone = angles([k])[:, 0]
+        assert np.abs(alone).max() > 0.39  # it reached a limit
+        np.testing.assert_allclose(both[:, k], alone, atol=1e-9)  # 0.05 where it takes the other one's places

@@ -610,6 +610,7 @@ void bind_articulated(py::module_& m) {
   m.attr("GEAR_CONSTRAINT") = static_cast<int>(ConstraintKind::gear);
   py::class_<Articulated>(m, "Articulated")
       .def(py::init(&articulated))
+      .def("copy", [](const Articulated& body) { return Articulated(body); })
       .def_property_readonly("links", &Articulated::links)
       .def_property_readonly("trees", &Articulated::trees)
       .def_property_readonly("dofs", &Articulated::dofs)
