@@ -25,9 +25,9 @@ from .generalized_bodies import (
     change_rates,
     exchange_wrench,
     generalized_bodies,
-    is_rigid,
     link_pose,
     moves,
+    rates_of_body,
     read_link,
     touching_bodies,
 )
@@ -101,8 +101,10 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
-        self._touching: list[tuple[int, int]] = []  # bodies without joints that touch each other
-        self._rigid: list[int] = []  # bodies without joints that are used
+        self._motors: dict[tuple[int, int], tuple[int, int]] = {}  # slot and place of joints that had any
+        self._touching: list[tuple[int, int]] = []  # bodies that touch each other
+        self._movable: list[int] = []  # bodies that are used, and that something moves
+        self._rates: dict[tuple[int, int], int | None] = {}  # see rates_of_body
         self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
@@ -228,11 +230,12 @@ class Bodies:
         self._generalized()
         kept = self._core.kept_touching()
         if kept is None:
-            found = touching_bodies(self._rigid, points, self.client)
+            found = touching_bodies(self._movable, self._rates, points, self.client)
         else:
             there = set(bodies_of(self.client))
             found = [pair for pair in zip(kept[::2], kept[1::2], strict=True) if there.issuperset(pair)]
             self._members.clear()  # what the core has learned is of these
+            self._motors.clear()
         if found != self._touching:
             self._touching = found
             self._bodies = None
@@ -257,7 +260,7 @@ class Bodies:
             points: dict[int, list] = {}  # of contacts, by body
             for body in self._generalized():
                 body.keep_contacts(self._core, points)
-            touching = touching_bodies(self._rigid, points, self.client)
+            touching = touching_bodies(self._movable, self._rates, points, self.client)
             self._core.keep_touching([body for pair in touching for body in pair])
 
     def _used(self) -> list[int]:
@@ -277,16 +280,24 @@ class Bodies:
             self._bodies = [
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
-            self._rigid = [body for body in slots if is_rigid(body, self.client)]
-            self._forget_others()
+            self._rates = {}
+            self._movable = [b for b in slots if rates_of_body(b, self._rates, self.client) > 0]
+            self._hand_over()
         return self._bodies
 
-    def _forget_others(self) -> None:
-        """What was learned of a body is not that of another one, or of more bodies."""
+    def _hand_over(self) -> None:
+        """What was learned of a body is not that of more bodies, but for the motors of its joints."""
         members = {body.slot: body.members for body in self._bodies or ()}
-        for slot, known in self._members.items():
-            if members.get(slot, known) != known:
-                self._core.forget_body(slot)
+        forgotten = [slot for slot, known in self._members.items() if members.get(slot, known) != known]
+        before, self._motors = self._motors, {}
+        kept = []
+        for body in self._bodies or ():
+            places = {joint: (body.slot, place) for joint, place in body.motors().items()}
+            known = [joint for joint in places if joint in before]
+            if body.slot in forgotten or any(before[joint] != places[joint] for joint in known):
+                kept.append((body.slot, [(places[joint][1], *before[joint]) for joint in known]))
+            self._motors.update(places)
+        self._core.regroup(forgotten, kept)
         self._members = members
 
     def _update_joints(self) -> None:

@@ -19,7 +19,7 @@ of all bases before those of the joints, and the constraints as rows among them.
 """
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -181,6 +181,10 @@ class RigidBody:
     def add_joint_force(self, core, body: int, joint: int, force: float) -> None:
         """It has no joints that are known."""
 
+    def motors(self) -> dict:
+        """It has no joints that are known."""
+        return {}
+
     def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
@@ -231,7 +235,6 @@ class JointedBody:
         self._carried = [(m.body, link) for m in self._members.values() for link in range(m.count)]
         self._named = [(body, -1) for body in self.members] + self._carried  # body and link of each link
         self._infos = list(infos.values())
-        self._rigid = [not m.count for m in self._members.values()]
         self._movable = [(m.body, m.joints) for m in self._members.values()]
         self._with_joints = [m.body for m in self._members.values() if m.count]
         self._trees: dict[tuple, _core.Articulated] = {}  # by what floats
@@ -250,8 +253,7 @@ class JointedBody:
     def read(self, core, constraints: list[Constraint], points: dict[int, list]) -> bool:
         """Where its links are, and how they answer, into the core; whether all of that is finite."""
         client = self.client
-        infos = [p.getDynamicsInfo(body, -1, client) for body in self.members]
-        floating = tuple([info[0] > 0 for info in infos])
+        floating = tuple([p.getDynamicsInfo(body, -1, client)[0] > 0 for body in self.members])
         if floating != self._floating:
             self._take_tree(floating)
         if not self._yields:
@@ -262,34 +264,41 @@ class JointedBody:
         # for this.
         for body in self._with_joints:
             p.getLinkState(body, 0, 0, 1, client)
-        place, motion = p.getBasePositionAndOrientation, p.getBaseVelocity
-        bases = [(place(body, client), motion(body, client)) for body in self.members]
-        infos += [p.getDynamicsInfo(body, link, client) for body, link in self._carried]
         joining = _joining(constraints, self.members, self._end, client) if constraints else []
-        states = self._joint_states()
-        finite = core.read_body(self._tree, self._slots, self._links, infos, bases, states, joining)
+        finite = core.read_body(self._tree, self._slots, self._links, *self._places(), joining)
         self._read_contacts(core, points, keep=False)
         return finite
 
+    def _places(self) -> tuple[list, list, tuple]:
+        """Of pybullet now: dynamics of the links, places and motions of the bases, and states of the joints."""
+        client, place, motion = self.client, p.getBasePositionAndOrientation, p.getBaseVelocity
+        infos = [p.getDynamicsInfo(*link, client) for link in self._named]
+        bases = [(place(body, client), motion(body, client)) for body in self.members]
+        return infos, bases, self._joint_states()
+
     def _read_contacts(self, core, points: dict[int, list], keep: bool) -> None:
-        """Of its members without joints, with each other and with bodies without mass."""
-        if len(self.members) == 1 or not any(self._rigid):
+        """Of its members, with each other and with bodies without mass."""
+        if len(self.members) == 1:
             return
         client, pairs = self.client, []
-        floating = [is_so and floats for is_so, floats in zip(self._rigid, self._floating, strict=True)]
-        rates = [6 * sum(self._floating[:base]) for base in range(len(floating))]
-        first = {b: rate for b, rate, is_so in zip(self.members, rates, floating, strict=True) if is_so}
-        for body, rate in first.items():
-            own = contact_points(body, client, points)
-            for other in {c[2]: None for c in own}:
-                if (other in first and other < body) or not (other in first or is_fixed(other, client)):
+        for body in self.members:
+            between: dict[tuple, list] = {}  # by link, body and link
+            for c in contact_points(body, client, points):
+                between.setdefault(c[2:5], []).append(c)
+            for (other, own_link, link), found in between.items():
+                if other in self._members and other < body:
+                    continue  # it has named them
+                if other not in self._members and moves(other, client):
                     continue
-                between = tuple([c for c in own if c[2] == other])
-                sides = (body, -1), (other, between[0][4])
+                sides = (body, own_link), (other, link)
                 friction = np.prod([p.getDynamicsInfo(*side, client)[1] for side in sides])
-                centres = [p.getBasePositionAndOrientation(b, client)[0] for b in (body, other)]
-                pairs.append((rate, centres[0], first.get(other, -1), centres[1], friction, between))
-        core.set_touching(self.slot, self._tree.dofs, pairs, keep)
+                pairs.append((*map(self._link, sides), friction, tuple(found)))
+        core.set_touching(self.slot, self._tree, pairs, keep)
+
+    def _link(self, side: tuple[int, int]) -> int:
+        """The number of a link in the tree; -1: of another body."""
+        body, link = side
+        return self._members[body].link(link) if body in self._members else -1
 
     def _joint_states(self) -> tuple:
         parts = [joint_states(body, joints, self.client) for body, joints in self._movable]
@@ -360,44 +369,70 @@ class JointedBody:
     def keep_contacts(self, core, points: dict[int, list]) -> None:
         """Its contacts and what its motors give, into the state that is saved: pybullet restores neither."""
         if self._yields:
-            core.keep_motors(self.slot, self._tree, self._joint_states())
+            infos, bases, states = self._places()
+            _core.place_body(self._tree, infos, bases, states)
+            core.keep_motors(self.slot, self._tree, states)
             self._read_contacts(core, points, keep=True)
 
+    def motors(self) -> dict[tuple[int, int], int]:
+        """The place of each hinge and slider among the rates of all joints, from the end, by body and joint."""
+        total = sum(member.rates for member in self._members.values())
+        return {
+            (member.body, joint): total - member.rate(joint)
+            for member in self._members.values()
+            for joint in member.joints
+        }
 
-def is_rigid(body: int, client: int) -> bool:
-    """Whether a body has mass and no joints."""
-    return p.getNumJoints(body, client) == 0 and not is_fixed(body, client)
 
+def touching_bodies(
+    bodies: Iterable[int], known: dict[tuple[int, int], int | None], points: dict[int, list], client: int
+) -> list[tuple[int, int]]:
+    """Pairs of bodies that move and touch: of these, and of what touches them, and so on.
 
-def touching_bodies(bodies: list[int], points: dict[int, list], client: int) -> list[tuple[int, int]]:
-    """Pairs of bodies without joints that touch: of these, and of what touches them, and so on.
-
-    Heaps with more rates than are solved for as one are left out.
+    Heaps with more rates than are solved for as one are left out. known: see rates_of_body.
     """
     pairs: list[tuple[int, int]] = []
     seen: set[int] = set()
     for body in bodies:
         if body not in seen:
-            heap, among = _heap_of(body, points, client)
+            heap, among = _heap_of(body, known, points, client)
             seen.update(heap)
             pairs += among
     return pairs
 
 
-def _heap_of(body: int, points: dict[int, list], client: int) -> tuple[list[int], list[tuple[int, int]]]:
+def _heap_of(body: int, known: dict, points: dict, client: int) -> tuple[list[int], list[tuple[int, int]]]:
     """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
-    heap, pairs = [body], []
+    heap, pairs, count = [body], [], rates_of_body(body, known, client)
     for one in heap:
         for other in sorted({c[2] for c in contact_points(one, client, points)} - {one}):
-            pair = min(one, other), max(one, other)
-            if pair in pairs or not is_rigid(other, client):
+            pair, more = (min(one, other), max(one, other)), rates_of_body(other, known, client)
+            if pair in pairs or more == 0:
                 continue
             pairs.append(pair)
             if other not in heap:
                 heap.append(other)
-        if 6 * len(heap) > _MOST_RATES:
+                count += more
+        if count > _MOST_RATES:
             return heap, []
     return heap, pairs
+
+
+def rates_of_body(body: int, known: dict[tuple[int, int], int | None], client: int) -> int:
+    """How many rates a body has; 0: nothing moves it, or it has joints that the core does not know.
+
+    known: those of joints that were counted before, by body and number of joints; these are added.
+    """
+    base = 0 if is_fixed(body, client) else 6
+    joints = p.getNumJoints(body, client)
+    if joints == 0:
+        return base
+    key = body, joints
+    if key not in known:
+        kinds = [info[2] for info in joint_infos(body, client)]
+        known[key] = sum(_COUNTS[kind] for kind in kinds) if set(kinds) <= set(_COUNTS) else None
+    of_joints = known[key]
+    return 0 if of_joints is None else base + of_joints
 
 
 def bodies_of(client: int) -> list[int]:

@@ -150,38 +150,57 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
   }
 }
 
-// Two bodies that touch: the first of their rates and the centre of mass of each (-1: it has no rates), the
-// coefficient of friction, and p.getContactPoints of the first one with the second one.
-struct Touching {
-  int a, b;
-  Vec3 centre_a, centre_b;
-  double friction;
-  PyObject* points;
+// Two links that touch (-1: what the body does not move), with the coefficient of friction, and
+// p.getContactPoints of the first one with the second one.
+class Touching {
+ public:
+  Touching(const Articulated& tree, PyObject* pair)
+      : points(item(pair, 3)), friction(number(pair, 2)), n_(tree.dofs()) {
+    for (int side = 0; side < 2; ++side) {
+      const int link = static_cast<int>(number(pair, side));
+      if (link >= tree.links()) throw py::index_error("pairs");
+      if (link < 0 || !tree.moves(link)) continue;
+      sides_.push_back({tree.centre(link), dense::Numbers(6 * n_), side == 0 ? 1.0 : -1.0});
+      tree.jacobian(link, sides_.back().jacobian.data());
+    }
+  }
 
   // Adds the row of a relative velocity along d, at the point p, or of a relative spin about it.
-  void add_row(Vec3 d, const Vec3* p, int n, double last, Numbers& rows) const {
-    const std::size_t first = rows.size();
-    rows.resize(first + n + 1);
-    for (const auto& [at, centre, sign] : {std::tuple{a, centre_a, 1.0}, std::tuple{b, centre_b, -1.0}}) {
-      if (at < 0) continue;
-      const Vec3 linear = p ? d : Vec3{}, angular = p ? cross(*p - centre, d) : d;
-      const double row[6] = {linear.x, linear.y, linear.z, angular.x, angular.y, angular.z};
-      for (int i = 0; i < 6; ++i) rows[first + at + i] += sign * row[i];
+  void add_row(Vec3 d, const Vec3* p, double last, Numbers& rows) const {
+    dense::Numbers row(n_);
+    for (const Side& side : sides_) {
+      const Vec3 linear = p ? d : Vec3{}, angular = p ? cross(*p - side.centre, d) : d;
+      const double along[6] = {linear.x, linear.y, linear.z, angular.x, angular.y, angular.z};
+      for (int k = 0; k < n_; ++k)
+        for (int i = 0; i < 6; ++i) row[k] += side.sign * along[i] * side.jacobian[i * n_ + k];
     }
-    rows[first + n] = last;
+    rows.insert(rows.end(), row.begin(), row.end());
+    rows.push_back(last);
   }
+
+  PyObject* points;
+  double friction;
+
+ private:
+  struct Side {
+    Vec3 centre;
+    dense::Numbers jacobian;  // (6 n)
+    double sign;
+  };
+  int n_;
+  std::vector<Side> sides_;
 };
 
-// Adds the rows of the contact points of two bodies, and those of their friction: at the middle of the
+// Adds the rows of the contact points of two links, and those of their friction: at the middle of the
 // forces of the last step, along two directions and about the normal.
-void add_touching(const Touching& pair, int n, Numbers& contacts, Numbers& frictions) {
+void add_touching(const Touching& pair, Numbers& contacts, Numbers& frictions) {
   Vec3 normal, middle;
   double force = 0, arms = 0;
   std::vector<std::pair<Vec3, double>> pushes;  // places and forces
   for (int k = 0; k < PyTuple_Size(pair.points); ++k) {
     PyObject* point = item(pair.points, k);
     const Vec3 along = vector(item(point, 7)), at = vector(item(point, 5));
-    pair.add_row(along, &at, n, number(point, 8), contacts);
+    pair.add_row(along, &at, number(point, 8), contacts);
     pushes.push_back({at, number(point, 9)});
     force += pushes.back().second;
     normal += pushes.back().second * along;
@@ -193,27 +212,21 @@ void add_touching(const Touching& pair, int n, Numbers& contacts, Numbers& frict
   normal = unit_or(normal, {0, 0, 1});
   const Vec3 first = direction_across(std::fabs(normal.x) < 0.5 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}, normal);
   for (const Vec3 along : {first, cross(normal, first)})
-    pair.add_row(along, &middle, n, pair.friction * force, frictions);
-  pair.add_row(normal, nullptr, n, pair.friction * arms, frictions);
+    pair.add_row(along, &middle, pair.friction * force, frictions);
+  pair.add_row(normal, nullptr, pair.friction * arms, frictions);
 }
 
-// Sets the contacts among bodies that move together, and with bodies without mass: (first rate, centre of
-// mass; the same of the other one, or -1; friction, points) each. keep: as in set_contacts.
-void set_touching(World& w, int slot, int rates, const py::list& pairs, bool keep) {
+// Sets the contacts among the links of a body, and with bodies without mass: both links, friction and points
+// each. tree: as it was read. keep: as in set_contacts.
+void set_touching(World& w, int slot, const Articulated& tree, const py::list& pairs, bool keep) {
   if (slot >= static_cast<int>(w.scene.bodies.size())) return;
   GeneralizedBody& m = w.scene.bodies[slot];
-  if (m.n() != rates || m.stops.contacts_known) return;
+  if (m.n() != tree.dofs() || m.stops.contacts_known) return;
   m.stops.contacts.clear();
   m.stops.frictions.clear();
   m.stops.contacts_known = keep;
-  for (const py::handle& of : pairs) {
-    PyObject* pair = of.ptr();
-    const int a = static_cast<int>(number(pair, 0)), b = static_cast<int>(number(pair, 2));
-    if (a < 0 || a + 6 > rates || b + 6 > rates) throw py::index_error("pairs");
-    const Touching touching{
-        a, b, vector(item(pair, 1)), vector(item(pair, 3)), number(pair, 4), item(pair, 5)};
-    add_touching(touching, rates, m.stops.contacts, m.stops.frictions);
-  }
+  for (const py::handle& pair : pairs)
+    add_touching(Touching(tree, pair.ptr()), m.stops.contacts, m.stops.frictions);
 }
 
 // A force of the user at a world point of the link that a slot stands for, in this step.
@@ -233,16 +246,33 @@ void clear_link(World& w, int slot) {
   w.scene.filter.forget_link(slot);
 }
 
-// Forgets what was learned of the body in a slot.
-void forget_body(World& w, int slot) {
-  if (slot < static_cast<int>(w.scene.bodies.size())) w.scene.bodies[slot] = GeneralizedBody{};
+// Motors that stay known: the slot of their body now, and of each its place there, and the slot and place
+// that it had before. Places are counted from the end.
+using KeptMotors = std::vector<std::pair<int, std::vector<std::array<int, 3>>>>;
+
+// Forgets what was learned of the bodies in these slots, and of those whose motors are kept all else: they
+// move together with others now.
+void regroup(World& w, const std::vector<int>& forgotten, const KeptMotors& kept) {
+  std::vector<GeneralizedBody>& bodies = w.scene.bodies;
+  std::vector<JointMotors> found;
+  for (int slot : forgotten) w.ensure_link(slot);
+  for (const auto& [slot, motors] : kept) {
+    w.ensure_link(slot);
+    found.emplace_back();
+    for (const auto& [place, from, at] : motors) found.back().take(place, bodies.at(from).stops.motors, at);
+  }
+  for (int slot : forgotten) bodies.at(slot) = GeneralizedBody{};
+  for (size_t i = 0; i < kept.size(); ++i) {
+    bodies.at(kept[i].first) = GeneralizedBody{};
+    bodies.at(kept[i].first).stops.motors = found[i];
+  }
 }
 
 }  // namespace
 
 void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
-      .def("forget_body", &forget_body)
+      .def("regroup", &regroup)
       .def("read_link", &read_link)
       .def("sample_link", &sample_link)
       .def("set_contacts", &set_contacts)
@@ -451,7 +481,12 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   const Reading reading{infos, bases, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
-  if (m.n() != body.dofs()) m = GeneralizedBody{};
+  if (m.n() != body.dofs()) {
+    const JointMotors motors(m.stops.motors);
+    m = GeneralizedBody{};
+    m.stops.motors = motors;
+    if (!motors.all.empty()) m.stops.motors.fit(body.dofs());
+  }
   m.external.clear();
   m.history.possible = true;
   const bool continues = is_second_order(w.options.integrator);
@@ -569,6 +604,13 @@ void bind_bodies(py::module_& m, GuardedWorld& world) {
       .def("add_body_force", &add_body_force)
       .def("add_joint_force", &add_joint_force);
   m.def("dynamics", &dynamics);
+  m.def("place_body",
+        [](Articulated& tree, const py::list& infos, const py::list& bases, const py::tuple& joints) {
+          std::vector<double> rates, places;
+          const Reading reading{infos, bases, joints};
+          read_joints(tree, reading, rates, places);
+          place(tree, reading, places);
+        });
 }
 
 namespace {

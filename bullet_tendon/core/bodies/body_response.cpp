@@ -60,6 +60,8 @@ void GeneralizedBody::sense() {
     by_motors = explain_stops(motors.reported, reached);
     motors.reported_before = motors.reports;
     if (by_motors.size() == rates.size()) motors.thrown = motors.observe(reached, by_motors, observer.dt());
+  } else {
+    motors.begin(rates);
   }
   // With several tendons, or contacts of them, the motion without a cut-off is not known.
   const bool alone = !gravity_response.empty() && !is_jointed() && (touches == 1 || turning.far);

@@ -577,12 +577,19 @@ void BodyStops::note_motors(const Numbers& swept, double dt) {
 }
 
 // Notes the rates that rows would have if pybullet stopped nothing.
+// Of a constraint, without all constraints, and of a contact, without all contacts; motors and limits act on.
 void BodyStops::note_unstopped(const Body& of, const Numbers& forces, double dt) {
   if (constraints.empty() && contacts.empty()) return;
   rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
-  for (size_t a = 0; a < all_.size(); ++a)
-    if (all_[a].constraint >= 0 || all_[a].is_of_contact())
-      all_[a].unstopped = along(directions_, a, work_.known);
+  const size_t m = all_.size();
+  for (size_t a = 0; a < m; ++a) {
+    Stop& s = all_[a];
+    if (s.constraint < 0 && !s.is_of_contact()) continue;
+    s.unstopped = along(directions_, a, work_.known);
+    for (size_t b = 0; b < m; ++b)
+      if ((all_[b].constraint < 0) != (s.constraint < 0) || all_[b].is_of_contact() != s.is_of_contact())
+        s.unstopped += work_.within[a * m + b] * pushes_[b];
+  }
 }
 
 void BodyStops::rest(int n) {
@@ -592,11 +599,11 @@ void BodyStops::rest(int n) {
 
 void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers& given) {
   if (!act() && !motors.any()) return;
-  note_unstopped(of, forces, dt);
   find_pushes(of, forces, dt);
   const size_t m = all_.size(), n = of.rates.size();
   const bool answered = motors_act() || (of.observer.held() && motors.any());
   while (shift_to_limits(of, answered, dt)) find_pushes(of, forces, dt);
+  note_unstopped(of, forces, dt);
   for (size_t a = 0; a < m; ++a) {
     const Stop& s = all_[a];
     const bool is_given = s.wanted > -kFastest || !(answered || steady_);

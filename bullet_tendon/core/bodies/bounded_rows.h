@@ -25,7 +25,7 @@ struct Stop {
   double wanted = 0;     // the bound of the rate, or the rate that is set [m/s], [rad/s]
   double missing = 0;    // `wanted` less the rate predicted without stops and without tendons
   double held_back = 0;  // `wanted` less the rate predicted with the tendons and all other stops
-  double unstopped = 0;  // of a constraint or contact: the rate with the tendons and no stops [m/s], [rad/s]
+  double unstopped = 0;  // of a constraint or contact: the rate without these [m/s], [rad/s]
   int coordinate = -1;   // of a limit or motor; -1: a contact or constraint
   bool acts = false;     // it sets the rate
   bool admitted = true;  // whether it may begin to act
