@@ -270,7 +270,7 @@ class JointedBody:
         return finite
 
     def _places(self) -> tuple[list, list, tuple]:
-        """Of pybullet now: dynamics of the links, places and motions of the bases, and states of the joints."""
+        """Dynamics of the links, places and motions of the bases, and states of the joints, now."""
         client, place, motion = self.client, p.getBasePositionAndOrientation, p.getBaseVelocity
         infos = [p.getDynamicsInfo(*link, client) for link in self._named]
         bases = [(place(body, client), motion(body, client)) for body in self.members]
@@ -375,7 +375,7 @@ class JointedBody:
             self._read_contacts(core, points, keep=True)
 
     def motors(self) -> dict[tuple[int, int], int]:
-        """The place of each hinge and slider among the rates of all joints, from the end, by body and joint."""
+        """By body and joint, the place of a joint among the rates of all joints, counted from the end."""
         total = sum(member.rates for member in self._members.values())
         return {
             (member.body, joint): total - member.rate(joint)

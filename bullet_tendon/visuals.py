@@ -106,14 +106,14 @@ class TendonVisual:
             p.removeBody(body, physicsClientId=self._client)
         self._spare, self._start = {}, None
 
-    def points(self) -> np.ndarray:
+    def _points(self) -> np.ndarray:
         """Where the pieces end now, (k, 3) [m]. Raises InvalidValue if the tendon has other particles."""
         points = np.asarray(self.tendon.positions, dtype=float)
         if len(points) != self._particles:
             raise InvalidValue("tendon.positions", points, f"of shape ({self._particles}, 3)")
         return points[self._ends]
 
-    def place(self, points, lengths, turns) -> None:
+    def _place(self, points, lengths, turns) -> None:
         """Let the pieces end at `points`, of `lengths` (k-1,) [m] and quaternions `turns` (k-1, 4)."""
         self._fit(lengths)
         places, turns = points.tolist(), turns.tolist()
@@ -160,14 +160,14 @@ def update_visuals(visuals) -> None:
     """Move the pieces of TendonVisuals to where their tendons are: the turns of all in one calculation."""
     if not visuals:
         return
-    points = [visual.points() for visual in visuals]
+    points = [visual._points() for visual in visuals]
     chords = np.concatenate([np.diff(line, axis=0) for line in points])
     lengths = np.linalg.norm(chords, axis=1)
     turns = _turns_from_x(chords, lengths)
     end = 0
     for visual, line in zip(visuals, points, strict=True):
         start, end = end, end + len(line) - 1
-        visual.place(line, lengths[start:end], turns[start:end])
+        visual._place(line, lengths[start:end], turns[start:end])
 
 
 class LigamentLine:

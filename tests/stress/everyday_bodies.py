@@ -852,6 +852,47 @@ def joined_bodies(scene):
 
 
 @family
+def held_in_jaws(scene):
+    """Jaws that motors press on a box hold it, and a load that hangs from the box by a cord."""
+    scene.begin()
+    mass, size = scene.log(0.01, 2), scene.log(0.01, 0.05)
+    load = rounded(mass * scene.log(0.1, 10))
+    force = rounded(scene.flat(4, 20) * G * (mass + load) / 2)  # of a jaw; the coefficient of friction is one
+    shape = scene.shape("box", (size, 0.2 * size, size))
+    jaw = rounded(mass * scene.log(0.3, 3))  # pybullet itself does not hold a box that is much lighter
+    places, axes = [[0, side * 0.6 * size, 0] for side in (-1, 1)], [[0, -side, 0] for side in (-1, 1)]
+    jaws = jointed(scene, scene.raw.JOINT_PRISMATIC, [jaw] * 2, shape, places, axes)
+    box = scene.body("box", (size, size, size), mass)
+    for body, link in ((jaws, 0), (jaws, 1), (box, -1)):
+        scene.p.changeDynamics(body, link, lateralFriction=1.0)
+    for k in range(2):
+        if scene.coin():
+            goal = {"controlMode": scene.raw.VELOCITY_CONTROL, "targetVelocity": 0.1 * size / scene.dt}
+        else:
+            goal = {"controlMode": scene.raw.POSITION_CONTROL, "targetPosition": size}
+        scene.p.setJointMotorControl2(jaws, k, force=force, **goal)
+    for _ in range(30):
+        scene.p.stepSimulation()
+    if np.linalg.norm(scene.speed(box)) > 1e-3:
+        return  # pybullet itself does not hold it
+    scene.energy = False  # the motors' work
+    start = scene.place(box)[0][2]
+    hook, end = (0, 0, start - size / 2), (0, 0, start - size / 2 - scene.flat(0.1, 0.4))
+    material = scene.material(G * load, damping=rounded(G * load * scene.log(0.3, 3)))
+    cord = straight(scene, (hook, end), material, scene.whole(2, 20), 1e-3)
+    cord.attach(0, box)
+    cord.attach(-1, scene.body("sphere", (0.02,), load, end))
+    given = []
+    scene.run(scene.steps, watch=lambda: given.append(cord.tension[0]))
+    # What hangs from a spring, and is let go, pulls it by (1 + n) times its weight at most, with f ~ s^n.
+    weight = G * (load + cord._target.masses.sum())
+    most = 1.05 * (1 + material.exponent) * weight
+    scene.check(max(given) <= most, f"the cord is pulled by {max(given):.4g} N (at most {most:.4g})")
+    fallen = start - scene.place(box)[0][2]
+    scene.check(fallen < 0.1 * size, f"the box slips by {fallen:.4g} m")
+
+
+@family
 def loaded_tray(scene):
     """A tray on four cords, with boxes that stand on it or drop onto it: the cords carry all of them.
 

@@ -79,6 +79,7 @@ def test_fingers_without_motors_are_not_taken_for_held_ones(monkeypatch):
 # Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).
 WRONG_TODAY = {
     "end_pushed_on_plate": "a free end that buckles under a large push",
+    "held_in_jaws": "pybullet lets a box turn between jaws, and then slip",
     "graft_in_bone": "chords of a coarse graft press on both walls of a tight bore",
     "joined_bodies": "a pair that spins at 40 rad/s and winds its own cords up",
     "loaded_tray": "boxes that strike a tray of much less mass can go through it",

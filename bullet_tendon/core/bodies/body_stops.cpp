@@ -132,7 +132,8 @@ void BodyStops::doubt(const Numbers& rates) {
     doubted_[s.coordinate] = 1;
   }
   rested_ = kept > lost;
-  if (lost <= std::max(kept, kSolverNoise * pushed)) return;
+  const bool bears = !frictions.empty();  // pybullet reports forces of contacts
+  if (bears || lost <= std::max(kept, kSolverNoise * pushed)) return;
   by_pybullet_.clear();
   slipped_ = true;
 }
