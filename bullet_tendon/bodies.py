@@ -103,7 +103,7 @@ class Bodies:
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
         self._motors: dict[tuple[int, int], tuple[int, int]] = {}  # slot and place of joints that had any
         self._touching: list[tuple[int, int]] = []  # bodies that touch each other
-        self._movable: list[int] = []  # bodies that are used, and that something moves
+        self._movable: dict[int, int] = {}  # bodies that are used, and that something moves: with their rates
         self._rates: dict[tuple[int, int], int | None] = {}  # see rates_of_body
         self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
@@ -281,7 +281,8 @@ class Bodies:
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
             self._rates = {}
-            self._movable = [b for b in slots if rates_of_body(b, self._rates, self.client) > 0]
+            counts = {body: rates_of_body(body, self._rates, self.client) for body in slots}
+            self._movable = {body: count for body, count in counts.items() if count > 0}
             self._hand_over()
         return self._bodies
 

@@ -19,7 +19,7 @@ of all bases before those of the joints, and the constraints as rows among them.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -385,25 +385,28 @@ class JointedBody:
 
 
 def touching_bodies(
-    bodies: Iterable[int], known: dict[tuple[int, int], int | None], points: dict[int, list], client: int
+    bodies: dict[int, int], known: dict[tuple[int, int], int | None], points: dict[int, list], client: int
 ) -> list[tuple[int, int]]:
     """Pairs of bodies that move and touch: of these, and of what touches them, and so on.
 
-    Heaps with more rates than are solved for as one are left out. known: see rates_of_body.
+    Heaps with more rates than are solved for as one are left out. bodies: with their numbers of rates. known:
+    see rates_of_body.
     """
     pairs: list[tuple[int, int]] = []
     seen: set[int] = set()
-    for body in bodies:
+    for body, count in bodies.items():
         if body not in seen:
-            heap, among = _heap_of(body, known, points, client)
+            heap, among = _heap_of(body, count, known, points, client)
             seen.update(heap)
             pairs += among
     return pairs
 
 
-def _heap_of(body: int, known: dict, points: dict, client: int) -> tuple[list[int], list[tuple[int, int]]]:
+def _heap_of(
+    body: int, count: int, known: dict, points: dict, client: int
+) -> tuple[list[int], list[tuple[int, int]]]:
     """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
-    heap, pairs, count = [body], [], rates_of_body(body, known, client)
+    heap, pairs = [body], []
     for one in heap:
         for other in sorted({c[2] for c in contact_points(one, client, points)} - {one}):
             pair, more = (min(one, other), max(one, other)), rates_of_body(other, known, client)
