@@ -265,8 +265,9 @@ class JointedBody:
         for body in self._with_joints:
             p.getLinkState(body, 0, 0, 1, client)
         joining = _joining(constraints, self.members, self._end, client) if constraints else []
-        finite = core.read_body(self._tree, self._slots, self._links, *self._places(), joining)
-        self._read_contacts(core, points, keep=False)
+        infos, bases, states = self._places()
+        finite = core.read_body(self._tree, self._slots, self._links, infos, bases, states, joining)
+        self._read_contacts(core, points, infos, keep=False)
         return finite
 
     def _places(self) -> tuple[list, list, tuple]:
@@ -276,29 +277,29 @@ class JointedBody:
         bases = [(place(body, client), motion(body, client)) for body in self.members]
         return infos, bases, self._joint_states()
 
-    def _read_contacts(self, core, points: dict[int, list], keep: bool) -> None:
-        """Of its members, with each other and with bodies without mass."""
+    def _read_contacts(self, core, points: dict[int, list], infos: list, keep: bool) -> None:
+        """Of its members, with each other and with bodies without mass. infos: dynamics of the links."""
         if len(self.members) == 1:
             return
         client, pairs = self.client, []
-        for body in self.members:
-            between: dict[tuple, list] = {}  # by link, body and link
+        for body, member in self._members.items():
+            between: dict[tuple, list] = {}  # by body and link, and own link
             for c in contact_points(body, client, points):
-                between.setdefault(c[2:5], []).append(c)
-            for (other, own_link, link), found in between.items():
-                if other in self._members and other < body:
-                    continue  # it has named them
-                if other not in self._members and moves(other, client):
+                between.setdefault((c[2], c[4], c[3]), []).append(c)
+            for (other, link, own_link), found in between.items():
+                is_named = other in self._members and other < body
+                if is_named or (other not in self._members and moves(other, client)):
                     continue
-                sides = (body, own_link), (other, link)
-                friction = np.prod([p.getDynamicsInfo(*side, client)[1] for side in sides])
-                pairs.append((*map(self._link, sides), friction, tuple(found)))
+                own, (end, friction) = member.link(own_link), self._touched(other, link, infos)
+                pairs.append((own, end, infos[own][1] * friction, tuple(found)))
         core.set_touching(self.slot, self._tree, pairs, keep)
 
-    def _link(self, side: tuple[int, int]) -> int:
-        """The number of a link in the tree; -1: of another body."""
-        body, link = side
-        return self._members[body].link(link) if body in self._members else -1
+    def _touched(self, body: int, link: int, infos: list) -> tuple[int, float]:
+        """The number of a link that a member touches, -1 where it stands, and its coefficient of friction."""
+        if body in self._members:
+            number = self._members[body].link(link)
+            return number, infos[number][1]
+        return -1, p.getDynamicsInfo(body, link, self.client)[1]
 
     def _joint_states(self) -> tuple:
         parts = [joint_states(body, joints, self.client) for body, joints in self._movable]
@@ -372,7 +373,7 @@ class JointedBody:
             infos, bases, states = self._places()
             _core.place_body(self._tree, infos, bases, states)
             core.keep_motors(self.slot, self._tree, states)
-            self._read_contacts(core, points, keep=True)
+            self._read_contacts(core, points, infos, keep=True)
 
     def motors(self) -> dict[tuple[int, int], int]:
         """By body and joint, the place of a joint among the rates of all joints, counted from the end."""
