@@ -101,7 +101,6 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
-        self._motors: dict[tuple[int, int], tuple[int, int]] = {}  # slot and place of joints that had any
         self._touching: list[tuple[int, int]] = []  # bodies that touch each other
         self._movable: dict[int, int] = {}  # bodies that are used, and that something moves: with their rates
         self._rates: dict[tuple[int, int], int | None] = {}  # see rates_of_body
@@ -227,18 +226,25 @@ class Bodies:
 
     def _read_touching(self, points: dict[int, list]) -> None:
         """The bodies that touch each other; bodies move together otherwise where these are others."""
-        self._generalized()
+        self._detect_contacts()
         kept = self._core.kept_touching()
         if kept is None:
             found = touching_bodies(self._movable, self._rates, points, self.client)
+            if found != self._touching and self.sample():
+                return  # what is known of a body that was released in the last step is needed once more
         else:
             there = set(bodies_of(self.client))
             found = [pair for pair in zip(kept[::2], kept[1::2], strict=True) if there.issuperset(pair)]
             self._members.clear()  # what the core has learned is of these
-            self._motors.clear()
         if found != self._touching:
             self._touching = found
             self._bodies = None
+
+    def _detect_contacts(self) -> None:
+        """Let pybullet list contacts of where bodies are: it lists those of the start of its last step."""
+        self._generalized()
+        if self._movable:
+            p.performCollisionDetection(self.client)
 
     def rest(self) -> None:
         """Tendons, or bodies, were put in equilibrium: the next step begins with the forces there.
@@ -258,6 +264,7 @@ class Bodies:
         """What free bodies rest on becomes part of the core's state."""
         if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
             points: dict[int, list] = {}  # of contacts, by body
+            self._detect_contacts()
             for body in self._generalized():
                 body.keep_contacts(self._core, points)
             touching = touching_bodies(self._movable, self._rates, points, self.client)
@@ -283,22 +290,15 @@ class Bodies:
             self._rates = {}
             counts = {body: rates_of_body(body, self._rates, self.client) for body in slots}
             self._movable = {body: count for body, count in counts.items() if count > 0}
-            self._hand_over()
+            self._forget_others()
         return self._bodies
 
-    def _hand_over(self) -> None:
-        """What was learned of a body is not that of more bodies, but for the motors of its joints."""
+    def _forget_others(self) -> None:
+        """What was learned of a body is not that of another one, or of more bodies."""
         members = {body.slot: body.members for body in self._bodies or ()}
-        forgotten = [slot for slot, known in self._members.items() if members.get(slot, known) != known]
-        before, self._motors = self._motors, {}
-        kept = []
-        for body in self._bodies or ():
-            places = {joint: (body.slot, place) for joint, place in body.motors().items()}
-            known = [joint for joint in places if joint in before]
-            if body.slot in forgotten or any(before[joint] != places[joint] for joint in known):
-                kept.append((body.slot, [(places[joint][1], *before[joint]) for joint in known]))
-            self._motors.update(places)
-        self._core.regroup(forgotten, kept)
+        for slot, known in self._members.items():
+            if members.get(slot, known) != known:
+                self._core.forget_body(slot)
         self._members = members
 
     def _update_joints(self) -> None:

@@ -181,10 +181,6 @@ class RigidBody:
     def add_joint_force(self, core, body: int, joint: int, force: float) -> None:
         """It has no joints that are known."""
 
-    def motors(self) -> dict:
-        """It has no joints that are known."""
-        return {}
-
     def can_be_held(self, core) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         return not self.falls or _can_be_held(self.body, self.client)
@@ -374,15 +370,6 @@ class JointedBody:
             _core.place_body(self._tree, infos, bases, states)
             core.keep_motors(self.slot, self._tree, states)
             self._read_contacts(core, points, infos, keep=True)
-
-    def motors(self) -> dict[tuple[int, int], int]:
-        """By body and joint, the place of a joint among the rates of all joints, counted from the end."""
-        total = sum(member.rates for member in self._members.values())
-        return {
-            (member.body, joint): total - member.rate(joint)
-            for member in self._members.values()
-            for joint in member.joints
-        }
 
 
 def touching_bodies(

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import UNDAMPED
+from link_scenes import UNDAMPED, misfit
 
 import bullet_tendon as bt
 
@@ -77,8 +77,8 @@ def test_what_jaws_hold_does_not_fall_with_the_load(client, make_world, dt, load
     np.testing.assert_allclose(found, right, atol=0.05 * G * load)
 
 
-def test_motors_of_jaws_stay_known_when_they_let_a_box_go(client, make_world):
-    """A cord on a jaw has the tension that its motor holds, also in the step after a box is taken away."""
+def test_motors_of_jaws_are_known_when_the_world_begins_and_when_they_let_a_box_go(client, make_world):
+    """A cord on a jaw ends where the jaw does, in the first step and in that after a box is taken away."""
     dt = 1 / 240
     p.setTimeStep(dt, physicsClientId=client)
     p.setGravity(0, 0, -G, physicsClientId=client)
@@ -91,14 +91,14 @@ def test_motors_of_jaws_stay_known_when_they_let_a_box_go(client, make_world):
     cord = world.add_tendon(
         [[0, -0.3, 0], [0, -0.7 * SIZE, 0]], 1e-3, bt.Material(stiffness=1e4, damping=50.0), 6
     )
-    cord.attach(-1, held, 0)
+    tied = cord.attach(-1, held, 0)
     hand = cord.grip(0)
     hand.target = (0, -0.3005, 0)
-    pulls = []
+    misfits = []
     for step in range(60):
         if step == 40:
             p.resetBasePositionAndOrientation(box, (0, 5, 0), (0, 0, 0, 1), client)
         world.step()
-        pulls.append(cord.tension.max())
-    assert pulls[39] > 5
-    np.testing.assert_allclose(pulls[40:], pulls[39], rtol=0.02)
+        misfits.append(misfit(cord, tied, client))
+    assert cord.tension.max() > 5
+    assert max(misfits) < 5e-5  # 4e-4 where motors are learned

@@ -246,33 +246,16 @@ void clear_link(World& w, int slot) {
   w.scene.filter.forget_link(slot);
 }
 
-// Motors that stay known: the slot of their body now, and of each its place there, and the slot and place
-// that it had before. Places are counted from the end.
-using KeptMotors = std::vector<std::pair<int, std::vector<std::array<int, 3>>>>;
-
-// Forgets what was learned of the bodies in these slots, and of those whose motors are kept all else: they
-// move together with others now.
-void regroup(World& w, const std::vector<int>& forgotten, const KeptMotors& kept) {
-  std::vector<GeneralizedBody>& bodies = w.scene.bodies;
-  std::vector<JointMotors> found;
-  for (int slot : forgotten) w.ensure_link(slot);
-  for (const auto& [slot, motors] : kept) {
-    w.ensure_link(slot);
-    found.emplace_back();
-    for (const auto& [place, from, at] : motors) found.back().take(place, bodies.at(from).stops.motors, at);
-  }
-  for (int slot : forgotten) bodies.at(slot) = GeneralizedBody{};
-  for (size_t i = 0; i < kept.size(); ++i) {
-    bodies.at(kept[i].first) = GeneralizedBody{};
-    bodies.at(kept[i].first).stops.motors = found[i];
-  }
+// Forgets what was learned of the body in a slot.
+void forget_body(World& w, int slot) {
+  if (slot < static_cast<int>(w.scene.bodies.size())) w.scene.bodies[slot] = GeneralizedBody{};
 }
 
 }  // namespace
 
 void bind_links(py::module_& m, GuardedWorld& world) {
   world.def("clear_link", &clear_link)
-      .def("regroup", &regroup)
+      .def("forget_body", &forget_body)
       .def("read_link", &read_link)
       .def("sample_link", &sample_link)
       .def("set_contacts", &set_contacts)
@@ -481,12 +464,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   const Reading reading{infos, bases, joints};
   for (int slot : slots) w.ensure_link(slot);
   GeneralizedBody& m = w.scene.bodies[slots[0]];
-  if (m.n() != body.dofs()) {
-    const JointMotors motors(m.stops.motors);
-    m = GeneralizedBody{};
-    m.stops.motors = motors;
-    if (!motors.all.empty()) m.stops.motors.fit(body.dofs());
-  }
+  if (m.n() != body.dofs()) m = GeneralizedBody{};
   m.external.clear();
   m.history.possible = true;
   const bool continues = is_second_order(w.options.integrator);

@@ -141,7 +141,7 @@ bool GeneralizedBody::limit_hold(double dt) {
 
 bool GeneralizedBody::may_rest(Vec3 gravity) const {
   const double pushed = std::sqrt(dense::dot(observer.push(), observer.push()));
-  return stops.act() || stops.slipped() || observer.held() || observer.is_new() || norm(gravity) == 0 ||
+  return stops.act() || observer.held() || observer.is_new() || norm(gravity) == 0 ||
          pushed > kLeastStopped * norm(gravity);
 }
 

@@ -106,22 +106,18 @@ void rates_under(const dense::Numbers& forces, const dense::Numbers& rates, cons
   for (size_t i = 0; i < rates.size(); ++i) after[i] = rates[i] + change[i] + dt * after[i];
 }
 
-// pybullet reports limits as they were loaded, even after changeDynamics, and contacts for longer than they
-// exist. A limit or contact that the body passed through is ignored.
+// pybullet reports limits as they were loaded, even after changeDynamics. A limit that the body passed
+// through is ignored.
 void BodyStops::doubt(const Numbers& rates) {
   doubted_.resize(rates.size());
-  // Of several bodies, others rest on each other all the same.
-  if (contacts.empty() || rates.size() > 6) slipped_ = false;
-  rested_ = false;
   // Of contacts together, weighted by their impulses: of those that bear a body, any may bear nothing.
-  double lost = 0, kept = 0, pushed = 0;
+  double lost = 0, kept = 0;
   for (size_t k = 0; k < all_.size(); ++k) {
     const Stop& s = all_[k];
     if (!s.acts || s.sets_rate()) continue;
     if (s.coordinate < 0) {
       if (pushes_.size() != all_.size()) continue;  // of a crafted snapshot
       const double rate = along(directions_, k, rates);
-      pushed += pushes_[k];
       lost += pushes_[k] * (s.wanted - rate);
       kept += pushes_[k] * (rate - s.unstopped);
       continue;
@@ -132,10 +128,6 @@ void BodyStops::doubt(const Numbers& rates) {
     doubted_[s.coordinate] = 1;
   }
   rested_ = kept > lost;
-  const bool bears = !frictions.empty();  // pybullet reports forces of contacts
-  if (bears || lost <= std::max(kept, kSolverNoise * pushed)) return;
-  by_pybullet_.clear();
-  slipped_ = true;
 }
 
 bool BodyStops::broke(const Numbers& reached) const {
@@ -254,7 +246,7 @@ void BodyStops::find_limits(const Body& of, double dt) {
 
 void BodyStops::find_contacts(const Body& of, double dt) {
   const size_t n = of.rates.size();
-  for (size_t c = 0; c + n < contacts.size() && contacts_stop(); c += n + 1) {
+  for (size_t c = 0; c + n < contacts.size(); c += n + 1) {
     work_.direction.assign(&contacts[c], &contacts[c] + n);
     // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, of.rates);
@@ -291,7 +283,7 @@ void BodyStops::find_constraints(const Body& of, double dt) {
 // By the normal forces of the last step, which those of this one are like where bodies rest on each other.
 void BodyStops::find_frictions(const Body& of) {
   const size_t n = of.rates.size();
-  for (size_t c = 0; c + n < frictions.size() && contacts_stop(); c += n + 1) {
+  for (size_t c = 0; c + n < frictions.size(); c += n + 1) {
     work_.direction.assign(&frictions[c], &frictions[c] + n);
     if (is_held(of, -1)) continue;
     Stop s;

@@ -39,7 +39,8 @@ class BodyStops {
   // (coordinate, change) of every joint that is moved to just behind its limit before this step.
   Numbers shifts;
 
-  // Determines which limits and contacts of the last step the body passed through. They are ignored.
+  // Determines which limits of the last step the body passed through, which are ignored, and whether contacts
+  // bore it.
   void doubt(const Numbers& rates);
   // Whether rates that were reached (n) are nearer to those without the constraints that acted.
   bool broke(const Numbers& reached) const;
@@ -85,9 +86,7 @@ class BodyStops {
   // response (n n).
   bool hold_firmly(const Numbers& root, const Numbers& free_root) const;
   // Whether contacts are predicted to stop it.
-  bool contacts_stop() const { return !contacts.empty() && !slipped_; }
-  // Whether the body passed through contacts in the last step.
-  bool slipped() const { return slipped_; }
+  bool contacts_stop() const { return !contacts.empty(); }
   // Acceleration by those of pybullet in the last step (n); empty: not known.
   const Numbers& accelerates() const { return by_pybullet_; }
 
@@ -129,7 +128,6 @@ class BodyStops {
   Numbers unstopped_;     // change of the rates without stops and without tendons
   Numbers doubted_;       // by coordinate, not 0: it passed the limit that pybullet reports
   bool rested_ = false;   // contacts stopped the body in the last step
-  bool slipped_ = false;  // it passed through contacts
   bool broke_ = false;    // pybullet did not keep the constraints in the last step
   bool yielded_ = false;  // a constraint gave no more than a limit that was not known before
   bool ignored_ = false;  // the constraints are ignored

@@ -103,28 +103,9 @@ bool JointMotors::observe(const Numbers& reached, const Numbers& forces, double 
 }
 
 void JointMotors::begin(const Numbers& rates) {
-  const bool is_new = all.empty();
-  all.resize(rates.size());
-  for (size_t i = 0; i < std::min(all.size(), reported.size()); ++i) {
-    if (is_new) all[i] = starting(rates[i], reported[i]);
-    if (all[i].side == 0) all[i].aim = rates[i];
-  }
+  if (!all.empty() || reported.size() != rates.size()) return;
+  for (size_t i = 0; i < rates.size(); ++i) all.push_back(starting(rates[i], reported[i]));
   reported_before = reports;
-}
-
-void JointMotors::take(int place, const JointMotors& from, int at) {
-  fit(std::max<size_t>(place, all.size()));
-  if (at <= static_cast<int>(from.all.size())) all[all.size() - place] = from.all[from.all.size() - at];
-  if (at <= static_cast<int>(from.off.size())) off[off.size() - place] = from.off[from.off.size() - at];
-}
-
-void JointMotors::fit(size_t n) {
-  auto fit = [n](auto& list) {
-    list.erase(list.begin(), list.end() - static_cast<std::ptrdiff_t>(std::min(n, list.size())));
-    list.insert(list.begin(), n - list.size(), {});
-  };
-  fit(all);
-  fit(off);
 }
 
 Numbers JointMotors::foreseen(const Numbers& reached) const {

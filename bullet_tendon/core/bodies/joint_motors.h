@@ -63,13 +63,9 @@ class JointMotors {
     thrown = false;
     for (JointMotor& m : all) m.lets = 0;
   }
-  // Before the first step that is known: with the rates now (n). What pybullet reports is of a step before
-  // it.
+  // Before the first step of the body that is known, at these rates (n): by what pybullet reports of its last
+  // step.
   void begin(const Numbers& rates);
-  // Takes what is known of a motor of another body. Places are counted from the end.
-  void take(int place, const JointMotors& from, int at);
-  // Makes room for n rates: of joints, which are known, behind others.
-  void fit(size_t n);
   bool any() const {
     for (const JointMotor& m : all)
       if (m.known) return true;

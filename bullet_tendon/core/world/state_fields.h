@@ -46,10 +46,10 @@ struct StateFields {
             most, side, motor, friction, constraint, yielded, given)
   BT_FIELDS(JointMotor, aim, gained, trend, leap, foreseen, needed, force, limit, greatest, side, lets,
             solved, known, doubtful)
-  BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, slipped_, broke_, yielded_,
-            ignored_, by_pybullet_, limits, contacts, frictions, contacts_known, shifts, motors.all,
-            motors.again, motors.soft, motors.reported, motors.reported_known, motors.reported_before,
-            motors.off, motors.thrown)
+  BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, broke_, yielded_, ignored_,
+            by_pybullet_, limits, contacts, frictions, contacts_known, shifts, motors.all, motors.again,
+            motors.soft, motors.reported, motors.reported_known, motors.reported_before, motors.off,
+            motors.thrown)
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, released_, hold_.acts, hold_.yields,
