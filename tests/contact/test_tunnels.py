@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import cube, mesh_obstacle
 
 import bullet_tendon as bt
 
@@ -436,3 +437,44 @@ def test_beside_a_bore_what_is_left_of_the_bone_is_felt(make_world, client, tmp_
     assert away[2] > 0
     assert np.linalg.norm(away) == pytest.approx(radius, rel=0.005)
     assert world.report.converged
+
+
+def l_shaped(kind, world, client, wall):
+    """An obstacle bored through along z, and a wall beside its upper mouth, at x = wall."""
+    parts = [((0.05, 0.05, 0.02), (0, 0, -0.02)), ((0.01, 0.02, 0.009), (wall + 0.01, 0, 0.011))]
+    if kind == "mesh":
+        (a, faces), (b, more) = [cube(np.array(half), at) for half, at in parts]
+        body = mesh_obstacle(world, client, np.vstack([a, b]), np.vstack([faces, more + len(a)]))
+    else:
+        shape = p.createCollisionShapeArray(
+            [p.GEOM_BOX] * len(parts),
+            halfExtents=[list(half) for half, _ in parts],
+            collisionFramePositions=[list(at) for _, at in parts],
+            physicsClientId=client,
+        )
+        body = p.createMultiBody(0, shape, physicsClientId=client)
+        world.add_obstacle(body)
+    world.add_tunnel(body, -1, (0, 0, -0.04), (0, 0, 0), 0.0045)
+
+
+@pytest.mark.filterwarnings("ignore::bullet_tendon.ResolutionWarning")
+@pytest.mark.parametrize("kind", ["mesh", "boxes"])
+@pytest.mark.parametrize("beyond", [-5e-4, -1e-4, 5e-4])
+def test_a_wall_beside_a_mouth_holds_what_it_pushes_before_the_mouth(make_world, client, kind, beyond):
+    """Drawn against it, a tendon rests there, whether its centreline is beside or beyond the bore's wall."""
+    world, radius, force = make_world(), 0.0035, 10.0
+    l_shaped(kind, world, client, 0.0045 + beyond + radius)
+    t = world.add_tendon([(0, 0, -0.03), (0, 0, 0.03)], radius, ROPE, 31, rest_length=0.063)
+    t.grip(0)
+    t.grip(-1)
+    t.set_force(18, (force, 0, 0))
+    for _ in range(2):
+        world.relax()
+        assert world.report.converged
+        assert t.positions[18, 0] == pytest.approx(0.0045 + beyond, abs=1e-6)
+    rest = t.positions
+    for _ in range(20):
+        world.step()
+        np.testing.assert_allclose(t.positions[18], rest[18], atol=1e-6)
+        pressed = world.contacts[world.contacts["kind"] == "bone"]
+        assert pressed["normal_force"].sum() == pytest.approx(force, rel=1e-3)

@@ -74,6 +74,23 @@ bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
   return std::any_of(bores.begin(), bores.end(), [&](const Bore& b) { return b.removes(p); });
 }
 
+// Where a particle is that bores remove bone around: before a mouth, or between both.
+enum class Bored { no, ahead, within };
+
+Bored bored_at(Vec3 p, const std::vector<Bore>& bores) {
+  Bored found = Bored::no;
+  for (const Bore& b : bores)
+    if (b.removes(p)) found = std::max(found, b.beyond(p) > 0 ? Bored::ahead : Bored::within);
+  return found;
+}
+
+// Whether bone pressed on a feature in the last step. It goes on to press before a mouth, until it lets go.
+// Where a tendon is drawn against bone beside a mouth and pushed into what the bore removes, it would be let
+// go there and drawn out again, and no place of it were at rest.
+bool is_pressed(const NearContext& context, int feature) {
+  return context.pressed && std::binary_search(context.pressed->begin(), context.pressed->end(), feature);
+}
+
 // Of a mesh, which has no points in holes.
 Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, Vec3 fallback) {
   return {found.point, unit_or((1 - found.u) * a + found.u * b - found.point, fallback), found.u, false};
@@ -221,21 +238,24 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   cache.way = way;
   Considering consider{shape, link, pose, context, queries, counts};
   // In a bore its wall is felt, and before a mouth the edge of that.
-  auto drilled = [&](int i) { return in_any_bore(tendon.x.at(i), *context.bores); };
+  auto is_spared = [&](int feature, Bored bored) {
+    return bored == Bored::within || (bored == Bored::ahead && !is_pressed(context, feature));
+  };
   double before = 0;  // reach of the previous particle [m]
-  bool bored_before = false;
+  Bored bored_before = Bored::no;
   for (int i = 0; i < n; ++i) {
     const Vec3 here = cache.local[i];
     const double now = skin + norm(cache.way[i]) + tendon.slack[i];
-    const bool bored = !context.bores->empty() && drilled(i);
-    if (!overlap({here, here}, shape.box(), now) || bored)
+    const Bored bored = bored_at(tendon.x.at(i), *context.bores);
+    if (!overlap({here, here}, shape.box(), now) || is_spared(i, bored))
       ++counts.culled;
     else
       consider(cache.entries[i], {tendon_slot, shape_slot, i, here, here}, now);
     if (i > 0) {
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
-      if (!overlap({lowest(last, here), highest(last, here)}, shape.box(), most) || bored || bored_before)
+      if (!overlap({lowest(last, here), highest(last, here)}, shape.box(), most) ||
+          is_spared(n + i - 1, std::max(bored, bored_before)))
         ++counts.culled;
       else
         consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here}, most);

@@ -84,6 +84,8 @@ struct NearContext {
   double threshold = 0, reuse_tolerance = 0;  // [m]
   const std::vector<Bore>* bores = nullptr;   // those of the shape's link
   const Surface* surface = nullptr;           // of a mesh: what these bores leave of it; else null
+  // Where there are bores: features that the shape pressed on in the last step, in ascending order.
+  const std::vector<int>* pressed = nullptr;
 };
 
 // Appends the queries needed for one tendon and one shape, and marks the entries that need contacts.

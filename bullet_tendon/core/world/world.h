@@ -109,6 +109,7 @@ struct Detection {
   std::vector<Bore> wide_bores;                   // of one link, for one tendon
   std::vector<int> wide_tunnels;                  // the same
   std::vector<int> near_tunnels;                  // of one tendon
+  std::vector<int> pressed;                       // NearContext::pressed
   std::vector<std::vector<DrilledMesh>> drilled;  // [shape], for each set of bores that tendons may enter
 };
 
@@ -472,7 +473,7 @@ class World {
   // Drills the meshes where parts are added: in a step it would take longer than the step.
   void drill_surfaces();
   // What the search for distances of a tendon to a shape depends on.
-  NearContext near_context(const Tendon& c, int shape);
+  NearContext near_context(int tendon, int shape);
   // world/tendon_stiffness.cpp
   void find_tendon_stiffness();
   void keep_held();
