@@ -116,7 +116,8 @@ class Relaxation:
         A step that leaps is taken back, and shortened. One that was not solved descends as well: it is kept,
         but beside bodies that move, on which what it lets through a bone would act. There, a step that goes
         back is halved: contacts are those of where it began, and those of two places can lead to each other
-        for ever.
+        for ever. What is remembered of contacts is that of where it began, too: where it ended, bone that has
+        pressed may have let go.
 
         first: length of the first step [s]. at_hand: see follow. follows: bodies have moved. Then tendons
         move with them, however short a step is, and the residual does not count forces of damping.
@@ -137,9 +138,10 @@ class Relaxation:
             iterations += report.iterations
             now = {t: t.positions for t in start}
             moved = {t: np.abs(x - before[t]).max() for t, x in now.items()}
-            # Contacts are those of where the step began.
+            # Contacts are those of where the step began: farther away there can be others. Beside bodies that
+            # move, no force may change with them.
             leap = ratio = max((moved[t] / t.radius for t in start), default=0.0)
-            is_near = ratio <= _FARTHEST
+            is_near = ratio <= (_NEAREST if follows else _FARTHEST)
             if ratio > _NEAREST and not follows:
                 ratio, leap = self._shares_of_room(before, now)
             if self._goes_astray(report.converged, leap, dt, follows, leapt):
@@ -170,7 +172,8 @@ class Relaxation:
             if follows and not is_at_rest:
                 motion = np.concatenate([(x - last[t]).ravel() for t, x in now.items()])
                 if _goes_back(motion, last_motion):
-                    self._core.carry_tendons(-0.5 * motion)
+                    stepper.take_back(before_it)
+                    self._core.carry_tendons(0.5 * motion)
                     before, motion = {t: t.positions for t in start}, 0 * motion
                 last_motion = motion
             dt = self._next_step(dt, report.converged, ratio, follows)

@@ -12,6 +12,7 @@ from knee_oracle import Knee, Pose, Strands, read_obj, read_stl, refined
 
 import bullet_tendon as bt
 from bullet_tendon.equilibrium import Equilibrium
+from bullet_tendon.stepper import Stepper
 
 KNEE = Path(__file__).resolve().parents[3] / "shared" / "knee"
 URDF = Path(bt.data_path("knee.urdf")).parent
@@ -243,6 +244,26 @@ def test_a_graft_of_particles_in_two_tunnels_settles_where_damped_motion_ends(
         assert rig.settle(tolerance=1e-4)
         assert rig.coordinates == pytest.approx(found, abs=coordinates)
         assert graft.tension == pytest.approx(tension, rel=tensions)
+
+
+@pytest.mark.filterwarnings("ignore::bullet_tendon.ResolutionWarning")
+@pytest.mark.parametrize(("seed", "loads"), [(5, 23), (10, 16)])
+def test_a_knee_with_a_graft_comes_to_rest_under_random_loads(seed, loads, monkeypatch):
+    """Where the graft lies on bone beside a mouth, in steps that end where other contacts press."""
+    rng, (rig, _) = np.random.default_rng(seed), whole_knee()
+    held, hold = [], Stepper.hold
+    monkeypatch.setattr(Stepper, "hold", lambda *args: held.append(0) or hold(*args))
+    with rig:
+        for k in range(loads):
+            if k % 12 == 0:
+                rig.load()
+                rig.flex(np.radians(rng.choice([0, 15, 30, 60, 90])))
+                rig.settle()
+            limits = {"anterior": (-100, 100), "superior": (0, 50), "internal": (-5, 5), "valgus": (-10, 10)}
+            rig.load(**{name: rng.uniform(*ends) for name, ends in limits.items()})
+            held.clear()
+            assert rig.settle()
+            assert len(held) < 100
 
 
 def test_a_loaded_graft_that_is_in_balance_stays_so_in_the_next_step():
