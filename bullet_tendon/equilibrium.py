@@ -106,10 +106,10 @@ class _Terms:
     largest: float
     twists: np.ndarray  # of the links in slots, by the coordinates (6 k, n)
     of_elements: np.ndarray  # wrenches on these links (k, 6)
-    # Where tendons act: the motion of their particles, by the coordinates (n, 3 particles), and what they add
-    # to the matrix.
+    # Where tendons act: the motion of their particles, by the coordinates (n, 3 particles), and the matrix
+    # without the stiffness of elements.
     motion: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
-    of_tendons: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    of_others: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
 class HeldTendons:
@@ -334,8 +334,8 @@ class Equilibrium:
             matrix[where, where] += _core.jacobian_curvature(jacobians, on_links, entry.columns, floats)
         if tendons is not None:
             found.motion = of_slots.T @ tendons.motion()
-            found.of_tendons = of_slots.T @ tendons.stiffness() @ of_slots
-            matrix += found.of_tendons
+            matrix += of_slots.T @ tendons.stiffness() @ of_slots
+            found.of_others = matrix.copy()
         found.force += found.following
         matrix += of_slots.T @ stiffness @ of_slots
         return found
@@ -469,10 +469,11 @@ class Equilibrium:
     def _foreseen(self, at: _Terms, of_elements: np.ndarray, step: np.ndarray, share: float) -> float:
         """The force along a step at a share of it, where elements give these wrenches (k, 6).
 
-        Those of tendons, whose rest takes much longer to find, are linear in the share, and loads constant.
+        Those of tendons, whose rest takes much longer to find, are linear in the share, and so is what loads
+        and elements give as links turn.
         """
         by_elements = (of_elements - at.of_elements).reshape(-1) @ (at.twists @ step)
-        return at.force @ step + by_elements - share * (step @ at.of_tendons @ step)
+        return at.force @ step + by_elements - share * (step @ at.of_others @ step)
 
     def _is_enough(self, at: _Terms, after: _Terms, moved: np.ndarray) -> bool:
         """Whether the potential falls in this motion, or the force along it no longer points back."""
