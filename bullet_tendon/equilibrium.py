@@ -20,9 +20,10 @@ Tendons that act on the bodies are brought to rest at each place, with the bodie
 Their wrenches are added to f, and the Schur complement of their matrix to K. With friction they have no
 potential: the slope of f alone decides, and to go back is no way to where the step began, so that a step is
 shortened twice at most. To the next place they are carried by the motion of their particles with the
-bodies, at rest, which the same elimination gives; those stay whose segments it would stretch. A step
-is as long as one of time in which nothing passes through anything. Where elements alone give an f that points
-back, it is shortened before tendons are brought to rest, with their wrenches linear in it.
+bodies, at rest, which the same elimination gives; those whose segments it would stretch go with the links
+that hold them, or whose bores they are in. A step is as long as one of time in which nothing passes through
+anything. Where elements alone give an f that points back, it is shortened before tendons are brought to rest,
+with all but the elements' wrenches linear in it.
 
 A joint does not move beyond its limits. Where it is at one, and f points out of it, the limit holds it: it
 is left out of the residual and of the step. A step ends where the first joint comes to its limit.
@@ -426,8 +427,10 @@ class Equilibrium:
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> tuple[np.ndarray, np.ndarray]:
         """The step, in which nothing passes through anything, and the motion of particles in it."""
-        motion = at.motion if self.tendons is None else self._core.leave_stretched(step @ at.motion)
-        share = self._core.safe_share(self.slots, at.twists @ step, motion, self._measure)
+        motion, twists = at.motion, at.twists @ step
+        if self.tendons is not None:
+            motion = self._core.carry_stretched(self.slots, twists, step @ motion)
+        share = self._core.safe_share(self.slots, twists, motion, self._measure)
         return share * step, share * motion
 
     def _advance(self, at: _Terms, place: list, step: np.ndarray) -> _Terms | None:

@@ -131,13 +131,19 @@ py::object by_twists(const World& w, const dense::Numbers& found) {
   return Array({n, static_cast<py::ssize_t>(found.size()) / n}, found.data());
 }
 
-// twists: (k, 6) of the links of these slots; motion: of all particles, empty where none act on the bodies.
-double safe_share(World& w, const std::vector<int>& slots, const Array& twists, const Array& motion,
-                  const py::object& measure) {
-  PythonOracle oracle(measure);
+// By link, of twists (k, 6) of the links of these slots.
+std::vector<Twist> twists_of(const World& w, const std::vector<int>& slots, const Array& twists) {
   std::vector<Twist> of(w.scene.links.size());
   for (size_t i = 0; i < slots.size(); ++i)
     of.at(slots[i]) = {vec(twists.data() + 6 * i), vec(twists.data() + 6 * i + 3)};
+  return of;
+}
+
+// motion: of all particles, empty where none act on the bodies.
+double safe_share(World& w, const std::vector<int>& slots, const Array& twists, const Array& motion,
+                  const py::object& measure) {
+  PythonOracle oracle(measure);
+  const std::vector<Twist> of = twists_of(w, slots, twists);
   Unlocked unlocked;
   return w.safe_share(of, motion.size() > 0 ? motion.data() : nullptr, oracle);
 }
@@ -288,9 +294,9 @@ void bind_world_world(GuardedWorld& world) {
       .def("tendon_stiffness", [](const World& w) { return by_twists(w, w.stiffness.matrix); })
       .def("tendon_motion", [](const World& w) { return by_twists(w, w.stiffness.motion); })
       .def("safe_share", &safe_share)
-      .def("leave_stretched",
-           [](const World& w, Array motion) {
-             w.leave_stretched(motion.mutable_data());
+      .def("carry_stretched",
+           [](const World& w, const std::vector<int>& slots, const Array& twists, Array motion) {
+             w.carry_stretched(twists_of(w, slots, twists), motion.mutable_data());
              return motion;
            })
       .def("carry_tendons", [](World& w, const Array& motion) { w.carry_tendons(motion.data()); })
