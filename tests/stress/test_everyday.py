@@ -82,7 +82,6 @@ WRONG_TODAY = {
     "held_in_jaws": "pybullet lets a box turn between jaws, and then slip",
     "graft_in_bone": "chords of a coarse graft press on both walls of a tight bore",
     "joined_bodies": "a pair that spins at 40 rad/s and winds its own cords up",
-    "loaded_tray": "boxes that strike a tray of much less mass can go through it",
     "light_body_off_centre": "attachments of bodies of a few grams lag behind in violent steps",
     "oblique_mouth": "chords of a coarse graft press on both walls of a tight bore",
 }
