@@ -230,8 +230,8 @@ class Bodies:
         kept = self._core.kept_touching()
         if kept is None:
             found = touching_bodies(self._movable, self._rates, points, self.client)
-            if found != self._touching and self.sample():
-                return  # what is known of a body that was released in the last step is needed once more
+            if found != self._touching and self._was_released():
+                return  # what is known of it is needed once more
         else:
             there = set(bodies_of(self.client))
             found = [pair for pair in zip(kept[::2], kept[1::2], strict=True) if there.issuperset(pair)]
@@ -239,6 +239,11 @@ class Bodies:
         if found != self._touching:
             self._touching = found
             self._bodies = None
+
+    def _was_released(self) -> bool:
+        """Whether what was held in the last step was released in it, by bodies that are all there."""
+        there = set(bodies_of(self.client))
+        return all(there.issuperset(body.members) for body in self._generalized()) and self.sample()
 
     def _detect_contacts(self) -> None:
         """Let pybullet list contacts of where bodies are: it lists those of the start of its last step."""

@@ -102,3 +102,24 @@ def test_motors_of_jaws_are_known_when_the_world_begins_and_when_they_let_a_box_
         misfits.append(misfit(cord, tied, client))
     assert cord.tension.max() > 5
     assert max(misfits) < 5e-5  # 4e-4 where motors are learned
+
+
+def test_a_box_that_is_removed_from_the_jaws_is_left_out(client, make_world):
+    """The next step is without it, whatever was known of it."""
+    dt = 1 / 240
+    p.setTimeStep(dt, physicsClientId=client)
+    p.setGravity(0, 0, -G, physicsClientId=client)
+    held, box = jaws(client, 50.0, 0.2)
+    world = make_world(dt, (0, 0, -G))
+    cord = world.add_tendon(
+        [[0, -0.3, 0], [0, -0.7 * SIZE, 0]], 1e-3, bt.Material(stiffness=1e4, damping=50.0), 6
+    )
+    tied = cord.attach(-1, held, 0)
+    cord.grip(0)
+    world.step(20)
+    p.removeBody(box, client)
+    for _ in range(60):
+        world.step()
+        assert world.report.converged
+    assert p.getJointState(held, 1, client)[0] > 0.1 * SIZE
+    assert misfit(cord, tied, client) < 5e-5
