@@ -410,9 +410,11 @@ def _heap_of(
 
 
 def rates_of_body(body: int, known: dict[tuple[int, int], int | None], client: int) -> int:
-    """How many rates a body has; 0: nothing moves it, or it has joints that the core does not know.
+    """How many rates a body has; 0: nothing moves it, or it has joints that pybullet tells too little of.
 
-    known: those of joints that were counted before, by body and number of joints; these are added.
+    Those are joints of other kinds than the core knows, and spherical ones: the forces of their motors are
+    not reported, but learned, and nothing is learned of bodies whose contacts are known.
+    known: the rates of joints that were counted before, by body and number of joints; these are added.
     """
     base = 0 if is_fixed(body, client) else 6
     joints = p.getNumJoints(body, client)
@@ -421,7 +423,8 @@ def rates_of_body(body: int, known: dict[tuple[int, int], int | None], client: i
     key = body, joints
     if key not in known:
         kinds = [info[2] for info in joint_infos(body, client)]
-        known[key] = sum(_COUNTS[kind] for kind in kinds) if set(kinds) <= set(_COUNTS) else None
+        is_told = set(kinds) <= set(_COUNTS) - {p.JOINT_SPHERICAL}
+        known[key] = sum(_COUNTS[kind] for kind in kinds) if is_told else None
     of_joints = known[key]
     return 0 if of_joints is None else base + of_joints
 
