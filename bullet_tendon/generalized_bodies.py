@@ -397,11 +397,13 @@ def _heap_of(
     heap, pairs = [body], []
     for one in heap:
         for other in sorted({c[2] for c in contact_points(one, client, points)} - {one}):
-            pair, more = (min(one, other), max(one, other)), rates_of_body(other, known, client)
-            if pair in pairs or more == 0:
+            pair = min(one, other), max(one, other)
+            if pair in pairs:
                 continue
-            pairs.append(pair)
-            if other not in heap:
+            more = 0 if other in heap else rates_of_body(other, known, client)
+            if other in heap or more > 0:
+                pairs.append(pair)
+            if more > 0:
                 heap.append(other)
                 count += more
         if count > _MOST_RATES:
