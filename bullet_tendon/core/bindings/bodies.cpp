@@ -169,10 +169,10 @@ class Touching {
   void add_row(Vec3 d, const Vec3* p, double last, Numbers& rows) const {
     dense::Numbers row(n_);
     for (const Side& side : sides_) {
-      const Vec3 linear = p ? d : Vec3{}, angular = p ? cross(*p - side.centre, d) : d;
+      const Vec3 linear = side.sign * (p ? d : Vec3{});
+      const Vec3 angular = side.sign * (p ? cross(*p - side.centre, d) : d);
       const double along[6] = {linear.x, linear.y, linear.z, angular.x, angular.y, angular.z};
-      for (int k = 0; k < n_; ++k)
-        for (int i = 0; i < 6; ++i) row[k] += side.sign * along[i] * side.jacobian[i * n_ + k];
+      dense::add_rows(side.jacobian, 6, along, row);
     }
     rows.insert(rows.end(), row.begin(), row.end());
     rows.push_back(last);
