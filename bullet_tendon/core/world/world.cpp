@@ -188,14 +188,16 @@ void World::drill_surfaces() {
       if (scene.filter.meets_link(tendon, shape.link)) surface_for(c, s);
 }
 
-NearContext World::near_context(int tendon, int s) {
-  const Tendon& c = *scene.tendons[tendon];
-  const std::vector<Bore>& bores = bores_for(c, scene.shapes[s]->link);
+NearContext World::near_context(const Tendon& c, int s) {
+  return {options.contact_threshold, options.reuse_tolerance, &bores_for(c, scene.shapes[s]->link),
+          surface_for(c, s)};
+}
+
+void World::find_pressed(int tendon, int s) {
   detection_.pressed.clear();
   for (const ContactMemory& m : contacts_.memory)
-    if (!bores.empty() && m.key.kind == ContactKind::bone && m.key.tendon == tendon && m.key.other == s)
+    if (m.key.kind == ContactKind::bone && m.key.tendon == tendon && m.key.other == s)
       detection_.pressed.push_back(m.key.feature);
-  return {options.contact_threshold, options.reuse_tolerance, &bores, surface_for(c, s), &detection_.pressed};
 }
 
 // Updates the distances of this substep: from the cache or the core where possible, otherwise from the
@@ -207,11 +209,17 @@ void World::update_proximity(DistanceOracle& oracle) {
     for (auto [s, shape] : filled(scene.shapes)) {
       NearCache& cache = detection_.caches[tendon][s];
       if (shape.half_space) continue;
-      if (scene.filter.meets_link(tendon, shape.link))
-        ask(c, tendon, shape, s, scene.links[shape.link], near_context(tendon, s), cache, detection_.queries,
+      if (scene.filter.meets_link(tendon, shape.link)) {
+        NearContext context = near_context(c, s);
+        if (!context.bores->empty()) {
+          find_pressed(tendon, s);
+          context.pressed = &detection_.pressed;
+        }
+        ask(c, tendon, shape, s, scene.links[shape.link], context, cache, detection_.queries,
             step_.report.near);
-      else
+      } else {
         cache.entries.clear();
+      }
     }
   if (!detection_.queries.empty())
     oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
@@ -220,7 +228,8 @@ void World::update_proximity(DistanceOracle& oracle) {
     const Shape& shape = *scene.shapes[query.shape];
     Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
     answer(query, detection_.distances[q], detection_.points[q], detection_.parameters[q],
-           in_world(shape, scene.links[shape.link]), near_context(query.tendon, query.shape), entry);
+           in_world(shape, scene.links[shape.link]), near_context(*scene.tendons[query.tendon], query.shape),
+           entry);
   }
   for (auto [tendon, c] : filled(step_.slots))
     for (auto [s, shape] : filled(scene.shapes))

@@ -473,7 +473,9 @@ class World {
   // Drills the meshes where parts are added: in a step it would take longer than the step.
   void drill_surfaces();
   // What the search for distances of a tendon to a shape depends on.
-  NearContext near_context(int tendon, int shape);
+  NearContext near_context(const Tendon& c, int shape);
+  // Features of a tendon on which a shape pressed in the last step, in ascending order.
+  void find_pressed(int tendon, int shape);
   // world/tendon_stiffness.cpp
   void find_tendon_stiffness();
   void keep_held();
