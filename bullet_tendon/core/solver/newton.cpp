@@ -500,6 +500,7 @@ void begin_descent(Solution& s) {
     advance_bodies(island, 1);
   }
   s.descends = s.searches = true;
+  s.trusted = kNearer * s.smallest;
   s.start_anew();
 }
 
