@@ -19,9 +19,8 @@ import pybullet as p
 from . import _core, checks
 from .constraints import Constraint, groups, read_constraints
 from .errors import InvalidValue, UnknownId
+from .contacts import Contacts, bodies_of
 from .generalized_bodies import (
-    bodies_of,
-    can_be_hit,
     change_rates,
     exchange_wrench,
     generalized_bodies,
@@ -29,7 +28,6 @@ from .generalized_bodies import (
     moves,
     rates_of_body,
     read_link,
-    touching_bodies,
 )
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
@@ -101,6 +99,7 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
+        self._contacts = Contacts(client)
         self._touching: list[tuple[int, int]] = []  # bodies that touch each other
         self._movable: dict[int, int] = {}  # bodies that are used, and that something moves: with their rates
         self._rates: dict[tuple[int, int], int | None] = {}  # see rates_of_body
@@ -203,11 +202,10 @@ class Bodies:
         self.require_alive()
         for slot in self._unused:
             self._core.clear_link(slot)
-        points: dict[int, list] = {}  # of contacts, by body
         self._read_constraints()
-        self._read_touching(points)
+        self._read_touching()
         for body in self._generalized():
-            if not body.read(self._core, self._constraints, points):
+            if not body.read(self._core, self._constraints, self._contacts):
                 allowed = "a body with finite pose, velocity and inertia"
                 raise InvalidValue("bodyUniqueId", body.body, allowed)
             for body_id, link, force, point in self._external:
@@ -224,12 +222,12 @@ class Bodies:
         if (now or before) and [c.joins for c in now] != [c.joins for c in before]:
             self._bodies = None
 
-    def _read_touching(self, points: dict[int, list]) -> None:
+    def _read_touching(self) -> None:
         """The bodies that touch each other; bodies move together otherwise where these are others."""
-        self._detect_contacts()
+        self._begin_contacts()
         kept = self._core.kept_touching()
         if kept is None:
-            found = touching_bodies(self._movable, self._rates, points, self.client)
+            found = self._contacts.pairs(self._movable, self._rates_of)
             if found != self._touching and self._was_released():
                 return  # what is known of it is needed once more
         else:
@@ -245,11 +243,12 @@ class Bodies:
         there = set(bodies_of(self.client))
         return all(there.issuperset(body.members) for body in self._generalized()) and self.sample()
 
-    def _detect_contacts(self) -> None:
-        """Let pybullet list contacts of where bodies are: it lists those of the start of its last step."""
+    def _begin_contacts(self) -> None:
         self._generalized()
-        if self._movable:
-            p.performCollisionDetection(self.client)
+        self._contacts.begin(moved=bool(self._movable))
+
+    def _rates_of(self, body: int) -> int:
+        return rates_of_body(body, self._rates, self.client)
 
     def rest(self) -> None:
         """Tendons, or bodies, were put in equilibrium: the next step begins with the forces there.
@@ -268,11 +267,10 @@ class Bodies:
     def keep_contacts(self) -> None:
         """What free bodies rest on becomes part of the core's state."""
         if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
-            points: dict[int, list] = {}  # of contacts, by body
-            self._detect_contacts()
+            self._begin_contacts()
             for body in self._generalized():
-                body.keep_contacts(self._core, points)
-            touching = touching_bodies(self._movable, self._rates, points, self.client)
+                body.keep_contacts(self._core, self._contacts)
+            touching = self._contacts.pairs(self._movable, self._rates_of)
             self._core.keep_touching([body for pair in touching for body in pair])
 
     def _used(self) -> list[int]:
@@ -293,7 +291,7 @@ class Bodies:
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
             self._rates = {}
-            counts = {body: rates_of_body(body, self._rates, self.client) for body in slots}
+            counts = {body: self._rates_of(body) for body in slots}
             self._movable = {body: count for body, count in counts.items() if count > 0}
             self._forget_others()
         return self._bodies
@@ -408,11 +406,11 @@ class Bodies:
         """Slots of the bodies that were held, and that no joint, contact or constraint can hold now."""
         held = self._core.held_bodies()
         bodies = [body for body in self._generalized() if body.slot in held] if held else []
-        return [body.slot for body in bodies if not body.can_be_held(self._core)]
+        return [body.slot for body in bodies if not body.can_be_held(self._core, self._contacts)]
 
     def was_free(self, slot: int) -> bool:
         """Whether neither a contact nor a constraint had a part in how a body without joints moved."""
-        return not can_be_hit(self.links[slot][0], self.client)
+        return not self._contacts.can_be_hit(self.links[slot][0])
 
     def change_rates(self, slot: int, by: np.ndarray, dt: float) -> None:
         """Change a free body's motion as if its rates had changed by more in the last step, of dt [s].

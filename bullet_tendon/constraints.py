@@ -72,6 +72,13 @@ def _was_at(most: float, number: int, client: int) -> bool:
     return any(abs(abs(force) - most) <= _AT_LIMIT * most for force in forces)
 
 
+def has_constraints(body: int, client: int) -> bool:
+    """Whether a constraint of any kind joins it to another body or to the world."""
+    ids = [p.getConstraintUniqueId(i, client) for i in range(p.getNumConstraints(client))]
+    infos = [p.getConstraintInfo(constraint, client) for constraint in ids]
+    return any(body in (info[0], info[2]) for info in infos)
+
+
 def groups(
     bodies: Iterable[int],
     constraints: list[Constraint],

@@ -27,6 +27,7 @@ import pybullet as p
 
 from . import _core
 from .constraints import Constraint, End
+from .contacts import MOST_RATES, Contacts
 
 _KINDS = {
     p.JOINT_REVOLUTE: _core.HINGE,
@@ -38,8 +39,6 @@ _COUNTS = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3, p.JO
 _LIMITED = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
 _NEEDS_CONTACTS = 2  # what the core answers where contacts may decide what a body is going to do
 _STILL = (0.0, 0.0, 0.0)
-_MOST_RATES = 64  # of bodies that are solved for as one: work grows with the cube
-_TOUCHING = 0.002  # m: bodies at rest on each other are within it; contact points are kept for longer
 
 
 def generalized_bodies(
@@ -68,7 +67,7 @@ def generalized_bodies(
 def _are_one(infos: dict[int, tuple], client: int) -> bool:
     """Whether the core knows the joints of all these bodies, and their rates are not too many."""
     tree = tree_of(list(infos.values()), tuple(not is_fixed(body, client) for body in infos))
-    return tree is not None and tree.dofs <= _MOST_RATES
+    return tree is not None and tree.dofs <= MOST_RATES
 
 
 def moves(body: int, client: int) -> bool:
@@ -138,7 +137,7 @@ class RigidBody:
         self.slot, self.body, self.link, self.falls, self.client = slot, body, link, falls, client
         self.members = (body,)
 
-    def read(self, core, constraints: list[Constraint], points: dict[int, list]) -> bool:
+    def read(self, core, constraints: list[Constraint], contacts: Contacts) -> bool:
         """Where it is, and how it answers, into the core; whether all of that is finite."""
         info, where, motion = read_link(self.body, self.link, self.client)
         found = core.read_link(self.slot, info, where, motion, True, self.falls)
@@ -146,17 +145,17 @@ class RigidBody:
             joining = _joining(constraints, self.members, self._end, self.client)
             core.set_link_constraints(self.slot, joining, where)
         if found == _NEEDS_CONTACTS:
-            self._read_contacts(core, where, points, keep=False)
+            self._read_contacts(core, where, contacts, keep=False)
         return found > 0
 
     def _end(self, constraint: Constraint, end: End) -> tuple | None:
         return None if constraint.kind == _core.GEAR_CONSTRAINT else _moving_end(end, 0)
 
-    def keep_contacts(self, core, points: dict[int, list]) -> None:
+    def keep_contacts(self, core, contacts: Contacts) -> None:
         """Into the state that is going to be saved: after restoreState pybullet has later contacts."""
         if self.falls:
             where = read_link(self.body, self.link, self.client)[1]
-            self._read_contacts(core, where, points, keep=True)
+            self._read_contacts(core, where, contacts, keep=True)
 
     def sample(self, core) -> bool:
         """Its motion right after pybullet's step; whether it seems to have been released."""
@@ -181,13 +180,13 @@ class RigidBody:
     def add_joint_force(self, core, body: int, joint: int, force: float) -> None:
         """It has no joints that are known."""
 
-    def can_be_held(self, core) -> bool:
+    def can_be_held(self, core, contacts: Contacts) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
-        return not self.falls or _can_be_held(self.body, self.client)
+        return not self.falls or contacts.can_be_held(self.body)
 
-    def _read_contacts(self, core, where, points: dict[int, list], keep: bool) -> None:
+    def _read_contacts(self, core, where, contacts: Contacts, keep: bool) -> None:
         """What it rests on: contacts with bodies without mass."""
-        own = contact_points(self.body, self.client, points)
+        own = contacts.of(self.body)
         immovable = [link for link in {(c[2], c[4]): None for c in own} if _has_no_mass(link, self.client)]
         core.set_contacts(self.slot, tuple(own), immovable, where[0], keep)
 
@@ -246,7 +245,7 @@ class JointedBody:
         self._floating, self._tree = floating, self._trees[floating]
         self._yields = any(map(self._tree.moves, self._links))
 
-    def read(self, core, constraints: list[Constraint], points: dict[int, list]) -> bool:
+    def read(self, core, constraints: list[Constraint], contacts: Contacts) -> bool:
         """Where its links are, and how they answer, into the core; whether all of that is finite."""
         client = self.client
         floating = tuple([p.getDynamicsInfo(body, -1, client)[0] > 0 for body in self.members])
@@ -263,7 +262,7 @@ class JointedBody:
         joining = _joining(constraints, self.members, self._end, client) if constraints else []
         infos, bases, states = self._places()
         finite = core.read_body(self._tree, self._slots, self._links, infos, bases, states, joining)
-        self._read_contacts(core, points, infos, keep=False)
+        self._read_contacts(core, contacts, infos, keep=False)
         return finite
 
     def _places(self) -> tuple[list, list, tuple]:
@@ -273,14 +272,14 @@ class JointedBody:
         bases = [(place(body, client), motion(body, client)) for body in self.members]
         return infos, bases, self._joint_states()
 
-    def _read_contacts(self, core, points: dict[int, list], infos: list, keep: bool) -> None:
+    def _read_contacts(self, core, contacts: Contacts, infos: list, keep: bool) -> None:
         """Of its members, with each other and with bodies without mass. infos: dynamics of the links."""
         if len(self.members) == 1:
             return
         client, pairs = self.client, []
         for body, member in self._members.items():
             between: dict[tuple, list] = {}  # by body and link, and own link
-            for c in contact_points(body, client, points):
+            for c in contacts.of(body):
                 between.setdefault((c[2], c[4], c[3]), []).append(c)
             for (other, link, own_link), found in between.items():
                 is_named = other in self._members and other < body
@@ -358,57 +357,18 @@ class JointedBody:
             dof = self._coordinate(self._members[body], joint)
             core.add_joint_force(self.slot, self._tree, dof, force)
 
-    def can_be_held(self, core) -> bool:
+    def can_be_held(self, core, contacts: Contacts) -> bool:
         """Whether a joint, a contact or a constraint can hold it."""
         moved = self._has_hidden_motors or core.has_motors(self.slot)
-        return moved or any(_can_be_held(body, self.client) for body in self.members)
+        return moved or any(map(contacts.can_be_held, self.members))
 
-    def keep_contacts(self, core, points: dict[int, list]) -> None:
+    def keep_contacts(self, core, contacts: Contacts) -> None:
         """Its contacts and what its motors give, into the state that is saved: pybullet restores neither."""
         if self._yields:
             infos, bases, states = self._places()
             _core.place_body(self._tree, infos, bases, states)
             core.keep_motors(self.slot, self._tree, states)
-            self._read_contacts(core, points, infos, keep=True)
-
-
-def touching_bodies(
-    bodies: dict[int, int], known: dict[tuple[int, int], int | None], points: dict[int, list], client: int
-) -> list[tuple[int, int]]:
-    """Pairs of bodies that move and touch: of these, and of what touches them, and so on.
-
-    Heaps with more rates than are solved for as one are left out. bodies: with their numbers of rates. known:
-    see rates_of_body.
-    """
-    pairs: list[tuple[int, int]] = []
-    seen: set[int] = set()
-    for body, count in bodies.items():
-        if body not in seen:
-            heap, among = _heap_of(body, count, known, points, client)
-            seen.update(heap)
-            pairs += among
-    return pairs
-
-
-def _heap_of(
-    body: int, count: int, known: dict, points: dict, client: int
-) -> tuple[list[int], list[tuple[int, int]]]:
-    """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
-    heap, pairs = [body], []
-    for one in heap:
-        for other in sorted({c[2] for c in contact_points(one, client, points)} - {one}):
-            pair = min(one, other), max(one, other)
-            if pair in pairs:
-                continue
-            more = 0 if other in heap else rates_of_body(other, known, client)
-            if other in heap or more > 0:
-                pairs.append(pair)
-            if more > 0:
-                heap.append(other)
-                count += more
-        if count > _MOST_RATES:
-            return heap, []
-    return heap, pairs
+            self._read_contacts(core, contacts, infos, keep=True)
 
 
 def rates_of_body(body: int, known: dict[tuple[int, int], int | None], client: int) -> int:
@@ -429,50 +389,6 @@ def rates_of_body(body: int, known: dict[tuple[int, int], int | None], client: i
         known[key] = sum(_COUNTS[kind] for kind in kinds) if is_told else None
     of_joints = known[key]
     return 0 if of_joints is None else base + of_joints
-
-
-def bodies_of(client: int) -> list[int]:
-    """The ids of all bodies of a client."""
-    return [p.getBodyUniqueId(i, client) for i in range(p.getNumBodies(client))]
-
-
-def contact_points(body: int, client: int, known: dict[int, list]) -> list[tuple]:
-    """p.getContactPoints of a body; pybullet lists some with bodies that were removed since.
-
-    known: those that were asked for before, by body; these are added.
-    """
-    if body not in known:
-        points = p.getContactPoints(bodyA=body, physicsClientId=client)
-        there = set(bodies_of(client)) if points else ()
-        known[body] = [point for point in points if point[2] in there]
-    return known[body]
-
-
-def can_be_hit(body: int, client: int) -> bool:
-    """Whether any other body is near, or it has constraints; whatever contacts pybullet still lists."""
-    others = set(bodies_of(client))
-    return _has_constraints(body, client) or _is_near(body, others - {body}, client)
-
-
-def _can_be_held(body: int, client: int) -> bool:
-    """Whether another body touches it, or it has constraints.
-
-    pybullet's restoreState leaves contacts of later times behind.
-    """
-    if _has_constraints(body, client):
-        return True
-    return _is_near(body, {c[2] for c in contact_points(body, client, {})}, client)
-
-
-def _has_constraints(body: int, client: int) -> bool:
-    """Whether a constraint joins it to another body or to the world."""
-    ids = [p.getConstraintUniqueId(i, client) for i in range(p.getNumConstraints(client))]
-    infos = [p.getConstraintInfo(constraint, client) for constraint in ids]
-    return any(body in (info[0], info[2]) for info in infos)
-
-
-def _is_near(body: int, others: set[int], client: int) -> bool:
-    return any(p.getClosestPoints(body, o, _TOUCHING, physicsClientId=client) for o in others)
 
 
 def _has_no_mass(link: tuple[int, int], client: int) -> bool:

@@ -130,7 +130,7 @@ DISTURBANCES = {
     "target": lambda w, c: setattr(w.tendons[0].holds[0], "target", (-0.09, 0, 0.14)),
     "soft grip": lambda w, c: setattr(w.tendons[0].holds[0], "stiffness", 10.0),
     "release": lambda w, c: w.tendons[0].holds[0].release(),
-    "grip": lambda w, c: w.tendons[1].grip(3, target=(0.29, 0, 0.03)),
+    "grip": lambda w, c: w.tendons[1].grip(3, target=(0.29, 0, 0.02)),
     "attach": lambda w, c: w.tendons[0].attach(12, w.bar, -1, (0, 0.01, 0.025)),
     "force": lambda w, c: w.tendons[2].set_force(5, (0, 0, 0.05)),
     "mass": lambda w, c: w.tendons[3].set_point_mass(-1, 0.1),
