@@ -18,8 +18,8 @@ import pybullet as p
 
 from . import _core, checks
 from .constraints import Constraint, groups, read_constraints
-from .errors import InvalidValue, UnknownId
 from .contacts import Contacts, bodies_of
+from .errors import InvalidValue, UnknownId
 from .generalized_bodies import (
     change_rates,
     exchange_wrench,

@@ -62,7 +62,7 @@ class Contacts:
         return pairs
 
     def _heap(self, body: int, count: int, rates_of: Callable) -> tuple[list[int], list[tuple[int, int]]]:
-        """Bodies that touch this one, or each other, and the pairs of them; no pairs if these are too many."""
+        """Bodies that touch this one, or each other, and their pairs; no pairs if these are too many."""
         heap, pairs = [body], []
         for one in heap:
             for other in sorted({point[2] for point in self.of(one)} - {one}):
