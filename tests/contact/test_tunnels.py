@@ -478,3 +478,31 @@ def test_a_wall_beside_a_mouth_holds_what_it_pushes_before_the_mouth(make_world,
         np.testing.assert_allclose(t.positions[18], rest[18], atol=1e-6)
         pressed = world.contacts[world.contacts["kind"] == "bone"]
         assert pressed["normal_force"].sum() == pytest.approx(force, rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::bullet_tendon.ResolutionWarning")
+@pytest.mark.parametrize("kind", ["box", "mesh"])
+def test_bone_beside_a_bore_does_not_press_on_what_bends_into_its_wall(make_world, client, kind):
+    """A particle of a coarse tendon at a kink, whose curve lies in the bore, is itself beyond the wall.
+
+    The bone around the wall is 1 mm thick. It would press the particle out, against the bore's contact.
+    """
+    world, half, aside, radius, push = make_world(1 / 1000), (0.0054, 0.003, 0.0054), 0.0032, 0.00058, 0.02
+    if kind == "mesh":
+        block = mesh_obstacle(world, client, *cube(np.array(half)))
+    else:
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+        block = p.createMultiBody(0, shape, physicsClientId=client)
+        world.add_obstacle(block)
+    world.add_tunnel(block, -1, (-half[0], 0, aside), (half[0], 0, aside), 0.0012, friction=0.0)
+    material = bt.Material(stiffness=1e4, damping=0.5, tension_only=True)
+    t = world.add_tendon([(-0.012, 0, aside), (0.012, 0, aside)], radius, material, 5)
+    hands = [(t.grip(1), -1), (t.grip(3), 1)]
+    t.set_force(2, (0, 0, push))
+    for k in range(400):
+        share = min(1.0, k / 300)
+        for hand, side in hands:
+            hand.target = (side * (0.006 - 0.0008 * share), 0, aside - 0.0012 * share)
+        world.step()
+        assert world.contacts["normal_force"].max(initial=0.0) <= 1.01 * push
+    assert t.positions[2, 2] - aside > 0.00121  # beyond the bore's radius

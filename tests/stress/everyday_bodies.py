@@ -868,6 +868,35 @@ def keeps_still(scene, body, weight, at):
 
 
 @family
+def shackle(scene):
+    """A load hangs from a light shackle, and the shackle from a rope that runs through its eye."""
+    scene.begin()
+    radius, mass, weight = scene.log(5e-4, 3e-3), scene.log(0.005, 1), scene.log(0.05, 50)
+    bore, size = scene.flat(1.3, 2.5) * radius, scene.flat(8, 20) * radius
+    mu, force = scene.pick(0.0, scene.flat(0.05, 0.6)), G * (mass + weight)
+    wide, down = scene.flat(5, 10) * size, scene.flat(3, 10) * size
+    eye = scene.body("box", (size, size / 2, size), mass, friction=scene.pick(None, 1.0))
+    ends = [[-0.5 * size, 0, 0.3 * size], [0.5 * size, 0, 0.3 * size]]
+    scene.world.add_tunnel(eye, -1, *ends, bore, friction=1.0, chamfer=scene.pick(0.0, 0.5 * radius))
+    out = 0.5 * size + 0.1 * wide  # more than a segment beside the mouths
+    line = [[-wide, 0, down], [-out, 0, 0.3 * size], [out, 0, 0.3 * size], [wide, 0, down]]
+    rope = scene.world.add_tendon(line, radius, scene.material(force, friction=mu), scene.whole(40, 60))
+    held, hand = rope.grip(0), rope.grip(-1)
+    hook = (0, 0, -size / 2)
+    cord = straight(scene, (hook, (0, 0, -3 * size)), scene.material(G * weight), scene.whole(2, 20))
+    cord.attach(0, eye, position=hook)
+    cord.attach(-1, scene.body("sphere", (size / 4,), weight, (0, 0, -3 * size)))
+    scene.lead(hand, (0, 0, scene.flat(0, 0.5) * down), scene.steps // 3)
+    settle(scene)
+    own = G * sum(float(t._target.masses.sum()) for t in (rope, cord))
+    moving = sum(scene.mass(b) * np.linalg.norm(scene.speed(b)) for b in scene.free) / scene.dt
+    given = -held.force[2] - hand.force[2]
+    scene.near("force on both hands [N]", given, force + own, rel=0.01, absolute=moving + scene.inertia(rope))
+    scene.in_clearance()
+    scene.capstan_range(rope, mu, scene.restless(rope) + moving, edges=True)
+
+
+@family
 def held_in_jaws(scene):
     """Jaws that motors press on a box hold it, and a load that hangs from the box by a cord."""
     scene.begin()

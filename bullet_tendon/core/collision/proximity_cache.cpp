@@ -77,10 +77,17 @@ bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
 // Where a particle is that bores remove bone around: before a mouth, or between both.
 enum class Bored { no, ahead, within };
 
-Bored bored_at(Vec3 p, const std::vector<Bore>& bores) {
+// Whether a bore removes the bone around a particle. A particle that belongs to it may be in its wall, as
+// where a coarse tendon bends there: bone beside the wall would press it out, against the wall.
+bool removes(const Bore& bore, const Tendon& tendon, int i) {
+  return tendon.tunnel_of[i] == bore.tunnel || bore.removes(tendon.x.at(i));
+}
+
+Bored bored_at(const Tendon& tendon, int i, const std::vector<Bore>& bores) {
   Bored found = Bored::no;
   for (const Bore& b : bores)
-    if (b.removes(p)) found = std::max(found, b.beyond(p) > 0 ? Bored::ahead : Bored::within);
+    if (removes(b, tendon, i))
+      found = std::max(found, b.beyond(tendon.x.at(i)) > 0 ? Bored::ahead : Bored::within);
   return found;
 }
 
@@ -246,7 +253,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   for (int i = 0; i < n; ++i) {
     const Vec3 here = cache.local[i];
     const double now = skin + norm(cache.way[i]) + tendon.slack[i];
-    const Bored bored = bored_at(tendon.x.at(i), *context.bores);
+    const Bored bored = bored_at(tendon, i, *context.bores);
     if (!overlap({here, here}, shape.box(), now) || is_spared(i, bored))
       ++counts.culled;
     else
@@ -294,7 +301,8 @@ void leave_out_insertions(const Tendon& tendon, const Shape& shape, const std::v
     const Vec3 x = cache.local[i];
     Side& side = cache.sides[i];
     if (norm(x - side.at) >= std::fabs(side.distance)) side = {x, (*shape.solid)(x)};
-    return side.distance < 0 && !in_any_bore(tendon.x.at(i), bores);
+    const auto removes_there = [&](const Bore& bore) { return removes(bore, tendon, i); };
+    return side.distance < 0 && std::none_of(bores.begin(), bores.end(), removes_there);
   };
   for (const Anchor& h : tendon.anchors) {
     if (h.link != shape.link || h.is_line) continue;

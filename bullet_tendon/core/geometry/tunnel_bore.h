@@ -61,6 +61,7 @@ struct Bore {
   double chamfer = 0;  // [m]
   Vec3 slope[2];       // of the mouths' planes, see Rim [-]
   Box box;             // around it, its chamfers included [m]
+  int tunnel = -1;     // slot
   // Coordinate of p along the axis, from the start [m].
   double along(Vec3 p) const { return dot(p - start, axis); }
   // Distance of p from the axis [m].

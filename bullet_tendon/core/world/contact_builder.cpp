@@ -714,6 +714,7 @@ void World::find_bores() {
   for (auto& list : detection_.bores_by_link) list.clear();
   for (auto [t, tunnel] : filled(scene.tunnels)) {
     detection_.bores[t] = in_world(tunnel, scene.links[tunnel.link].pose);
+    detection_.bores[t].tunnel = static_cast<int>(t);
     detection_.bores_by_link[tunnel.link].push_back(detection_.bores[t]);
   }
   if (scene.tunnels.empty()) return;
