@@ -14,9 +14,9 @@
 // line search on the slope of the potential shortens the step. Each step keeps the friction limits of the
 // last iterate. Near the solution, steps of the mixed method are taken, which converge faster, but only where
 // their matrix is definite: a straight tendon that is compressed is a saddle of the potential, which only the
-// descent leaves. If this fails too, the Substepper cuts the substep. If it cannot be cut, or the budget is
-// exhausted, the end of the descent is accepted: the potential bounds its energy, and bodies move as it does
-// (correct_wrenches).
+// descent leaves. One that leads far away, and up, is taken back. If this fails too, the Substepper cuts the
+// substep. If it cannot be cut, or the budget is exhausted, the end of the descent is accepted: the potential
+// bounds its energy, and bodies move as it does (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -102,6 +102,8 @@ struct Solution {
   int stiffened = 0;          // number of times that contacts were stiffened
   bool stepped = true;        // a step was taken since then
   double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
+  bool revocable = false;     // the last step was a mixed one of a descent, and can be taken back
+  double last_potential = 0;  // before it [J]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   double first = 0;  // residual of the guess [N]
@@ -177,6 +179,67 @@ void note_contacts(Solution& s) {
     if (contact->normal_force.pressed) pressed += hash_of(contact->key);
   s.unsettled = pressed == s.pressed || s.far || s.descends ? 0 : s.unsettled + 1;
   s.pressed = pressed;
+}
+
+// Of a soft anchor [J].
+double anchor_potential(const Tendon& c, const Anchor& h) {
+  if (h.is_line) return h.line.potential();
+  const Vec3 stretch = c.x_new.at(h.particle) - h.target.aim;
+  const Vec3 v = c.motion().velocity(h.particle) - h.target.velocity;
+  const double sum = 0.5 * (dot(stretch, h.stiffness * stretch) + c.h_eff * h.viscosity * dot(v, v));
+  const double beyond = h.exceeds_limit(h.raw) ? norm(h.raw) - h.most_force : 0;
+  return beyond > 0 ? sum - 0.5 * beyond * beyond / h.slope(c.h_eff).xx : sum;
+}
+
+// Of a contact's normal force, and of its friction at the given limit [J].
+double contact_potential(const Contact& contact) {
+  const NormalForce& normal = contact.normal_force;
+  const Friction& friction = contact.friction;
+  const double sum = normal.direct ? 0 : 0.5 * normal.value * normal.value / normal.stiffness;
+  if (friction.coefficient <= 0 || friction.limit <= 0) return sum;
+  const double stretch = norm(friction.raw), most = friction.limit / friction.stiffness;
+  const double beyond = std::max(0.0, stretch - most);
+  return sum + 0.5 * friction.stiffness * (stretch * stretch - beyond * beyond);
+}
+
+// The incremental potential at the evaluated iterate [J], whose gradient is the residual at the present
+// friction limits.
+double potential(const Island& island) {
+  double sum = body_potential(island) + element_potential(island);
+  for (const Contact* contact : island.contacts)
+    if (contact->acts()) sum += contact_potential(*contact);
+  for (const Tendon* c : island.tendons) {
+    for (int i = 0; i < c->n(); ++i) {
+      const Vec3 off = (1 / c->h_eff) * (c->displacement.at(i) - c->inertial_displacement.at(i));
+      sum += 0.5 * c->mass[i] * dot(off, off);
+    }
+    for (const SpringSet* s : {&c->structure, &c->shear}) sum += stored_energy(*s, c->material.law);
+    sum += bending_energy(*c, c->x_new);
+    for (const Anchor& h : c->anchors)
+      if (!h.rigid) sum += anchor_potential(*c, h);
+  }
+  return sum;
+}
+
+// Friction limits of a descent, by the normal forces at its iterate. The normal force of a direct contact is
+// that before the line search. Its limit is kept.
+void take_limits(Island& island) {
+  for (Contact* contact : island.contacts)
+    if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
+}
+
+// Whether a mixed step of a descent led far away, and up.
+bool leads_up(const Solution& s) {
+  return s.revocable && s.far && !(potential(s.island) <= s.last_potential);
+}
+
+// Takes the last step back.
+void take_back(Solution& s) {
+  advance_along_arc(s.island, 1, 0);
+  residual_of(s.island, true, true);
+  take_limits(s.island);
+  s.searches = true;
+  s.revocable = false;
 }
 
 // Computes the residual at the iterate, and whether it is small enough.
@@ -416,64 +479,27 @@ bool find_step(Solution& s, const Assembly& a) {
 void take_step(Solution& s) {
   Island& island = s.island;
   s.stepped = true;
+  s.revocable = false;
   island.curved = false;
   if (s.searches) {
     line_search(s);
     for (Tendon* c : island.tendons)
       for (Anchor& h : c->anchors) h.slip_if_beyond();
-    // The normal force of a direct contact is that before the line search. Its limit is kept.
-    for (Contact* contact : island.contacts)
-      if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
+    take_limits(island);
     return;
   }
+  if (s.descends) s.last_potential = potential(island);
   carry_springs(island);
   predict_contacts(island);
   predict_anchors(island);
   advance_along_arc(island, 0, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
   // lengths of segments.
-  if (!s.turns || touches(island)) return;
-  for (Tendon* c : island.tendons) keep_lengths(*c);
-}
-
-// Of a soft anchor [J].
-double anchor_potential(const Tendon& c, const Anchor& h) {
-  if (h.is_line) return h.line.potential();
-  const Vec3 stretch = c.x_new.at(h.particle) - h.target.aim;
-  const Vec3 v = c.motion().velocity(h.particle) - h.target.velocity;
-  const double sum = 0.5 * (dot(stretch, h.stiffness * stretch) + c.h_eff * h.viscosity * dot(v, v));
-  const double beyond = h.exceeds_limit(h.raw) ? norm(h.raw) - h.most_force : 0;
-  return beyond > 0 ? sum - 0.5 * beyond * beyond / h.slope(c.h_eff).xx : sum;
-}
-
-// Of a contact's normal force, and of its friction at the given limit [J].
-double contact_potential(const Contact& contact) {
-  const NormalForce& normal = contact.normal_force;
-  const Friction& friction = contact.friction;
-  const double sum = normal.direct ? 0 : 0.5 * normal.value * normal.value / normal.stiffness;
-  if (friction.coefficient <= 0 || friction.limit <= 0) return sum;
-  const double stretch = norm(friction.raw), most = friction.limit / friction.stiffness;
-  const double beyond = std::max(0.0, stretch - most);
-  return sum + 0.5 * friction.stiffness * (stretch * stretch - beyond * beyond);
-}
-
-// The incremental potential at the evaluated iterate [J], whose gradient is the residual at the present
-// friction limits.
-double potential(const Island& island) {
-  double sum = body_potential(island) + element_potential(island);
-  for (const Contact* contact : island.contacts)
-    if (contact->acts()) sum += contact_potential(*contact);
-  for (const Tendon* c : island.tendons) {
-    for (int i = 0; i < c->n(); ++i) {
-      const Vec3 off = (1 / c->h_eff) * (c->displacement.at(i) - c->inertial_displacement.at(i));
-      sum += 0.5 * c->mass[i] * dot(off, off);
-    }
-    for (const SpringSet* s : {&c->structure, &c->shear}) sum += stored_energy(*s, c->material.law);
-    sum += bending_energy(*c, c->x_new);
-    for (const Anchor& h : c->anchors)
-      if (!h.rigid) sum += anchor_potential(*c, h);
+  if (s.turns && !touches(island)) {
+    for (Tendon* c : island.tendons) keep_lengths(*c);
+    return;
   }
-  return sum;
+  s.revocable = s.descends;
 }
 
 // Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors. The
@@ -500,7 +526,6 @@ void begin_descent(Solution& s) {
     advance_bodies(island, 1);
   }
   s.descends = s.searches = true;
-  s.trusted = kNearer * s.smallest;
   s.start_anew();
 }
 
@@ -520,6 +545,10 @@ void iterate(Solution& s) {
   Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
     const Assembly a = judge(s);
+    if (leads_up(s)) {
+      take_back(s);
+      continue;
+    }
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) break;
