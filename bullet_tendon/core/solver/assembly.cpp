@@ -189,20 +189,18 @@ void measure_residual(Island& island, Assembly& a) {
 }
 
 double in_roundings(Island& island, const Assembly& a, bool at_guess) {
-  double contact_stiffness = 0, most = 0, finest = std::numeric_limits<double>::infinity();
+  double contact_stiffness = 0, most = 0;
   for (const Contact* contact : island.contacts)
     if (contact->normal_force.value > 0)
       contact_stiffness = std::max(contact_stiffness, contact->normal_force.stiffness);
+  // Bodies and contacts take part in the rounding of all that acts on them.
+  double coarsest = island.elements.all.empty() ? 0 : element_rounding(island);
   for (Tendon* c : island.tendons) {
     const double one = force_of_rounding(*c, contact_stiffness, at_guess);
     most = worse(most, c->residual_norm / one);
-    finest = std::min(finest, one);
+    coarsest = std::max(coarsest, one);
   }
-  if (!island.elements.all.empty()) {
-    const double of_elements = element_rounding(island);
-    finest = island.tendons.empty() ? of_elements : std::max(finest, of_elements);
-  }
-  return worse(most, worse(a.of_bodies, a.of_limits) / finest);
+  return worse(most, worse(a.of_bodies, a.of_limits) / coarsest);
 }
 
 void find_worst(Island& island) {
