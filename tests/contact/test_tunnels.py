@@ -88,8 +88,8 @@ def test_a_filled_tunnel_is_bone_again(drilled):
     with pytest.raises(bt.UnknownId):
         world.remove_tunnel(tunnel)
     world.step(3)
-    assert world.contacts["normal_force"].max() > 0
-    assert np.abs(t.positions - start).max() > 1e-3
+    assert np.abs(start).max(1).min() == 0
+    assert np.abs(t.positions).max(1).min() > 0.8 * HALF  # pressed out to the surface, or beyond it
 
 
 @pytest.mark.parametrize("sideways", [0.0, 0.3])
