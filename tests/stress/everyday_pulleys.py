@@ -131,60 +131,99 @@ def over_one(scene, mu):
     return hinge, tendon, a, load
 
 
-class Sticks:
-    """Watches whether friction can hold: where the ends' tensions ever differ by e^(mu pi), it slides."""
+class Rolls:
+    """Sums up how far a wheel's rim slips on all of the tendon on it, in steps in which friction can hold it.
 
-    def __init__(self, tendon, mu):
-        self.tendon, self.limit, self.held = tendon._target, math.exp(0.8 * mu * math.pi), True
+    size: radius of the wheel with the tendon, positive where the tendon passes over the wheel against the
+    turn of its hinge [m].
+
+    A tendon that stretches does not pass all of a wheel at one speed. Friction acts on what slips against its
+    slip. If the rim is slower than all of the tendon on it, or faster, all friction has one direction, and
+    the tensions beside the wheel differ by e^(mu phi). As long as they differ by less, the rim's speed lies
+    between those of the tendon on it. Which of them it is depends on what happened before: where a load
+    bounces, the place that sticks wanders along the wheel, and the rim's way in the end is that of no
+    particle.
+
+    What sticks gives way elastically, before it slips by mu psi / 10 of a segment that turns by psi, and
+    comes back.
+    """
+
+    def __init__(self, scene, hinge, tendon, size, mu):
+        self.scene, self.hinge, self.tendon, self.size, self.mu = scene, hinge, tendon._target, size, mu
+        self.way = self.slipped = self.given = 0.0  # of the rim, by slip, elastically [m]
+        self.share = math.inf  # of what friction can hold, that it holds after the last step [-]
+        self.most = 0.0  # the largest in steps that were judged [-]
+        self.away, self.turned = self._now()
+        self.moved = np.zeros_like(self.away)
+
+    def _now(self):
+        """Positions about the axle [m], and the hinge's angle [rad]."""
+        return self.tendon.positions - self.scene.place(*self.hinge)[0], angle(self.scene, self.hinge)
 
     def __call__(self):
-        first, last = self.tendon.tension[[0, -1]]
-        self.held &= bool(max(first, last) <= self.limit * min(first, last))
+        before, turned, last = self.away, self.turned, self.moved
+        self.away, self.turned = self._now()
+        self.moved = self.away - before
+        on = segments_on(self.away, 1.02 * abs(self.size))
+        # What strikes the tendon can slip within a step, and is held at its end.
+        share_before, self.share = self.share, self._share_held(on, last)
+        share = max(share_before, self.share)
+        if share > 0.8:
+            return
+        along = np.diff((before + self.away) / 2, axis=0)[on]
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        # Along a chord that touches the wheel, what turns with it moves as the rim does, at either end.
+        ways = np.concatenate([np.einsum("ij,ij->i", self.moved[on + end], along) for end in (0, 1)])
+        rim = (self.turned - turned) * self.size
+        self.way += abs(rim)
+        self.most = max(self.most, share)
+        elastic = self.most * self.mu * 0.8 * abs(self.size) * chord_error(self.tendon, self.size)
+        given = self.given + rim - np.clip(rim, ways.min(), ways.max())
+        self.given = np.clip(given, -elastic, elastic)
+        self.slipped += abs(given - self.given)
+
+    def _share_held(self, on, last):
+        """What friction bears on segments, of what it can [-]: more than 1 where it need not hold.
+
+        It bears the difference of the tensions beside them, and what moves the tendon there. last: its way in
+        the step before [m].
+        """
+        if not on.size or on[0] == 0 or on[-1] == self.tendon.particles - 2:
+            return math.inf
+        ways = np.diff(self.away[on[0] - 1 : on[-1] + 3], axis=0)
+        wrap = abs(np.diff(np.unwrap(np.arctan2(ways[:, 0], ways[:, 2]))).sum())
+        there = slice(on[0], on[-1] + 2)
+        speed = np.abs(self.moved[there]).max() / self.scene.dt
+        gained = np.abs(self.moved - last)[there].max() / self.scene.dt**2
+        inertia = self.tendon.masses[there].sum() * (G + gained + speed**2 / abs(self.size))
+        beside = self.tendon.tension[[on[0] - 1, on[-1] + 1]]
+        least, most = beside.min() - inertia, beside.max() + inertia
+        return math.log(most / least) / (self.mu * wrap) if least > 0 and self.mu * wrap > 0 else math.inf
+
+    def check(self):
+        """A hundredth of the way: the first order in time."""
+        allowed = 0.01 * self.way + 0.02 * self.tendon.radius
+        self.scene.near("slip of a wheel's rim on the tendon [m]", self.slipped, 0, absolute=allowed)
 
 
-def half_lengths(tendon) -> np.ndarray:
-    """(2,) lengths up to the middle particle, and from there [m]."""
-    return lengths_beside(tendon, (tendon.particles - 1) // 2)
-
-
-def lengths_beside(tendon, particle) -> np.ndarray:
-    """(2,) lengths before and behind a particle [m]."""
-    lengths = np.linalg.norm(np.diff(tendon.positions, axis=0), axis=1)
-    return np.array([lengths[:particle].sum(), lengths[particle:].sum()])
-
-
-def follows(scene, hinge, tendon, a):
-    """A wheel that a tendon sticks to has turned by the tendon's way over R + r.
-
-    An end's way differs from that by what the tendon has stretched up to the wheel. A hundredth: the first
-    order in time.
-    """
-    ends, halves = tendon.positions[[0, -1]], half_lengths(tendon)
-    begun = angle(scene, hinge)
-
-    def check():
-        moved = tendon.positions[[0, -1], 2] - ends[:, 2]
-        turned = (angle(scene, hinge) - begun) * -a
-        middle, stretched = (moved[0] - moved[1]) / 2, np.abs(half_lengths(tendon) - halves).sum()
-        allowed = stretched + abs(middle) * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
-        scene.near("way of the wheel's rim [m]", turned, middle, absolute=allowed)
-
-    return check
+def segments_on(away, size) -> np.ndarray:
+    """Segments that are nearer to an axle along y through the origin than a distance [m]."""
+    start, way = away[:-1, ::2], np.diff(away[:, ::2], axis=0)
+    share = -np.einsum("ij,ij->i", start, way) / np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
+    return np.flatnonzero(np.linalg.norm(start + np.clip(share, 0, 1)[:, None] * way, axis=1) < size)
 
 
 @family
 def pulley_sticks(scene):
-    """What sticks rolls: the wheel turns by the hand's way over R + r."""
+    """What sticks rolls: the wheel turns by the tendon's way over R + r."""
     mu = scene.flat(0.6, 1.2)
     hinge, tendon, a, load = over_one(scene, mu)
     hand = tendon.grip(-1)
     scene.run(scene.steps // 2)
-    check = follows(scene, hinge, tendon, a)
+    rolls = Rolls(scene, hinge, tendon, -a, mu)
     way = scene.flat(0.3, 1.5) * a * scene.pick(1, -1)
-    sticks = Sticks(tendon, mu)
-    scene.lead(hand, (0, 0, -way), scene.steps - scene.steps // 2, watch=sticks)
-    if sticks.held:
-        check()
+    scene.lead(hand, (0, 0, -way), scene.steps - scene.steps // 2, watch=rolls)
+    rolls.check()
 
 
 @family
@@ -220,40 +259,17 @@ def in_series(scene, mu):
 
 @family
 def pulleys_in_series(scene):
-    """Every wheel that the tendon sticks to turns by its way over R + r; neighbours the other way around.
-
-    The tendon's way at a wheel is that of an end, and what the part between them has stretched.
-    """
+    """Every wheel that the tendon sticks to turns by its way over R + r; neighbours the other way around."""
     mu = scene.flat(0.6, 1.0)
     hinges, sizes, tendon, up, load = in_series(scene, mu)
     hand = tendon.grip(-1)
     scene.run(scene.steps // 2)
-    begun, ends = [angle(scene, h) for h in hinges], tendon.positions[[0, -1]]
-    tops = [middle_on(scene, h, tendon, abs(a)) for h, a in zip(hinges, sizes, strict=True)]
-    lengths = [lengths_beside(tendon, top) for top in tops]
+    wheels = [Rolls(scene, hinge, tendon, a, mu) for hinge, a in zip(hinges, sizes, strict=True)]
     way = scene.flat(0.3, 0.8) * min(map(abs, sizes))
-    sticks = Sticks(tendon, mu)
-    scene.lead(hand, (0, 0, up * way), scene.steps - scene.steps // 2, watch=sticks)
-    if not sticks.held:
-        return
-    moved = tendon.positions[[0, -1], 2] - ends[:, 2]
-    for hinge, before, a, top, parts in zip(hinges, begun, sizes, tops, lengths, strict=True):
-        turned = (angle(scene, hinge) - before) * a
-        stretched = lengths_beside(tendon, top) - parts
-        by_ends = moved[0] + stretched[0], up * moved[1] - stretched[1]
-        way = abs(moved).max() + abs(stretched).max()
-        allowed = np.ptp(by_ends) + way * (0.01 + chord_error(tendon, a)) + 0.02 * tendon.radius
-        scene.near("way of a wheel's rim [m]", turned, np.mean(by_ends), absolute=allowed)
-
-
-def middle_on(scene, hinge, tendon, a):
-    """The particle in the middle of those on a wheel of the radius a [m], to the tendon's axis.
-
-    If the tendon does not lie on it: the nearest one.
-    """
-    away = tendon.positions - scene.place(*hinge)[0]
-    apart = np.hypot(away[:, 0], away[:, 2])
-    return int(np.median(np.flatnonzero(apart <= max(1.1 * a, apart.min()))))
+    steps = scene.steps - scene.steps // 2
+    scene.lead(hand, (0, 0, up * way), steps, watch=lambda: [rolls() for rolls in wheels])
+    for rolls in wheels:
+        rolls.check()
 
 
 @family
@@ -355,7 +371,7 @@ def windlass(scene):
 def pulley_onto_its_stop(scene):
     """A motor drives a pulley's block onto the end of its rail: the load rises by twice the block's way.
 
-    The strand of the hand stands still, so that a wheel that the tendon sticks to has rolled up along it.
+    The wheel rolls along the tendon.
     """
     scene.begin(dt=scene.log(1 / 1000, 1 / 100))
     size, radius = scene.log(0.01, 0.06), scene.log(5e-4, 2e-3)
@@ -378,18 +394,18 @@ def pulley_onto_its_stop(scene):
     )
     scene.code(motor.format(0.0))
     scene.run(scene.steps // 4)
-    steps, sticks, pulls = scene.steps - scene.steps // 4, Sticks(tendon, mu), []
+    steps, rolls, pulls = scene.steps - scene.steps // 4, Rolls(scene, hinge, tendon, -a, mu), []
 
     fall = 2 * end * G * (2 * load + disc + block)  # twice the energy of all falling by the rail's length
     fastest = math.sqrt(2 * fall / (disc + block)) + 4 * end / (steps * scene.dt)
 
     def watch():
-        sticks()
+        rolls()
         pulls.append(-scene.world._target.wrench(*hinge)[2])
         speed = abs(scene.raw.getJointState(hinge[0], 0)[1])
         scene.check(speed < fastest, f"block at {speed:.3g} m/s (allowed {fastest:.3g})")
 
-    z, turned, length = tendon.positions[0, 2], angle(scene, hinge), tendon.length
+    z, length = tendon.positions[0, 2], tendon.length
     begun = scene.raw.getJointState(hinge[0], 0)[0]  # the motor may have yielded to the load's fall
     rate = (end - begun) / (0.5 * steps * scene.dt)
     scene.run(steps, "w = " + repr(round(rate, 6)) + " * min(1, k / 30)", motor.format("w"), watch=watch)
@@ -403,9 +419,8 @@ def pulley_onto_its_stop(scene):
     if tendon._target.tension.min() > 0.1 * load * G:
         risen, stretched = tendon.positions[0, 2] - z, tendon.length - length
         scene.near("way of the load [m]", risen, 2 * way - stretched, absolute=2 * loose + abs(stretched))
-    if sticks.held and mu > 0:
-        rolled = abs(angle(scene, hinge) - turned) * a
-        scene.near("way of the wheel's rim [m]", rolled, way, absolute=loose + abs(tendon.length - length))
+    if mu > 0:
+        rolls.check()
 
 
 @family
