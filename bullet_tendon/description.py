@@ -26,7 +26,7 @@ _CONSIDERED = (
     ("pairs_reused", "measured from the triangles or planes of before"),
     ("pairs_queried", "measured anew"),
     ("tunnels_culled", "tendons and tunnels too far apart"),
-    ("tendon_searches_skipped", "pairs of tendons whose lists of near segments were still valid"),
+    ("tendon_searches_skipped", "pairs of tendons that were apart, or whose lists were still valid"),
     ("tendons_asleep", "tendons asleep"),
 )
 

@@ -79,8 +79,9 @@ class StepReport:
             nearest triangle anew, in the core) and queried (of FCL, or of a closed form in the core).
             tunnels_considered: pairs of tendons and tunnels; tunnels_culled: those whose boxes are too far
             apart. tendon_searches: pairs of tendons (each with itself too) whose list of segments that are
-            near each other was collected anew; tendon_searches_skipped: those whose list served again,
-            because its margin is not used up, or that need none, because a tendon is straight.
+            near each other was collected anew; tendon_searches_skipped: those that are apart, those whose
+            list served again, because its margin is not used up, and those that need none, because a tendon
+            is straight.
             tendon_pairs_considered: pairs of segments of those lists that were measured; tendon_pairs_near:
             those that could touch within the step. contacts: in the solution. islands: sets of tendons and
             bodies that were solved by themselves. substeps: parts that the step was taken in.

@@ -47,6 +47,7 @@ SCENES = {
     "bundle": lambda rng: [line((0, 0.005 * k, 0), (0.08, 0.005 * k + 0.002, 0), 33) for k in range(4)],
     "tangle": lambda rng: [wriggle(rng, 50) for _ in range(3)],
     "knot": lambda rng: [trefoil(120)],
+    "crowd": lambda rng: [line(*rng.uniform(x, x + 0.02, (2, 3)), 6) for x in rng.uniform(0, 0.03, (20, 3))],
 }
 
 

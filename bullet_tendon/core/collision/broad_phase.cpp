@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "math/rounding.h"
@@ -139,23 +140,59 @@ void BroadPhase::clear() {
 
 PairCounts BroadPhase::find(const std::vector<Tendon*>& tendons, const CollisionFilter& filter,
                             double threshold, Foresight foresight, std::vector<SegmentPair>& out) {
-  const int count = static_cast<int>(tendons.size());
   if (tendons_.size() != tendons.size()) clear();
-  tendons_.resize(count);
-  lists_.resize(count * (count + 1) / 2);
-  for (int c = 0; c < count; ++c)
-    if (tendons[c] && !filter.is_inert(c)) tendons_[c].follow(*tendons[c], threshold);
+  tendons_.resize(tendons.size());
+  extents_.clear();
+  for (int c = 0; c < static_cast<int>(tendons.size()); ++c) {
+    if (!tendons[c] || filter.is_inert(c)) continue;
+    tendons_[c].follow(*tendons[c], threshold);
+    extents_.push_back({c, box_of(tendons[c]->x)});
+    const MotionBound& ahead = tendons_[c].ahead();
+    extents_.back().box.grow((1 + kRoundingShare) * (tendons_[c].reach() + norm(ahead.by) + ahead.off));
+  }
+  find_near(filter);
+  take_lists();
   PairCounts counts;
-  for (int i = 0; i < count; ++i)
-    for (int j = i; j < count; ++j)
-      if (tendons[i] && tendons[j] && filter.meet(i, j)) find_between(i, j, foresight, counts, out);
+  counts.skipped = static_cast<long>(extents_.size() * (extents_.size() + 1) / 2 - lists_.size());
+  for (PairList& pair : lists_) find_between(pair, foresight, counts, out);
   return counts;
 }
 
-void BroadPhase::find_between(int i, int j, Foresight foresight, PairCounts& counts,
+// Sweep and prune (Baraff 1992) along one axis.
+void BroadPhase::find_near(const CollisionFilter& filter) {
+  Box middles;
+  for (const Extent& e : extents_) middles.include(e.box.middle());
+  const Vec3 spread = middles.hi - middles.lo;
+  double Vec3::* axis = &Vec3::x;
+  for (double Vec3::* other : {&Vec3::y, &Vec3::z})
+    if (spread.*other > spread.*axis) axis = other;
+  std::sort(extents_.begin(), extents_.end(), [&](const Extent& a, const Extent& b) {
+    return a.box.lo.*axis != b.box.lo.*axis ? a.box.lo.*axis < b.box.lo.*axis : a.tendon < b.tendon;
+  });
+  near_.clear();
+  for (size_t a = 0; a < extents_.size(); ++a)
+    for (size_t b = a; b < extents_.size() && extents_[b].box.lo.*axis <= extents_[a].box.hi.*axis; ++b) {
+      const auto [i, j] = std::minmax(extents_[a].tendon, extents_[b].tendon);
+      if (overlap(extents_[a].box, extents_[b].box) && filter.meet(i, j)) near_.push_back({i, j, {}});
+    }
+  std::sort(near_.begin(), near_.end());
+}
+
+// The lists of pairs that are still near stay, and those of other pairs begin.
+void BroadPhase::take_lists() {
+  auto last = lists_.begin();
+  for (PairList& pair : near_) {
+    last = std::lower_bound(last, lists_.end(), pair);
+    if (last != lists_.end() && !(pair < *last)) pair.list = std::move(last->list);
+  }
+  lists_.swap(near_);
+}
+
+void BroadPhase::find_between(PairList& pair, Foresight foresight, PairCounts& counts,
                               std::vector<SegmentPair>& out) {
+  const int i = pair.i, j = pair.j;
   TendonBvh &a = tendons_[i], &b = tendons_[j];
-  CandidateList& list = lists_[i + j * (j + 1) / 2];
+  CandidateList& list = pair.list;
   const double most = foresight == Foresight::near ? kFarthest * sum_of_radii(a, b) : HUGE_VAL;
   double needed = list.needed(a, b, most);
   bool serves = list.serves(a, b, needed);

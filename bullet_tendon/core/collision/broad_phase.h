@@ -1,8 +1,10 @@
 // Broad phase: the pairs of tendon segments that could touch within a step.
 //
-// Every two tendons, and every tendon with itself, have a list of candidates: all pairs of segments nearer to
-// each other than a limit, except neighbours along the tendon. The list is collected from the bounding volume
-// hierarchies of both tendons (tendon_bvh.h). It is valid until
+// Tendons are sorted along the axis in which they are spread most. Those whose boxes overlap, grown by reach
+// and predicted motion, are pairs (sweep and prune). A pair, and every tendon with itself, has a list of
+// candidates: all pairs of segments nearer to each other than a limit, except neighbours along the tendon.
+// The list is collected from the bounding volume hierarchies of both tendons (tendon_bvh.h). It is valid
+// until
 //
 //   reach + motion since then + motion predicted in this step  >=  least distance of the pairs not listed.
 //
@@ -61,9 +63,25 @@ class BroadPhase {
                   Foresight foresight, std::vector<SegmentPair>& out);
 
  private:
-  void find_between(int i, int j, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
+  struct Extent {
+    int tendon;
+    Box box;  // around it, grown by what it can reach in the step [m]
+  };
+  // The list of tendons i <= j.
+  struct PairList {
+    int i, j;
+    CandidateList list;
+    bool operator<(const PairList& other) const { return i != other.i ? i < other.i : j < other.j; }
+  };
+
+  void find_near(const CollisionFilter& filter);
+  void take_lists();
+  void find_between(PairList& pair, Foresight foresight, PairCounts& counts, std::vector<SegmentPair>& out);
+
   std::vector<TendonBvh> tendons_;
-  std::vector<CandidateList> lists_;  // tendons i <= j at i + j (j + 1) / 2
+  std::vector<Extent> extents_;  // of the tendons of this step
+  std::vector<PairList> lists_;  // of the pairs that were near in the last step, in order
+  std::vector<PairList> near_;   // the pairs that are near in this one
 };
 
 }  // namespace bt

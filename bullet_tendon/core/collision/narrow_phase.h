@@ -44,7 +44,7 @@ struct PairCounts {
   long considered = 0;  // pairs of segments that were measured because their boxes overlap
   long near = 0;        // those of them that could touch within the step
   long searches = 0;    // pairs of tendons (also with themselves) whose candidates were collected
-  long skipped = 0;     // pairs of tendons with valid lists, or that need none
+  long skipped = 0;     // pairs of tendons that are apart, with valid lists, or that need none
 };
 
 // near: relative motions of at most kFarthest sums of radii (collision/broad_phase.cpp). swept: any motion,
