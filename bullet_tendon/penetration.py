@@ -4,6 +4,7 @@ Owns: a view of all shapes and bores where they are at one moment (Surroundings)
 step asks for it, and it goes with no room of the core.
 """
 
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,14 @@ class Obstacle(NamedTuple):
     shape: Shape
     origin: np.ndarray
     axes: np.ndarray
+
+    def box(self) -> np.ndarray:
+        """(2, 3) lowest and highest corner of a box around it along the world's axes [m]."""
+        low, high = self.shape.bounds
+        if np.isinf([low, high]).any():
+            return np.array([[-np.inf] * 3, [np.inf] * 3])
+        middle, half = self.origin + self.axes @ (low + high) / 2, np.abs(self.axes) @ (high - low) / 2
+        return np.array([middle - half, middle + half])
 
     def penetrated(self, a, b) -> Penetrations:
         """By segments a -> b (k, 3), world frame; see Penetrations."""
@@ -144,6 +153,7 @@ class Surroundings:
     def __init__(self, obstacles: list[Obstacle], bores: Bores):
         self._obstacles = obstacles
         self._bores = bores
+        self._boxes = np.array([obstacle.box() for obstacle in obstacles]).reshape(-1, 2, 3)
 
     def gaps(self, line, most: float) -> np.ndarray:
         """(n-1,) distances of a line's segments from obstacles and bores [m]: see Obstacle.gaps."""
@@ -153,7 +163,9 @@ class Surroundings:
     def penetrated(self, a, b) -> list[tuple[Obstacle, Penetrations]]:
         """By segments a -> b (k, 3), world frame, of which no bore has a part, and of which obstacles."""
         found = []
-        for obstacle in self._obstacles:
+        low, high = np.minimum(a, b).min(0), np.maximum(a, b).max(0)
+        near = ((self._boxes[:, 0] <= high) & (self._boxes[:, 1] >= low)).all(1)
+        for obstacle in compress(self._obstacles, near):
             link = obstacle.bodyUniqueId, obstacle.linkIndex
             asked = np.flatnonzero(~self._bores.hold(*link, a, b))
             rows = obstacle.penetrated(a[asked], b[asked])

@@ -67,7 +67,32 @@ double reach_of(const Tendon& tendon, int i, const Link& link, double threshold)
   return tendon.radius + threshold + tendon.slack[i] + motion_of(tendon, i, link);
 }
 
+BT_VECTOR Box box_of_reach(const Tendon& tendon, double threshold) {
+  Box box;
+  double square = 0;
+  for (int i = 0; i < tendon.n(); ++i) {
+    const Vec3 x = tendon.x.at(i), moved = tendon.predicted.at(i) - x;
+    box.include(x);
+    square = std::max(square, dot(moved, moved));
+  }
+  box.grow(tendon.radius + threshold + tendon.most_slack + std::sqrt(square));
+  return box;
+}
+
 namespace {
+
+// Whether a shape stays out of reach of a tendon in the substep, by boxes along the axes of the world.
+bool is_out_of_reach(const Shape& shape, const Pose& pose, const Link& link, const Box& reach) {
+  const Vec3 middle = to_world(pose, shape.box().middle()), half = 0.5 * (shape.hi - shape.lo);
+  const auto half_along = [&](Vec3 row) {
+    return std::fabs(row.x) * half.x + std::fabs(row.y) * half.y + std::fabs(row.z) * half.z;
+  };
+  const Rot3& turn = pose.rotation;
+  const Vec3 extent{half_along(turn.r0), half_along(turn.r1), half_along(turn.r2)};
+  const double carried =
+      norm(link.foreseen_at(reach.middle())) + norm(link.foreseen.all.angular) * reach.half_diagonal();
+  return !overlap({middle - extent, middle + extent}, reach, carried);
+}
 
 // Whether bone at a point (world) is drilled away [m].
 bool in_any_bore(Vec3 p, const std::vector<Bore>& bores) {
@@ -219,12 +244,17 @@ struct Considering {
 void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
          const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
   const int n = tendon.n();
+  const Pose pose = in_world(shape, link);
+  for (Entry& e : cache.entries) e.wanted = false;
+  if (is_out_of_reach(shape, pose, link, context.reach)) {
+    counts.culled += 2 * n - 1;
+    return;
+  }
   // Copied into the cache only where the shape is near. Most shapes are not.
   thread_local std::vector<Vec3> local;
   thread_local std::vector<Vec3> way;
   local.resize(n);
   way.resize(n);
-  const Pose pose = in_world(shape, link);
   Box box;
   double reach = 0;
   for (int i = 0; i < n; ++i) {
@@ -235,7 +265,6 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   }
   const double skin = tendon.radius + context.threshold;
   reach += skin;
-  for (Entry& e : cache.entries) e.wanted = false;
   if (!overlap(box, shape.box(), reach)) {
     counts.culled += 2 * n - 1;
     return;

@@ -80,8 +80,12 @@ struct NearCache {
   std::vector<Side> sides;     // of particles, of which it was asked last; empty: it never was
 };
 
+// Box around all that a tendon can touch in the substep, if what it touches rests [m].
+Box box_of_reach(const Tendon& tendon, double threshold);
+
 struct NearContext {
   double threshold = 0, reuse_tolerance = 0;  // [m]
+  Box reach;                                  // of the tendon, see box_of_reach [m]
   const std::vector<Bore>* bores = nullptr;   // those of the shape's link
   const Surface* surface = nullptr;           // of a mesh: what these bores leave of it; else null
   // Where there are bores: features that the shape pressed on in the last step, in ascending order.

@@ -38,19 +38,6 @@ bool rests(const Tendon& c, double dt) {
   return true;
 }
 
-// Bounding box of all that a tendon can touch in the step.
-BT_VECTOR Box box_of_reach(const Tendon& c, double threshold) {
-  Box box;
-  double square = 0;
-  for (int i = 0; i < c.n(); ++i) {
-    const Vec3 x = c.x.at(i), moved = c.predicted.at(i) - x;
-    box.include(x);
-    square = std::max(square, dot(moved, moved));
-  }
-  box.grow(c.radius + 0.5 * threshold + c.most_slack + std::sqrt(square));
-  return box;
-}
-
 // Whether a box in the frame `pose` on a link comes within reach [m] of a tendon in the link's step.
 bool is_near(const Tendon& c, const Pose& pose, const Link& link, double dt, const Box& around,
              double reach) {
@@ -142,7 +129,8 @@ bool World::is_met(int tendon) const {
 
 void World::find_reach() {
   sleep_.reach.assign(step_.slots.size(), Box{});
-  for (auto [slot, c] : filled(step_.slots)) sleep_.reach[slot] = box_of_reach(c, options.contact_threshold);
+  for (auto [slot, c] : filled(step_.slots))
+    sleep_.reach[slot] = box_of_reach(c, 0.5 * options.contact_threshold);
 }
 
 // Wakes islands that an awake tendon has come within reach of. Returns whether there are any.

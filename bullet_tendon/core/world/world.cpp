@@ -189,7 +189,10 @@ void World::drill_surfaces() {
 }
 
 NearContext World::near_context(const Tendon& c, int s) {
-  return {options.contact_threshold, options.reuse_tolerance, &bores_for(c, scene.shapes[s]->link),
+  return {options.contact_threshold,
+          options.reuse_tolerance,
+          {},
+          &bores_for(c, scene.shapes[s]->link),
           surface_for(c, s)};
 }
 
@@ -205,12 +208,14 @@ void World::find_pressed(int tendon, int s) {
 void World::update_proximity(DistanceOracle& oracle) {
   detection_.queries.clear();
   size_caches();
-  for (auto [tendon, c] : filled(step_.slots))
+  for (auto [tendon, c] : filled(step_.slots)) {
+    const Box reach = box_of_reach(c, options.contact_threshold);
     for (auto [s, shape] : filled(scene.shapes)) {
       NearCache& cache = detection_.caches[tendon][s];
       if (shape.half_space) continue;
       if (scene.filter.meets_link(tendon, shape.link)) {
         NearContext context = near_context(c, s);
+        context.reach = reach;
         if (!context.bores->empty()) {
           find_pressed(tendon, s);
           context.pressed = &detection_.pressed;
@@ -221,6 +226,7 @@ void World::update_proximity(DistanceOracle& oracle) {
         cache.entries.clear();
       }
     }
+  }
   if (!detection_.queries.empty())
     oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
   for (size_t q = 0; q < detection_.queries.size(); ++q) {
