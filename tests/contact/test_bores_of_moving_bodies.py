@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import segment_segments
 
 import bullet_tendon as bt
 
@@ -158,3 +159,28 @@ def test_a_body_that_hangs_on_an_end_fixed_in_its_bore_is_foreseen_at_rest(make_
         world.step()
         assert world.report.reasons == {}
     assert t.tension[-1] == pytest.approx(9.81 * (mass + t.masses[-1]), rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["box", "sphere"])
+def test_a_bead_within_one_segment_stays_on_its_cord(make_world, client, kind):
+    """Both ends of the segment are far outside the bore: bone around it is not in its way."""
+    world, g, size, mass = make_world(1 / 240, (0, 0, -9.81)), 9.81, 0.008, 0.002
+    if kind == "box":
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[size / 2] * 3, physicsClientId=client)
+    else:
+        shape = p.createCollisionShape(p.GEOM_SPHERE, radius=size / 2, physicsClientId=client)
+    bead = p.createMultiBody(mass, shape, -1, (0.015, 0, 0), physicsClientId=client)
+    world.add_obstacle(bead)
+    world.add_tunnel(bead, -1, (-size / 2, 0, 0), (size / 2, 0, 0), 0.0025, friction=0.0)
+    cord = bt.Material(stiffness=100.0, damping=0.1, density=1000.0)
+    t = world.add_tendon([(-0.3, 0, 0), (0.3, 0, 0)], 0.001, cord, 21)  # segments of 30 mm
+    hands = t.grip(0), t.grip(-1)
+    forces = []
+    for _ in range(480):
+        world.step()
+        assert world.report.converged
+        assert world.contacts["normal_force"].max(initial=0.0) < 50 * mass * g
+        forces.append(-sum(hand.force[2] for hand in hands))
+    assert np.mean(forces[240:]) == pytest.approx((mass + t.masses.sum()) * g, rel=0.05)
+    at = np.array(p.getBasePositionAndOrientation(bead, client)[0])
+    assert segment_segments(at, at, t.positions[:-1], t.positions[1:]).min() < 0.0025

@@ -116,6 +116,14 @@ Bored bored_at(const Tendon& tendon, int i, const std::vector<Bore>& bores) {
   return found;
 }
 
+// The same of a segment, by those of its ends.
+Bored bored_between(const Tendon& tendon, int segment, Bored one, Bored other,
+                    const std::vector<Bore>& bores) {
+  const Vec3 a = tendon.x.at(segment), b = tendon.x.at(segment + 1);
+  const auto threads = [&](const Bore& bore) { return bore.is_threaded(a, b); };
+  return std::any_of(bores.begin(), bores.end(), threads) ? Bored::within : std::max(one, other);
+}
+
 // Whether bone pressed on a feature in the last step. It goes on to press before a mouth, until it lets go.
 // Where a tendon is drawn against bone beside a mouth and pushed into what the bore removes, it would be let
 // go there and drawn out again, and no place of it were at rest.
@@ -291,7 +299,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
       const Vec3 last = cache.local[i - 1];
       const double most = std::max(now, before);
       if (!overlap({lowest(last, here), highest(last, here)}, shape.box(), most) ||
-          is_spared(n + i - 1, std::max(bored, bored_before)))
+          is_spared(n + i - 1, bored_between(tendon, i - 1, bored_before, bored, *context.bores)))
         ++counts.culled;
       else
         consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here}, most);

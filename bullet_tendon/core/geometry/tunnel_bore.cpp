@@ -62,6 +62,14 @@ bool Bore::is_within_rims(Vec3 p) const {
   return z >= chamfer_at(0) + wide * norm(slope[0]) && z <= chamfer_at(1) - wide * norm(slope[1]);
 }
 
+bool Bore::is_threaded(Vec3 a, Vec3 b) const {
+  for (int mouth : {0, 1}) {
+    const double one = beyond(mouth, a), other = beyond(mouth, b);
+    if (!(one * other < 0) || off_axis(a + one / (one - other) * (b - a)) > radius + chamfer) return false;
+  }
+  return true;
+}
+
 double Bore::leaves(Vec3 a, Vec3 b) const {
   double share = 1;
   for (int mouth : {0, 1}) {
